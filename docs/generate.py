@@ -118,7 +118,7 @@ _SECTIONS = (
 
 def scenario() -> str:
     """Every key of a scenario from its JSON Schema."""
-    from skyrange.scenario import schema as described
+    from skyrange.scenario.model import scenario as described
 
     schema = described.json_schema()
     models = {"Scenario": schema, **schema["$defs"]}
@@ -145,10 +145,10 @@ def _keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
 
 def _attack_kinds() -> list[tuple[str, Any]]:
     """Every kind of attack that this project ships, by name."""
-    from skyrange.agent.plugins import ATTACKS, kinds
-    from skyrange.attack.contract import AttackKind
+    from skyrange.attack.contract import AttackPlugin
+    from skyrange.contracts.plugins import ATTACKS, kinds
 
-    found = [(name, AttackKind.find(name)) for name in kinds(ATTACKS)]
+    found = [(name, AttackPlugin.find(name)) for name in kinds(ATTACKS)]
     return [(name, kind) for name, kind in found if kind.make.__module__.startswith("skyrange.")]
 
 
@@ -229,10 +229,10 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
-    from skyrange.study.effects import COLUMNS as EFFECTS
-    from skyrange.study.pair_folder import EFFECTS as EFFECTS_FILE
-    from skyrange.study.pair_folder import PROPAGATION as PROPAGATION_FILE
-    from skyrange.study.tracing import COLUMNS as PROPAGATION
+    from skyrange.study.twins.effects import COLUMNS as EFFECTS
+    from skyrange.study.twins.pair_folder import EFFECTS as EFFECTS_FILE
+    from skyrange.study.twins.pair_folder import PROPAGATION as PROPAGATION_FILE
+    from skyrange.study.twins.propagation import COLUMNS as PROPAGATION
 
     return _tables({EFFECTS_FILE: EFFECTS, PROPAGATION_FILE: PROPAGATION})
 
@@ -253,13 +253,12 @@ def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
 
 def links() -> str:
     """Every kind of link of a run, with its ends and default channel, as it is wired."""
+    from skyrange.assembly.network import APPROVAL_CHANNEL, ORACLE_CHANNEL
     from skyrange.core.ids import APPROVAL, endpoint
-    from skyrange.scenario.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
-    from skyrange.scenario.network import APPROVAL_CHANNEL, ORACLE_CHANNEL
-    from skyrange.vehicle.onboard import air_links
-    from skyrange.vehicle.onboard import links as vehicle_links
+    from skyrange.scenario.model.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
+    from skyrange.vehicle.onboard_network import onboard_links, oracle_links
 
-    specs = {spec.name.split(":")[0]: spec for spec in (*vehicle_links("blue/b1", "blue"), *air_links("blue/b1"))}
+    specs = {spec.name.split(":")[0]: spec for spec in (*onboard_links("blue/b1", "blue"), *oracle_links("blue/b1"))}
     kinds = (*VEHICLE_LINKS, *AIR_LINKS)
     assert set(specs) == set(kinds)
     assert OPERATOR_LINKS == (APPROVAL,)
@@ -277,8 +276,7 @@ def links() -> str:
 
 def routes() -> str:
     """What proxy and companion forward."""
-    from skyrange.vehicle.onboard import RID_MESSAGES, for_remote_id
-    from skyrange.vehicle.onboard import routes as onboard
+    from skyrange.vehicle.onboard_network import RID_MESSAGES, for_remote_id, onboard_routes
 
     rows = [
         (
@@ -288,7 +286,7 @@ def routes() -> str:
             "Remote ID's messages" if r.select is for_remote_id else "everything",
             _ms(r.service_ns) if r.service_ns else "at once",
         )
-        for r in onboard("blue/b1")
+        for r in onboard_routes("blue/b1")
     ]
     names = ", ".join(f"`{_message(number)}`" for number in sorted(RID_MESSAGES))
     return table(("endpoint", "from", "to", "what", "when"), rows) + f"\nRemote ID's messages are {names}.\n"
@@ -315,10 +313,14 @@ def _command(number: int) -> str:
 
 def modes() -> str:
     """Flight modes, and in which one may arm."""
-    from skyrange.vehicle.builtin.modes import Mode, armable
+    from skyrange.vehicle.builtin.modes import Mode, allows_arming
 
     rows = [
-        (f"`{m.name}`", int(m), "yes" if armable(m, 0) else "with bit 0 of `AUTO_OPTIONS`" if armable(m, 1) else "no")
+        (
+            f"`{m.name}`",
+            int(m),
+            "yes" if allows_arming(m, 0) else "with bit 0 of `AUTO_OPTIONS`" if allows_arming(m, 1) else "no",
+        )
         for m in Mode
     ]
     return table(("mode", "number", "can be armed in"), rows)
@@ -333,7 +335,7 @@ def autopilot_commands() -> str:
 
 def mission_items() -> str:
     """Mission items that are flown."""
-    from skyrange.vehicle.builtin.mission_kinds import SUPPORTED
+    from skyrange.vehicle.builtin.mission.command_ids import SUPPORTED
 
     return "".join(f"- `{_command(number)}` ({number})\n" for number in sorted(SUPPORTED))
 
@@ -360,7 +362,7 @@ def heard() -> str:
 
 def parameters() -> str:
     """Parameters with range, default and meaning."""
-    from skyrange.vehicle.builtin.parameters import PARAMETERS
+    from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 
     rows = [(f"`{p.name}`", f"{p.default:g}", f"{p.low:g} to {p.high:g}", p.meaning) for p in PARAMETERS]
     return table(("parameter", "default", "range", "meaning and unit"), rows)
@@ -368,8 +370,8 @@ def parameters() -> str:
 
 def renamed() -> str:
     """Parameters' names of ArduCopter 4.7."""
-    from skyrange.vehicle.builtin.parameter_names import RENAMED
-    from skyrange.vehicle.builtin.parameters import INDEX
+    from skyrange.vehicle.builtin.parameters.renames import RENAMED
+    from skyrange.vehicle.builtin.parameters.table import INDEX
 
     rows = [
         (f"`{new}`", f"`{old}`", "inverse" if factor == 0.0 else f"{factor:g}")
@@ -381,10 +383,12 @@ def renamed() -> str:
 
 def tuning() -> str:
     """What an airframe changes of the defaults."""
-    from skyrange.vehicle.builtin.parameters import TUNING
+    from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING
 
     rows = [
-        (airframe, f"`{name}`", f"{value:g}") for airframe, values in TUNING.items() for name, value in values.items()
+        (airframe, f"`{name}`", f"{value:g}")
+        for airframe, values in AIRFRAME_TUNING.items()
+        for name, value in values.items()
     ]
     return table(("airframe", "parameter", "value"), rows)
 
@@ -415,9 +419,11 @@ def part89() -> str:
 
 def avoidance() -> str:
     """The parameters of every kind of avoidance."""
-    from skyrange.vehicle.avoidance.contract import Limits
+    from skyrange.vehicle.avoidance.contract import AvoidanceLimits
 
-    rows = [(f"`{name}`", f"{field.default:g}", field.description) for name, field in Limits.model_fields.items()]
+    rows = [
+        (f"`{name}`", f"{field.default:g}", field.description) for name, field in AvoidanceLimits.model_fields.items()
+    ]
     return table(("parameter", "default", "meaning"), rows)
 
 

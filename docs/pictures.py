@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from skyrange.record import RunRecord
-from skyrange.scenario.catalogue import load
+from skyrange.scenario.shipped import load
 from skyrange.study import figures
 from skyrange.study.pairing import pair
-from skyrange.study.report.comparison import draw_pair_plan
-from skyrange.study.session import fly
+from skyrange.study.report.pair.page import draw_pair_plan
+from skyrange.study.runs import fly
 
 ROOT: Final = Path(__file__).parents[1]
 IMAGES: Final = ROOT / "docs" / "images"

@@ -39,8 +39,9 @@ TOPICS: dict[str, dict[str, str]] = {
             encode_approval decode_approval_request decode_approval_response""",
         "Avoidance": """AvoidancePlugin AvoidanceContext Avoidance AvoidanceLimits AvoidanceDecision AvoidanceAction
             Episode Own Tracks""",
-        "Radio media": """MediumPlugin MediumContext Medium MediumBase RadioSpec RadioTable Listening Turn Waveform
-            TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome Surroundings ANY_CHANNEL""",
+        "Radio media": """MediumPlugin MediumContext Medium MediumBase RadioSpec RadioTable ScanSchedule ScanStep
+            Waveform TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome
+            RadioEnvironment ANY_CHANNEL""",
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
             Poses InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
@@ -50,7 +51,7 @@ TOPICS: dict[str, dict[str, str]] = {
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",
         "MAVLink and Remote ID": """decode_mavlink name_mavlink MavlinkPacker mavlink decode_remote_id encode_remote_id
             find_remote_id_faults BasicId Location MessagePack""",
-        "Errors": "SkyrangeError InputError Fault ComponentError DecodeError nearest",
+        "Errors": "SkyrangeError InputError Problem ComponentError DecodeError nearest",
     },
     "skyrange.analysis": {
         "Runs": "load RunRecord summary write_report",

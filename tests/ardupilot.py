@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.vehicle.ardupilot.binary import VARIABLE, Binary, find
+from skyrange.vehicle.ardupilot.program.arducopter_binary import VARIABLE, Binary, find_binary
 
 
 def _look() -> tuple[Binary | None, str]:
     try:
-        return find(), ""
+        return find_binary(), ""
     except InputError as error:
         return None, str(error)
 

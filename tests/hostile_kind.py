@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from skyrange.agent import plugins
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import Schedule, TapPlacement
-from skyrange.agent.settings import Number, Params
-from skyrange.agent.verdicts import Inject, Verdict
-from skyrange.attack.contract import Attack, AttackKind, Setting
-from skyrange.attack.radio import known_vehicle
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.attack.radio import check_vehicle
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.contracts import plugins
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule, TapPlacement
+from skyrange.contracts.params import Number, Params
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import endpoint, operator_of
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 
@@ -63,14 +63,14 @@ class _Make:
         return Orders(*self.orders, self.schedule, Packer(255, 190))
 
 
-def make(params: Homeward, setting: Setting) -> Attack:
-    known_vehicle(setting, "vehicle", params.vehicle)
+def make(params: Homeward, context: AttackContext) -> Attack:
+    check_vehicle(context, "vehicle", params.vehicle)
     src, dst = endpoint(operator_of(params.vehicle), "gcs"), endpoint(params.vehicle, "companion")
-    orders = (src, dst, from_seconds(params.every_s), setting.sham)
-    return Attack(taps=[TapPlacement(f"gcs:{params.vehicle}", "companion", _Make(orders, setting.schedule))])
+    orders = (src, dst, from_seconds(params.every_s), context.sham)
+    return Attack(taps=[TapPlacement(f"gcs:{params.vehicle}", "companion", _Make(orders, context.schedule))])
 
 
-HOMEWARD = AttackKind(Homeward, make, "Orders an aircraft home.", technique="T0855")
+HOMEWARD = AttackPlugin(Homeward, make, "Orders an aircraft home.", technique="T0855")
 
 
 @contextmanager

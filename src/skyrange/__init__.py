@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.agent.plugins import register
+    from skyrange.contracts.plugins import register
     from skyrange.core.errors import InputError, SkyrangeError
     from skyrange.record import load
     from skyrange.runtime.run import Run
     from skyrange.runtime.viewers import Viewers
-    from skyrange.scenario.schema import Scenario
+    from skyrange.scenario.model.scenario import Scenario
     from skyrange.study.pairing import pair
-    from skyrange.study.session import run
+    from skyrange.study.runs import run
 
 __version__ = "0.1.0"
 

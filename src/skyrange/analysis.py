@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from skyrange.codec.f3411 import conformance as find_remote_id_faults
     from skyrange.codec.f3411 import decode as decode_remote_id
-    from skyrange.codec.f3411 import faults as find_remote_id_faults
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.record import RunRecord, load, replay_monitor
-    from skyrange.study.agreement import Agreement
-    from skyrange.study.agreement import agreement as compare_outcomes
-    from skyrange.study.diff import Difference
-    from skyrange.study.diff import diff as compare_runs
-    from skyrange.study.export import Capture
-    from skyrange.study.export import mavlink as export_mavlink
-    from skyrange.study.export import remote_id as export_remote_id
+    from skyrange.study.captures.packet_captures import Capture
+    from skyrange.study.captures.packet_captures import mavlink as export_mavlink
+    from skyrange.study.captures.packet_captures import remote_id as export_remote_id
+    from skyrange.study.captures.received_broadcasts import received_broadcasts, receivers_of
+    from skyrange.study.compare.agreement import Agreement
+    from skyrange.study.compare.agreement import agreement as compare_outcomes
+    from skyrange.study.compare.autopilot_parity import Parity, compare_rates
+    from skyrange.study.compare.autopilot_parity import compare as compare_autopilots
+    from skyrange.study.compare.exact import Difference
+    from skyrange.study.compare.exact import diff as compare_runs
     from skyrange.study.figures import altitude, plan_view, track_deviation, trajectories_3d
-    from skyrange.study.overheard import overheard, receivers_of
-    from skyrange.study.pair_folder import Pair, load_pair
-    from skyrange.study.parity import Parity, compare_rates
-    from skyrange.study.parity import compare as compare_autopilots
-    from skyrange.study.receptions import hearings, who_heard_whom
+    from skyrange.study.measures.receptions import reception_summaries, summarise_receptions
     from skyrange.study.report import write_report
-    from skyrange.study.spread import Interval
     from skyrange.study.summary import summary
+    from skyrange.study.twins.confidence import Interval
+    from skyrange.study.twins.pair_folder import Pair, load_pair
 
 __all__ = [
     "Agreement",
@@ -50,18 +50,18 @@ __all__ = [
     "export_mavlink",
     "export_remote_id",
     "find_remote_id_faults",
-    "hearings",
     "load",
     "load_pair",
     "name_mavlink",
-    "overheard",
     "plan_view",
+    "received_broadcasts",
     "receivers_of",
+    "reception_summaries",
     "replay_monitor",
+    "summarise_receptions",
     "summary",
     "track_deviation",
     "trajectories_3d",
-    "who_heard_whom",
     "write_report",
 ]
 

@@ -11,7 +11,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-from skyrange.agent.plugins import GROUPS, kinds
+from skyrange.contracts.plugins import GROUPS, kinds
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 
 
@@ -61,25 +61,35 @@ def _plugins() -> list[Finding]:
 
 def _ardupilot() -> Finding:
     """The ArduCopter binary that a run would use: path, version, capabilities, and whether it runs."""
-    from skyrange.io.answers import ask
-    from skyrange.vehicle.ardupilot.binary import ANSWER_S, SUPPORTED, confirm, find, order
+    from skyrange.io.processes.single_run import run_once
+    from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+        ANSWER_S,
+        SUPPORTED_VERSION,
+        check_help,
+        find_binary,
+        version_key,
+    )
 
     try:
-        binary = find()
+        binary = find_binary()
     except InputError as error:
-        fault = error.faults[0]
+        fault = error.problems[0]
         hint = f"Optional. {fault.hint or f'Expected {fault.expected}.'}"
         return Finding("ardupilot", f"{fault.value} ({error.who}: {fault.where})", False, hint, optional=True)
     what = f"ArduCopter {binary.version} ({binary.source}: {binary.path}), SHA-256 {binary.sha256[:16]}…"
     can = ", ".join(binary.capabilities) or "none of the capabilities that skyrange uses"
     try:
-        answer = ask(binary.path, "--help", deadline_s=ANSWER_S)
-        confirm(str(binary.path), answer.ended, answer.text)
+        answer = run_once(binary.path, "--help", deadline_s=ANSWER_S)
+        check_help(str(binary.path), answer.ended, answer.text)
     except ComponentError as error:
         hint = f"Optional. {error}"
         return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)
-    least = ".".join(map(str, SUPPORTED))
-    hint = "" if order(binary.version)[0][:2] >= SUPPORTED else f"Flights are expected to work from version {least}."
+    least = ".".join(map(str, SUPPORTED_VERSION))
+    hint = (
+        ""
+        if version_key(binary.version)[0][:2] >= SUPPORTED_VERSION
+        else f"Flights are expected to work from version {least}."
+    )
     return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
 
 
@@ -93,8 +103,8 @@ def _writable() -> Finding:
 
 
 def _flight() -> Finding:
-    from skyrange.scenario.catalogue import load
-    from skyrange.study.session import fly
+    from skyrange.scenario.shipped import load
+    from skyrange.study.runs import fly
 
     began = time.perf_counter()
     try:

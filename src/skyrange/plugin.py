@@ -11,25 +11,18 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.agent.air import (
-        ANY_CHANNEL,
-        EmitterTable,
-        Heard,
-        Listening,
-        Medium,
-        MediumBase,
-        OnAir,
-        RadioSpec,
-        RadioTable,
-        Sent,
-        Turn,
-        TxBatch,
-        Waveform,
-    )
-    from skyrange.agent.air import Fate as TransmissionFate
-    from skyrange.agent.air import Outcome as ReceptionOutcome
-    from skyrange.agent.blocks import FrameBlock
-    from skyrange.agent.contracts import (
+    from skyrange.attack.contract import Aircraft, Attack, AttackContext, AttackPlugin, Transmitter
+    from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
+    from skyrange.city.city import City
+    from skyrange.codec.f3411 import BasicId, Location, MessagePack
+    from skyrange.codec.f3411 import conformance as find_remote_id_faults
+    from skyrange.codec.f3411 import decode as decode_remote_id
+    from skyrange.codec.f3411 import encode as encode_remote_id
+    from skyrange.codec.mavlink import Packer as MavlinkPacker
+    from skyrange.codec.mavlink import decode as decode_mavlink
+    from skyrange.codec.mavlink import dialect as mavlink
+    from skyrange.codec.mavlink import message_name as name_mavlink
+    from skyrange.contracts.components import (
         Agent,
         Engine,
         EngineBase,
@@ -45,51 +38,69 @@ if TYPE_CHECKING:
         WallEngine,
         World,
     )
-    from skyrange.agent.detectors import DetectorContext, DetectorPlugin
-    from skyrange.agent.frames import Fate, Frame
-    from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
-    from skyrange.agent.messages import Arrival, Departure, Inbox, Note, Outbox
-    from skyrange.agent.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
-    from skyrange.agent.plugins import NoParams, Plugin, register
-    from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
-    from skyrange.agent.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
-    from skyrange.attack.contract import Aircraft, Attack, Transmitter
-    from skyrange.attack.contract import AttackKind as AttackPlugin
-    from skyrange.attack.contract import Setting as AttackContext
-    from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
-    from skyrange.city.city import City
-    from skyrange.codec.f3411 import BasicId, Location, MessagePack
-    from skyrange.codec.f3411 import decode as decode_remote_id
-    from skyrange.codec.f3411 import encode as encode_remote_id
-    from skyrange.codec.f3411 import faults as find_remote_id_faults
-    from skyrange.codec.mavlink import Packer as MavlinkPacker
-    from skyrange.codec.mavlink import decode as decode_mavlink
-    from skyrange.codec.mavlink import dialect as mavlink
-    from skyrange.codec.mavlink import message_name as name_mavlink
+    from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+    from skyrange.contracts.frames.blocks import FrameBlock
+    from skyrange.contracts.frames.frame import Fate, Frame
+    from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
+    from skyrange.contracts.mailboxes import Arrival, Departure, Inbox, Note, Outbox
+    from skyrange.contracts.medium import (
+        ANY_CHANNEL,
+        EmitterTable,
+        Heard,
+        Medium,
+        MediumBase,
+        OnAir,
+        RadioSpec,
+        RadioTable,
+        ReceptionOutcome,
+        ScanSchedule,
+        ScanStep,
+        Sent,
+        TransmissionFate,
+        TxBatch,
+        Waveform,
+    )
+    from skyrange.contracts.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
+    from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
+    from skyrange.contracts.plugins import NoParams, Plugin, register
+    from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
     from skyrange.core.chance import Chance
-    from skyrange.core.errors import ComponentError, DecodeError, Fault, InputError, SkyrangeError, nearest
+    from skyrange.core.errors import ComponentError, DecodeError, InputError, Problem, SkyrangeError, nearest
     from skyrange.core.geodesy import Origin
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.telemetry import read_messages
+    from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
-    from skyrange.radio.surroundings import Surroundings
-    from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService, intent_id
-    from skyrange.utm.contract import Decision as ApprovalDecision
-    from skyrange.utm.contract import Intent as OperationalIntent
+    from skyrange.utm.approval_service import FlightApproval, policy_plugin
+    from skyrange.utm.contract import (
+        ApprovalContext,
+        ApprovalDecision,
+        ApprovalPlugin,
+        ApprovalPolicy,
+        ApprovalService,
+        OperationalIntent,
+        intent_id,
+    )
     from skyrange.utm.messages import Request as ApprovalRequest
     from skyrange.utm.messages import Response as ApprovalResponse
     from skyrange.utm.messages import decode_request as decode_approval_request
     from skyrange.utm.messages import decode_response as decode_approval_response
     from skyrange.utm.messages import encode as encode_approval
-    from skyrange.utm.service import FlightApproval, policy_plugin
-    from skyrange.vehicle.avoidance.contract import Action as AvoidanceAction
-    from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext, AvoidancePlugin, Episode, Own, Tracks
-    from skyrange.vehicle.avoidance.contract import Decision as AvoidanceDecision
-    from skyrange.vehicle.avoidance.contract import Limits as AvoidanceLimits
-    from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+    from skyrange.vehicle.avoidance.contract import (
+        Avoidance,
+        AvoidanceAction,
+        AvoidanceContext,
+        AvoidanceDecision,
+        AvoidanceLimits,
+        AvoidancePlugin,
+        Episode,
+        Own,
+        Tracks,
+    )
+    from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
     from skyrange.world.airframes import AIRFRAMES, Airframe
 
 __all__ = [
@@ -142,7 +153,6 @@ __all__ = [
     "Episode",
     "Epoch",
     "Fate",
-    "Fault",
     "Finished",
     "FlightApproval",
     "Frame",
@@ -155,7 +165,6 @@ __all__ = [
     "InstanceStatus",
     "Label",
     "LinkSpec",
-    "Listening",
     "Location",
     "MavlinkPacker",
     "Medium",
@@ -181,11 +190,15 @@ __all__ = [
     "Plugin",
     "Port",
     "Poses",
+    "Problem",
+    "RadioEnvironment",
     "RadioSpec",
     "RadioTable",
     "ReceptionOutcome",
     "Replace",
     "Route",
+    "ScanSchedule",
+    "ScanStep",
     "Schedule",
     "SensorAct",
     "SensorFault",
@@ -193,14 +206,12 @@ __all__ = [
     "Sent",
     "SkyrangeError",
     "Source",
-    "Surroundings",
     "Tap",
     "TapPlacement",
     "Time",
     "Tracks",
     "TransmissionFate",
     "Transmitter",
-    "Turn",
     "TxBatch",
     "VehicleSpec",
     "Verdict",

@@ -8,11 +8,11 @@ import sys
 
 import pytest
 
+from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, measure
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.core.errors import InputError
-from skyrange.gcs.routes import estimated_duration_s
-from skyrange.scenario.flight import flight_plan
+from skyrange.gcs.plan.routes import estimated_duration_s
 
 
 @pytest.mark.parametrize(("vehicles", "seconds"), [(1, 5.0), (3, 600.0), (600, 5.0)])
@@ -21,7 +21,7 @@ def test_every_mission_outlasts_the_measurement(vehicles: int, seconds: float) -
     fleet = [vehicle for _, vehicle in scenario.fleet]
     assert len(fleet) == vehicles
     assert len({(v.start.east_m, v.start.north_m) for v in fleet}) == vehicles
-    plan = flight_plan(scenario.origin.datum, fleet[0])
+    plan = make_flight_plan(scenario.origin.datum, fleet[0])
     assert estimated_duration_s(plan) > WARM_UP_S + seconds
     assert len(plan.items) < 50, "a mission that takes long to upload would still be uploading when measuring begins"
 

@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from skyrange.bench.live import measure
 from skyrange.bench.transports import TRANSPORTS, frame, sent_at
 from skyrange.bench.transports import measure as measure_transport
-from skyrange.io.http_frames import read_request
-from skyrange.runtime.live.addresses import KINDS, Transport
+from skyrange.io.http.frames import read_request
 from skyrange.runtime.live.range import Range
+from skyrange.runtime.live.transport.addresses import KINDS, Transport
 from tests.ports import OFFSET
 
 

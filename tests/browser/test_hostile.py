@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.load import load_file
-from skyrange.study.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
+from skyrange.scenario.toml_reader import load_file
 from skyrange.study.report import write_report
-from skyrange.study.report.comparison import write_comparison
-from skyrange.study.session import fly
+from skyrange.study.report.pair.page import write_comparison
+from skyrange.study.runs import fly
+from skyrange.study.twins.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
 from tests.browser.chromium import Opened, visit
 from tests.unit.study_sample import SampleRun, squares
 

@@ -9,22 +9,22 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.attack.contract import Attack, AttackKind, Setting
-from skyrange.attack.gnss_drift import DRIFT
-from skyrange.attack.gnss_jump import JUMP
-from skyrange.attack.remote_id_jam import JAM
-from skyrange.attack.remote_id_replay import REPLAY
-from skyrange.attack.remote_id_spoof import SPOOF
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.attack.gnss.drift import DRIFT
+from skyrange.attack.gnss.jump import JUMP
+from skyrange.attack.remote_id.jam import JAM
+from skyrange.attack.remote_id.replay import REPLAY
+from skyrange.attack.remote_id.spoof import SPOOF
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.testing import NonConformance, check_attack
 from tests.hostile_kind import HOMEWARD, Homeward, Orders
 from tests.hostile_kind import make as make_homeward
 
 PLACE = [10.0, 5.0, 20.0]
-KINDS: list[tuple[AttackKind, Mapping[str, Any], bool]] = [
+KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool]] = [
     (SPOOF, {"at": PLACE, "velocity_mps": [1.0, 0.0, 0.0], "transports": ["bt4", "wifi_beacon"]}, True),
     (SPOOF, {"at": PLACE, "form": "position", "vehicle": "blue/b1"}, True),
     (SPOOF, {"at": PLACE, "form": "swarm", "count": 7}, True),
@@ -39,7 +39,7 @@ KINDS: list[tuple[AttackKind, Mapping[str, Any], bool]] = [
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
-def test_shipped_attacks_conform(kind: AttackKind, params: Mapping[str, Any], acts: bool) -> None:
+def test_shipped_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any], acts: bool) -> None:
     check_attack(kind, params, acts=acts)
 
 
@@ -114,9 +114,9 @@ class Stranger:
         return None
 
 
-def bad(tap: type[Orders]) -> AttackKind:
-    def make(params: Homeward, setting: Setting) -> Attack:
-        (placement,) = make_homeward(params, setting).taps
+def bad(tap: type[Orders]) -> AttackPlugin:
+    def make(params: Homeward, context: AttackContext) -> Attack:
+        (placement,) = make_homeward(params, context).taps
 
         def orders(link: str) -> Orders:
             one = placement.make(link)
@@ -125,7 +125,7 @@ def bad(tap: type[Orders]) -> AttackKind:
 
         return Attack(taps=[TapPlacement(placement.match, placement.side, orders)])
 
-    return AttackKind(Homeward, make, "A bad one.")
+    return AttackPlugin(Homeward, make, "A bad one.")
 
 
 @pytest.mark.parametrize(
@@ -135,14 +135,14 @@ def bad(tap: type[Orders]) -> AttackKind:
         (bad(Sharing), "attack.repeatable"),
         (bad(Clocked), "attack.repeatable"),
         (bad(Uneven), "attack.sham"),
-        (AttackKind(Homeward, lambda params, setting: Attack(agents=[Stranger()]), "A stranger."), "attack.named"),
-        (AttackKind(Homeward, lambda params, setting: Attack(), "Idle."), "attack.acts"),
-        (AttackKind(Homeward, lambda params, setting: None, "Nothing."), "attack.makes"),
-        (AttackKind(Homeward, lambda params, setting: Attack(), "no sentence"), "attack.described"),
+        (AttackPlugin(Homeward, lambda params, context: Attack(agents=[Stranger()]), "A stranger."), "attack.named"),
+        (AttackPlugin(Homeward, lambda params, context: Attack(), "Idle."), "attack.acts"),
+        (AttackPlugin(Homeward, lambda params, context: None, "Nothing."), "attack.makes"),
+        (AttackPlugin(Homeward, lambda params, context: Attack(), "no sentence"), "attack.described"),
     ],
     ids=["hasty", "sharing", "clocked", "uneven", "stranger", "idle", "nothing", "mute"],
 )  # fmt: skip
-def test_broken_attacks_are_found(kind: AttackKind, rule: str) -> None:
+def test_broken_attacks_are_found(kind: AttackPlugin, rule: str) -> None:
     with pytest.raises(NonConformance) as caught:
         check_attack(kind, {"vehicle": "blue/b1"}, duration_s=8.0)
     assert caught.value.rule == rule

@@ -9,19 +9,19 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.plugins import AVOIDANCE as GROUP
-from skyrange.agent.plugins import kinds
-from skyrange.agent.settings import Number
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins import AVOIDANCE as GROUP
+from skyrange.contracts.plugins import kinds
 from skyrange.core.time import Time
 from skyrange.testing import NonConformance, check_avoidance
-from skyrange.testing.avoidance import AVOIDANCE
+from skyrange.testing.checks.avoidance import AVOIDANCE
 from skyrange.vehicle.avoidance.contract import (
     KEEP,
-    Action,
+    AvoidanceAction,
+    AvoidanceDecision,
+    AvoidanceLimits,
     AvoidancePlugin,
-    Decision,
     Episode,
-    Limits,
     Own,
     Tracks,
 )
@@ -39,15 +39,15 @@ class Holds:
     """Stops while anybody is there: keeps every rule."""
 
     def __init__(self) -> None:
-        self.limits: Any = Limits()
+        self.limits: Any = AvoidanceLimits()
 
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Any:
         if len(tracks.pos_enu_m) == 0:
-            return KEEP if episode is None else Decision(Action.RESUME, None)
+            return KEEP if episode is None else AvoidanceDecision(AvoidanceAction.RESUME, None)
         return self.hold(now, own, episode or Episode(now, own.pos_enu_m))
 
     def hold(self, now: Time, own: Own, episode: Episode) -> Any:
-        return Decision(Action.STOP, episode)
+        return AvoidanceDecision(AvoidanceAction.STOP, episode)
 
 
 def holding(decision: Any) -> type[Holds]:
@@ -58,7 +58,7 @@ def holding(decision: Any) -> type[Holds]:
     return Breaks
 
 
-class Undescribed(Limits):
+class Undescribed(AvoidanceLimits):
     beyond_m: Number = 3.0
 
 
@@ -69,13 +69,13 @@ class Limitless(Holds):
 
 class Nervous(Holds):
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Any:
-        return Decision(Action.STOP, episode or Episode(now, own.pos_enu_m))
+        return AvoidanceDecision(AvoidanceAction.STOP, episode or Episode(now, own.pos_enu_m))
 
 
 class Endless(Holds):
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Any:
         if episode is not None:
-            return Decision(Action.STOP, episode)
+            return AvoidanceDecision(AvoidanceAction.STOP, episode)
         return super().decide(now, own, tracks, episode)
 
 
@@ -84,7 +84,7 @@ TICKETS = itertools.count()
 
 class Counts(Holds):
     def hold(self, now: Time, own: Own, episode: Episode) -> Any:
-        return Decision(Action.GO, episode, (float(next(TICKETS)), 0.0, 30.0))
+        return AvoidanceDecision(AvoidanceAction.GO, episode, (float(next(TICKETS)), 0.0, 30.0))
 
 
 class Clocked(Holds):
@@ -104,16 +104,22 @@ def test_the_unbroken_one_conforms() -> None:
 
 BREAKING: list[tuple[str, Any]] = [
     ("described", AvoidancePlugin(Undescribed, lambda limits, context: Stop(None, limits), "Stops.")),
-    ("described", AvoidancePlugin(Limits, lambda limits, context: Stop(None, limits), "stops")),
+    ("described", AvoidancePlugin(AvoidanceLimits, lambda limits, context: Stop(None, limits), "stops")),
     ("limits", Limitless),
     ("decides", holding(lambda now, own, episode: None)),
-    ("decides", holding(lambda now, own, episode: Decision(Action.GO, episode))),
-    ("decides", holding(lambda now, own, episode: Decision(Action.STOP, episode, (0.0, 0.0, 0.0)))),
-    ("decides", holding(lambda now, own, episode: Decision(Action.GO, episode, (float("nan"), 0.0, 0.0)))),
-    ("decides", holding(lambda now, own, episode: Decision(Action.STOP, episode, None, (99,)))),
+    ("decides", holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.GO, episode))),
+    ("decides", holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.STOP, episode, (0.0, 0.0, 0.0)))),
+    (
+        "decides",
+        holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.GO, episode, (float("nan"), 0.0, 0.0))),
+    ),
+    ("decides", holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.STOP, episode, None, (99,)))),
     ("decides", holding(lambda now, own, episode: 1 / 0)),
-    ("episodes", holding(lambda now, own, episode: Decision(Action.STOP, None))),
-    ("episodes", holding(lambda now, own, episode: Decision(Action.STOP, Episode(now + 1, own.pos_enu_m)))),
+    ("episodes", holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.STOP, None))),
+    (
+        "episodes",
+        holding(lambda now, own, episode: AvoidanceDecision(AvoidanceAction.STOP, Episode(now + 1, own.pos_enu_m))),
+    ),
     ("alone", Nervous),
     ("ends", Endless),
     ("repeatable", Counts),

@@ -16,14 +16,14 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.messages import Arrival, Departure, Inbox, Note, Outbox
+from skyrange.contracts.mailboxes import Arrival, Departure, Inbox, Note, Outbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.testing import Letter, NonConformance, check_agent
-from skyrange.testing.agents import AGENT
+from skyrange.testing import InputMessage, NonConformance, check_agent
+from skyrange.testing.checks.agents import AGENT
 
 PORT = Port("blue.clerk", "desk:blue")
-MAIL = [Letter(k * 350 * NS_PER_MS, PORT, f"question {k}".encode()) for k in range(8)]
+MAIL = [InputMessage(k * 350 * NS_PER_MS, PORT, f"question {k}".encode()) for k in range(8)]
 
 
 @dataclass
@@ -381,4 +381,4 @@ def test_the_watch_is_off_afterwards() -> None:
 
 def test_mail_for_another_port_is_the_callers_mistake_and_is_said() -> None:
     with pytest.raises(NonConformance, match="mail of this check"):
-        check_agent(Clerk, mail=[Letter(0, Port("x", "y:z"), b"")])
+        check_agent(Clerk, mail=[InputMessage(0, Port("x", "y:z"), b"")])

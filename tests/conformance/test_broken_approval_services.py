@@ -8,18 +8,25 @@ from typing import Any
 import pytest
 from pydantic import Field
 
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.plugins import NoParams
-from skyrange.agent.settings import Number, Params
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.params import Number, Params
+from skyrange.contracts.plugins import NoParams
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import NonConformance, check_approval
-from skyrange.testing.approval_services import SERVICE
+from skyrange.testing.checks.approval_services import SERVICE
+from skyrange.utm.approval_service import FlightApproval, policy_plugin
 from skyrange.utm.approve_all import APPROVE_ALL, ApproveAll
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService, Decision, Intent, intent_id
+from skyrange.utm.contract import (
+    ApprovalContext,
+    ApprovalDecision,
+    ApprovalPlugin,
+    ApprovalService,
+    OperationalIntent,
+    intent_id,
+)
 from skyrange.utm.messages import Response, decode_request, encode
-from skyrange.utm.service import FlightApproval, policy_plugin
 
 
 @dataclass
@@ -66,7 +73,7 @@ class Back:
                 out.send(arrival.port, encode(Response.error(400, "", "no request")), (arrival.ref,))
                 continue
             own = link.decode().partition(":")[2] == request.body.operator
-            decision = Decision(True, ovn="x") if own else Decision(False, "not yours")
+            decision = ApprovalDecision(True, ovn="x") if own else ApprovalDecision(False, "not yours")
             out.send(arrival.port, encode(Response.of(request.body.id, decision, self.context.epoch)), (arrival.ref,))
         return out
 
@@ -134,7 +141,7 @@ class Trusting(FlightApproval):
 
     def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
         request = decode_request(arrival.payload)
-        decision = Decision(True, ovn="x")
+        decision = ApprovalDecision(True, ovn="x")
         out.send(arrival.port, encode(Response.of(request.body.id, decision, self._epoch)), (arrival.ref,))
 
 
@@ -154,9 +161,9 @@ COUNT: list[int] = []
 class Numbered(ApproveAll):
     """Counts in one place for all."""
 
-    def decide(self, now: Time, request: Intent) -> Decision:
+    def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         COUNT.append(1)
-        return Decision(True, ovn=f"{len(COUNT)}")
+        return ApprovalDecision(True, ovn=f"{len(COUNT)}")
 
 
 class Forgetful(FlightApproval):
@@ -171,7 +178,7 @@ class Forgetful(FlightApproval):
         self.served += 1
         body = decode_request(arrival.payload).body
         own = body.operator == arrival.port.link.partition(":")[2]
-        decision = Decision(True, ovn=f"{self.served}") if own else Decision(False, "not yours")
+        decision = ApprovalDecision(True, ovn=f"{self.served}") if own else ApprovalDecision(False, "not yours")
         out.send(arrival.port, encode(Response.of(body.id, decision, self._epoch)), (arrival.ref,))
 
 
@@ -231,7 +238,7 @@ def test_the_rules_of_agents_hold_for_each_agent_of_a_service() -> None:
     assert found.value.rule == "agent.hostile"
 
 
-def _intent(vehicle: str) -> Intent:
-    from skyrange.testing.approvals import box
+def _intent(vehicle: str) -> OperationalIntent:
+    from skyrange.testing.checks.approval_policies import box
 
-    return Intent(intent_id(vehicle), vehicle.split("/", maxsplit=1)[0], vehicle, (box(40.0, -74.0),))
+    return OperationalIntent(intent_id(vehicle), vehicle.split("/", maxsplit=1)[0], vehicle, (box(40.0, -74.0),))

@@ -12,8 +12,8 @@ import pytest
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.testing import NonConformance, check_approval
-from skyrange.testing.approvals import APPROVAL, box
-from skyrange.utm.contract import Decision, Intent
+from skyrange.testing.checks.approval_policies import APPROVAL, box
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 
 
 class FirstComes:
@@ -22,7 +22,7 @@ class FirstComes:
     def __init__(self) -> None:
         self.granted: dict[str, tuple[Volume4D, ...]] = {}
 
-    def decide(self, now: Time, request: Intent) -> Any:
+    def decide(self, now: Time, request: OperationalIntent) -> Any:
         others = [v for of, volumes in self.granted.items() if of != request.id for v in volumes]
         taken = [other for mine in request.volumes for other in others if overlap(mine, other)]
         if not taken:
@@ -30,13 +30,13 @@ class FirstComes:
             return self.grant(request)
         return self.refuse(now, request)
 
-    def grant(self, request: Intent) -> Decision:
-        return Decision(True, ovn=f"{request.id}-{len(request.volumes)}")
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
+        return ApprovalDecision(True, ovn=f"{request.id}-{len(request.volumes)}")
 
-    def refuse(self, now: Time, request: Intent) -> Decision:
+    def refuse(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         later = 600 * NS_PER_S
         moved = (replace(v, start_ns=v.start_ns + later, end_ns=v.end_ns + later) for v in request.volumes)
-        return Decision(False, "overlaps an accepted intent", tuple(moved))
+        return ApprovalDecision(False, "overlaps an accepted intent", tuple(moved))
 
 
 def overlap(a: Volume4D, b: Volume4D) -> bool:
@@ -49,7 +49,7 @@ def overlap(a: Volume4D, b: Volume4D) -> bool:
 
 def test_the_unbroken_one_conforms_and_does_both() -> None:
     check_approval(FirstComes)
-    from skyrange.testing.approvals import ordinary
+    from skyrange.testing.checks.approval_policies import ordinary
 
     clerk = FirstComes()
     assert {clerk.decide(now, intent).accepted for now, intent in ordinary()} == {True, False}
@@ -57,7 +57,7 @@ def test_the_unbroken_one_conforms_and_does_both() -> None:
 
 def refusing(decision: Any) -> type[FirstComes]:
     class Refuses(FirstComes):
-        def refuse(self, now: Time, request: Intent) -> Any:
+        def refuse(self, now: Time, request: OperationalIntent) -> Any:
             return decision(now) if callable(decision) else decision
 
     return Refuses
@@ -65,14 +65,14 @@ def refusing(decision: Any) -> type[FirstComes]:
 
 def granting(decision: Any) -> type[FirstComes]:
     class Grants(FirstComes):
-        def grant(self, request: Intent) -> Any:
+        def grant(self, request: OperationalIntent) -> Any:
             return decision
 
     return Grants
 
 
 class Raises(FirstComes):
-    def refuse(self, now: Time, request: Intent) -> Decision:
+    def refuse(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         raise LookupError(request.vehicle)
 
 
@@ -80,21 +80,21 @@ TICKETS = itertools.count()
 
 
 class Numbers(FirstComes):
-    def grant(self, request: Intent) -> Decision:
-        return Decision(True, ovn=f"{next(TICKETS)}")
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
+        return ApprovalDecision(True, ovn=f"{next(TICKETS)}")
 
 
 class SelfBlocked(FirstComes):
     """Takes an intent for its own obstacle."""
 
-    def decide(self, now: Time, request: Intent) -> Any:
+    def decide(self, now: Time, request: OperationalIntent) -> Any:
         decision = super().decide(now, request)
         self.granted = {f"{key}+": volumes for key, volumes in self.granted.items()}
         return decision
 
 
 class Clocked(FirstComes):
-    def grant(self, request: Intent) -> Decision:
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
         time.time_ns()
         return super().grant(request)
 
@@ -105,12 +105,12 @@ class Shares(FirstComes):
         twin.granted = self.granted
         return twin
 
-    def grant(self, request: Intent) -> Decision:
-        return Decision(True, ovn=f"{len(self.granted)}")
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
+        return ApprovalDecision(True, ovn=f"{len(self.granted)}")
 
 
 class Areas(FirstComes):
-    def grant(self, request: Intent) -> Decision:
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
         for volume in request.volumes:
             (south, west), (north, east) = volume.outline[0], volume.outline[2]
             assert south < north
@@ -118,24 +118,24 @@ class Areas(FirstComes):
         return super().grant(request)
 
 
-def nowhere(now: Time) -> Decision:
+def nowhere(now: Time) -> ApprovalDecision:
     volume = box(40.0, -74.0, start_s=3_600.0)
-    return Decision(False, "taken", (replace(volume, outline=((91.0, 0.0), (91.0, 1.0), (92.0, 1.0))),))
+    return ApprovalDecision(False, "taken", (replace(volume, outline=((91.0, 0.0), (91.0, 1.0), (92.0, 1.0))),))
 
 
 BREAKING: list[tuple[str, Any]] = [
     ("decides", Raises),
     ("decides", refusing(None)),
     ("decides", refusing(False)),
-    ("says-why", refusing(Decision(False))),
-    ("says-why", granting(Decision(True))),
-    ("says-why", granting(Decision(True, ovn="x", alternatives=(box(0.0, 0.0, start_s=1e6),)))),
+    ("says-why", refusing(ApprovalDecision(False))),
+    ("says-why", granting(ApprovalDecision(True))),
+    ("says-why", granting(ApprovalDecision(True, ovn="x", alternatives=(box(0.0, 0.0, start_s=1e6),)))),
     ("alternatives", refusing(nowhere)),
-    ("alternatives", refusing(lambda now: Decision(False, "taken", (box(0.0, 0.0, start_s=-600.0),)))),
-    ("alternatives", refusing(Decision(False, "taken", ("later",)))),  # type: ignore[arg-type]
-    ("sendable", refusing(Decision(False, "too long " * 99))),
-    ("sendable", granting(Decision(True, ovn="x" * 129))),
-    ("sendable", refusing(Decision(False, "taken", (box(0.0, 0.0, lower_m=2e5, start_s=600.0),)))),
+    ("alternatives", refusing(lambda now: ApprovalDecision(False, "taken", (box(0.0, 0.0, start_s=-600.0),)))),
+    ("alternatives", refusing(ApprovalDecision(False, "taken", ("later",)))),  # type: ignore[arg-type]
+    ("sendable", refusing(ApprovalDecision(False, "too long " * 99))),
+    ("sendable", granting(ApprovalDecision(True, ovn="x" * 129))),
+    ("sendable", refusing(ApprovalDecision(False, "taken", (box(0.0, 0.0, lower_m=2e5, start_s=600.0),)))),
     ("repeatable", Numbers),
     ("idempotent", SelfBlocked),
     ("pure", Clocked),

@@ -10,17 +10,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Poses, Sensors
-from skyrange.agent.messages import Inbox, Note, Outbox
+from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Poses, Sensors
+from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.testing import Letter, NonConformance, check_engine
-from skyrange.testing.engines import ENGINE
-from skyrange.testing.fleet import FLEET
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.testing import InputMessage, NonConformance, check_engine
+from skyrange.testing.checks.engines import ENGINE
+from skyrange.testing.drivers.default_fleet import FLEET
+from skyrange.vehicle.contract import VehicleSpec
 
 MAIL = [
-    Letter(k * 130 * NS_PER_MS, Port(f"{spec.vehicle}.autopilot", f"autopilot:{spec.vehicle}"), f"ask {k}".encode())
+    InputMessage(
+        k * 130 * NS_PER_MS, Port(f"{spec.vehicle}.autopilot", f"autopilot:{spec.vehicle}"), f"ask {k}".encode()
+    )
     for k in range(6)
     for spec in FLEET
 ]

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.monitors import Alert, ObservedFrame, ObservedFrames
+from skyrange.contracts.monitors import Alert, ObservedFrame, ObservedFrames
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
 from skyrange.testing import NonConformance, check_monitor
-from skyrange.testing.monitors import MONITOR
+from skyrange.testing.checks.monitors import MONITOR
 
 SEEN = [f"frame {k}".encode() for k in range(60)]
 

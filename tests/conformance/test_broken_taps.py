@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import NonConformance, check_tap
-from skyrange.testing.taps import TAP
+from skyrange.testing.checks.taps import TAP
 
 TRAFFIC = [f"frame {k}".encode() for k in range(60)]
 

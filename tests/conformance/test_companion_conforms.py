@@ -6,8 +6,8 @@ from functools import cache
 
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S
-from skyrange.remoteid.profiles import Broadcast
-from skyrange.testing import Letter, Postbag, check_agent
+from skyrange.remoteid.broadcast_profiles import Broadcast
+from skyrange.testing import InputMessage, MessageRecorder, check_agent
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.companion import Companion, CompanionSpec
 from tests.integration.companion_range import CRUISE_MPS, Ghost, legs, wired
@@ -27,15 +27,15 @@ def companion() -> Companion:
 
 
 @cache
-def mail() -> list[Letter]:
+def mail() -> list[InputMessage]:
     """What it hears of two flights, with a ghost in the way of one."""
     homes = {name: (-100.0, 60.0 * row, 0.0) for row, name in enumerate(NAMES)}
     plans = {name: (home, legs(home, (-100.0, home[1], 30.0), (100.0, home[1], 30.0))) for name, home in homes.items()}
     flown = wired(plans, lambda city: None, ghosts=(Ghost("red", (0.0, 0.0, 30.0)),))
-    bag = Postbag(companion().ports, flown.wiring.links)
-    flown.kernel.observe([bag])
+    recorder = MessageRecorder(companion().ports, flown.wiring.links)
+    flown.kernel.set_observers([recorder])
     flown.run(UNTIL / NS_PER_S)
-    return bag.letters
+    return recorder.messages
 
 
 def test_companion() -> None:

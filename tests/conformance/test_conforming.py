@@ -7,25 +7,25 @@ from dataclasses import dataclass
 
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.plugins import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
-from skyrange.agent.verdicts import Pass, Verdict
+from skyrange.contracts import plugins
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.plugins import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
+from skyrange.contracts.verdicts import Pass, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.gcs import paths, plans
+from skyrange.gcs.plan import paths, plans
 from skyrange.gcs.station import Flight, GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
-from skyrange.testing import Letter, Postbag, check_agent, check_approval, check_engine, check_tap
-from skyrange.testing.approvals import EPOCH, ordinary
-from skyrange.testing.fleet import CHANCE, FLEET, ORIGIN, open_field
+from skyrange.testing import InputMessage, MessageRecorder, check_agent, check_approval, check_engine, check_tap
+from skyrange.testing.checks.approval_policies import EPOCH, ordinary
+from skyrange.testing.drivers.default_fleet import CHANCE, FLEET, ORIGIN, open_field
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalPlugin
 from skyrange.utm.messages import Request, encode
-from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.builtin.engine import BuiltinFleet
-from skyrange.vehicle.spec import AutopilotPlugin
+from skyrange.vehicle.contract import AutopilotPlugin
 from tests.probes.test_taps import Flooder, Meddler
 from tests.probes.toys import Bodies, Climber, Fleet, Station, onboard
 
@@ -57,7 +57,7 @@ def test_builtin_autopilot() -> None:
 
 def test_flight_approval() -> None:
     mail = [
-        Letter(now, Port("approval", f"approval:{intent.operator}"), encode(Request.of(intent, EPOCH)))
+        InputMessage(now, Port("approval", f"approval:{intent.operator}"), encode(Request.of(intent, EPOCH)))
         for now, intent in ordinary()
     ]
     check_agent(lambda: FlightApproval(["blue", "green"], EPOCH, ApproveAll()), mail=mail)
@@ -71,7 +71,7 @@ def ground_station(kind: plans.Kind) -> GroundStation:
     return GroundStation("blue", flights, EPOCH)
 
 
-def conversation(kind: plans.Kind, until: Time) -> list[Letter]:
+def conversation(kind: plans.Kind, until: Time) -> list[InputMessage]:
     """What the ground station is told in a whole flight with the builtin autopilot."""
     links = [LinkSpec("approval:blue", "blue.gcs", "approval")]
     relays = []
@@ -80,7 +80,7 @@ def conversation(kind: plans.Kind, until: Time) -> list[Letter]:
         links += some_links
         relays += some_routes
     station = ground_station(kind)
-    bag = Postbag(station.ports, links)
+    recorder = MessageRecorder(station.ports, links)
     wiring = Wiring(
         seed=1,
         links=links,
@@ -89,11 +89,11 @@ def conversation(kind: plans.Kind, until: Time) -> list[Letter]:
         world=open_field(BLUE),
         engines=[EngineMount(BuiltinFleet("builtin", list(BLUE), ORIGIN, EPOCH, CHANCE), slice(None))],
     )
-    kernel = Kernel(wiring, [bag])
+    kernel = Kernel(wiring, [recorder])
     kernel.advance(until)
     assert station.finished, station.states
     assert all(outcome.state == "complete" for outcome in station.outcomes.values()), station.outcomes
-    return bag.letters
+    return recorder.messages
 
 
 @pytest.mark.parametrize("kind", ["auto", "guided"])

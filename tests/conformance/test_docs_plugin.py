@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.agent.plugins import Plugin
+from skyrange.contracts import plugins
+from skyrange.contracts.plugins import Plugin
 from tests.unit.test_docs import DOCS, blocks, run_page
 
 PAGES = {

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.air import OnAir, RadioSpec, RadioTable, TxBatch
-from skyrange.agent.plugins import NoParams
+from skyrange.contracts.medium import OnAir, RadioSpec, RadioTable, TxBatch
+from skyrange.contracts.plugins import NoParams
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, Time
+from skyrange.radio.builtin.environment import QUIET_CITY
+from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.state import FREE, STATE
 from skyrange.radio.contract import MediumPlugin
-from skyrange.radio.medium import BuiltinMedium
-from skyrange.radio.surroundings import QUIET_CITY
-from skyrange.radio.table import FREE, STATE
 from skyrange.testing import NonConformance, check_medium
 
 
@@ -53,7 +53,7 @@ class Forgetful(BuiltinMedium):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> BuiltinMedium:
         twin = super().__deepcopy__(memo)
-        twin._air.slot[STATE] = FREE
+        twin._state.slot[STATE] = FREE
         return twin
 
 

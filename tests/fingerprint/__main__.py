@@ -9,8 +9,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from skyrange.scenario.catalogue import SHIPPED, load
-from skyrange.study.session import fly
+from skyrange.scenario.shipped import SHIPPED, load
+from skyrange.study.runs import fly
 
 
 def main(names: list[str]) -> None:

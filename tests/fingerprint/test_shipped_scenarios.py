@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.scenario.catalogue import SHIPPED, load
-from skyrange.study.session import fly
+from skyrange.scenario.shipped import SHIPPED, load
+from skyrange.study.runs import fly
 
 EVENTS = {
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",

@@ -8,32 +8,32 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Inbox, Note, Outbox
-from skyrange.agent.payloads import Payloads
 from skyrange.city.city import City
-from skyrange.codec import rid_link
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType, encode
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.gcs import plans
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.plan import plans
+from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
-from skyrange.record.memory import MemoryObserver
-from skyrange.remoteid.profiles import Broadcast, address_of, serial_number
+from skyrange.record.write.memory_observer import MemoryObserver
+from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address, serial_number
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.service import FlightApproval
 from skyrange.vehicle.avoidance.contract import Avoidance
 from skyrange.vehicle.builtin.engine import BuiltinFleet
 from skyrange.vehicle.companion import Companion, CompanionSpec
-from skyrange.vehicle.onboard import air_links, links, routes
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links
 from skyrange.world import Body, SensorSpec, World
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 from tests.unit.fake_autopilot import EPOCH, ORIGIN
 
 CRUISE_MPS = 8.0
@@ -53,8 +53,8 @@ class Ghost:
         altitude = ORIGIN.alt_msl_m + ORIGIN.geoid_m + self.enu_m[2]
         who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, serial_number(self.name))
         body = encode(MessagePack((who, Location(Status.AIRBORNE, lat, lon, altitude, speed_mps=0.0))))
-        header = RidHeader(Transport.WIFI_BEACON, 6, 0, address_of(self.name), -6000, now)
-        return rid_link.pack(header, body)
+        header = RidHeader(Transport.WIFI_BEACON, 6, 0, sender_address(self.name), -6000, now)
+        return link_payload.pack(header, body)
 
 
 @dataclass
@@ -79,8 +79,8 @@ class Everybody:
         for arrival in inbox:
             sender = arrival.port.link.split(":", 1)[1]
             self.heard.append((now, sender, arrival.payload))
-            frame = rid_link.unpack(arrival.payload)
-            payload = rid_link.pack(frame.header._replace(rssi_cdbm=-6000, channel=6, time_ns=now), frame.body)
+            frame = link_payload.unpack(arrival.payload)
+            payload = link_payload.pack(frame.header._replace(rssi_cdbm=-6000, channel=6, time_ns=now), frame.body)
             rows = [row for row, v in enumerate(self.vehicles) if v != sender]
             if rows:
                 places = np.array(rows, dtype=np.int64) * 2 + 1
@@ -166,7 +166,7 @@ def wired(
         for row, (name, (home, _)) in enumerate(aircraft.items())
     ]
     bodies = [Body(spec.vehicle, "iris", *spec.home_enu_m, 0.0) for spec in specs]
-    world = World(bodies, city=city, chance=chance, sensors=SensorSpec(0.0, field_at(ORIGIN), chance))
+    world = World(bodies, city=city, chance=chance, sensors=SensorSpec(0.0, magnetic_field_at(ORIGIN), chance))
     engine = BuiltinFleet("builtin", specs, ORIGIN, EPOCH, chance)
     flights = [Flight(name, row + 1, plan) for row, (name, (_, plan)) in enumerate(aircraft.items())]
     station = GroundStation("blue", flights, EPOCH)
@@ -181,7 +181,7 @@ def wired(
                 Broadcast(
                     spec.vehicle,
                     operator_place=place,
-                    of_autopilot=bool(spec.params.get("DID_ENABLE")),
+                    autopilot_location=bool(spec.params.get("DID_ENABLE")),
                     **(broadcast or {}),
                 ),
                 one,
@@ -193,13 +193,13 @@ def wired(
         chance,
     )  # fmt: skip
     oracle = Everybody(names, ghosts)
-    all_links = [link for name in names for link in (*links(name, "blue"), *air_links(name))]
+    all_links = [link for name in names for link in (*onboard_links(name, "blue"), *oracle_links(name))]
     all_links.append(LinkSpec("approval:blue", "blue.gcs", "approval", Channel("reliable", 25 * NS_PER_MS)))
     wiring = Wiring(
         seed=seed,
         links=all_links,
         agents=[station, FlightApproval(["blue"], EPOCH, ApproveAll()), companion, oracle],
-        routes=[route for name in names for route in routes(name)],
+        routes=[route for name in names for route in onboard_routes(name)],
         world=world,
         engines=[EngineMount(engine, slice(None))],
     )

@@ -10,17 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.contracts import Sensors
-from skyrange.agent.messages import Arrival, Inbox, Note
 from skyrange.codec.mavlink import Packer, decode, dialect
+from skyrange.contracts.components import Sensors
+from skyrange.contracts.mailboxes import Arrival, Inbox, Note
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch, from_seconds
 from skyrange.vehicle.builtin.engine import BuiltinFleet
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world import Body, SensorSpec, Wind, World
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC))
@@ -58,7 +58,7 @@ class Range:
         bodies = [
             Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], s.home_enu_m[2], s.heading_deg) for s in specs
         ]
-        sensors = SensorSpec(noise, field_at(origin), Chance(seed))
+        sensors = SensorSpec(noise, magnetic_field_at(origin), Chance(seed))
         self.world = World(bodies, QUANTUM_NS, Wind(wind_enu_mps), sensors=sensors)
         size = -(-len(self.specs) // split)
         parts = [self.specs[start : start + size] for start in range(0, len(self.specs), size)]

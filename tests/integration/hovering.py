@@ -7,7 +7,7 @@ from typing import Any
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.vehicle.builtin.fleet import Fleet
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
 V = "blue/b1"

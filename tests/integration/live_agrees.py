@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.record import RunRecord, load
-from skyrange.runtime.live.plan import Group
-from skyrange.runtime.live.range import prepare
-from skyrange.runtime.live.supervisor import fly
+from skyrange.runtime.live.deployment import Group
+from skyrange.runtime.live.range import prepare_range
+from skyrange.runtime.live.supervisor.supervisor import run_range
 from skyrange.runtime.live.system import System
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import load as load_scenario
-from skyrange.study.agreement import Agreement, Kind, agreement
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.compare.agreement import Agreement, Kind, agreement
 from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S
 
@@ -105,8 +105,8 @@ def fly_both(
     """Fly a shipped scenario as a live range, on this machine or on `system`, and as a run, into `folder`."""
     flight = FLIGHTS[name]
     scenario = load_scenario(name, [f"duration_s={seconds or flight.seconds}"])
-    flown = prepare(scenario, folder / "live", group=flight.group, port_offset=port_offset, system=system)
-    fly(flown)
+    flown = prepare_range(scenario, folder / "live", group=flight.group, port_offset=port_offset, system=system)
+    run_range(flown)
     Run.start(scenario, folder / "virtual").execute()
     return compared(name, folder / "live", folder / "virtual")
 

@@ -265,7 +265,7 @@ def gap_s(record: Any, sender: str) -> float:
 
 
 @dataclass(frozen=True)
-class Fault:
+class LiveFault:
     """Something done to a range that flies, and what the table says of it."""
 
     name: str
@@ -323,33 +323,33 @@ async def _fill_disk(harmed: Harmed) -> None:
 
 
 FAULTS = (
-    Fault("station", "ground station killed, and started anew", _kill_station),
-    Fault(
+    LiveFault("station", "ground station killed, and started anew", _kill_station),
+    LiveFault(
         "others", "", _kill_others,
         differs={
             "blue/b1": "companion killed (and the approval), and started anew",
             "blue/b2": "proxy killed (and the approval), and started anew",
         },
     ),
-    Fault(
+    LiveFault(
         "others for good", "", _kill_others_for_good, on_death="continue",
         differs={
             "blue/b1": "companion killed (and the approval), `continue`",
             "blue/b2": "proxy killed (and the approval), `continue`",
         },
     ),
-    Fault("world", "world killed", _kill_world, code=3),
-    Fault("station paused", "ground station paused for 5 s", _pause_station),
-    Fault("world paused", "world with all autopilots paused for 5 s", _pause_world),
-    Fault("link", "TCP of the link log:blue/b2 cut, five times", _cut_tcp),
-    Fault("disk", "no room on the disk", _fill_disk, on_death="stop", code=3),
+    LiveFault("world", "world killed", _kill_world, code=3),
+    LiveFault("station paused", "ground station paused for 5 s", _pause_station),
+    LiveFault("world paused", "world with all autopilots paused for 5 s", _pause_world),
+    LiveFault("link", "TCP of the link log:blue/b2 cut, five times", _cut_tcp),
+    LiveFault("disk", "no room on the disk", _fill_disk, on_death="stop", code=3),
 )  # fmt: skip
 HEAD = Row(
     "what was done 5 s after take-off", "aircraft", "its ground station notes", "its autopilot changes to", "mission"
 )
 
 
-def harm(fault: Fault, folder: Path) -> tuple[RealHarmed, RunRecord]:
+def harm(fault: LiveFault, folder: Path) -> tuple[RealHarmed, RunRecord]:
     """Inject it into a range of real processes; the range and its record."""
     harmed = RealHarmed.start(folder, fault.seconds, fault.on_death)
     try:
@@ -363,7 +363,7 @@ def harm(fault: Fault, folder: Path) -> tuple[RealHarmed, RunRecord]:
     return harmed, record
 
 
-def harm_virtual(fault: Fault, folder: Path) -> tuple[VirtualHarmed, RunRecord]:
+def harm_virtual(fault: LiveFault, folder: Path) -> tuple[VirtualHarmed, RunRecord]:
     """Inject it into a range in virtual time; the range and its record."""
     harmed = VirtualHarmed.start(folder, fault.seconds, fault.on_death)
 
@@ -383,7 +383,7 @@ def harm_virtual(fault: Fault, folder: Path) -> tuple[VirtualHarmed, RunRecord]:
     return harmed, record
 
 
-async def _inject(fault: Fault, harmed: Harmed) -> None:
+async def _inject(fault: LiveFault, harmed: Harmed) -> None:
     await fault.do(harmed)
 
 

@@ -20,13 +20,11 @@ from typing import Any
 import pytest
 
 from skyrange.record import RunRecord, load
-from tests.tiers import needs_mavproxy as needs_mavproxy
-from tests.tiers import needs_tshark as needs_tshark
 
 MAIN = "import sys; from skyrange.cli import main; sys.exit(main())"
 MAVPROXY = shutil.which("mavproxy.py")
 TSHARK = shutil.which("tshark")
-NODE_MODULE = "skyrange.runtime.live.process"
+NODE_MODULE = "skyrange.runtime.live.node.process"
 """What a node's process runs."""
 LAT, LON = -35.363328, 149.1652241
 CLIENTS = Path(__file__).parent / "clients"

@@ -10,11 +10,11 @@ from typing import Any
 
 from skyrange.record import RunRecord, load
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live.launch import file_name_of
-from skyrange.runtime.live.range import Range, prepare
-from skyrange.runtime.live.supervisor import supervise
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Scenario
+from skyrange.runtime.live.range import LiveRange, prepare_range
+from skyrange.runtime.live.supervisor.launch import file_name_of
+from skyrange.runtime.live.supervisor.supervisor import supervise
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_text
 from skyrange.testing.live import VirtualNetwork, VirtualProcess, VirtualSystem
 
 JITTER_S = 5e-4
@@ -25,7 +25,7 @@ JITTER_S = 5e-4
 class VirtualFlight:
     """A live range that flies in virtual time."""
 
-    range: Range
+    range: LiveRange
     system: VirtualSystem
     interrupt: Interruptible = field(default_factory=Interruptible)
 
@@ -87,7 +87,7 @@ def prepared(
     """A range that is ready to fly into `folder`/run, a process for each component."""
     system = system or VirtualSystem(network=VirtualNetwork(jitter_s=JITTER_S))
     made = scenario_of(scenario) if isinstance(scenario, str) else scenario
-    flown = prepare(made, folder / "run", system=system, **{"group": "component", **options})
+    flown = prepare_range(made, folder / "run", system=system, **{"group": "component", **options})
     return VirtualFlight(flown, system)
 
 

@@ -10,9 +10,9 @@ import pytest
 
 from skyrange.core.chance import Chance
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world import AIRFRAMES, Body, SensorSpec, Wind, World
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 from tests.integration.flight_harness import QUANTUM_NS, Range, square, start
 
 V = "blue/b1"
@@ -21,7 +21,9 @@ V = "blue/b1"
 def _range(airframe: str, wind: Wind | None = None, charge: float = 1.0) -> Range:
     r = Range([VehicleSpec(V, 1, airframe=airframe)])
     body = Body(V, airframe, 0.0, 0.0, charge=charge)
-    r.world = World([body], QUANTUM_NS, wind or Wind(), chance=Chance(11), sensors=SensorSpec(0.0, field_at(r.origin)))
+    r.world = World(
+        [body], QUANTUM_NS, wind or Wind(), chance=Chance(11), sensors=SensorSpec(0.0, magnetic_field_at(r.origin))
+    )
     return r
 
 

@@ -16,7 +16,7 @@ import pytest
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.load import build
+from skyrange.scenario.toml_reader import load_data
 from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = needs_arducopter
@@ -39,7 +39,7 @@ def scenario(duration_s: float = 70.0, seed: int = 3, **changes: Any) -> Any:
         }
 
     fleet = [vehicle("a1", "ardupilot", 0.0), vehicle("a2", "ardupilot", 30.0), vehicle("b1", "builtin", 60.0)]
-    return build(
+    return load_data(
         {
             "name": "mixed",
             "seed": seed,
@@ -172,7 +172,7 @@ def test_a_parameter_that_the_firmware_does_not_take_is_named_before_anything_st
     fleet[1].params.update({"FS_GCS_ENABLE": 300.0, "FS_OPTIONS": 1.5, "ATC_ANG_RLL_P": 4.75})
     with pytest.raises(InputError) as caught:
         Run.start(wrong, tmp_path / "run")
-    told = {fault.where: fault for fault in caught.value.faults}
+    told = {fault.where: fault for fault in caught.value.problems}
     assert told.keys() == {"op/a2.params.FS_GCS_ENABLE", "op/a2.params.FS_OPTIONS"}
     assert told["op/a2.params.FS_OPTIONS"].value == "1.5"
     assert "makes 1 of it" in told["op/a2.params.FS_OPTIONS"].expected

@@ -18,7 +18,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.load import build
+from skyrange.scenario.toml_reader import load_data
 from tests.ardupilot import listening, needs_arducopter, programs
 
 pytestmark = [pytest.mark.realtime, needs_arducopter]
@@ -44,7 +44,7 @@ def scenario(duration_s: float = 80.0, head_on: bool = False, **changes: Any) ->
     if head_on:
         fleet[2] = vehicle("b1", "builtin", [30.0, 40.0], [0.0, -40.0], 1.0)
     options = {"ardupilot": {"physics": "native", "speedup": SPEEDUP}}
-    return build(
+    return load_data(
         {
             "name": "native",
             "seed": 3,
@@ -136,7 +136,7 @@ def test_their_time_stands_still_while_we_do(tmp_path: Path, before: set[int]) -
     run = Run.start(scenario(30.0), tmp_path / "run")
     try:
         run.advance(1.0)
-        engine: Any = next(mount.engine for mount in run.rig.wiring.engines if mount.engine.name == "ardupilot")
+        engine: Any = next(mount.engine for mount in run.built.wiring.engines if mount.engine.name == "ardupilot")
         clocks = [clock.said_ns for clock in engine._clocks]
         time.sleep(4.0)  # 24 s of theirs
         run.advance(2.0)
@@ -177,7 +177,7 @@ def test_one_reboots_and_comes_back_another_is_spoofed_and_doubts(tmp_path: Path
     run = Run.start(scenario(30.0, attacks=attacks), tmp_path / "run")
     try:
         run.advance(0.5)
-        engine: Any = next(mount.engine for mount in run.rig.wiring.engines if mount.engine.name == "ardupilot")
+        engine: Any = next(mount.engine for mount in run.built.wiring.engines if mount.engine.name == "ardupilot")
         reboot = dialect.MAVLink_command_long_message(
             1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0
         )

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.scenario.load import load_text
-from skyrange.scenario.surroundings import build_city
+from skyrange.assembly.city import build_city
+from skyrange.scenario.toml_reader import load_text
 
 SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]
 FLEET = """

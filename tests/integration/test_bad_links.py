@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.scenario.catalogue import source_of
-from skyrange.scenario.load import load_text
-from skyrange.study.session import fly
+from skyrange.scenario.shipped import source_of
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.runs import fly
 
 SQUARES = source_of("squares").read_text()
 LINKS = {

@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 import shapely
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.verdicts import Inject, Verdict
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.remote_id import link_payload
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel
-from skyrange.remoteid.profiles import serial_number
+from skyrange.remoteid.broadcast_profiles import serial_number
 from skyrange.vehicle.avoidance.contract import Avoidance
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
@@ -136,8 +137,8 @@ def test_what_is_broadcast_is_what_it_believes_each_second() -> None:
     path = flown.path(0)
     for at, sender, payload in flown.oracle.heard[5:]:
         assert sender == A
-        said = f3411.decode(rid_link.unpack(payload).body)
-        assert f3411.faults(said) == ()
+        said = f3411.decode(link_payload.unpack(payload).body)
+        assert f3411.deviations(said) == ()
         assert isinstance(said, f3411.MessagePack)
         basic, location, system = said.messages
         assert isinstance(basic, f3411.BasicId)
@@ -150,7 +151,7 @@ def test_what_is_broadcast_is_what_it_believes_each_second() -> None:
         east, north = flown.companion._origin.enu_of(location.lat_deg, location.lon_deg)
         # 8 m/s, and told up to 0.25 s before it is sent and 10 ms before it is heard
         assert np.hypot(east - true[1], north - true[2]) < 3.0
-    airborne = [f3411.decode(rid_link.unpack(p).body).messages[1].status for _, _, p in flown.oracle.heard]  # type: ignore[union-attr]
+    airborne = [f3411.decode(link_payload.unpack(p).body).messages[1].status for _, _, p in flown.oracle.heard]  # type: ignore[union-attr]
     assert airborne[2] == f3411.Status.GROUND
     assert f3411.Status.AIRBORNE in airborne
 

@@ -13,10 +13,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Sensors
+from skyrange.contracts.components import Sensors
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.estimation.state import Status
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
 ME = "blue/b1"

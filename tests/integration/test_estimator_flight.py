@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.vehicle.spec import VehicleSpec
-from skyrange.world import sensor_models as models
+from skyrange.vehicle.contract import VehicleSpec
+from skyrange.world.sensing import sensor_errors as models
 from tests.integration.flight_harness import Range, square, start
 
 VEHICLES = 12
@@ -40,9 +40,9 @@ def flight() -> tuple[Range, dict[str, np.ndarray]]:
         turn = rotation(q) @ rotation(estimate["quat"]).transpose(0, 2, 1)
         log["lean"].append(np.stack([turn[:, 2, 1], turn[:, 0, 2]], axis=1))
         log["yaw"].append(turn[:, 1, 0])
-        log["P"].append(filters["level"].copy())
-        log["up"].append(filters["up"].copy())
-        log["turn"].append(filters["turn"].copy())
+        log["P"].append(filters["cov_horizontal"].copy())
+        log["up"].append(filters["cov_vertical"].copy())
+        log["turn"].append(filters["cov_yaw"].copy())
         log["fix"].append(r.world._sensing._wander.copy())
 
     fly.run(45.0, look)

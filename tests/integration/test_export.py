@@ -12,17 +12,18 @@ from typing import Any
 import pytest
 
 from skyrange.cli.app import app
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.f3411 import Location, MessagePack
-from skyrange.codec.rid_link import Transport
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.scenario.load import load_text
-from skyrange.study.export import mavlink, remote_id
-from skyrange.study.overheard import receivers_of
-from skyrange.study.session import fly
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.captures.packet_captures import mavlink, remote_id
+from skyrange.study.captures.received_broadcasts import receivers_of
+from skyrange.study.runs import fly
 from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
@@ -85,7 +86,7 @@ def read(path: Path, *fields: str, only: str = "frame") -> list[dict[str, str]]:
     return [dict(zip(fields, line.split("\t"), strict=True)) for line in done.stdout.splitlines()]
 
 
-def received(record: RunRecord, name: str) -> list[tuple[dict[str, Any], rid_link.RidFrame]]:
+def received(record: RunRecord, name: str) -> list[tuple[dict[str, Any], link_payload.RidFrame]]:
     """What the `receptions` table has of a receiver, by time, each with the frame that its sender's radio was given."""
     given = {
         (frame.link, frame.direction, frame.sender, frame.serial): frame.payload
@@ -95,7 +96,7 @@ def received(record: RunRecord, name: str) -> list[tuple[dict[str, Any], rid_lin
     rows = [row for row in record.table("receptions").to_pylist() if row["receiver"] == name]
     rows = sorted((row for row in rows if row["outcome"] == "decoded"), key=lambda row: row["time_ns"])
     told = [given[row["link"], row["direction"], row["sender"], row["serial"]] for row in rows]
-    return [(row, rid_link.unpack(payload)) for row, payload in zip(rows, told, strict=True)]
+    return [(row, link_payload.unpack(payload)) for row, payload in zip(rows, told, strict=True)]
 
 
 def hexadecimal(text: str) -> bytes:

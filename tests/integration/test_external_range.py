@@ -18,7 +18,7 @@ from pymavlink import mavutil
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
-from skyrange.vehicle.ardupilot.parameters import NATIVE, OURS
+from skyrange.vehicle.ardupilot.parameters import NATIVE_PARAMETERS, RANGE_PARAMETERS
 from tests.ardupilot import ARDUCOPTER, needs_arducopter
 from tests.ports import OFFSET
 
@@ -171,7 +171,7 @@ def test_in_a_live_range_too(foreign: Path, tmp_path: Path) -> None:
 
 COPTER = {
     name: value
-    for name, value in (OURS | NATIVE).items()
+    for name, value in (RANGE_PARAMETERS | NATIVE_PARAMETERS).items()
     if name not in ("GPS1_TYPE", "MAV2_OPTIONS", "DID_MAVPORT", "SIM_BARO_RND", "SIM_DRIFT_SPEED")
 }
 WARM_MS = 60_000

@@ -17,7 +17,7 @@ def test_a_low_voltage_counts_after_ten_seconds_and_only_warns_by_default() -> N
     r.run(9.9)
     assert texts(r, start) == []
     r.run(0.4)
-    used = float(r.engines[0]._fleet.power["consumed_mah"][0])
+    used = float(r.engines[0]._fleet.battery["consumed_mah"][0])
     assert texts(r, start) == [(WARNING, f"Battery 1 is low 10.40V used {used:.0f} mAh"), (WARNING, "Battery Failsafe")]
     assert when(r, "Battery 1 is low") - start == pytest.approx(10.1, abs=0.12)
     assert modes(r, start) == []
@@ -83,7 +83,7 @@ def test_a_landing_for_the_battery_is_not_undone_by_a_lost_station() -> None:
 
 def test_charge_drawn_is_counted_and_acts_at_once() -> None:
     r = hovering(BATT_CAPACITY=1000, BATT_LOW_MAH=0, BATT_FS_LOW_ACT=2)
-    power = r.engines[0]._fleet.power
+    power = r.engines[0]._fleet.battery
     believe(r, battery_v=12.0, battery_a=0.0)
     r.run(0.2)
     before, spent = float(power["consumed_mah"][0]), float(power["consumed_wh"][0])
@@ -107,7 +107,7 @@ def test_the_resting_voltage_takes_the_sag_out() -> None:
         amps = 20.0 if step % 2 else 30.0
         believe(r, battery_a=amps, battery_v=11.4 - 0.05 * amps)
         r.run(0.1)
-    power = r.engines[0]._fleet.power
+    power = r.engines[0]._fleet.battery
     assert power["voltage"][0] < 10.5
     assert power["resting_v"][0] == pytest.approx(11.4, abs=0.1)
     assert texts(r, start) == []

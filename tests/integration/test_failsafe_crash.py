@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.agent.messages import Outbox
-from skyrange.vehicle.builtin.failsafes import service
-from skyrange.vehicle.builtin.failsafes.crash import crashed
-from skyrange.vehicle.builtin.layout import Flag
+from skyrange.contracts.mailboxes import Outbox
+from skyrange.vehicle.builtin.failsafes import checks
+from skyrange.vehicle.builtin.failsafes.crash import check_crash
+from skyrange.vehicle.builtin.layout import FlightEvent
 from tests.integration.flight_harness import Range
 from tests.integration.hovering import hovering, texts
 
@@ -22,8 +22,8 @@ def upset(r: Range, roll_rad: float) -> None:
     fleet.estimate["roll"] = roll_rad
     fleet.flight["tilt_error"] = roll_rad
     fleet.flight["land_accel"] = (1.0, 0.0, 0.0)
-    fleet.flight["flags"] |= Flag.CRASHED
-    crashed(fleet, fleet.crafts[0])
+    fleet.flight["flags"] |= FlightEvent.CRASH
+    check_crash(fleet, fleet.vehicles[0])
 
 
 def test_a_crash_disarms_with_its_numbers() -> None:
@@ -42,7 +42,7 @@ def test_switched_off_or_hardly_leaning_it_goes_on_and_is_looked_at_again(enable
     upset(r, np.radians(roll_deg))
     flight = r.engines[0]._fleet.flight
     assert flight["armed"][0] == 1
-    assert not flight["flags"][0] & Flag.CRASHED
+    assert not flight["flags"][0] & FlightEvent.CRASH
     assert flight["crash_s"][0] == 0.0
 
 
@@ -57,7 +57,7 @@ def falling(r: Range, seconds: float, **flight: float) -> None:
         fleet.flight[name] = value
     for step in range(round(seconds * 10)):
         fleet.now = (start // 100_000_000 + step + 1) * 100_000_000
-        service.serve(fleet, np.array([[0.5, 0.7, 1.0, 0.6]]))
+        checks.run_checks(fleet, np.array([[0.5, 0.7, 1.0, 0.6]]))
 
 
 def lost(r: Range) -> int:

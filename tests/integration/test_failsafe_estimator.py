@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.vehicle.builtin.modes import Mode, known
+from skyrange.vehicle.builtin.modes import Mode, mode_of
 from tests.integration.flight_harness import Range
 from tests.integration.hovering import V, believe, hovering, modes, standing, texts, when
 
@@ -32,7 +32,7 @@ def test_bad_ratios_for_a_second_land_it_without_a_position() -> None:
     ]
     assert modes(r, start) == [("LAND", "ekf_failsafe")]
     assert when(r, "EKF variance") - start == pytest.approx(1.1, abs=0.15)  # 10 checks; the filter takes one more
-    assert r.engines[0]._fleet.flight["blind"][0] == 1
+    assert r.engines[0]._fleet.flight["land_nogps"][0] == 1
     r.run(8.0)
     assert r.positions()[0, 2] < 9.8  # coming down
     back = r.seconds
@@ -109,7 +109,7 @@ def test_altitude_hold_where_there_is_such_a_mode() -> None:
     start = r.seconds
     believe(r, status=NO_POSITION)
     r.run(1.3)
-    expected = "ALT_HOLD" if known(2) else "LAND"
+    expected = "ALT_HOLD" if mode_of(2) else "LAND"
     assert modes(r, start) == [(expected, "ekf_failsafe")]
     assert texts(r, start)[-1] == (CRITICAL, f"EKF Failsafe: changed to {expected} Mode")
 
@@ -122,7 +122,7 @@ def test_in_land_it_goes_on_blind() -> None:
     r.run(1.3)
     assert texts(r, start)[-1] == (CRITICAL, "EKF Failsafe")
     assert modes(r, start) == []
-    assert r.engines[0]._fleet.flight["blind"][0] == 1
+    assert r.engines[0]._fleet.flight["land_nogps"][0] == 1
 
 
 def test_a_blind_landing_keeps_level_drifts_and_arrives() -> None:

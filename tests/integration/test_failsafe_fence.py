@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin import fence
+from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, takeoff, waypoint
 from tests.integration.hovering import V, hovering, modes, put, standing, texts, when
 
@@ -26,7 +26,7 @@ def go(r: Range, east: float, north: float, alt: float) -> float:
 
 
 def state(r: Range) -> Any:
-    return r.engines[0]._fleet.boundary[0]
+    return r.engines[0]._fleet.fence[0]
 
 
 def items(r: Range, zones: list[tuple[int, float, float, float]]) -> int:
@@ -115,7 +115,7 @@ def test_a_polygon_and_an_exclusion_circle() -> None:
 def test_far_outside_it_just_lands() -> None:
     r = hovering(FENCE_RADIUS=30)
     fleet = r.engines[0]._fleet
-    fleet.take_home(fleet.crafts[0], (200.0, 0.0, 0.0))  # 170 m outside (AC_FENCE_GIVE_UP_DISTANCE is 100)
+    fleet.assign_home(fleet.vehicles[0], (200.0, 0.0, 0.0))  # 170 m outside (AC_FENCE_GIVE_UP_DISTANCE is 100)
     r.run(1.1)
     start = r.seconds
     put(r, "FENCE_ENABLE", 1)
@@ -179,13 +179,13 @@ def test_enabled_on_arming_and_disabled_on_disarming() -> None:
 def test_do_fence_enable() -> None:
     r = hovering(FENCE_RADIUS=30)
     fleet = r.engines[0]._fleet
-    craft = fleet.crafts[0]
-    assert fence.command(fleet, craft, 3, 0) == A.MAV_RESULT_FAILED
-    assert fence.command(fleet, craft, 1, 4) == A.MAV_RESULT_FAILED  # no polygon
-    assert fence.command(fleet, craft, 1, 2) == A.MAV_RESULT_ACCEPTED
+    vehicle = fleet.vehicles[0]
+    assert fence.handle_do_fence_enable(fleet, vehicle, 3, 0) == A.MAV_RESULT_FAILED
+    assert fence.handle_do_fence_enable(fleet, vehicle, 1, 4) == A.MAV_RESULT_FAILED  # no polygon
+    assert fence.handle_do_fence_enable(fleet, vehicle, 1, 2) == A.MAV_RESULT_ACCEPTED
     start = go(r, 0.0, 50.0, 10.0)
     r.run_until(lambda r: modes(r, start) != [], 20.0)
-    assert fence.command(fleet, craft, 0, 0) == A.MAV_RESULT_ACCEPTED
+    assert fence.handle_do_fence_enable(fleet, vehicle, 0, 0) == A.MAV_RESULT_ACCEPTED
     r.run(0.2)
     assert state(r)["breached"] == 0
 

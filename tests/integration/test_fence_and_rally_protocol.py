@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from skyrange.codec.mavlink import dialect
+from skyrange.vehicle.builtin.check_layout import MAX_FENCE_ITEMS as FENCE_ITEMS
+from skyrange.vehicle.builtin.locations.rally import MAX_ITEMS as RALLY_ITEMS
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.rally import MAX_ITEMS as RALLY_ITEMS
-from skyrange.vehicle.builtin.watch_layout import MAX_FENCE_ITEMS as FENCE_ITEMS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square
 from tests.integration.hovering import V, hovering
 
@@ -85,10 +85,10 @@ def test_a_fence_comes_back_as_it_went_in(r: Range) -> None:
         east, north = r.origin.enu_of(message.x * 1e-7, message.y * 1e-7)
         assert (east, north) == (pytest.approx(item[3], abs=0.02), pytest.approx(item[4], abs=0.02))
     assert r.events("event.fence")[0].data["items"] == len(items)
-    zone = r.engines[0]._fleet.zones[0]
+    zone = r.engines[0]._fleet.fence_zones[0]
     assert zone["count"] == 4
     assert zone["kind"][:4].tolist() == [1, 4, 2, 3]
-    assert zone["tightest"] == 80.25
+    assert zone["min_circle_radius"] == 80.25
 
 
 @pytest.mark.parametrize(

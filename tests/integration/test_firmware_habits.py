@@ -9,8 +9,8 @@ import pytest
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.parameters import hover_throttle
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.parameters.table import hover_throttle
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 from tests.integration.flight_harness import Range, land, speed, start, takeoff, waypoint
 from tests.integration.hovering import V, hovering, put

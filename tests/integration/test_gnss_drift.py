@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.codec import rid_link
 from skyrange.codec.f3411 import Location, MessagePack, decode
+from skyrange.codec.remote_id import link_payload
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.scenario.catalogue import load
-from skyrange.study.pair_folder import Pair
+from skyrange.scenario.shipped import load
+from skyrange.study.measures.time_series import Track, belief_tracks, truth_tracks
 from skyrange.study.pairing import pair
-from skyrange.study.report import believing
-from skyrange.study.series import Track, belief_tracks, truth_tracks
+from skyrange.study.report.pair import belief
+from skyrange.study.twins.pair_folder import Pair
 
 ME = "blue/b1"
 ONSET_NS = 25 * NS_PER_S
@@ -63,7 +63,7 @@ def test_the_aircraft_leaves_its_line_and_believes_to_keep_it(made: Pair) -> Non
     events = rows(attacked, "events")
     assert any(row["kind"] == "event.collision" and row["about"] == ME for row in events)
     assert not [row for row in events if row["kind"] in ("event.glitch", "event.estimator")]
-    worst = {name: ratios.max() for name, (_, ratios) in believing.innovations(attacked, [ME]).items()}
+    worst = {name: ratios.max() for name, (_, ratios) in belief.innovations(attacked, [ME]).items()}
     assert worst[ME] < 0.5, "no innovation comes near its gate"
     assert rows(nominal, "labels") == []
 
@@ -77,7 +77,7 @@ def test_what_it_broadcasts_is_what_it_believes(made: Pair) -> None:
     for frame in attacked.frames_with_payloads():
         if frame.link != f"rid_up:{ME}" or not ONSET_NS + 30 * NS_PER_S < frame.sent_ns < BEFORE_THE_WALL_NS:
             continue
-        message = decode(rid_link.unpack(frame.payload)[1])
+        message = decode(link_payload.unpack(frame.payload)[1])
         parts = message.messages if isinstance(message, MessagePack) else [message]
         said += [
             (origin.enu_of(part.lat_deg, part.lon_deg)[0], east_m(truth, frame.sent_ns))

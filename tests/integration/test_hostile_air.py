@@ -12,22 +12,23 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.settings import Params
-from skyrange.agent.verdicts import Inject, Verdict
-from skyrange.attack.contract import ORACLE, Attack, AttackKind, Setting
+from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import Broadcaster, transmitter, up_link
-from skyrange.codec import f3411, noise_link, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec.remote_id import link_payload, noise_request
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts import plugins
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.params import Params
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.load import load_text
-from skyrange.study.session import fly
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.runs import fly
 from tests.integration.twin_range import heard, plain
 
 B1, B2 = "blue/b1", "blue/b2"
@@ -38,7 +39,7 @@ LAT, LON = 40.7780, -73.9550
 def garbage(count: int, seed: int = 1) -> list[bytes]:
     """Bytes of many kinds: none, random, cut short, of other magic, with false sizes, giant; and bodies of noise."""
     chance = random.Random(seed)
-    whole = rid_link.pack(RidHeader(Transport.WIFI_BEACON), f3411.encode(BasicId(IdType.NONE, UaType.NONE, "x")))
+    whole = link_payload.pack(RidHeader(Transport.WIFI_BEACON), f3411.encode(BasicId(IdType.NONE, UaType.NONE, "x")))
     found = []
     for k in range(count):
         size = chance.choice((0, 1, 23, 24, 25, 49, 200, 300, 5_000))
@@ -52,9 +53,11 @@ def garbage(count: int, seed: int = 1) -> list[bytes]:
                 bytes((chance.randrange(256),)) + whole[1:],
                 whole[:12] + struct.pack("<H", chance.randrange(65_536)) + whole[14:],
                 whole + b"\xff" * chance.choice((1, 65_000, 1_000_000)),
-                rid_link.pack(RidHeader(chance.choice(list(Transport)), chance.randrange(256), time_ns=-5), body),
-                rid_link.pack(RidHeader(chance.choice(list(Transport)), rssi_cdbm=7), pack),
-                noise_link.pack(noise_link.Burst(chance.randrange(-32768, 32768), 2**32 - 1, 1, 2**32 - 1, -1)),
+                link_payload.pack(RidHeader(chance.choice(list(Transport)), chance.randrange(256), time_ns=-5), body),
+                link_payload.pack(RidHeader(chance.choice(list(Transport)), rssi_cdbm=7), pack),
+                noise_request.pack(
+                    noise_request.NoiseRequest(chance.randrange(-32768, 32768), 2**32 - 1, 1, 2**32 - 1, -1)
+                ),
                 bytes((0x1E,)) + chance.randbytes(23),
             ][k % 9]
         )
@@ -99,12 +102,12 @@ class Babble:
 def babbling(payloads: Sequence[bytes]) -> Iterator[None]:
     """An attack kind whose radio is told to send these."""
 
-    def make(params: Params, setting: Setting) -> Attack:
-        agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), Babble(payloads))
-        return Attack(agents=[agent], links=[up_link(setting)], radios=[transmitter(setting, (30.0, 30.0, 2.0), 20.0)])
+    def make(params: Params, context: AttackContext) -> Attack:
+        agent = Broadcaster(context.radio, Port(context.radio, context.up), Babble(payloads))
+        return Attack(agents=[agent], links=[up_link(context)], radios=[transmitter(context, (30.0, 30.0, 2.0), 20.0)])
 
     before = dict(plugins._registered)
-    plugins.register(plugins.ATTACKS, KIND, AttackKind(Params, make, "Babbles."))
+    plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Params, make, "Babbles."))
     try:
         yield
     finally:
@@ -157,7 +160,7 @@ def test_bodies_of_noise_are_heard_and_counted_by_those_who_hear_them(tmp_path: 
     completes(record)
     found = heard(record, 5, 30)
     down = [frame.payload for frame in record.frames_with_payloads() if frame.link == f"rid_down:{B1}"]
-    broken = sum(not readable(rid_link.unpack(payload).body) for payload in down)
+    broken = sum(not readable(link_payload.unpack(payload).body) for payload in down)
     assert broken > 100
     # noted at powers of two: the last count is within a factor of two of all
     assert broken / 2 < counts(record, "event.bad_frame", B1)[-1]["count"] <= broken
@@ -212,13 +215,13 @@ def test_garbage_on_the_companions_links_is_survived_and_counted(kind: str, tmp_
 def test_what_cannot_be_reaches_the_application_decoded_and_flagged(tmp_path: Path) -> None:
     """Latitude 95°, a reserved status, 254.25 m/s: heard by all, flagged, and nobody turns away or falls."""
     bodies = forged()
-    flags = {name: f3411.faults(f3411.decode(body)) for name, body in bodies.items()}
+    flags = {name: f3411.deviations(f3411.decode(body)) for name, body in bodies.items()}
     assert all(flags.values()), flags
     said = {name: f3411.decode(body) for name, body in bodies.items()}
     assert (said["lat"].lat_deg, said["status"].status, said["speed"].speed_mps) == (95.0, 9, 254.25)  # type: ignore[union-attr]
     who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, "LIAR")
     frames = [
-        rid_link.pack(RidHeader(Transport.WIFI_BEACON, address=bytes((2, 0, 0, 0, 0, k))), pack_of(who, body))
+        link_payload.pack(RidHeader(Transport.WIFI_BEACON, address=bytes((2, 0, 0, 0, 0, k))), pack_of(who, body))
         for k, body in enumerate(bodies.values())
     ]
     with babbling(frames):

@@ -26,8 +26,8 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.install import ardupilot as installing
 from skyrange.install import download as downloading
 from skyrange.install.ardupilot import DEFAULT_VERSION, VARIABLE, install
-from skyrange.vehicle.ardupilot import binary as binary_module
-from skyrange.vehicle.ardupilot.binary import OPTIONS, data_folder, find
+from skyrange.vehicle.ardupilot.program import arducopter_binary
+from skyrange.vehicle.ardupilot.program.arducopter_binary import REQUIRED_OPTIONS, data_folder, find_binary
 from tests.tiers import needs
 from tests.unit.made_up_binaries import AARCH64, elf, firmware, program
 
@@ -39,7 +39,7 @@ pytestmark = [
     ),
 ]
 
-HELP = b"Options:\n" + b"".join(b"\t%s X   do it\n" % option.encode() for option in OPTIONS)
+HELP = b"Options:\n" + b"".join(b"\t%s X   do it\n" % option.encode() for option in REQUIRED_OPTIONS)
 PAD = bytes(300_000)
 
 
@@ -88,7 +88,7 @@ def server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[type[Ser
     monkeypatch.setattr(Server, "files", {path_of(DEFAULT_VERSION): copter()})
     monkeypatch.setattr(Server, "manner", "")
     monkeypatch.setattr(Server, "over", threading.Event())
-    monkeypatch.delenv(binary_module.VARIABLE, raising=False)
+    monkeypatch.delenv(arducopter_binary.VARIABLE, raising=False)
     monkeypatch.setenv("PATH", str(tmp_path / "bin"))
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     monkeypatch.setenv("no_proxy", "*")
@@ -128,7 +128,7 @@ def test_a_download_is_checked_put_away_and_found(server: type[Server], tmp_path
     assert os.access(made.binary.path, os.X_OK)
     assert made.binary.sha256 == hashlib.sha256(data).hexdigest()
     assert made.origin.endswith(path_of(DEFAULT_VERSION))
-    assert find() == made.binary
+    assert find_binary() == made.binary
     assert len(told) > 2
     assert told[-1] == (len(data), len(data))
     assert install().binary == made.binary  # once more, over itself
@@ -148,7 +148,7 @@ def test_another_version_stands_beside(server: type[Server], tmp_path: Path) -> 
     for spelling in ("4.6.3", "v4.6.3", "stable-4.6.3"):
         assert install(spelling).binary.version == "4.6.3"
     assert len(left(tmp_path)) == 2
-    assert find().version == DEFAULT_VERSION
+    assert find_binary().version == DEFAULT_VERSION
 
 
 def test_the_command_says_what_it_did(
@@ -156,8 +156,8 @@ def test_the_command_says_what_it_did(
 ) -> None:
     assert run(monkeypatch, "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["version"], told["path"]) == (DEFAULT_VERSION, str(find().path))
-    assert (told["sha256"], told["from"]) == (find().sha256, os.environ[VARIABLE] + path_of(DEFAULT_VERSION)[8:])
+    assert (told["version"], told["path"]) == (DEFAULT_VERSION, str(find_binary().path))
+    assert (told["sha256"], told["from"]) == (find_binary().sha256, os.environ[VARIABLE] + path_of(DEFAULT_VERSION)[8:])
     given = tmp_path / "given"
     given.write_bytes(copter("4.6.3"))  # no exec bit, as a browser leaves it
     assert run(monkeypatch, "--from", str(given)) == 0
@@ -228,7 +228,7 @@ def test_a_broken_transfer_leaves_nothing_and_what_was_there(
         install()
     assert "--from FILE" in str(caught.value)
     assert left(tmp_path) == [f"skyrange/ardupilot/{DEFAULT_VERSION}/arducopter"]
-    assert find() == before
+    assert find_binary() == before
 
 
 def test_a_cut_off_transfer_of_unknown_length_is_noticed(
@@ -419,7 +419,7 @@ def test_the_doctor_says_what_was_found(server: type[Server], tmp_path: Path, mo
     wrong = tmp_path / "wrong"
     wrong.write_bytes(program(b"", firmware(), code=1))
     wrong.chmod(0o755)
-    monkeypatch.setenv(binary_module.VARIABLE, str(wrong))
+    monkeypatch.setenv(arducopter_binary.VARIABLE, str(wrong))
     bad = _ardupilot()
     assert (bad.ok, bad.optional) == (False, True)
     assert "does not run" in bad.found
@@ -430,7 +430,7 @@ def test_the_doctor_does_not_fail_for_what_is_optional(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from skyrange import doctor
-    from skyrange.cli import installation
+    from skyrange.cli.handlers import installation
 
     findings = [doctor.Finding("ardupilot", "none", False, "get it", optional=True)]
     monkeypatch.setattr(doctor, "examine", lambda: findings)

@@ -44,7 +44,7 @@ def ready(**params: float) -> Range:
 
 
 def current(r: Range) -> int:
-    return r.engines[0]._fleet.crafts[0].current
+    return r.engines[0]._fleet.vehicles[0].current
 
 
 def test_mode_27_flies_the_nearest_sequence_to_the_ground_shown_as_auto_rtl() -> None:
@@ -118,7 +118,7 @@ def test_a_start_without_a_place_stands_where_the_next_item_does() -> None:
     assert (
         r.upload(V, [takeoff(10), land_start(0, 60, 10), land(0, 60), nowhere, waypoint(0, 20, 10), land(0, 20)]) == 0
     )
-    slot = r.engines[0]._fleet.crafts[0].mission[4]
+    slot = r.engines[0]._fleet.vehicles[0].mission[4]
     slot.x = slot.y = 0  # the harness writes places as degrees
     assert r.command(V, A.MAV_CMD_DO_LAND_START) == OK
     assert current(r) == 5

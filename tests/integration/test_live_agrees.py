@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.scenario.catalogue import SHIPPED
+from skyrange.scenario.shipped import SHIPPED
 from tests.integration.live_agrees import FLIGHTS, TOLERANCE_S, Both, fly_both, virtual
 
 SQUARES = {"event.takeoff": 5, "event.item_reached": 10}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.codec import rid_link
+from skyrange.codec.remote_id import link_payload
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
 from tests.integration.live_programs import (
@@ -193,7 +193,7 @@ def test_tshark_reads_what_is_on_the_wire_and_what_was_exported(tmp_path: Path) 
     told = [row["udp.payload"] for row in read(record.path / "mavlink.pcapng", "udp", "udp.payload")]
     assert Counter(told) == Counter(frame.payload.hex() for frame in frames if frame.arrived_ns is not None)
     ups = [frame for frame in record.frames_with_payloads() if frame.link == "rid_up:blue/b1"]
-    given = {frame.serial: rid_link.unpack(frame.payload) for frame in ups}
+    given = {frame.serial: link_payload.unpack(frame.payload) for frame in ups}
     rows = [row for row in record.table("receptions").to_pylist() if row["outcome"] == "decoded"]
     broadcast = [given[row["serial"]] for row in rows]
     packets = read(record.path / "remote_id.pcapng", "frame", "frame.comment", "wlan.tag.vendor.data")

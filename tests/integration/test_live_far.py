@@ -16,8 +16,8 @@ import pytest
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
-from skyrange.record.renames import UNRECORDED
-from skyrange.runtime.live.tapping import NOTICED_NS
+from skyrange.record.live_merge.frame_ids import UNRECORDED
+from skyrange.runtime.live.taps.external_tap import NOTICED_NS
 from tests.integration.live_machines import (
     ADDRESSES,
     AHEAD_S,

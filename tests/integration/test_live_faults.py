@@ -11,21 +11,21 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.time import NS_PER_S
-from skyrange.record.run import RunRecord
-from tests.integration.live_faults import FAULTS, Fault, Harmed, VirtualHarmed, gap_s, harm_virtual, rows_of
+from skyrange.record.read.run import RunRecord
+from tests.integration.live_faults import FAULTS, Harmed, LiveFault, VirtualHarmed, gap_s, harm_virtual, rows_of
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "live-faults.md"
 COMMITTED = rows_of(PAGE.read_text())
 
 
-def made(name: str, folder: Path) -> tuple[Fault, VirtualHarmed, RunRecord]:
+def made(name: str, folder: Path) -> tuple[LiveFault, VirtualHarmed, RunRecord]:
     fault = next(one for one in FAULTS if one.name == name)
     harmed, record = harm_virtual(fault, folder)
     assert_rows(fault, harmed, record)
     return fault, harmed, record
 
 
-def assert_rows(fault: Fault, harmed: Harmed, record: RunRecord) -> None:
+def assert_rows(fault: LiveFault, harmed: Harmed, record: RunRecord) -> None:
     """What happened is what the table says."""
     rows = fault.rows(record, harmed)
     assert rows == [row for row in COMMITTED if row.fault in {one.fault for one in rows}]

@@ -15,8 +15,8 @@ import pytest
 import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from skyrange.record.run import RunRecord
-from skyrange.runtime.live.orders import NodeConfig
+from skyrange.record.read.run import RunRecord
+from skyrange.runtime.live.config import NodeConfig
 from tests.integration.live_faults import RealHarmed
 from tests.integration.live_programs import nodes
 

@@ -12,14 +12,14 @@ import pytest
 
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.core.time import NS_PER_S
-from skyrange.io.curve_keys import Keys, load_member, load_range, make_range_keys
+from skyrange.io.zeromq.curve_keys import Keys, load_member, load_range, make_range_keys
 from skyrange.record import load
-from skyrange.record.renames import UNRECORDED
-from skyrange.runtime.live.host import SILENT_S, serve_range
+from skyrange.record.live_merge.frame_ids import UNRECORDED
+from skyrange.runtime.live.node.host_agent import SILENT_S, serve_range
 from skyrange.runtime.live.range import CONTROL_PORT
-from skyrange.runtime.live.supervisor import JOIN_S
-from skyrange.runtime.live.tap import Tapping
-from skyrange.runtime.live.tapping import Terms
+from skyrange.runtime.live.supervisor.supervisor import JOIN_S
+from skyrange.runtime.live.taps.external_tap import TapTerms
+from skyrange.runtime.live.taps.tap_process import TapProcess
 from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S, VirtualFlight, fly_virtual, prepared
 from tests.integration.test_live_taps_virtual import Tool
@@ -206,13 +206,13 @@ def test_three_machines_with_a_tap_and_a_process_killed_and_started_anew(tmp_pat
     lab = Lab(tmp_path, 40.0, more, "lab2", "lab3")
     link, lost = "log:blue/b1", "blue/b1.companion"
     drops = Tool(lambda frame: {"do": "drop" if frame["id"] % 50 == 0 else "pass"})
-    taps: list[Tapping] = []
+    taps: list[TapProcess] = []
 
     async def meddle(flight: VirtualFlight) -> None:
         await flight.reach(0.5)
         root = lab.root(THIRD)
         machine = lab.system.machine(THIRD)
-        tapping = Tapping(Terms(link=link), ("127.0.0.1", 0), root, 60.0, machine.clock)
+        tapping = TapProcess(TapTerms(link=link), ("127.0.0.1", 0), root, 60.0, machine.clock)
         taps.append(tapping)
         words: list[str] = []
 

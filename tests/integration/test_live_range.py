@@ -18,7 +18,7 @@ from pymavlink import mavutil
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
-from skyrange.study.session import run
+from skyrange.study.runs import run
 from tests.integration.live_agrees import fly_both
 from tests.integration.live_programs import MAIN, killed_after, nodes, until
 from tests.integration.test_live_agrees import SQUARES, assert_agrees

@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.runtime.live.tap import Tapping
-from skyrange.runtime.live.tapping import Terms
+from skyrange.runtime.live.taps.external_tap import TapTerms
+from skyrange.runtime.live.taps.tap_process import TapProcess
 from skyrange.testing.live import VirtualProcess
 from tests.integration.live_programs import ONE_AIRCRAFT, kinds
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
@@ -72,10 +72,10 @@ def meddle_with_orders() -> Callable[[Line], Line]:
 
 async def tapped(
     flight: VirtualFlight, tool: Tool | None, **terms: Any
-) -> tuple[Tapping, VirtualProcess, VirtualProcess | None]:
+) -> tuple[TapProcess, VirtualProcess, VirtualProcess | None]:
     """A tap process on `LINK` and a program at it."""
     system = flight.system
-    tapping = Tapping(Terms(link=LINK, **terms), ("127.0.0.1", 0), flight.folder, 60.0, system.clock)
+    tapping = TapProcess(TapTerms(link=LINK, **terms), ("127.0.0.1", 0), flight.folder, 60.0, system.clock)
     words: list[str] = []
 
     async def relay() -> int:
@@ -98,7 +98,7 @@ def events(record: RunRecord, kind: str) -> list[tuple[int, Line]]:
 
 def test_a_program_delays_and_alters_commands_and_dies(tmp_path: Path) -> None:
     tool = Tool(meddle_with_orders())
-    taps: list[Tapping] = []
+    taps: list[TapProcess] = []
 
     async def meddle(flight: VirtualFlight) -> None:
         tapping, _, program = await tapped(flight, tool)
@@ -184,7 +184,7 @@ def test_a_tap_process_that_is_killed_gives_the_link_back_and_another_takes_its_
         _, process, _ = await tapped(flight, first)
         await flight.reach(3.0)
         with pytest.raises(InputError, match="tapped already"):
-            await Tapping(Terms(link=LINK), ("127.0.0.1", 0), flight.folder, 5.0).relay(print)
+            await TapProcess(TapTerms(link=LINK), ("127.0.0.1", 0), flight.folder, 5.0).relay(print)
         process.kill()
         await flight.reach(6.0)
         beat = mavlink.MAVLink(None, 255).heartbeat_encode(6, 8, 0, 0, 4).pack(mavlink.MAVLink(None, 255)).hex()
@@ -210,7 +210,9 @@ def test_a_link_within_a_process_cannot_be_tapped(tmp_path: Path) -> None:
     async def meddle(flight: VirtualFlight) -> None:
         await flight.reach(1.0)
         with pytest.raises(InputError, match="--group component"):
-            await Tapping(Terms(link=LINK), ("127.0.0.1", 0), flight.folder, 5.0, flight.system.clock).relay(print)
+            await TapProcess(TapTerms(link=LINK), ("127.0.0.1", 0), flight.folder, 5.0, flight.system.clock).relay(
+                print
+            )
 
     fly_virtual(prepared(ONE_AIRCRAFT.format(seconds=3), tmp_path, group="one"), meddle)
 
@@ -219,7 +221,9 @@ def test_a_tap_waits_for_its_range_and_no_longer(tmp_path: Path) -> None:
     async def meddle(flight: VirtualFlight) -> None:
         began = asyncio.get_running_loop().time()
         with pytest.raises(InputError, match="a live range that flies"):
-            await Tapping(Terms(link=LINK), ("127.0.0.1", 0), tmp_path / "none", 5.0, flight.system.clock).relay(print)
+            await TapProcess(TapTerms(link=LINK), ("127.0.0.1", 0), tmp_path / "none", 5.0, flight.system.clock).relay(
+                print
+            )
         assert 5.0 <= asyncio.get_running_loop().time() - began < 5.3
 
     fly_virtual(prepared(ONE_AIRCRAFT.format(seconds=6), tmp_path), meddle)

@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.verdicts import Drop, Verdict
 from skyrange.codec.mavlink import dialect
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds
 from skyrange.record import RunRecord
 from skyrange.record import load as load_run
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.schema import Scenario
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load
+from skyrange.study.runs import fly
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import RELATIVE, Item, Range, jump, land, speed, start, takeoff, waypoint
 from tests.integration.hovering import beat, modes, put, texts
 

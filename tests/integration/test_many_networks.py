@@ -11,7 +11,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.gcs.station import GroundStation
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.schema import Fleet, Operator, Scenario, path
+from skyrange.scenario.model.scenario import Fleet, Operator, Scenario, path
 
 COUNT = 600
 HOP = path([(0, 0)], 2, end="land")
@@ -36,12 +36,12 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
 
 
 def station(run: Run) -> GroundStation:
-    [found] = [agent for agent in run.rig.wiring.agents if isinstance(agent, GroundStation)]
+    [found] = [agent for agent in run.built.wiring.agents if isinstance(agent, GroundStation)]
     return found
 
 
 def test_three_networks_share_the_system_ids(flown: tuple[Run, Path]) -> None:
-    rows = flown[0].rig.header["vehicles"]
+    rows = flown[0].built.header["vehicles"]
     assert Counter(row["network"] for row in rows) == {0: 250, 1: 250, 2: 100}
     assert len({(row["network"], row["system_id"]) for row in rows}) == COUNT
     assert max(row["system_id"] for row in rows) == 250
@@ -50,8 +50,8 @@ def test_three_networks_share_the_system_ids(flown: tuple[Run, Path]) -> None:
 def test_one_station_tells_all_of_them_apart(flown: tuple[Run, Path]) -> None:
     run, folder = flown
     gcs = station(run)
-    origin = run.rig.scenario.origin.datum
-    for row in run.rig.header["vehicles"]:
+    origin = run.built.scenario.origin.datum
+    for row in run.built.header["vehicles"]:
         place = gcs.latest(row["id"], dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
         east_m, north_m = origin.enu_of(float(place["lat"]) * 1e-7, float(place["lon"]) * 1e-7)
         # neighbours stand 12 m apart; a GNSS fix on the ground is nearer than a quarter of that

@@ -10,9 +10,9 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.mission_fittings import FITTINGS
-from skyrange.vehicle.builtin.mission_kinds import NAMES, SUPPORTED
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.mission.command_ids import COMMAND_NAMES, SUPPORTED
+from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, jump, rtl, speed, start, takeoff, waypoint
 
 V = "blue/b1"
@@ -77,7 +77,7 @@ def test_a_waypoint_that_is_there_already_is_reached_once_a_second(r: Range) -> 
 
 
 def test_every_item_has_a_name() -> None:
-    assert set(NAMES) == SUPPORTED - {A.MAV_CMD_DO_JUMP}
+    assert set(COMMAND_NAMES) == SUPPORTED - {A.MAV_CMD_DO_JUMP}
 
 
 def test_a_survey_with_a_camera_that_is_not_there(r: Range) -> None:
@@ -97,7 +97,7 @@ def test_a_survey_with_a_camera_that_is_not_there(r: Range) -> None:
         "Mission: 4 FenceEnable",
     ]  # fmt: skip
     assert [m.seq for m in r.heard("MISSION_ITEM_REACHED")] == [1, 4, 5]
-    assert r.engines[0]._fleet.boundary["enabled"][0] != 0
+    assert r.engines[0]._fleet.fence["enabled"][0] != 0
 
 
 def test_frames_are_read_back_by_their_datum(r: Range) -> None:
@@ -180,6 +180,6 @@ def test_channels_are_told_at_rest_and_overridden(r: Range) -> None:
 
 
 def test_whole_numbers_of_fittings_stay_in_their_bytes() -> None:
-    for command, kinds in FITTINGS.items():
+    for command, kinds in DEVICE_COMMANDS.items():
         assert len(kinds) == 7, command
         assert set(kinds) <= set("BbHhf-"), command

@@ -13,9 +13,9 @@ WATCHED = """
 import sys
 from numba.core.dispatcher import Dispatcher
 from skyrange.kernel import Kernel
-from skyrange.runtime.warm import warm_up
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.wire import wire
+from skyrange.runtime.warm_up import warm_up
+from skyrange.scenario.shipped import load
+from skyrange.assembly.build import build
 
 def known():
     modules = [module for name, module in sys.modules.items() if name.startswith("skyrange")]
@@ -29,7 +29,7 @@ def known():
 scenario = load(sys.argv[1])
 warm_up(scenario)
 before = known()
-Kernel(wire(scenario).wiring).advance(round(float(sys.argv[2]) * 1e9))
+Kernel(build(scenario).wiring).advance(round(float(sys.argv[2]) * 1e9))
 print(len(before), *sorted(known() - before), sep="\\n")
 """
 

@@ -16,16 +16,17 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.verdicts import Drop, Pass, Verdict
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.mavlink import decode, dialect, message_id
-from skyrange.codec.open_drone_id import from_mavlink
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.open_drone_id import from_mavlink
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.verdicts import Drop, Pass, Verdict
 from skyrange.core.time import GPS_LEAP_S, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.load import build
-from skyrange.study.session import fly
+from skyrange.scenario.toml_reader import load_data
+from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 
 KINDS = ["builtin", pytest.param("ardupilot", marks=needs_arducopter)]
@@ -66,7 +67,7 @@ def scenario(kind: str, ids: Sequence[str], **changes: Any) -> Any:
         }
         for number, id_ in enumerate(ids)
     ]
-    return build(
+    return load_data(
         {
             "name": "did",
             "seed": 3,
@@ -130,7 +131,7 @@ def test_what_the_autopilot_says_of_itself_is_broadcast(kind: str) -> None:
     for frame in record.frames_with_payloads():
         if frame.link != f"rid_up:{GOOD}" or frame.sent_ns < 2 * NS_PER_S:
             continue
-        pack = f3411.decode(rid_link.unpack(frame.payload).body)
+        pack = f3411.decode(link_payload.unpack(frame.payload).body)
         assert isinstance(pack, f3411.MessagePack)
         (location,) = (part for part in pack.messages if isinstance(part, f3411.Location))
         last = [message for at, message in own if at <= frame.sent_ns][-1]

@@ -10,8 +10,8 @@ import pytest
 from skyrange.codec.f3411 import values
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import GPS_LEAP_S, NS_PER_S
-from skyrange.vehicle.builtin.telemetry.table import message as told
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.telemetry.table import build_message as told
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 from tests.integration.hovering import V
 
@@ -98,10 +98,10 @@ def test_emergencies_are_a_crash_and_no_fix_while_armed() -> None:
     r = ranged(DID_ENABLE=1)
     r.take_off(V, 10.0)
     fleet = r.engines[0]._fleet
-    craft = fleet.crafts[0]
+    vehicle = fleet.vehicles[0]
 
     def now() -> Any:
-        return told(fleet, craft, NUMBER)
+        return told(fleet, vehicle, NUMBER)
 
     assert now().status == dialect.MAV_ODID_STATUS_AIRBORNE
     fleet.estimate["gnss_fix"][0] = 1
@@ -109,5 +109,5 @@ def test_emergencies_are_a_crash_and_no_fix_while_armed() -> None:
     assert (now().timestamp, now().direction) == (65_535.0, 36_100)
     fleet.settings["DID_OPTIONS"][0] = 2  # AllowNonGPSPosition
     assert now().status == dialect.MAV_ODID_STATUS_AIRBORNE
-    fleet.watch["crashed"][0] = 1
+    fleet.checks["crashed"][0] = 1
     assert now().status == dialect.MAV_ODID_STATUS_EMERGENCY

@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.links import TapPlacement
-from skyrange.attack.contract import Attack, AttackKind, Setting
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.cli.app import app
+from skyrange.contracts.links import TapPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.record import RunRecord, load
-from skyrange.scenario.load import load_text
-from skyrange.study.diff import diff
-from skyrange.study.pair_folder import Pair, load_pair
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
-from skyrange.study.parallel import fly_all
+from skyrange.study.parallel_runs import run_all
+from skyrange.study.twins.pair_folder import Pair, load_pair
 from tests.hostile_kind import KIND, Homeward, Orders, offered, scenario
 from tests.hostile_kind import make as make_homeward
 
@@ -132,7 +132,7 @@ def test_the_folder_opens_again_and_has_its_page(made: Pair) -> None:
 def test_the_muted_arm_is_the_scenario_without_its_attack(made: Pair, tmp_path: Path) -> None:
     text = scenario(ONSET_S, 22.0)
     bare = load_text(text[: text.index("[[attacks]]")])
-    (flown,) = fly_all([(bare, tmp_path / "bare")], report=False)
+    (flown,) = run_all([(bare, tmp_path / "bare")], report=False)
     assert flown == (0, "")
     assert load(tmp_path / "bare").manifest["digests"] == made.run("nominal").manifest["digests"]
 
@@ -176,8 +176,8 @@ class Failing(Orders):
         return super().on_wakeup(now)
 
 
-def broken(params: Homeward, setting: Setting) -> Attack:
-    (placement,) = make_homeward(params, setting).taps
+def broken(params: Homeward, context: AttackContext) -> Attack:
+    (placement,) = make_homeward(params, context).taps
 
     def tap(link: str) -> Failing:
         one = placement.make(link)
@@ -187,10 +187,10 @@ def broken(params: Homeward, setting: Setting) -> Attack:
 
 
 def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from skyrange.agent import plugins
+    from skyrange.contracts import plugins
 
     monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
-    plugins.register(plugins.ATTACKS, KIND, AttackKind(Homeward, broken, "Breaks."))
+    plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Homeward, broken, "Breaks."))
     with pytest.raises(ComponentError, match=r"run (nominal|attacked|sham), seed 4"):
         pair(load_text(scenario(2.0, 6.0)), tmp_path / "out", sham=True, jobs=2)
     manifest = json.loads((tmp_path / "out" / "pair.json").read_text())

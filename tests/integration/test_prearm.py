@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin import prearm
-from skyrange.vehicle.builtin.arming import arm
+from skyrange.vehicle.builtin.arming import prearm
+from skyrange.vehicle.builtin.arming.arming import arm
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, land, square, takeoff, waypoint
 from tests.integration.hovering import V, believe, put, standing, texts
 
@@ -72,7 +72,7 @@ def test_leaning() -> None:
     r = guided()
     fleet: Fleet = r.engines[0]._fleet
     believe(r, roll=0.6)  # until the next tick
-    assert not arm(fleet, fleet.crafts[0], True, ())
+    assert not arm(fleet, fleet.vehicles[0], True, ())
     sent = b"".join(payload for _, payload, _ in fleet.outbox.departures)
     assert b"Arm: Leaning" in sent
 
@@ -170,7 +170,7 @@ def test_auto_needs_a_mission() -> None:
 
 
 def ok(r: Range) -> bool:
-    return bool(r.engines[0]._fleet.watch["prearm_ok"][0])
+    return bool(r.engines[0]._fleet.checks["prearm_ok"][0])
 
 
 def test_what_fails_from_boot_is_told_every_30_s() -> None:
@@ -218,7 +218,7 @@ def test_options_keep_it_quiet_and_in_flight_nothing_is_checked() -> None:
 
 
 def test_the_table_takes_another_check(monkeypatch: pytest.MonkeyPatch) -> None:
-    def identified(fleet: Fleet, seen: prearm.View) -> list[prearm.Reason]:
+    def identified(fleet: Fleet, seen: prearm.CheckInputs) -> list[prearm.Failure]:
         return [(np.ones(seen.rows.size, dtype=bool), "OpenDroneID: not identified")]
 
     monkeypatch.setattr(prearm, "CHECKS", [*prearm.CHECKS, identified])
@@ -229,5 +229,5 @@ def test_each_aircraft_is_checked_by_its_own_row() -> None:
     specs = [VehicleSpec(f"blue/b{i}", i, params={"BATT_LOW_VOLT": 13.0 if i == 2 else 10.5}) for i in (1, 2, 3)]
     r = Range(specs)
     r.run(31.5)
-    assert r.engines[0]._fleet.watch["prearm_ok"].tolist() == [1, 0, 1]
+    assert r.engines[0]._fleet.checks["prearm_ok"].tolist() == [1, 0, 1]
     assert {s.vehicle for s in r.said if s.message.get_type() == "STATUSTEXT"} == {"blue/b2"}

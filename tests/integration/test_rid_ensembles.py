@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
-from skyrange.study.pair_folder import load_pair
+from skyrange.study.twins.pair_folder import load_pair
 from tests.integration.twin_range import plain
 
 T_975_2 = 0.95 * math.sqrt(2 / (1 - 0.95**2))

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import SensorAct, Sensors
-from skyrange.agent.links import AttackPlan
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
+from skyrange.codec.remote_id import link_payload
+from skyrange.contracts.components import SensorAct, Sensors
+from skyrange.contracts.links import AttackPlan
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import RunRecord
-from skyrange.scenario.load import load_text
-from skyrange.study.pair_folder import Pair
+from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
-from skyrange.study.session import fly
+from skyrange.study.runs import fly
+from skyrange.study.twins.pair_folder import Pair
 from tests.integration.twin_range import heard, plain
 
 B1, B2 = "blue/b1", "blue/b2"
@@ -46,7 +47,7 @@ def on_air(record: RunRecord, vehicle: str) -> dict[str, list[int]]:
     times = defaultdict(list)
     for frame in record.frames_with_payloads():
         if frame.link == f"rid_up:{vehicle}" and frame.serial in ended:
-            for one in said(rid_link.unpack(frame.payload).body):
+            for one in said(link_payload.unpack(frame.payload).body):
                 times[type(one).__name__].append(ended[frame.serial])
     return {name: sorted(values) for name, values in times.items()}
 
@@ -170,14 +171,14 @@ def test_a_replay_is_heard_as_what_was_and_labelled(tmp_path: Path) -> None:
         assert (again.link, label["action"], label["attack"]) == ("rid_up:parrot", "send", "parrot")
         (cause,) = again.causes
         assert frames[cause].link == "rid_down:parrot"
-        old, new = rid_link.unpack(frames[cause].payload), rid_link.unpack(again.payload)
+        old, new = link_payload.unpack(frames[cause].payload), link_payload.unpack(again.payload)
         assert (old.body, old.header.address) == (new.body, new.header.address)
         assert again.sent_ns - frames[cause].arrived_ns == pytest.approx(8 * NS_PER_S, abs=2 * NS_PER_MS)  # type: ignore[operator]
     repeated = [f for f in frames.values() if f.link == f"rid_down:{B2}" and f.parent in hostile]
     assert len(repeated) > 12, "aircraft hear old places as if they were new"
     ages = []
     for frame in repeated:
-        location = next(one for one in said(rid_link.unpack(frame.payload).body) if isinstance(one, f3411.Location))
+        location = next(one for one in said(link_payload.unpack(frame.payload).body) if isinstance(one, f3411.Location))
         assert location.timestamp_s is not None
         ages.append((frame.sent_ns / NS_PER_S) - location.timestamp_s % 3600)  # the run starts at a full hour
     assert min(ages) > 7.9, "what is told is 8 s old"
@@ -240,7 +241,9 @@ def test_a_gnss_attack_is_broadcast_as_if_it_were_true(tmp_path: Path) -> None:
     for frame in record.frames_with_payloads():
         owner = frame.link.partition(":")[2]
         if frame.link.startswith("rid_up:") and frame.sent_ns > 5 * NS_PER_S:
-            location = next(one for one in said(rid_link.unpack(frame.payload).body) if isinstance(one, f3411.Location))
+            location = next(
+                one for one in said(link_payload.unpack(frame.payload).body) if isinstance(one, f3411.Location)
+            )
             east_m, north_m = ORIGIN.enu_of(location.lat_deg, location.lon_deg)  # type: ignore[arg-type]
             at = truth[owner, frame.sent_ns // (100 * NS_PER_MS) * 100 * NS_PER_MS]
             errors[owner].append((frame.sent_ns / NS_PER_S, float(np.hypot(east_m - at[0], north_m - at[1]))))

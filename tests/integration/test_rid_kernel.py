@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 
+from skyrange.assembly.build import BuiltScenario, build
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record import load
-from skyrange.record.memory import MemoryObserver
+from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.run import Run
-from skyrange.scenario.load import load_text
-from skyrange.scenario.wire import Rig, wire
-from skyrange.study.diff import diff
-from skyrange.study.session import fly
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.compare.exact import diff
+from skyrange.study.runs import fly
 from skyrange.vehicle.companion.companion import Companion
 from tests.integration.twin_range import plain
 
@@ -81,14 +81,14 @@ def test_a_fork_in_mid_flight_goes_on_alike(at_s: float, tmp_path: Path) -> None
             assert rows_of(tmp_path / name, table) == rows_of(tmp_path / "straight", table), table
 
 
-def kept(rig: Rig, wiring: Wiring) -> tuple[Any, ...]:
+def kept(built: BuiltScenario, wiring: Wiring) -> tuple[Any, ...]:
     """What a kernel makes of a wiring: digests, notes, labels and receptions."""
     observer = MemoryObserver()
     kernel = Kernel(wiring, [observer])
     kernel.advance(END_NS)
     kernel.finish()
-    assert rig.oracle is not None
-    found = rig.oracle.drain_receptions()
+    assert built.oracle is not None
+    found = built.oracle.drain_receptions()
     assert found is not None
     rows = found.rows
     names = [found.names[number] for number in rows.number.tolist()]
@@ -106,8 +106,8 @@ def kept(rig: Rig, wiring: Wiring) -> tuple[Any, ...]:
 
 
 def test_two_companions_do_what_one_does() -> None:
-    whole = wire(load_text(TEXT))
-    split = wire(load_text(TEXT))
+    whole = build(load_text(TEXT))
+    split = build(load_text(TEXT))
     (companion,) = [agent for agent in split.wiring.agents if isinstance(agent, Companion)]
     parts = [
         Companion(f"companion {spec.vehicle}", [spec], split.scenario.origin.datum, Chance(split.scenario.seed))
@@ -128,7 +128,7 @@ def about(note: str) -> str:
 
 
 def test_fused_routes_record_what_separate_ones_do() -> None:
-    fused, single = wire(load_text(TEXT)), wire(load_text(TEXT))
+    fused, single = build(load_text(TEXT)), build(load_text(TEXT))
     assert fused.wiring.fuse
     assert kept(fused, fused.wiring) == kept(single, replace(single.wiring, fuse=False))
 
@@ -152,7 +152,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from skyrange.runtime.run import Run
-from skyrange.scenario.load import load_text
+from skyrange.scenario.toml_reader import load_text
 run = Run.start(load_text(Path(sys.argv[2]).read_text()), Path(sys.argv[1]))
 run.execute(speed=8.0, on_progress=lambda now, end: print(now, flush=True))
 """

@@ -8,14 +8,15 @@ from typing import Any
 
 import pytest
 
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.mavlink import decode
+from skyrange.codec.remote_id import link_payload
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.scenario.load import load_text
-from skyrange.study.diff import diff
-from skyrange.study.pair_folder import Pair
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
+from skyrange.study.twins.pair_folder import Pair
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns
 
 EARS = FLEET.replace(
@@ -137,8 +138,8 @@ def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of
             assert (down.link, down.dst) == ("rid_down:green/g1", "green/g1.companion")
             assert down.parent in hostile
             assert frames[down.parent].link == "rid_up:ghost"
-            said = f3411.decode(rid_link.unpack(down.payload).body)
-            assert said == f3411.decode(rid_link.unpack(frames[down.parent].payload).body)
+            said = f3411.decode(link_payload.unpack(down.payload).body)
+            assert said == f3411.decode(link_payload.unpack(frames[down.parent].payload).body)
             assert (traced[cause]["origin"], traced[cause]["depth"]) == (down.parent, 1)
         found = told["decision.avoid", row["time_ns"], "green/g1"]
         assert (found["attack"], found["depth"]) == ("ghost", 2)

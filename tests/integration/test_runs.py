@@ -16,13 +16,13 @@ import pytest
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
-from skyrange.record.run import RunRecord
+from skyrange.record.read.run import RunRecord
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import SHIPPED
-from skyrange.scenario.catalogue import load as load_scenario
-from skyrange.scenario.schema import Sensors
-from skyrange.study.diff import diff
-from skyrange.study.session import fly, run
+from skyrange.scenario.model.scenario import Sensors
+from skyrange.scenario.shipped import SHIPPED
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.compare.exact import diff
+from skyrange.study.runs import fly, run
 from skyrange.study.summary import summary
 
 SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]
@@ -217,7 +217,7 @@ FULL = """
 import resource, signal, sys
 from pathlib import Path
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import load
+from skyrange.scenario.shipped import load
 run = Run.start(load("squares"), Path(sys.argv[1]))
 run.advance(2.0)  # so that compiled code, which is kept in files too, is there before the disk is full
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -258,7 +258,7 @@ def test_memory_is_bounded(tmp_path: Path) -> None:
 
 def test_engines_that_fail_leave_a_failed_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
-    (mount,) = started.rig.wiring.engines
+    (mount,) = started.built.wiring.engines
     finish = mount.engine.finish
 
     def faulty(tick: int, wall_deadline_s: float):
@@ -322,7 +322,7 @@ def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
-    (mount,) = started.rig.wiring.engines
+    (mount,) = started.built.wiring.engines
     monkeypatch.setattr(mount.engine, "begin", lambda *_: {}["nothing"])
     with pytest.raises(ComponentError, match=r"engine builtin: raised KeyError\('nothing'\) at 0.000000 s"):
         started.execute()

@@ -11,21 +11,21 @@ import pytest
 import shapely
 from typer.testing import CliRunner
 
+from skyrange.assembly.city import build_city
+from skyrange.assembly.placement.clear_placing import MARGIN_M, apply_placing
+from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.cli.app import app
-from skyrange.gcs.routes import enu_points
+from skyrange.gcs.plan.routes import enu_points
 from skyrange.record import RunRecord
 from skyrange.record import load as load_run
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.check import check
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.placing import MARGIN_M, placed
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.surroundings import build_city
-from skyrange.study.deviation import deviations_m
-from skyrange.study.series import Happening, happenings, truth_tracks, vehicles
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load
+from skyrange.study.measures.time_series import RecordedNote, read_notes, truth_tracks, vehicles
+from skyrange.study.measures.track_deviation import deviations_m
+from skyrange.study.measures.waypoints import received_waypoints
+from skyrange.study.runs import fly
 from skyrange.study.summary import summary
-from skyrange.study.waypoints import uploaded
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
@@ -34,8 +34,8 @@ def flown(folder: Path, name: str, *changes: str, **how) -> RunRecord:
     return fly(load(name, changes, **how), folder / "run", report=False)
 
 
-def of_kind(record: RunRecord, kind: str) -> list[Happening]:
-    return [row for row in happenings(record, "events") if row.kind == kind]
+def of_kind(record: RunRecord, kind: str) -> list[RecordedNote]:
+    return [row for row in read_notes(record, "events") if row.kind == kind]
 
 
 def all_complete(record: RunRecord) -> bool:
@@ -117,7 +117,7 @@ def legs_of(scenario: Scenario) -> list[list[tuple[shapely.Geometry, float, floa
     """Of each aircraft, its legs from above with their least and greatest height."""
     out = []
     for _, vehicle in scenario.fleet:
-        path = enu_points(flight_plan(scenario.origin.datum, vehicle))
+        path = enu_points(make_flight_plan(scenario.origin.datum, vehicle))
         out.append(
             [
                 (shapely.MultiPoint([a[:2], b[:2]]).convex_hull, min(a[2], b[2]), max(a[2], b[2]))
@@ -143,17 +143,17 @@ def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> No
         pytest.skip("the Upper East Side's buildings are not on this machine")
     scenario = load("city-fleet", changes, buildings=buildings)
     city = build_city(scenario)
-    after = placed(scenario, city)
+    after = apply_placing(scenario, city)
     assert len(list(after.fleet)) == (500 if changes else 48)
-    assert check(after, city) == []
+    assert check_starts(after, city) == []
     for _, vehicle in after.fleet:
-        path = enu_points(flight_plan(after.origin.datum, vehicle))
-        assert city.clear_of(path, MARGIN_M - 0.01), vehicle.id
+        path = enu_points(make_flight_plan(after.origin.datum, vehicle))
+        assert city.is_clear(path, MARGIN_M - 0.01), vehicle.id
         assert city.inside(vehicle.start.east_m, vehicle.start.north_m) is None
     if not changes:
         check_apart(after)
     if buildings is None:
-        assert after.operators == placed(scenario, None).operators  # its own downtown asks for no shift
+        assert after.operators == apply_placing(scenario, None).operators  # its own downtown asks for no shift
     west, south, east, north = city.bounds
     inside = [west < v.start.east_m < east and south < v.start.north_m < north for _, v in after.fleet]
     assert np.mean(inside) > 0.8  # over the city, not beside it
@@ -161,7 +161,7 @@ def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> No
 
 def deviation_m(record: RunRecord) -> dict[str, float]:
     """Root mean square distance from the planned track by operator."""
-    by_vehicle = deviations_m(vehicles(record), truth_tracks(record), uploaded(record))
+    by_vehicle = deviations_m(vehicles(record), truth_tracks(record), received_waypoints(record))
     squares: dict[str, list[float]] = {}
     for name, (_, away_m) in by_vehicle.items():
         squares.setdefault(name.split("/")[0], []).append(float((away_m**2).mean()))

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.links import AttackPlan, TapPlacement
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.signing import is_signed
+from skyrange.codec.mavlink.signing import is_signed
+from skyrange.contracts.links import AttackPlan, TapPlacement
 from skyrange.record import RunRecord
-from skyrange.scenario.load import build
-from skyrange.study.session import fly
+from skyrange.scenario.toml_reader import load_data
+from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 from tests.integration.test_signed_flights import LAND, Says, modes, notes, outcome
 
@@ -30,7 +30,7 @@ def scenario(signing: str, **changes: Any) -> Any:
         "plan": {"path": {"points": [[0.0, 10.0]], "alt_m": 3.0}, "speed_mps": 4.0},
         "params": {"SCHED_LOOP_RATE": 100},
     }
-    return build(
+    return load_data(
         {
             "name": "signed",
             "seed": 3,

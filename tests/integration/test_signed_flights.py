@@ -14,24 +14,24 @@ from typing import Any
 import pymavlink
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.plugins import AUTOPILOTS, NoParams, register
-from skyrange.agent.verdicts import Inject, Replace, Verdict
+from skyrange.assembly.build import build
+from skyrange.assembly.signing import passphrase
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.signing import Signer, SigningKey, secret_of, sign, timestamp_of
+from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame, signing_timestamp
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.plugins import AUTOPILOTS, NoParams, register
+from skyrange.contracts.verdicts import Inject, Replace, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.record import RunRecord
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import passphrase
-from skyrange.scenario.wire import wire
-from skyrange.study.export import mavlink
-from skyrange.study.session import fly
-from skyrange.vehicle.spec import AutopilotPlugin, VehicleSpec
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.captures.packet_captures import mavlink
+from skyrange.study.runs import fly
+from skyrange.vehicle.contract import AutopilotPlugin, VehicleSpec
 from tests.integration.flight_harness import EPOCH, Range
 from tests.tiers import needs_tshark
 
@@ -171,8 +171,8 @@ def test_an_injected_command_is_obeyed_without_signing(tmp_path: Path) -> None:
 
 
 def test_an_injected_command_is_refused_with_signing_and_the_record_names_it(signed: RunRecord, tmp_path: Path) -> None:
-    secret = secret_of(passphrase(5, "green"))
-    forged = sign(land_now(), secret, 0, 2**47)
+    secret = secret_from_passphrase(passphrase(5, "green"))
+    forged = sign_frame(land_now(), secret, 0, 2**47)
     record = flown(tmp_path / "run", scenario("on"), lambda: Says([land_now(), forged]))
     assert record.manifest["digests"]["truth"] == signed.manifest["digests"]["truth"]
     told = notes(record, "event.signature_refused")
@@ -256,7 +256,7 @@ class Signing(Packer):
 
 
 def test_an_aircraft_that_was_switched_off_and_on_believes_nothing_of_before() -> None:
-    key = SigningKey(secret_of("x"), timestamp_of(EPOCH.unix_ns))
+    key = SigningKey(secret_from_passphrase("x"), signing_timestamp(EPOCH.unix_ns))
     r = Range([VehicleSpec(V, 1, signing_key=key)])
     station = Signing(key)
     r.packers[V] = station
@@ -271,7 +271,7 @@ def test_an_aircraft_that_was_switched_off_and_on_believes_nothing_of_before() -
     (note,) = r.events("event.signature_refused")
     assert note.data["reason"] == "timestamp more than a minute behind"
     assert r.events("event.mode") == []
-    assert all(station.signer.refusal(frame) is None for frame in r.frames[V][heard:])
+    assert all(station.signer.check(frame) is None for frame in r.frames[V][heard:])
     r.send(V, guided)
     r.run(0.1)
     assert [note.data["mode"] for note in r.events("event.mode")] == ["GUIDED"]
@@ -281,7 +281,7 @@ def test_an_aircraft_that_was_switched_off_and_on_believes_nothing_of_before() -
 def test_an_autopilot_that_cannot_sign_is_named() -> None:
     register(AUTOPILOTS, "unsigned", AutopilotPlugin(NoParams, _unsigned, "Knows of no keys."))
     with pytest.raises(InputError, match=r"blue/b1\.autopilot.*unsigned.*signs its MAVLink"):
-        wire(scenario("on", autopilot="unsigned"))
+        build(scenario("on", autopilot="unsigned"))
     with pytest.raises(InputError, match=r"signing.*onn"):
         scenario("onn")
 

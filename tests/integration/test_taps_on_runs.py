@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.verdicts import Delay, Drop, Verdict
 from skyrange.codec.mavlink import message_name
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.verdicts import Delay, Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
 from skyrange.record import RunRecord
-from skyrange.scenario.catalogue import load
-from skyrange.study.session import fly
+from skyrange.scenario.shipped import load
+from skyrange.study.runs import fly
 
 
 @dataclass

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.codec import ble, pcapng, rid_capture, wifi
+from skyrange.codec.capture import pcapng, remote_id_packet
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, System, encode
-from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 from tests.tiers import needs_tshark
 
 TSHARK = shutil.which("tshark")
@@ -50,8 +51,10 @@ def read(capture: bytes, folder: Path, *fields: str) -> list[dict[str, str]]:
 
 @pytest.fixture(scope="module")
 def capture() -> bytes:
-    head = pcapng.head(rid_capture.INTERFACES)
-    return head + b"".join(rid_capture.packet(frame, START_UTC_NS, f"frame {row}") for row, frame in enumerate(SENT))
+    head = pcapng.file_header(remote_id_packet.INTERFACES)
+    return head + b"".join(
+        remote_id_packet.packet_block(frame, START_UTC_NS, f"frame {row}") for row, frame in enumerate(SENT)
+    )
 
 
 def test_wifi_frames(capture: bytes, tmp_path: Path) -> None:
@@ -101,11 +104,13 @@ def test_bluetooth_packets(capture: bytes, tmp_path: Path) -> None:
 
 def test_the_parts_that_only_announce(tmp_path: Path) -> None:
     extended = RidFrame(SENT[3].header, PACK)
-    first = pcapng.ble_phdr(38, -80.0, coded=True, auxiliary=False) + ble.pointer(extended, channel=20, offset_us=6000)
-    sync = pcapng.radiotap(149, 6.0, -55.0) + wifi.nan_sync_beacon(ADDRESS)
-    capture = pcapng.head(rid_capture.INTERFACES) + pcapng.packet(1, START_UTC_NS, first)
+    first = pcapng.ble_radio_header(38, -80.0, coded=True, auxiliary=False) + ble.encode_pointer(
+        extended, channel=20, offset_us=6000
+    )
+    sync = pcapng.radiotap_header(149, 6.0, -55.0) + wifi.encode_nan_sync_beacon(ADDRESS)
+    capture = pcapng.file_header(remote_id_packet.INTERFACES) + pcapng.packet_block(1, START_UTC_NS, first)
     pointer, beacon = read(
-        capture + pcapng.packet(0, START_UTC_NS, sync), tmp_path, "_ws.col.Protocol",
+        capture + pcapng.packet_block(0, START_UTC_NS, sync), tmp_path, "_ws.col.Protocol",
         "btle.extended_advertising_header.aux_pointer.channel", "btle.extended_advertising_header.aux_pointer.aux_phy",
         "btle.extended_advertising_header.aux_pointer.aux_offset", "nan.service_id",
         "wlan.fcs.status", "wlan.bssid",
@@ -123,12 +128,12 @@ def test_tshark_agrees_on_the_crc(flip: int, complaint: str, tmp_path: Path) -> 
 
     Only of the uncoded packet: tshark 4.0 counts the coding indicator of a coded one into its CRC.
     """
-    header = bytearray(pcapng.ble_phdr(37, -80.0, coded=False, auxiliary=False))
+    header = bytearray(pcapng.ble_radio_header(37, -80.0, coded=False, auxiliary=False))
     flags = struct.unpack_from("<H", header, 8)[0]
     struct.pack_into("<H", header, 8, flags & ~0x0C00)
-    packet = bytearray(ble.legacy(SENT[2]))
+    packet = bytearray(ble.encode_legacy(SENT[2]))
     packet[20] ^= flip
-    raw = pcapng.head(rid_capture.INTERFACES) + pcapng.packet(1, START_UTC_NS, bytes(header + packet))
+    raw = pcapng.file_header(remote_id_packet.INTERFACES) + pcapng.packet_block(1, START_UTC_NS, bytes(header + packet))
     assert read(raw, tmp_path, "_ws.expert.message")[0]["_ws.expert.message"] == complaint
 
 

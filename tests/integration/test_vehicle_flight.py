@@ -12,7 +12,7 @@ import pytest
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import (
     ORIGIN,
     Range,
@@ -70,7 +70,7 @@ def test_square_mission_from_upload_to_disarmed() -> None:
 def test_reached_items_quote_the_frames_that_wrote_them() -> None:
     r = one()
     r.upload(V, square(5, 5))
-    slots = [slot.causes for slot in r.engines[0]._fleet.crafts[0].mission]
+    slots = [slot.causes for slot in r.engines[0]._fleet.vehicles[0].mission]
     start(r, V)
     r.run_until(r.has("event.item_reached", 3), 60.0)
     for note in r.events("event.item_reached"):

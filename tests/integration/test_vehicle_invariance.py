@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
 
 A = dialect

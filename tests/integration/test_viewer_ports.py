@@ -11,8 +11,8 @@ from select import select
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.io.sitl import check_free
-from skyrange.io.viewing import MAX_VIEWERS, WAITING_BYTES, ViewerPorts
+from skyrange.io.ardupilot.sitl import check_free
+from skyrange.io.mavlink.viewer_ports import MAX_VIEWERS, WAITING_BYTES, ViewerPorts
 
 FRAME = 200
 
@@ -197,7 +197,7 @@ def test_ports_that_a_program_is_to_open_itself_are_tried_first() -> None:
         taken = holder.getsockname()[1]
         with pytest.raises(InputError) as caught:
             check_free([80, taken, 65_536], "open_port")
-    assert [fault.value for fault in caught.value.faults] == [
+    assert [fault.value for fault in caught.value.problems] == [
         "port 80",
         f"port {taken}: Address already in use",
         "port 65536",

@@ -15,18 +15,18 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from typer.testing import CliRunner
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.verdicts import Drop, Verdict
 from skyrange.cli.app import app
-from skyrange.cli.viewing import open_port_warning
+from skyrange.cli.output.viewer_notices import open_port_warning
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import Time, from_seconds
 from skyrange.record import RunRecord
 from skyrange.runtime.viewers import Viewers
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.schema import Scenario
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load
+from skyrange.study.runs import fly
 from tests.ardupilot import needs_arducopter
 from tests.integration.watched_range import ONE, alone, range_of
 
@@ -293,7 +293,7 @@ def test_watched_runs_are_paced_at_real_time_unless_told(
         raise InputError.one("test", "it", "ends", "here")
 
     monkeypatch.setattr("skyrange.runtime.viewers.Viewers", Ports)
-    monkeypatch.setattr("skyrange.study.session.fly", flown)
+    monkeypatch.setattr("skyrange.study.runs.fly", flown)
     CliRunner().invoke(app, ["run", "squares", *options])
     assert asked["speed"] == speed
     assert asked.get("first") == first

@@ -7,7 +7,7 @@ from typing import Any
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.scenario.catalogue import source_of
+from skyrange.scenario.shipped import source_of
 
 RID_SPOOFING = source_of("rid-spoofing").read_text(encoding="utf-8")
 FLEET = RID_SPOOFING[: RID_SPOOFING.index("[[attacks]]")]

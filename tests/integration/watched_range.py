@@ -10,10 +10,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 
-from skyrange.scenario.catalogue import source_of
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import source_of
+from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_writer import to_toml
 
 ONE = "blue/b1"
 START_S = 120.0

@@ -23,7 +23,7 @@ def main(folder: Path) -> None:
         if wind_mps == 0.0:
             print("### Light load\n", *tables.messages(parity, "blue/speed"), sep="\n", end="\n\n")
             print("### Operator load\n", *tables.messages(parity, f"green/{WATCHED}"), sep="\n", end="\n\n", flush=True)
-    print("\n## Sensors that err\n\n| measure | builtin | ArduPilot | difference |\n|---|---|---|---|")
+    print("\n## Real sensors\n\n| measure | builtin | ArduPilot | difference |\n|---|---|---|---|")
     builtin, ardupilot = hovered(folder / "hover")
     for name, value in ardupilot.items():
         print(f"| {name} | {builtin[name]:.3f} | {value:.3f} | {builtin[name] / value - 1.0:+.1%} |", flush=True)

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
-from skyrange.scenario.schema import Scenario
-from skyrange.study.parity import compare
-from skyrange.study.reactions import HOLD
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare.autopilot_parity import compare
+from skyrange.study.compare.gnss_reactions import HOLD
 
 COUNT = 24
 FROM_S, UNTIL_S = 50.0, 140.0

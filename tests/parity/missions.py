@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.verdicts import Drop, Verdict
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import Time, from_seconds
-from skyrange.scenario.schema import Scenario
-from skyrange.study.parity import Parity, compare, compare_rates
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare.autopilot_parity import Parity, compare, compare_rates
 
 FILES = Path(__file__).parent / "missions"
 SILENT_S = 26.0

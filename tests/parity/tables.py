@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from skyrange.study.parity import Flown, Parity
+from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
 
 SHOWN: Mapping[str, tuple[str, str]] = {
     "lift_off_s": ("lift-off after departure", "s"),
@@ -71,7 +71,7 @@ def missions(parity: Parity, names: tuple[str, str] = KINDS) -> Iterator[str]:
         yield f"| {name.split('/')[1]} | {modes} | {items} | {', '.join(last) or 'none'} | {apart} |"
 
 
-def _different(one: Flown, other: Flown, what: str) -> list[Flown]:
+def _different(one: FlightMeasures, other: FlightMeasures, what: str) -> list[FlightMeasures]:
     same = [part[1] for part in getattr(one, what)] == [part[1] for part in getattr(other, what)]
     return [one] if same else [one, other]
 

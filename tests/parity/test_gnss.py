@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.study.reactions import TIME_S, Compared, agreement, compare, settings
+from skyrange.study.compare.gnss_reactions import TIME_S, ComparedReaction, agreement, compare, settings
 from tests.ardupilot import needs_arducopter
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
+def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]:
     return compare(tmp_path_factory.mktemp("gnss") / "run", settings())
 
 
 @needs_arducopter
-def test_the_outcome_is_the_same_in_95_of_100(compared: list[Compared]) -> None:
+def test_the_outcome_is_the_same_in_95_of_100(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
     strays = [f"{one.setting.words}: {one.first} against {one.second}" for one in compared if not one.alike]
     assert found.settings == 100
@@ -22,7 +22,7 @@ def test_the_outcome_is_the_same_in_95_of_100(compared: list[Compared]) -> None:
 
 
 @needs_arducopter
-def test_resets_are_within_a_second(compared: list[Compared]) -> None:
+def test_resets_are_within_a_second(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
     assert found.resets >= 20
     assert found.together == found.resets
@@ -30,6 +30,6 @@ def test_resets_are_within_a_second(compared: list[Compared]) -> None:
 
 
 @needs_arducopter
-def test_the_settings_reach_every_outcome(compared: list[Compared]) -> None:
+def test_the_settings_reach_every_outcome(compared: list[ComparedReaction]) -> None:
     seen = {one.second.outcome for one in compared}
     assert seen == {"ignored", "followed", "doubted, then followed", "reset", "failsafe"}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.study.parity import Parity
+from skyrange.study.compare.autopilot_parity import Parity
 from tests.ardupilot import needs_arducopter
 from tests.parity.missions import DEPART_S, WINDS, flown, flown_at
 

@@ -8,17 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Agent
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.payloads import Payloads
-from skyrange.agent.verdicts import Delay, Inject, Pass, Verdict
+from skyrange.contracts.components import Agent
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.verdicts import Delay, Inject, Pass, Verdict
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.kernel import Kernel, Wiring
-from skyrange.record.memory import MemoryObserver
+from skyrange.record.write.memory_observer import MemoryObserver
 
 MS = NS_PER_MS
 NAMES = [f"blue/b{number}" for number in range(7)]

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.record import load
-from skyrange.study.diff import diff
+from skyrange.study.compare.exact import diff
 from skyrange.study.report import write_report
 from skyrange.study.summary import summary
 
@@ -22,7 +22,7 @@ CHILD = """
 import sys
 from pathlib import Path
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import load
+from skyrange.scenario.shipped import load
 run = Run.start(load("squares", ["duration_s=60"]), Path(sys.argv[1]))
 def tell(now, end):
     print(now, flush=True)

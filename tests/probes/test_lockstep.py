@@ -95,7 +95,7 @@ def test_an_observer_alters_not_when_another_sees_truth() -> None:
         for each, period in zip(beside, others, strict=True):
             each.truth_period_ns = period
         log.truth_period_ns = 100 * MS
-        kernel.observe([log, *beside])
+        kernel.set_observers([log, *beside])
         kernel.advance(NS_PER_S)
         return [time for time, _ in log.truth if time % (100 * MS) == 0]
 

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import Channel, LinkSpec, Route, TapPlacement
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.payloads import Payloads
-from skyrange.agent.refs import RefBook
-from skyrange.agent.verdicts import Inject, Verdict
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames.references import FrameRefTable
+from skyrange.contracts.links import Channel, LinkSpec, Route, TapPlacement
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.kernel import Kernel, Wiring
-from skyrange.record.memory import MemoryObserver
+from skyrange.record.write.memory_observer import MemoryObserver
 
 MS = NS_PER_MS
 NAMES = [f"blue/b{number}" for number in range(5)]
@@ -53,7 +53,7 @@ class Echo:
     def __init__(self) -> None:
         self.ports = [Port("oracle", f"{kind}:{name}") for kind in ("rid_up", "rid_down") for name in NAMES]
         self.places = {port: place for place, port in enumerate(self.ports)}
-        self.refs = RefBook()
+        self.refs = FrameRefTable()
 
     def next_wakeup(self) -> Time | None:
         return None
@@ -121,7 +121,7 @@ class Voice:
 
     def __init__(self, vehicle: str, speaking: bool, every: Time) -> None:
         self.name = f"voice of {vehicle}"
-        self.speaks = [Port(f"{vehicle}.companion", f"log:{vehicle}")]
+        self.originates = [Port(f"{vehicle}.companion", f"log:{vehicle}")]
         self.ports: list[Port] = []
         self.due: Time = 0
         self.speaking = speaking
@@ -134,7 +134,7 @@ class Voice:
         out = Outbox()
         self.due = now + self.every
         if self.speaking:
-            out.send(self.speaks[0], b"mine")
+            out.send(self.originates[0], b"mine")
         return out
 
 

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import AttackPlan, Channel, TapPlacement
-from skyrange.agent.monitors import Alert, MonitorPlacement, ObservedFrame, ObservedFrames
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrame, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.ids import Port, own_voice
+from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
-from skyrange.record.memory import MemoryObserver
+from skyrange.record.write.memory_observer import MemoryObserver
 from tests.probes import test_blocks, test_made_of, test_taps
 from tests.probes.toys import MS, ROUGH, Fleet, Log, Station, onboard
 
@@ -104,7 +104,7 @@ def expected(plan: Wiring, frames: Sequence[Frame], ports: set[Port], until: Tim
         src, dst = (spec.a, spec.b) if frame.direction == "fwd" else (spec.b, spec.a)
         claims = (frame.payload, frame.src, frame.dst)
         order = (frame.sender, frame.serial)
-        if Port(src, frame.link) in ports and frame.sender in (src, own_voice(src)) and frame.sent_ns <= until:
+        if Port(src, frame.link) in ports and frame.sender in (src, originator_id(src)) and frame.sent_ns <= until:
             found.append((frame.sent_ns, frame.link, src, 0, *order, *claims))
         if Port(dst, frame.link) in ports and frame.fate is Fate.DELIVERED and frame.arrived_ns <= until:
             found.append((frame.arrived_ns, frame.link, dst, 1, *order, *claims))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from skyrange.agent.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import EngineMount, Kernel, Transit, Wiring
 from tests.probes.test_taps import Meddler

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import AttackPlan, Channel, TapPlacement
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time

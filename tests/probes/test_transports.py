@@ -9,14 +9,14 @@ from typing import Protocol
 
 import pytest
 
-from skyrange.agent.contracts import Agent
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Arrival, Inbox, Outbox
 from skyrange.codec.mavlink import Packer, Piece, decode, dialect
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.io.mavlink_sockets import LOOPBACK, TcpEnd, UdpEnd, serve_tcp
+from skyrange.io.mavlink.transports import LOOPBACK, TcpTransport, UdpTransport, listen_tcp
 from skyrange.kernel import Kernel, Wiring
 from tests.probes.toys import MS, Log
 
@@ -127,8 +127,8 @@ def in_virtual_time() -> tuple[list[bytes], list[bytes]]:
 
 async def over_udp() -> tuple[Seat, Seat]:
     asker, answerer = Seat(Asker()), Seat(Answerer())
-    answerer.end = await UdpEnd.open(answerer.on_piece)
-    asker.end = await UdpEnd.open(asker.on_piece, remote=answerer.end.address)
+    answerer.end = await UdpTransport.open(answerer.on_piece)
+    asker.end = await UdpTransport.open(asker.on_piece, remote=answerer.end.address)
     asker.start()
     async with asyncio.timeout(20):
         await asker.done.wait()
@@ -156,18 +156,18 @@ async def rechunk(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, na
 async def over_tcp(noise: bytes) -> tuple[Seat, Seat]:
     asker, answerer = Seat(Asker()), Seat(Answerer())
 
-    def accept() -> TcpEnd:
-        answerer.end = TcpEnd(answerer.on_piece)
+    def accept() -> TcpTransport:
+        answerer.end = TcpTransport(answerer.on_piece)
         return answerer.end
 
-    server, address = await serve_tcp(accept)
+    server, address = await listen_tcp(accept)
 
     async def relay(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         far_reader, far_writer = await asyncio.open_connection(*address)
         await asyncio.gather(rechunk(reader, far_writer, "there", noise), rechunk(far_reader, writer, "back", noise))
 
     middle = await asyncio.start_server(relay, LOOPBACK, 0)
-    asker.end = await TcpEnd.connect(asker.on_piece, middle.sockets[0].getsockname()[:2])
+    asker.end = await TcpTransport.connect(asker.on_piece, middle.sockets[0].getsockname()[:2])
     asker.start()
     async with asyncio.timeout(20):
         await asker.done.wait()
@@ -196,10 +196,10 @@ def test_the_same_frames_over_every_transport(transport: Callable[[], object], g
 def test_half_a_datagram_is_garbage_and_not_the_start_of_the_next() -> None:
     frame = Packer(1, 1).pack(dialect.MAVLink_param_value_message(b"P", 1.0, 9, 1, 0))
 
-    async def exchange() -> tuple[list[Piece], UdpEnd]:
+    async def exchange() -> tuple[list[Piece], UdpTransport]:
         got: list[Piece] = []
-        listener = await UdpEnd.open(got.append)
-        sender = await UdpEnd.open(got.append, remote=listener.address)
+        listener = await UdpTransport.open(got.append)
+        sender = await UdpTransport.open(got.append, remote=listener.address)
         for data in (frame[:10], frame, frame[10:]):
             sender.send(data)
         async with asyncio.timeout(10):

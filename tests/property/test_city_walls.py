@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from skyrange.city.buildings import Building
 from skyrange.city.downtown import downtown_grid
-from skyrange.city.walls import MARGIN_M, cell_at, flatten, footprint, outside
-from skyrange.world.nearness import around
+from skyrange.city.wall_index import MARGIN_M, build_wall_index, cell_of, distance_to_box, distance_to_footprint
+from skyrange.world.collision.broad_phase import floor_and_clearance
 
 _RING = shapely.box(-40.0, 60.0, 0.0, 100.0).difference(shapely.Point(-20.0, 80.0).buffer(12.0))
 _PARTS = shapely.multipolygons([shapely.box(60.0, 60.0, 80.0, 90.0), shapely.box(90.0, 60.0, 95.0, 70.0)])
@@ -25,7 +25,7 @@ BUILDINGS = [
     Building("odd", 12.0, _ODD),
     Building("bridge", 30.0, shapely.box(0.0, 120.0, 40.0, 126.0), base_m=15.0),
 ]
-WALLS = flatten(BUILDINGS)
+WALLS = build_wall_index(BUILDINGS)
 PLACE = st.tuples(st.floats(-260, 260), st.floats(-260, 260))
 
 
@@ -33,13 +33,15 @@ PLACE = st.tuples(st.floats(-260, 260), st.floats(-260, 260))
 @given(place=PLACE, b=st.integers(0, len(BUILDINGS) - 1))
 def test_footprints(place, b):
     point, shape = shapely.Point(place), BUILDINGS[b].shape
-    inside, away, near_e, near_n = footprint(WALLS, b, *place)
+    inside, away, near_e, near_n = distance_to_footprint(WALLS, b, *place)
     edge = shapely.distance(shape.boundary, point)
     assert away == pytest.approx(edge, abs=1e-9)
     assert math.hypot(near_e - place[0], near_n - place[1]) == pytest.approx(away, abs=1e-9)
     if edge > 1e-9:
         assert inside == shapely.contains(shape, point)
-    assert outside(WALLS, b, *place) == pytest.approx(shapely.distance(shapely.box(*shape.bounds), point), abs=1e-9)
+    assert distance_to_box(WALLS, b, *place) == pytest.approx(
+        shapely.distance(shapely.box(*shape.bounds), point), abs=1e-9
+    )
 
 
 @settings(deadline=None, max_examples=300)
@@ -48,8 +50,10 @@ def test_a_cell_lists_all_that_is_near(place):
     near = {
         b for b, building in enumerate(BUILDINGS) if shapely.distance(building.shape, shapely.Point(place)) < MARGIN_M
     }
-    cell = cell_at(WALLS, *place)
-    listed = set() if cell < 0 else set(WALLS.near[WALLS.cells[cell] : WALLS.cells[cell + 1]].tolist())
+    cell = cell_of(WALLS, *place)
+    listed = (
+        set() if cell < 0 else set(WALLS.cell_buildings[WALLS.cell_start[cell] : WALLS.cell_start[cell + 1]].tolist())
+    )
     assert near <= listed
 
 
@@ -59,7 +63,7 @@ def test_free_is_no_more_than_the_way_to_anything(place, up, steps):
     """Floor by shapely, and no place within the free distance touches a building or stands over another roof."""
     radius, height = 0.4, 0.25
     here = np.array([*place, up])
-    floor, free = around(WALLS, here, radius, height)
+    floor, free = floor_and_clearance(WALLS, here, radius, height)
 
     def under(p):
         tops = [
@@ -90,4 +94,4 @@ def test_free_is_no_more_than_the_way_to_anything(place, up, steps):
 
 def test_no_buildings_is_refused():
     with pytest.raises(ValueError, match="at least one"):
-        flatten([])
+        build_wall_index([])

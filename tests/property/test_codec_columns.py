@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.agent.payloads import Payloads
-from skyrange.codec.columns import dtype_of, message_ids, pack, unpack
 from skyrange.codec.mavlink import Packer, decode, message_id
-from skyrange.codec.wire import LAYOUTS
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype, unpack_columns
+from skyrange.contracts.frames.payloads import Payloads
 
 
 def _random_rows(message_id: int, count: int, seed: int) -> Any:
-    dtype = dtype_of(message_id)
+    dtype = payload_dtype(message_id)
     dice = np.random.default_rng(seed)
     raw = dice.integers(0, 256, (count, dtype.itemsize), dtype=np.uint8)
     raw[dice.random(raw.shape) < 0.5] = 0
@@ -42,7 +42,7 @@ def test_packed_in_columns_is_byte_equal_to_packed_singly(message_id: int) -> No
     rows = _random_rows(message_id, 5, message_id)
     sequences = np.array([0, 1, 254, 255, 7])
     systems = np.array([1, 2, 250, 255, 9])
-    column = pack([(message_id, rows, systems, sequences)], 1)
+    column = pack_batches([(message_id, rows, systems, sequences)], 1)
     for place, frame in enumerate(column):
         packer = Packer(int(systems[place]), 1)
         packer.sequence = int(sequences[place])
@@ -54,8 +54,8 @@ def test_packed_in_columns_is_byte_equal_to_packed_singly(message_id: int) -> No
 @pytest.mark.parametrize("message_id", sorted(LAYOUTS))
 def test_unpacked_in_columns_says_what_decoding_says(message_id: int) -> None:
     rows = _random_rows(message_id, 4, message_id + 1)
-    column = pack([(message_id, rows, np.array([3, 4, 5, 6]), np.arange(4))], 1)
-    groups, rest = unpack(column)
+    column = pack_batches([(message_id, rows, np.array([3, 4, 5, 6]), np.arange(4))], 1)
+    groups, rest = unpack_columns(column)
     assert len(rest) == 0
     assert [group.message_id for group in groups] == [message_id]
     found = groups[0]
@@ -75,10 +75,10 @@ def test_unpacked_in_columns_says_what_decoding_says(message_id: int) -> None:
 @given(st.lists(st.binary(max_size=40), max_size=6), st.integers(0, 40), st.integers(1, 255))
 def test_what_is_no_frame_is_left_and_never_taken_for_one(junk: list[bytes], place: int, change: int) -> None:
     rows = _random_rows(33, 1, 5)
-    good = pack([(33, rows, np.array([1]), np.array([0]))], 1)[0]
+    good = pack_batches([(33, rows, np.array([1]), np.array([0]))], 1)[0]
     bent = bytearray(good)
     bent[place % len(good)] ^= change
-    groups, rest = unpack(Payloads.of([*junk, bytes(bent), good]))
+    groups, rest = unpack_columns(Payloads.of([*junk, bytes(bent), good]))
     taken = sorted(row for group in groups for row in group.rows.tolist())
     assert sorted([*taken, *rest.tolist()]) == list(range(len(junk) + 2))
     assert len(junk) + 1 in taken
@@ -87,8 +87,8 @@ def test_what_is_no_frame_is_left_and_never_taken_for_one(junk: list[bytes], pla
 
 
 def test_every_truncation_of_a_frame_is_left() -> None:
-    good = pack([(33, _random_rows(33, 1, 9), np.array([1]), np.array([0]))], 1)[0]
-    _, rest = unpack(Payloads.of([good[:size] for size in range(len(good))]))
+    good = pack_batches([(33, _random_rows(33, 1, 9), np.array([1]), np.array([0]))], 1)[0]
+    _, rest = unpack_columns(Payloads.of([good[:size] for size in range(len(good))]))
     assert len(rest) == len(good)
 
 

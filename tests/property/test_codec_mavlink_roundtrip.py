@@ -8,7 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.mavlink import Deframer, Packer, decode, describe, dialect, message_id, message_name, system_of
+from skyrange.codec.mavlink import (
+    Deframer,
+    Packer,
+    decode,
+    dialect,
+    message_fields,
+    message_id,
+    message_name,
+    sender_system,
+)
 from skyrange.core.errors import DecodeError
 
 RANGES = {
@@ -56,7 +65,7 @@ def test_packing_is_pymavlinks_and_decoding_undoes_it(message: Any, system: int,
     packer = Packer(system, component)
     packer.sequence = sequence
     frame = packer.pack(message)
-    before = describe(message)
+    before = message_fields(message)
     mav = dialect.MAVLink(None, system, component)
     mav.seq = sequence
     assert frame == message.pack(mav)
@@ -68,14 +77,18 @@ def test_packing_is_pymavlinks_and_decoding_undoes_it(message: Any, system: int,
         component,
         sequence,
     )
-    assert {name: bits(value) for name, value in describe(back).items()} == {
+    assert {name: bits(value) for name, value in message_fields(back).items()} == {
         name: bits(value) for name, value in before.items()
     }
-    assert (message_id(frame), message_name(frame), system_of(frame)) == (type(message).id, message.get_type(), system)
+    assert (message_id(frame), message_name(frame), sender_system(frame)) == (
+        type(message).id,
+        message.get_type(),
+        system,
+    )
 
     theirs = dialect.MAVLink(None).parse_buffer(bytearray(frame))[0]
-    assert {name: bits(value) for name, value in describe(theirs).items()} == {
-        name: bits(value) for name, value in describe(back).items()
+    assert {name: bits(value) for name, value in message_fields(theirs).items()} == {
+        name: bits(value) for name, value in message_fields(back).items()
     }
     packer.sequence = sequence
     assert packer.pack(back) == frame
@@ -91,7 +104,7 @@ def test_every_message_of_the_dialect_packs_as_pymavlink_packs_it() -> None:
         message = cls(*arguments)
         frame = Packer(1, 1).pack(message)
         assert frame == message.pack(dialect.MAVLink(None, 1, 1)), cls.msgname
-        assert describe(decode(frame)) == describe(message), cls.msgname
+        assert message_fields(decode(frame)) == message_fields(message), cls.msgname
 
 
 @given(messages())
@@ -119,7 +132,7 @@ def test_random_bytes_raise_decode_error_alone(tail: bytes, head: bytes) -> None
         assert message.get_msgbuf() == payload
     message_id(payload)
     message_name(payload)
-    system_of(payload)
+    sender_system(payload)
 
 
 FRAMES = [

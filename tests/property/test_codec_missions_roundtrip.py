@@ -11,7 +11,7 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.missions import Mission, MissionItem, format_plan, format_waypoints, parse_plan, parse_waypoints
+from skyrange.codec.mission import Mission, MissionItem, format_plan, format_waypoints, parse_plan, parse_waypoints
 from skyrange.core.errors import InputError
 
 DATA = Path(__file__).parent.parent / "data" / "missions"
@@ -92,7 +92,7 @@ def outcome(text: str) -> None:
         except InputError as error:
             said = error
         if said is not None:
-            assert said.faults
+            assert said.problems
             str(said).encode()  # a terminal can show it
             continue
         for item in mission.items:

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skyrange.agent.contracts import Sensors
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.parameters import PARAMETERS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.contracts.components import Sensors
+from skyrange.vehicle.builtin.parameters.table import PARAMETERS
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
 
 NAMES = [field.name for field in fields(Sensors) if field.name != "attitude"]
@@ -46,7 +46,7 @@ def sane(fly: Range) -> None:
     assert np.isfinite(estimator._history).all()
     assert np.abs((fleet.estimate["quat"] ** 2).sum(axis=1) - 1.0).max() < 1e-9
     for diagonal in ((0, 4, 7, 9), (0, 3, 5), (0, 2)):
-        name = {4: "level", 3: "up", 2: "turn"}[len(diagonal)]
+        name = {4: "cov_horizontal", 3: "cov_vertical", 2: "cov_yaw"}[len(diagonal)]
         assert (estimator.filters[name][:, list(diagonal)] >= 0.0).all()
 
 

@@ -8,13 +8,13 @@ from typing import Any, cast
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.deframe import Deframer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import LAYOUTS, checksum, pack_header_v2
-from skyrange.io.wires import Address, Wire, wire_to
-from skyrange.vehicle.external.contact import Contact
+from skyrange.codec.mavlink.deframer import Deframer
+from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.io.mavlink.connections import Address, MavlinkConnection, make_connection
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.vehicle.external.interlock import Interlock
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.external.vehicle_session import VehicleSession
 from tests.foreign_vehicle import ORIGIN
 
 READ = [
@@ -36,19 +36,19 @@ def frames(draw: st.DrawFn) -> bytes:
 @settings(max_examples=300, deadline=None)
 @given(st.lists(frames() | st.binary(max_size=60), max_size=20))
 def test_any_bytes_of_a_vehicle_are_survived(said: list[bytes]) -> None:
-    contact = Contact(VehicleSpec("blue/b1", 1), wire_to(Address("tcp", "127.0.0.1", 9)), False, 10.0)
+    session = VehicleSession(VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), False, 10.0)
     deframer = Deframer()
     for number, chunk in enumerate(said):
         for piece in deframer.feed(chunk):
-            contact.heard(piece, 0.1 * number, ORIGIN)
-        contact.judge(0.1 * number, 5.0)
-        place = contact.reports.place
-        if contact.late_ns is not None:
+            session.on_frame(piece, 0.1 * number, ORIGIN)
+        session.update_status(0.1 * number, 5.0)
+        place = session.reports.state
+        if session.late_ns is not None:
             assert place is not None
-            assert place.sound
+            assert place.is_valid
             assert max(map(abs, (*place.position_enu_m, *place.vel_enu_mps, *place.rates_radps))) <= 1e5
-            assert 0 <= contact.late_ns <= 1_000_000_000
-    for _, data, _ in contact.said():
+            assert 0 <= session.late_ns <= 1_000_000_000
+    for _, data, _ in session.take_notes():
         assert all(isinstance(value, (str, int, float, bool)) for value in data.values())
         assert all(math.isfinite(value) for value in data.values() if isinstance(value, float))
 
@@ -73,13 +73,13 @@ class _Kept:
 @given(st.integers(1, 250), st.floats(5, 50), st.lists(st.floats(0.0, 40.0), max_size=10))
 def test_what_we_ask_for_ourselves_passes_a_closed_interlock(system: int, rate_hz: float, steps: list[float]) -> None:
     wire = _Kept()
-    contact = Contact(VehicleSpec("blue/b1", system), cast("Wire", wire), False, rate_hz)
+    session = VehicleSession(VehicleSpec("blue/b1", system), cast("MavlinkConnection", wire), False, rate_hz)
     now_s = 0.0
     for step in [0.0, *steps]:
         now_s += step
-        contact.ask(now_s)
+        session.request_messages(now_s)
     asked: list[Any] = [piece.data for piece in Deframer().feed(wire.written)]
     assert len(asked) >= 3
     other = Interlock(system)
-    assert [other.judge(frame) for frame in asked] == [None] * len(asked)
-    assert not contact.interlock.refused
+    assert [other.check(frame) for frame in asked] == [None] * len(asked)
+    assert not session.interlock.refused

@@ -10,11 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from skyrange.agent.payloads import Payloads
-from skyrange.codec import f3411_columns, rid_link
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, Single, decode, encode
-from skyrange.codec.f3411_columns import CODES, NUMBERS
-from skyrange.codec.rid_link import RidFrame, RidHeader
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, SingleMessage, decode, encode
+from skyrange.codec.f3411 import columns as f3411_columns
+from skyrange.codec.f3411.columns import CODES, NUMBERS
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader
+from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
 
@@ -27,7 +28,7 @@ BODIES = st.one_of(
 )  # fmt: skip
 
 
-def parts_of(body: bytes) -> tuple[Single, ...]:
+def parts_of(body: bytes) -> tuple[SingleMessage, ...]:
     try:
         message = decode(body)
     except DecodeError:
@@ -38,13 +39,13 @@ def parts_of(body: bytes) -> tuple[Single, ...]:
 @given(st.lists(BODIES, max_size=12))
 @settings(max_examples=200, deadline=None)
 def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
-    rows = f3411_columns.location_rows(Payloads.of(bodies))
-    assert rows.whole.tolist() == [bool(parts_of(body)) for body in bodies]
+    rows = f3411_columns.decode_locations(Payloads.of(bodies))
+    assert rows.valid.tolist() == [bool(parts_of(body)) for body in bodies]
     for row, body in enumerate(bodies):
         parts = parts_of(body)
         location = next((part for part in parts if isinstance(part, Location)), None)
         who = next((part for part in parts if isinstance(part, BasicId)), None)
-        assert rows.found[row] == (location is not None)
+        assert rows.has_location[row] == (location is not None)
         assert rows.has_id[row] == (who is not None)
         assert rows.uas_id[row] == (who.uas_id.encode("latin-1") if who else b"")
         if who:
@@ -69,10 +70,10 @@ def test_columns_are_written_as_one_by_one(messages: list[Location]) -> None:
 
 @given(st.lists(st.tuples(SINGLES, SINGLES, SINGLES), min_size=1, max_size=6))
 @settings(deadline=None)
-def test_packs_are_built_as_one_by_one(rows: list[tuple[Single, Single, Single]]) -> None:
-    parts = [f3411_columns.rows_of([encode(row[place]) for row in rows]) for place in range(3)]
-    assert list(f3411_columns.pack_rows(parts)) == [encode(MessagePack(row)) for row in rows]
-    assert list(f3411_columns.single_rows(parts[0])) == [encode(row[0]) for row in rows]
+def test_packs_are_built_as_one_by_one(rows: list[tuple[SingleMessage, SingleMessage, SingleMessage]]) -> None:
+    parts = [f3411_columns.stack_messages([encode(row[place]) for row in rows]) for place in range(3)]
+    assert list(f3411_columns.pack_bodies(parts)) == [encode(MessagePack(row)) for row in rows]
+    assert list(f3411_columns.single_bodies(parts[0])) == [encode(row[0]) for row in rows]
 
 
 def told(**given: ArrayLike) -> NDArray[np.uint8]:
@@ -104,14 +105,14 @@ def test_what_has_no_bytes_is_refused_in_columns_too(name: str, value: float) ->
 
 def test_a_pack_has_one_to_nine_messages() -> None:
     with pytest.raises(ValueError, match="1…9"):
-        f3411_columns.pack_rows([np.zeros((1, 25), dtype=np.uint8)] * 10)
+        f3411_columns.pack_bodies([np.zeros((1, 25), dtype=np.uint8)] * 10)
 
 
 def test_saturation_and_unknowns_in_columns() -> None:
     rows = told(
         alt_geo_m=[-5000.0, np.nan, 1e6], speed_mps=[np.inf, np.nan, 254.2], vertical_mps=[-100.0, np.nan, np.inf]
     )
-    columns = f3411_columns.location_rows(f3411_columns.single_rows(rows))
+    columns = f3411_columns.decode_locations(f3411_columns.single_bodies(rows))
     np.testing.assert_array_equal(columns.alt_geo_m, [-999.5, np.nan, 31767.5])
     np.testing.assert_array_equal(columns.speed_mps, [254.25, np.nan, 254.25])
     np.testing.assert_array_equal(columns.vertical_mps, [-62.0, np.nan, 62.0])
@@ -126,15 +127,17 @@ HEADERS = st.builds(
 @given(st.lists(st.tuples(HEADERS, st.binary(max_size=240)), max_size=8))
 @settings(deadline=None)
 def test_link_payloads_are_packed_in_columns_as_one_by_one(rows: list[tuple[RidHeader, bytes]]) -> None:
-    singly = [rid_link.pack(header, body) for header, body in rows]
+    singly = [link_payload.pack(header, body) for header, body in rows]
     columns = [np.array([getattr(header, name) for header, _ in rows]) for name in RidHeader._fields]
     columns[3] = np.array([list(header.address) for header, _ in rows], dtype=np.uint8).reshape(-1, 6)
-    together = rid_link.pack_rows(*columns, Payloads.of(body for _, body in rows))
+    together = link_payload.pack_rows(*columns, Payloads.of(body for _, body in rows))
     assert list(together) == singly
-    assert [rid_link.unpack(payload) for payload in singly] == [RidFrame(header, body) for header, body in rows]
+    assert [link_payload.unpack(payload) for payload in singly] == [RidFrame(header, body) for header, body in rows]
 
 
-@given(st.lists(st.tuples(HEADERS, st.binary(max_size=60)).map(lambda row: rid_link.pack(*row)), max_size=6), st.data())
+@given(
+    st.lists(st.tuples(HEADERS, st.binary(max_size=60)).map(lambda row: link_payload.pack(*row)), max_size=6), st.data()
+)
 @settings(max_examples=200, deadline=None)
 def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[bytes], data: st.DataObject) -> None:
     hostile = []
@@ -145,16 +148,16 @@ def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[byte
             raw[data.draw(st.integers(0, len(raw) - 1))] ^= data.draw(st.integers(1, 255))
         cut = data.draw(st.integers(0, len(raw) - 1))
         hostile.append({"cut": bytes(raw[:cut]), "longer": bytes(raw) + b"x"}.get(kind, bytes(raw)))
-    columns = rid_link.read_rows(Payloads.of(hostile))
+    columns = link_payload.unpack_rows(Payloads.of(hostile))
     bodies = list(columns.bodies)
     for row, payload in enumerate(hostile):
         try:
-            frame = rid_link.unpack(payload)
+            frame = link_payload.unpack(payload)
         except DecodeError:
-            assert not columns.good[row]
+            assert not columns.valid[row]
             assert bodies[row] == b""
             continue
-        assert columns.good[row]
+        assert columns.valid[row]
         assert bodies[row] == frame.body
         got = RidHeader(
             int(columns.transport[row]), int(columns.channel[row]), int(columns.counter[row]),
@@ -166,5 +169,5 @@ def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[byte
 def test_a_pack_within_a_pack_is_not_looked_into() -> None:
     inner = bytes([0xF2]) + encode(BasicId(1, 2, "A"))[1:]
     body = bytes([0xF2, 25, 2]) + inner + encode(BasicId(1, 2, "B"))
-    rows = f3411_columns.location_rows(Payloads.of([body]))
+    rows = f3411_columns.decode_locations(Payloads.of([body]))
     assert rows.uas_id.tolist() == [b"B"]

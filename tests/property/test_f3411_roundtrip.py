@@ -15,12 +15,12 @@ from skyrange.codec.f3411 import (
     OperatorId,
     Reserved,
     SelfId,
-    Single,
+    SingleMessage,
     System,
     authentication,
     decode,
+    deviations,
     encode,
-    faults,
 )
 from skyrange.core.errors import DecodeError
 
@@ -69,7 +69,7 @@ def page(auth_type: int, number: int, data: bytes, version: int) -> Authenticati
     return Authentication(auth_type, 0, data[:17], data[17], data[18], int.from_bytes(data[19:], "big"), version)
 
 
-SINGLES: st.SearchStrategy[Single] = st.one_of(
+SINGLES: st.SearchStrategy[SingleMessage] = st.one_of(
     st.builds(BasicId, NIBBLE, NIBBLE, st.text(LATIN, max_size=20), VERSION),
     locations(),
     st.builds(page, NIBBLE, NIBBLE, st.binary(min_size=23, max_size=23), VERSION),
@@ -100,7 +100,7 @@ def test_bytes_of_a_message_read_and_written_again_are_the_same(message: Message
 
 @given(SINGLES)
 @settings(deadline=None)
-def test_all_but_measured_numbers_come_back_exactly(message: Single) -> None:
+def test_all_but_measured_numbers_come_back_exactly(message: SingleMessage) -> None:
     if not isinstance(message, (Location, System)):
         assert decode(encode(message)) == message
 
@@ -147,7 +147,7 @@ def test_any_bytes_are_a_message_or_a_decode_error(body: bytes) -> None:
         message = decode(body)
     except DecodeError:
         return
-    assert all(isinstance(text, str) for text in faults(message))
+    assert all(isinstance(text, str) for text in deviations(message))
 
 
 @given(st.binary(min_size=25, max_size=25))
@@ -161,9 +161,9 @@ def test_any_25_bytes_say_something_and_what_cannot_be_said_again_has_a_fault(bo
     try:
         again = decode(encode(message))
     except ValueError:
-        assert faults(message)
+        assert deviations(message)
     else:
-        assert again == message or faults(message)
+        assert again == message or deviations(message)
 
 
 @given(MESSAGES, st.data())
@@ -182,10 +182,10 @@ def test_every_truncation_and_every_tail_is_refused(message: Message, data: st.D
 def test_authentication_data_travel_in_pages_in_any_order(
     auth_type: int, proof: bytes, timestamp_s: int, order: object
 ) -> None:
-    pages = list(authentication.pages(auth_type, proof, timestamp_s))
+    pages = list(authentication.split_pages(auth_type, proof, timestamp_s))
     received = [decode(encode(page)) for page in pages]
     order.shuffle(received)  # type: ignore[attr-defined]
-    assert authentication.join(page for page in received if isinstance(page, Authentication)) == proof
+    assert authentication.join_pages(page for page in received if isinstance(page, Authentication)) == proof
     for missing in pages:
         with pytest.raises(DecodeError):
-            authentication.join(page for page in pages if page is not missing)
+            authentication.join_pages(page for page in pages if page is not missing)

@@ -7,23 +7,23 @@ from itertools import pairwise
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skyrange.agent.messages import Arrival, Inbox
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Epoch
-from skyrange.gcs import plans, routes
-from skyrange.gcs.checks import check
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.lifecycle import State
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.plan import plans, routes
+from skyrange.gcs.plan.checks import check
+from skyrange.gcs.plan.volumes import volumes
 from skyrange.gcs.station import GroundStation
-from skyrange.gcs.volumes import volumes
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.contract import Intent, intent_id
+from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import Request, decode_request, decode_response, encode
-from skyrange.utm.service import FlightApproval
 
 ORIGIN = Origin(-35.3633280, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
@@ -83,7 +83,7 @@ def test_no_sequence_of_frames_stops_a_ground_station(kind: plans.Kind, script: 
         assert due is not None
         assert due > now
         now += wait_s * NS_PER_S + 1
-    assert set(gcs.states.values()) <= set(State)
+    assert set(gcs.states.values()) <= set(FlightState)
 
 
 @settings(max_examples=300, deadline=None)
@@ -105,7 +105,9 @@ def test_approval_decoders_raise_nothing_else(payload: bytes) -> None:
 @given(st.data())
 def test_a_damaged_request_never_escapes_as_another_error(data: st.DataObject) -> None:
     plan = plans.square(ORIGIN, (0, 0, 0), side_m=5, alt_m=5)
-    good = bytearray(encode(Request.of(Intent(intent_id("blue/b1"), "blue", "blue/b1", volumes(plan, 0)), EPOCH)))
+    good = bytearray(
+        encode(Request.of(OperationalIntent(intent_id("blue/b1"), "blue", "blue/b1", volumes(plan, 0)), EPOCH))
+    )
     for _ in range(data.draw(st.integers(1, 4))):
         good[data.draw(st.integers(0, len(good) - 1))] = data.draw(st.integers(0, 255))
     try:
@@ -129,5 +131,5 @@ def test_every_sound_path_can_be_checked_measured_and_filed(
     assert length_m >= 2 * max(up for _, _, up in points) - 1e-6
     assert routes.estimated_duration_s(plan) >= length_m / (max(cruise_mps, 2.5) * 2)
     claimed = volumes(plan, 0)
-    assert decode_request(encode(Request.of(Intent(intent_id("a/b"), "a", "a/b", claimed), EPOCH)))
+    assert decode_request(encode(Request.of(OperationalIntent(intent_id("a/b"), "a", "a/b", claimed), EPOCH)))
     assert all(a.start_ns <= b.start_ns for a, b in pairwise(claimed))

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.deframe import Deframer
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import LAYOUTS, checksum, pack_header_v2
-from skyrange.vehicle.external.interlock import COMMANDS, MESSAGES, Interlock
+from skyrange.codec.mavlink.deframer import Deframer
+from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.vehicle.external.interlock import PERMITTED_COMMANDS, PERMITTED_MESSAGES, Interlock
 
 SYSTEM = 7
 HARMLESS = {
@@ -56,7 +56,7 @@ def v1(number: int, body: bytes, system: int = 255) -> bytes:
 
 
 bytes_ = st.integers(0, 255)
-likely = st.sampled_from([*MESSAGES, 0, 4, 111, 11, 76, 75, 44, 73, 23, 70, 84, 86, 69, 110, 126, 256, 51])
+likely = st.sampled_from([*PERMITTED_MESSAGES, 0, 4, 111, 11, 76, 75, 44, 73, 23, 70, 84, 86, 69, 110, 126, 256, 51])
 numbers = likely | st.sampled_from(sorted(LAYOUTS))
 
 
@@ -81,7 +81,7 @@ def frames(draw: st.DrawFn) -> bytes:
 
 @st.composite
 def commands(draw: st.DrawFn) -> bytes:
-    number = draw(st.sampled_from(sorted(COMMANDS)) | st.integers(0, 65_535))
+    number = draw(st.sampled_from(sorted(PERMITTED_COMMANDS)) | st.integers(0, 65_535))
     params = [draw(st.floats(width=32)) for _ in range(7)]
     target = draw(st.sampled_from([SYSTEM, SYSTEM, 0, 8]))
     body = struct.pack("<7fHBBB", *params, number, target, draw(st.sampled_from([0, 1, 154])), 0)
@@ -97,7 +97,7 @@ def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined:
     """And so does whatever a receiver may find that lost its place, or that has another idea of it."""
     lock = Interlock(SYSTEM)
     left = b"".join(
-        payload for payload in ([b"".join(payloads)] if joined else payloads) if lock.judge(payload) is None
+        payload for payload in ([b"".join(payloads)] if joined else payloads) if lock.check(payload) is None
     )
     assert all(harmless(frame) for frame in whatever_is_found_in(left))
     assert not [piece for piece in Deframer().feed(left) if piece.garbage]
@@ -107,7 +107,7 @@ def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined:
 @given(pieces)
 def test_what_leaves_an_open_one_is_whole_and_for_no_other(payloads: list[bytes]) -> None:
     lock = Interlock(SYSTEM, True)
-    left = b"".join(payload for payload in payloads if lock.judge(payload) is None)
+    left = b"".join(payload for payload in payloads if lock.check(payload) is None)
     for frame in whatever_is_found_in(left):
         said = decode(frame)
         target = getattr(said, "target_system", getattr(said, "target", SYSTEM))
@@ -168,24 +168,24 @@ ASKING = [
 @pytest.mark.parametrize("message", MOTION, ids=lambda m: f"{m.get_type()}-{getattr(m, 'command', '')}")
 def test_what_moves_or_writes_is_refused(message: Any) -> None:
     lock = Interlock(SYSTEM)
-    assert lock.judge(GROUND.pack(message)) is not None
+    assert lock.check(GROUND.pack(message)) is not None
     assert sum(lock.refused.values()) == 1
 
 
 @pytest.mark.parametrize("message", ASKING, ids=lambda m: f"{m.get_type()}-{getattr(m, 'command', '')}")
 def test_what_asks_passes(message: Any) -> None:
-    assert Interlock(SYSTEM).judge(GROUND.pack(message)) is None
+    assert Interlock(SYSTEM).check(GROUND.pack(message)) is None
 
 
 def test_an_open_one_lets_motion_pass_but_to_others() -> None:
     lock = Interlock(SYSTEM, True)
-    assert lock.judge(GROUND.pack(ARM)) is None
+    assert lock.check(GROUND.pack(ARM)) is None
     for target in (0, SYSTEM + 1):
         other = LONG(target, 1, mav.MAV_CMD_COMPONENT_ARM_DISARM, 0, 1, 0, 0, 0, 0, 0, 0)
-        assert lock.judge(GROUND.pack(other)) is not None
-    assert lock.judge(GROUND.pack(mav.MAVLink_ping_message(1, 1, SYSTEM + 1, 1))) is not None
-    assert lock.judge(b"arm, please") is not None
-    assert lock.judge(GROUND.pack(ARM)[:-1]) is not None
+        assert lock.check(GROUND.pack(other)) is not None
+    assert lock.check(GROUND.pack(mav.MAVLink_ping_message(1, 1, SYSTEM + 1, 1))) is not None
+    assert lock.check(b"arm, please") is not None
+    assert lock.check(GROUND.pack(ARM)[:-1]) is not None
 
 
 def test_no_frame_hides_in_another_or_across_two() -> None:
@@ -195,12 +195,12 @@ def test_no_frame_hides_in_another_or_across_two() -> None:
     lock = Interlock(SYSTEM)
     carried = GROUND.pack(mav.MAVLink_param_request_read_message(SYSTEM, 1, skip + b"abcd", -1))
     assert skip in carried
-    assert lock.judge(carried) == ("PARAM_REQUEST_READ", "", "another frame is hidden in it")
+    assert lock.check(carried) == ("PARAM_REQUEST_READ", "", "another frame is hidden in it")
     head = bytes((18, 0, 255, 190, mav.MAVLINK_MSG_ID_SET_MODE))
     first = v2(20, struct.pack("<hBB", -1, SYSTEM, 1) + b"a" * 10 + b"\xfe" + head)
     begun = v2(20, struct.pack("<hBB", -1, SYSTEM, 1) + bytes(16))[:14] + b"bb"
     ends = checksum(head + first[-2:] + begun, LAYOUTS[mav.MAVLINK_MSG_ID_SET_MODE].crc_extra).to_bytes(2, "little")
     second = v2(20, begun[10:] + ends + b"c" * 12)
-    assert lock.judge(first) is None
-    assert lock.judge(second) == ("PARAM_REQUEST_READ", "", "another frame is hidden in it")
-    assert Interlock(SYSTEM).judge(second) is None, "by itself it hides nothing"
+    assert lock.check(first) is None
+    assert lock.check(second) == ("PARAM_REQUEST_READ", "", "another frame is hidden in it")
+    assert Interlock(SYSTEM).check(second) is None, "by itself it hides nothing"

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import build, load_text
-from skyrange.scenario.operators import COLORS
-from skyrange.scenario.overrides import override, parse_value
-from skyrange.scenario.schema import Fleet, Link, Operator, Path, Plan, Scenario, Vehicle, square
+from skyrange.scenario.model.operators import COLORS
+from skyrange.scenario.model.scenario import Fleet, Link, Operator, Path, Plan, Scenario, Vehicle, square
+from skyrange.scenario.overrides import apply_overrides, parse_value
+from skyrange.scenario.toml_reader import load_data, load_text
+from skyrange.scenario.toml_writer import to_toml
 
 IDS = st.text(string.ascii_letters + string.digits + "_-", min_size=1, max_size=32).filter(lambda s: s[0] not in "_-")
 ABOVE = st.floats(1e-3, 1e4)
@@ -156,7 +156,7 @@ def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario):
 @settings(max_examples=60, deadline=None)
 @given(SCENARIOS)
 def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario):
-    assert build(scenario.data()) == scenario
+    assert load_data(scenario.data()) == scenario
     names = [(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
     numbers = [(operator.id, vehicle.network, vehicle.system_id) for operator, vehicle in scenario.fleet]
     assert len(set(names)) == len(names) == len(set(numbers))
@@ -166,7 +166,7 @@ def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario):
 @given(st.dictionaries(st.sampled_from(["origin", "operators", "links", "city", "seed", "name"]), PLAIN, max_size=5))
 def test_any_data_builds_or_is_refused_with_faults(data):
     with contextlib.suppress(InputError):  # the only way to refuse
-        build(data)
+        load_data(data)
 
 
 @settings(max_examples=150, deadline=None)
@@ -174,7 +174,7 @@ def test_any_data_builds_or_is_refused_with_faults(data):
 def test_any_text_loads_or_is_refused(text: str):
     with pytest.raises(InputError) as error:  # nothing this short is a scenario
         load_text(text)
-    assert error.value.faults
+    assert error.value.problems
 
 
 BASE = {"origin": {"lat": 0, "lon": 0}, "operators": [{"id": "a", "vehicles": [{"plan": {"square": {}}}]}]}
@@ -187,7 +187,7 @@ PARTS = st.sampled_from(
 @given(st.lists(st.lists(PARTS | st.text(max_size=3), min_size=1, max_size=6), max_size=3), st.text(max_size=6))
 def test_any_assignment_applies_or_is_refused(paths, value):
     with contextlib.suppress(InputError):  # the only way to refuse
-        build(override(BASE, [f"{'.'.join(path)}={value}" for path in paths]))
+        load_data(apply_overrides(BASE, [f"{'.'.join(path)}={value}" for path in paths]))
 
 
 @settings(max_examples=150, deadline=None)

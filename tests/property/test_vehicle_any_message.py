@@ -13,11 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.columns import dtype_of
 from skyrange.codec.mavlink import dialect
-from skyrange.codec.wire import LAYOUTS, checksum, pack_header_v2
+from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
+from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.vehicle.builtin.commands import HANDLERS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
 from tests.tiers import examples
 
@@ -39,7 +39,7 @@ def whole(kind: str) -> st.SearchStrategy[int]:
 
 def fields(number: int) -> st.SearchStrategy[bytes]:
     """A whole payload with every field drawn; the address is the aircraft's more often than not."""
-    dtype = dtype_of(number)
+    dtype = payload_dtype(number)
     parts = []
     for name in dtype.names or ():
         kind, count = dtype[name].base, math.prod(dtype[name].shape)
@@ -85,14 +85,14 @@ def flying() -> dict[str, Range]:
 
 def sane(r: Range) -> None:
     fleet = r.engines[0]._fleet
-    assert np.isfinite(fleet.stored).all()
+    assert np.isfinite(fleet.stored_params).all()
     assert np.isfinite(fleet.actuators).all()
     for name in fleet.settings.dtype.names:
         assert np.isfinite(fleet.settings[name]).all(), name
     for name in ("pos", "vel", "rate"):
         assert np.isfinite(fleet.estimate[name]).all(), name
     assert np.isfinite(r.positions()).all()
-    assert all(math.isfinite(part) for craft in fleet.crafts for part in craft.home)
+    assert all(math.isfinite(part) for vehicle in fleet.vehicles for part in vehicle.home)
 
 
 @pytest.mark.parametrize("where", ["ground", "guided"])
@@ -125,8 +125,8 @@ def test_any_commands_are_answered_once_each_and_survived(
 ) -> None:
     r = flying[where].copy()
     for (number, payload), sender in sent:
-        system = r.engines[0]._fleet.crafts[0].system_id
-        values = np.frombuffer(payload, dtype=dtype_of(number))[0]
+        system = r.engines[0]._fleet.vehicles[0].system_id
+        values = np.frombuffer(payload, dtype=payload_dtype(number))[0]
         before = len(r.heard("COMMAND_ACK"))
         r.send_bytes(V, frame(number, payload, sender))
         r.run(0.01)
@@ -165,9 +165,9 @@ def test_an_aircraft_in_the_air_outlasts_a_flood_of_all_messages(flying: dict[st
     for number in IDS:
         if number in meant:
             continue
-        payload = chance.integers(0, 256, dtype_of(number).itemsize, dtype=np.uint8).tobytes()
+        payload = chance.integers(0, 256, payload_dtype(number).itemsize, dtype=np.uint8).tobytes()
         r.send_bytes(V, frame(number, payload, (255, 190)))
         r.run(0.02)
     sane(r)
     assert r.positions()[0] == pytest.approx(place, abs=0.3)
-    assert r.engines[0]._fleet.armed(r.engines[0]._fleet.crafts[0])
+    assert r.engines[0]._fleet.armed(r.engines[0]._fleet.vehicles[0])

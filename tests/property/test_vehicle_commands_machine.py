@@ -18,7 +18,7 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, square, start, takeoff
 from tests.tiers import examples
 
@@ -169,7 +169,7 @@ class Flight(RuleBasedStateMachine):
 
     def mode_of(self, i: int) -> int:
         """The mode that an aircraft is in."""
-        return int(self.fleet.crafts[i].shown_mode)
+        return int(self.fleet.vehicles[i].reported_mode)
 
     def armed(self, i: int) -> bool:
         """Whether its motors may turn."""
@@ -212,7 +212,7 @@ class Flight(RuleBasedStateMachine):
                 round(1000 + 1000 * lift),
                 round(1500 + 500 * yaw),
             ]
-            system = self.fleet.crafts[i].system_id
+            system = self.fleet.vehicles[i].system_id
             self.r.send(name, A.MAVLink_rc_channels_override_message(system, 1, *us, 65535, 65535, 65535, 65535))
 
     def ask(self, i: int, number: int, *params: float) -> int:
@@ -307,7 +307,7 @@ class Flight(RuleBasedStateMachine):
         if by_message:
             self.r.send(NAMES[i], A.MAVLink_set_mode_message(i + 1, 1, mode))
             self.r.run(0.02)
-        elif self.ask(i, A.MAV_CMD_DO_SET_MODE, 1, mode) == OK and not self.fleet.watch["station_lost"][i]:
+        elif self.ask(i, A.MAV_CMD_DO_SET_MODE, 1, mode) == OK and not self.fleet.checks["gcs_lost"][i]:
             gone_on = mode == Mode.AUTO_RTL and self.mode_of(i) == Mode.AUTO
             assert self.mode_of(i) == mode or gone_on or (mode in (Mode.AUTO, Mode.AUTO_RTL) and not self.armed(i))
         self.pass_time(0.2)
@@ -388,7 +388,7 @@ class Flight(RuleBasedStateMachine):
                 frame = RELATIVE
             rows.append((frame, command, params, (east + HOMES[i][0], north, self.alt(frame, z))))
         assert self.r.upload(NAMES[i], rows) == A.MAV_MISSION_ACCEPTED
-        assert len(self.fleet.crafts[i].mission) == len(rows) + 1
+        assert len(self.fleet.vehicles[i].mission) == len(rows) + 1
         if flown:
             if not self.aloft(i):
                 self.ask(i, A.MAV_CMD_DO_SET_MODE, 1, Mode.GUIDED)
@@ -409,7 +409,7 @@ class Flight(RuleBasedStateMachine):
             self.r.send(NAMES[i], A.MAVLink_mission_set_current_message(i + 1, 1, seq))
             self.pass_time(0.5)
             return
-        there = seq < len(self.fleet.crafts[i].mission)
+        there = seq < len(self.fleet.vehicles[i].mission)
         result = self.ask(i, A.MAV_CMD_DO_SET_MISSION_CURRENT, seq, again)
         assert result in (OK, FAILED) if there else result == DENIED
         self.pass_time(0.5)

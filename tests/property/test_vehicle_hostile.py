@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
 
 V = "blue/b1"
@@ -153,7 +153,7 @@ def test_any_bytes_are_counted_and_survived(aloft: dict[str, Range], payloads: l
         r.send_bytes(V, payload)
     r.run(0.05)
     bad = r.events("event.bad_frame")
-    assert len(bad) == len(payloads) == r.engines[0]._fleet.crafts[0].bad_frames
+    assert len(bad) == len(payloads) == r.engines[0]._fleet.vehicles[0].bad_frames
     sane(r)
 
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.codec.columns import dtype_of
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.vehicle.builtin.engine import _HANDLERS
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Item, Range, rtl, start, takeoff, waypoint
 
 V = "blue/b1"
@@ -303,10 +303,10 @@ MISSION: list[tuple[Any, list[tuple[str, int]]]] = [
 @pytest.mark.parametrize(("message", "expected"), MISSION)
 def test_mission_protocol(flights: dict[str, Range], message: Any, expected: list[tuple[str, int]], where: str) -> None:
     r = flights[where].copy()
-    before = copy.deepcopy(r.engines[0]._fleet.crafts[0].mission)
+    before = copy.deepcopy(r.engines[0]._fleet.vehicles[0].mission)
     found = [m for m in answers(r, message) if m.get_type() in ("MISSION_ACK", "MISSION_COUNT", "MISSION_REQUEST")]
     assert [(m.get_type(), m.count if m.get_type() == "MISSION_COUNT" else m.type) for m in found] == expected
-    assert r.engines[0]._fleet.crafts[0].mission == before
+    assert r.engines[0]._fleet.vehicles[0].mission == before
     flies_on(r)
 
 
@@ -346,7 +346,7 @@ def test_a_transfer_that_stops_is_given_up(flights: dict[str, Range], where: str
     later = [s.message for s in r.said[before:]]
     assert 6 <= len([m for m in later if m.get_type() == "MISSION_REQUEST"]) <= 8
     assert [m.type for m in later if m.get_type() == "MISSION_ACK"] == [A.MAV_MISSION_OPERATION_CANCELLED]
-    assert not any(upload.active for upload in r.engines[0]._fleet.crafts[0].uploads)
+    assert not any(upload.active for upload in r.engines[0]._fleet.vehicles[0].uploads)
     flies_on(r)
 
 
@@ -380,7 +380,7 @@ def test_no_number_in_any_field_of_a_local_target(flights: dict[str, Range], pla
     held = place == 10 and bad == HUGE  # a yaw rate without end is a number: it turns as fast as it may
     if not held and not (place == 9 and bad == HUGE):
         assert np.abs(r.velocities()[0]).max() < 0.3
-    assert r.engines[0]._fleet.crafts[0].mode == Mode.GUIDED
+    assert r.engines[0]._fleet.vehicles[0].mode == Mode.GUIDED
 
 
 @pytest.mark.parametrize("bad", _VALUES)
@@ -462,17 +462,19 @@ def test_a_parameter_that_is_not_there_is_not_told(flights: dict[str, Range], in
 @pytest.mark.parametrize("where", ["hover", "auto"])
 def test_what_has_no_answer_changes_no_flight(flights: dict[str, Range], message: Any, where: str) -> None:
     r = flights[where].copy()
-    mode = r.engines[0]._fleet.crafts[0].mode
+    mode = r.engines[0]._fleet.vehicles[0].mode
     found = {m.get_type() for m in answers(r, message)}
     assert not found & {"COMMAND_ACK", "MISSION_ACK", "PARAM_VALUE"}
     flies_on(r)
-    assert r.engines[0]._fleet.crafts[0].mode == mode
+    assert r.engines[0]._fleet.vehicles[0].mode == mode
 
 
 # --- systems and components ------------------------------------------------------------------------------------------
 
 _ADDRESSED = sorted(
-    number for number in (*_HANDLERS, 75, 76, 11, 66) if {"target_system", "target"} & set(dtype_of(number).names or ())
+    number
+    for number in (*_HANDLERS, 75, 76, 11, 66)
+    if {"target_system", "target"} & set(payload_dtype(number).names or ())
 )
 
 
@@ -481,7 +483,7 @@ def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -
     """MAVLink_routing.cpp `check_and_forward`: only 0 and its own system id; components that nobody has are its own."""
     r = flights["hover"].copy()
     kind = A.mavlink_map[number]
-    state = copy.deepcopy(r.engines[0]._fleet.crafts[0])
+    state = copy.deepcopy(r.engines[0]._fleet.vehicles[0])
     for system in (2, 42, 250, 255):
         values: dict[str, Any] = dict.fromkeys(kind.fieldnames, 0)
         values[next(name for name in kind.fieldnames if name in ("target_system", "target"))] = system
@@ -495,9 +497,9 @@ def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -
         if "command" in values:
             values["command"] = A.MAV_CMD_NAV_LAND
         assert answers(r, kind(**values)) == []
-    craft = r.engines[0]._fleet.crafts[0]
-    assert craft.ignored == state.ignored + 4
-    assert (craft.mode, craft.mission, craft.home) == (state.mode, state.mission, state.home)
+    vehicle = r.engines[0]._fleet.vehicles[0]
+    assert vehicle.ignored_frames == state.ignored_frames + 4
+    assert (vehicle.mode, vehicle.mission, vehicle.home) == (state.mode, state.mission, state.home)
     flies_on(r)
 
 
@@ -535,7 +537,7 @@ def test_no_place_beyond_the_fence_is_flown_to(flights: dict[str, Range]) -> Non
     assert r.positions()[0] == pytest.approx([0.0, 0.0, UP_M], abs=0.5)
     assert r.mode(V, Mode.LOITER) == OK
     assert [m.result for m in answers(r, reposition)] == [FAILED]
-    assert r.engines[0]._fleet.crafts[0].mode == Mode.LOITER
+    assert r.engines[0]._fleet.vehicles[0].mode == Mode.LOITER
 
 
 def test_overrides_count_as_heartbeats(flights: dict[str, Range]) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from skyrange.city.city import City
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.vehicle.avoidance.contract import Action, Avoidance, Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceAction, Episode, Own, Tracks, Vector
 
 STEP_NS = 50 * NS_PER_MS
 LOOK_NS = 250 * NS_PER_MS
@@ -48,9 +48,9 @@ class Flyer:
         own = Own(self.pos, self.vel, self.goal, self.speed_mps)
         decision = self.avoidance.decide(now, own, tracks, self.episode)
         self.episode = decision.episode
-        self.holds = decision.action is Action.STOP
-        self.waypoint = decision.waypoint_enu_m if decision.action is Action.GO else None
-        self.home = decision.action is Action.RETURN
+        self.holds = decision.action is AvoidanceAction.STOP
+        self.waypoint = decision.waypoint_enu_m if decision.action is AvoidanceAction.GO else None
+        self.home = decision.action is AvoidanceAction.RETURN
         if not self.log or self.log[-1][1] != decision.action:
             self.log.append((now / NS_PER_S, str(decision.action)))
 

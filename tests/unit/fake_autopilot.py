@@ -14,15 +14,15 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Any
 
-from skyrange.agent.messages import Arrival, Inbox, Note
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.mailboxes import Arrival, Inbox, Note
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, hash64, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch
 from skyrange.gcs.station import GroundStation
-from skyrange.utm.service import FlightApproval
+from skyrange.utm.approval_service import FlightApproval
 
 STEP_NS = 20 * NS_PER_MS
 LAND_MPS = 1.0

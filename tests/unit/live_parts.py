@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from skyrange.agent.contracts import World
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Inbox, Note, Outbox
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Note, Outbox
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring
 from skyrange.record import Recorder, RunRecord
@@ -125,7 +125,7 @@ class Node:
         sent = self.kernel.advance(until, [self._arriving(*each) for each in inbound])
         for transit in sent:
             self.observer.on_frame(transit.frame)
-        return [(transit.arrival, transit.lane, transit.frame.payload) for transit in sent]
+        return [(transit.arrival, transit.directed_link, transit.frame.payload) for transit in sent]
 
     def _arriving(self, at: Time, lane: str, payload: bytes) -> Transit:
         src, dst = self.ends[lane]

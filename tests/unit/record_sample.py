@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.contracts import Floats, Observer, Sensors, Source
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.verdicts import Label
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.contracts.components import Floats, Observer, Sensors, Source
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from skyrange.agent.blocks import FrameBlock, LaneName, Lanes
-from skyrange.agent.frames import Fate
-from skyrange.agent.messages import Arrival, Inbox
-from skyrange.agent.payloads import Payloads
+from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 
-NAMES = [LaneName(f"gcs:a/v{k}", "rev", f"a/v{k}.companion", "a.gcs") for k in range(4)]
-LANES = Lanes(NAMES, np.arange(4))
+NAMES = [DirectedLinkName(f"gcs:a/v{k}", "rev", f"a/v{k}.companion", "a.gcs") for k in range(4)]
+LANES = LinkTable(NAMES, np.arange(4))
 
 
 def block(at: int, lanes: list[int], serials: list[int]) -> FrameBlock:

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.links import Channel
-from skyrange.agent.monitors import Alert, MonitorPlacement, ObservedFrames
+from skyrange.contracts.links import Channel
+from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record import Recorder, RunRecord, load, replay_monitor
-from skyrange.record.merge import merge
+from skyrange.record.live_merge.merge import merge
 from tests.probes.test_monitors import Keeper, blocks_wiring, range_wiring, voices_wiring
 from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import fly as fly_parts

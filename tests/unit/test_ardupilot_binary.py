@@ -10,9 +10,17 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.vehicle.ardupilot import binary as binary_module
-from skyrange.vehicle.ardupilot.binary import OPTIONS, VARIABLE, confirm, data_folder, examine, find, order
-from skyrange.vehicle.ardupilot.executable import MACHINES, ailment
+from skyrange.vehicle.ardupilot.program import arducopter_binary
+from skyrange.vehicle.ardupilot.program.arducopter_binary import (
+    REQUIRED_OPTIONS,
+    VARIABLE,
+    check_help,
+    data_folder,
+    examine_binary,
+    find_binary,
+    version_key,
+)
+from skyrange.vehicle.ardupilot.program.elf_check import MACHINES, why_not_executable
 from tests.ardupilot import ARDUCOPTER, NAMED, WHY_NOT, needs_arducopter
 from tests.unit.made_up_binaries import AARCH64, ARM, elf, firmware
 
@@ -39,7 +47,7 @@ def copter(path: Path, version: str = "4.6.3") -> Path:
 
 def refused(path: Path) -> str:
     with pytest.raises(InputError) as caught:
-        examine(path)
+        examine_binary(path)
     return str(caught.value)
 
 
@@ -49,7 +57,7 @@ def refused(path: Path) -> str:
 @pytest.mark.parametrize("version", ["4.6.3", "4.5.0", "4.7.0-dev", "4.7.0-beta2", "4.10.12", "5.0.0-rc1"])
 def test_an_arducopter_is_taken_with_version_and_hash(tmp_path: Path, version: str) -> None:
     path = copter(tmp_path / "arducopter", version)
-    found = examine(path)
+    found = examine_binary(path)
     assert (found.path, found.version, found.source) == (path, version, "installed")
     assert found.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -96,10 +104,10 @@ def test_anything_else_is_named(tmp_path: Path, data: bytes, said: str) -> None:
 def test_a_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
     """The program header says how long the file is; what hangs behind its end is not missed."""
     whole = elf(body=firmware())
-    assert ailment(whole, "x86_64") == ""
-    assert ailment(whole + b"more", "x86_64") == ""
+    assert why_not_executable(whole, "x86_64") == ""
+    assert why_not_executable(whole + b"more", "x86_64") == ""
     for size in range(len(whole)):
-        assert ailment(whole[:size], "x86_64")
+        assert why_not_executable(whole[:size], "x86_64")
     assert "cut off" in refused(put(tmp_path / "arducopter", whole[:-1]))
 
 
@@ -109,41 +117,41 @@ def test_any_damage_to_the_header_is_survived() -> None:
         for value in (0x00, 0x7F, 0xFF):
             hurt = whole.copy()
             hurt[at] = value
-            assert isinstance(ailment(bytes(hurt), "x86_64"), str)
+            assert isinstance(why_not_executable(bytes(hurt), "x86_64"), str)
 
 
 def test_a_machine_that_is_not_known_takes_any_program() -> None:
-    assert ailment(elf(AARCH64), "loongarch64") == ""
-    assert {ailment(elf(AARCH64), name) for name, own in MACHINES.items() if own == (64, AARCH64)} == {""}
+    assert why_not_executable(elf(AARCH64), "loongarch64") == ""
+    assert {why_not_executable(elf(AARCH64), name) for name, own in MACHINES.items() if own == (64, AARCH64)} == {""}
 
 
 def test_exec_bit_folder_device_and_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = put(tmp_path / "a copter", elf(body=firmware()), 0o644)
     assert f"chmod +x '{plain}'" in refused(plain)
     plain.chmod(0o755)
-    assert examine(plain).version == "4.6.3"
+    assert examine_binary(plain).version == "4.6.3"
     assert "a folder" in refused(tmp_path)
     assert "not a regular file" in refused(Path("/dev/null"))
     assert "no such file" in refused(tmp_path / "nothing")
-    monkeypatch.setattr(binary_module, "MOST_BYTES", 100)
+    monkeypatch.setattr(arducopter_binary, "MAX_BYTES", 100)
     assert "bytes — expected an arducopter, no larger than 100" in refused(plain)
 
 
 def test_a_changed_file_is_read_again(tmp_path: Path) -> None:
     path = copter(tmp_path / "arducopter", "4.6.2")
-    first = examine(path)
-    assert examine(path) == first
+    first = examine_binary(path)
+    assert examine_binary(path) == first
     put(path, elf(body=firmware("ArduCopter V4.6.3")))
     os.utime(path, ns=(1, 1))
-    assert examine(path).version == "4.6.3"
-    assert examine(path).sha256 != first.sha256
+    assert examine_binary(path).version == "4.6.3"
+    assert examine_binary(path).sha256 != first.sha256
 
 
 def test_capabilities_are_what_was_built_in(tmp_path: Path) -> None:
     bare = put(tmp_path / "bare", elf(body=firmware()))
     rich = put(tmp_path / "rich", elf(body=firmware() + b"no_time_sync\0" + b"\0AP_OpenDroneID\0"))
-    assert examine(bare).capabilities == ()
-    assert examine(rich).capabilities == ("lockstep", "Open Drone ID")
+    assert examine_binary(bare).capabilities == ()
+    assert examine_binary(rich).capabilities == ("lockstep", "Open Drone ID")
 
 
 # ---------------------------------------------------------------- finding one
@@ -152,32 +160,32 @@ def test_capabilities_are_what_was_built_in(tmp_path: Path) -> None:
 def test_variable_then_path_then_newest_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for version in ("4.6.3", "4.6.10", "4.7.0-beta1", "4.7.0-dev"):
         copter(data_folder() / version / "arducopter", version)
-    found = find()
+    found = find_binary()
     assert (found.source, found.version) == ("installed", "4.7.0-beta1")
     copter(tmp_path / "bin" / "arducopter", "4.5.7")
-    found = find()
+    found = find_binary()
     assert (found.source, found.version) == ("PATH", "4.5.7")
     monkeypatch.setenv(VARIABLE, str(copter(tmp_path / "own" / "mine", "4.6.0")))
-    found = find()
+    found = find_binary()
     assert (found.source, found.version) == (VARIABLE, "4.6.0")
     monkeypatch.setenv(VARIABLE, "")
-    assert find().source == "PATH"
+    assert find_binary().source == "PATH"
 
 
 def test_what_is_first_and_wrong_is_not_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     copter(data_folder() / "4.6.3" / "arducopter")
     put(tmp_path / "bin" / "arducopter", b"#!/bin/sh\n")
     with pytest.raises(InputError, match=r"arducopter on PATH: .* a script"):
-        find()
+        find_binary()
     monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
     with pytest.raises(InputError, match=f"{VARIABLE}: .*nowhere: no such file"):
-        find()
+        find_binary()
 
 
 def test_none_at_all_says_how_to_get_one(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
-        find()
-    fault = caught.value.faults[0]
+        find_binary()
+    fault = caught.value.problems[0]
     assert "skyrange install ardupilot" in fault.hint
     assert VARIABLE in fault.hint
     assert str(tmp_path / "data") in fault.where
@@ -186,20 +194,20 @@ def test_none_at_all_says_how_to_get_one(tmp_path: Path) -> None:
 def test_versions_sort_as_they_were_released() -> None:
     released = ["4.5.7", "4.6.0-dev", "4.6.0-beta1", "4.6.0-beta2", "4.6.0-rc1", "4.6.0", "4.6.9", "4.6.10", "4.10.0"]
     backwards = released[::-1]
-    assert sorted(backwards, key=order) == released
-    assert order("something else") < order("4.5.0")
+    assert sorted(backwards, key=version_key) == released
+    assert version_key("something else") < version_key("4.5.0")
 
 
 # ---------------------------------------------------------------- its answer
 
 
 def test_an_answer_must_be_that_of_sitl() -> None:
-    text = "Options:\n" + "\n".join(f"\t{option} X" for option in OPTIONS)
-    confirm("it", "exit 0", text)
+    text = "Options:\n" + "\n".join(f"\t{option} X" for option in REQUIRED_OPTIONS)
+    check_help("it", "exit 0", text)
     with pytest.raises(ComponentError, match=r"it: `--help` ended with exit 1: no GLIBC"):
-        confirm("it", "exit 1", "no GLIBC\n")
+        check_help("it", "exit 1", "no GLIBC\n")
     with pytest.raises(ComponentError, match="--start-time"):
-        confirm("it", "exit 0", text.replace("--start-time", "--fg"))
+        check_help("it", "exit 0", text.replace("--start-time", "--fg"))
 
 
 def test_an_arducopter_that_is_named_will_do() -> None:
@@ -209,9 +217,9 @@ def test_an_arducopter_that_is_named_will_do() -> None:
 
 @needs_arducopter
 def test_the_real_one_answers() -> None:
-    from skyrange.io.answers import ask
+    from skyrange.io.processes.single_run import run_once
 
     assert ARDUCOPTER is not None
     assert "lockstep" in ARDUCOPTER.capabilities
-    answer = ask(ARDUCOPTER.path, "--help", deadline_s=10.0)
-    confirm("arducopter", answer.ended, answer.text)
+    answer = run_once(ARDUCOPTER.path, "--help", deadline_s=10.0)
+    check_help("arducopter", answer.ended, answer.text)

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.vehicle.ardupilot.lines import _LINE, Writer, _line, lines
-from skyrange.vehicle.ardupilot.packets import STANDING, Motion, between, stamp_s
+from skyrange.vehicle.ardupilot.json_backend.json_lines import _LINE, LineWriter, _line, format_lines
+from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, Motion, interpolate, step_time_s
 
 numbers = st.floats() | st.sampled_from((0.0, -0.0, 1.0, 0.5, 9.999999995, 999999999.5, 1e-4, 9.99999999e-5, 1e9, 1e-5))
 small = st.integers(-40, 20).flatmap(lambda e: st.floats(-10.0, 10.0).map(lambda f: f * 10.0**e))
@@ -22,7 +22,7 @@ def plain(time_s: float, row: list[float]) -> bytes:
 @settings(deadline=None)  # the first compiles
 @given(st.floats(0.0, 1e6), st.lists(numbers | small, min_size=12, max_size=12))
 def test_a_line_is_what_percent_writes(time_s: float, row: list[float]) -> None:
-    assert lines([time_s], Motion(np.array([row]))) == [plain(time_s, row)]
+    assert format_lines([time_s], Motion(np.array([row]))) == [plain(time_s, row)]
 
 
 def test_thousands_of_lines_are_what_percent_writes_and_nearly_all_are_the_kernels() -> None:
@@ -31,7 +31,7 @@ def test_thousands_of_lines_are_what_percent_writes_and_nearly_all_are_the_kerne
     rows = random.normal(size=(count, 12)) * 10.0 ** random.integers(-14, 8, size=(count, 12))
     rows[::7] = np.round(rows[::7], 3)  # short ones, and ties
     times_s = np.arange(1, count + 1) * 0.005 * (1.0 + 1e-7)
-    written = lines(times_s.tolist(), Motion(rows))
+    written = format_lines(times_s.tolist(), Motion(rows))
     assert written == [plain(*pair) for pair in zip(times_s.tolist(), rows.tolist(), strict=True)]
     text = np.zeros(512, dtype=np.uint8)
     lengths = [_line(row, text) for row in np.column_stack((times_s, rows))]
@@ -49,13 +49,13 @@ def test_powers_of_ten_and_their_neighbours() -> None:
         ):
             for value in (start, math.nextafter(start, 0.0), math.nextafter(start, math.inf), -start):
                 row = [value] * 12
-                assert lines([1.5], Motion(np.array([row]))) == [plain(1.5, row)], value
+                assert format_lines([1.5], Motion(np.array([row]))) == [plain(1.5, row)], value
 
 
 def test_a_writer_keeps_each_ones_lines_apart() -> None:
     motion = Motion(np.repeat(STANDING.rows, 3, axis=0))
     motion.rows[1, 3] = math.nan  # not for the kernel
-    writer, per_tick, step_ns = Writer(3, 2), np.array([1, 1, 1]), np.array([1, 2, 3]) * 10**9
+    writer, per_tick, step_ns = LineWriter(3, 2), np.array([1, 1, 1]), np.array([1, 2, 3]) * 10**9
     steps = np.array([0, 4, 1])
     writer.write(np.array([0, 1, 2]), np.array([0, 0, 0]), per_tick, steps, step_ns, motion, motion)
     first = writer.text[0].copy()
@@ -65,7 +65,7 @@ def test_a_writer_keeps_each_ones_lines_apart() -> None:
     assert writer.lengths[1, 0] == 0
     for at, step in (((1, 1), 6), ((0, 2), 3), ((0, 1), 5), ((0, 0), 1)):
         row = at[1]
-        wanted = plain(stamp_s(step, int(step_ns[row])), motion.rows[row].tolist())
+        wanted = plain(step_time_s(step, int(step_ns[row])), motion.rows[row].tolist())
         assert writer.text[at][: writer.lengths[at]].tobytes() == wanted
 
 
@@ -73,7 +73,7 @@ def test_the_lines_of_a_tick_but_the_last_say_what_is_on_the_way() -> None:
     random = np.random.default_rng(2)
     before, after = Motion(random.normal(size=(2, 12))), Motion(random.normal(size=(2, 12)))
     before.rows[1, 0] = math.inf  # not for the kernel
-    writer, steps = Writer(2, 4), np.array([10, 20])
+    writer, steps = LineWriter(2, 4), np.array([10, 20])
     writer.write(np.array([0, 1]), np.array([0, 1]), np.array([2, 3]), steps, np.array([1, 1]), before, after)
     assert steps.tolist() == [12, 23]
     for row, per_tick, first in ((0, 2, 0), (1, 3, 1)):
@@ -81,15 +81,15 @@ def test_the_lines_of_a_tick_but_the_last_say_what_is_on_the_way() -> None:
             at = first + turn - 1, row
             said = after.rows[row].copy()
             if turn < per_tick:
-                between(before.rows[row], after.rows[row], turn / per_tick, said)
-            wanted = plain(stamp_s(steps.item(row) - per_tick + turn, 1), said.tolist())
+                interpolate(before.rows[row], after.rows[row], turn / per_tick, said)
+            wanted = plain(step_time_s(steps.item(row) - per_tick + turn, 1), said.tolist())
             assert writer.text[at][: writer.lengths[at]].tobytes() == wanted
 
 
 def test_what_is_no_number_is_written_as_ever() -> None:
     rows = np.repeat(STANDING.rows, 3, axis=0)
     rows[1, 3] = math.nan
-    first, second, third = lines([0.0025, 0.0025, 1.0], Motion(rows))
+    first, second, third = format_lines([0.0025, 0.0025, 1.0], Motion(rows))
     assert first == plain(0.0025, STANDING.rows[0].tolist())
     assert b"[nan,0," in second
     assert third == plain(1.0, STANDING.rows[0].tolist())

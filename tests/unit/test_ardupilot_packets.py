@@ -8,9 +8,17 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Sensors
-from skyrange.vehicle.ardupilot.lines import lines
-from skyrange.vehicle.ardupilot.packets import WIDTH, MeanForce, Motion, between, commands_of, motion_of, stamp_s
+from skyrange.contracts.components import Sensors
+from skyrange.vehicle.ardupilot.json_backend.json_lines import format_lines
+from skyrange.vehicle.ardupilot.json_backend.motion import (
+    WIDTH,
+    MeanForce,
+    Motion,
+    interpolate,
+    read_commands,
+    step_time_s,
+    to_ardupilot_motion,
+)
 from skyrange.world import Body, World
 
 
@@ -31,7 +39,7 @@ def euler(q: np.ndarray) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 200.0, 300.0])
 def test_one_that_stands_is_level_heads_as_it_does_and_feels_its_weight(heading_deg: float) -> None:
-    motion = motion_of(sensors_of(heading_deg), np.zeros(1))
+    motion = to_ardupilot_motion(sensors_of(heading_deg), np.zeros(1))
     roll, pitch, yaw = euler(motion.attitude[0])
     assert (roll, pitch) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert yaw == pytest.approx(heading_deg, abs=1e-9)
@@ -45,7 +53,7 @@ def test_axes_turn_from_forward_left_up_to_forward_right_down() -> None:
         **{name: getattr(sensors, name) for name in Sensors.__dataclass_fields__}
         | {"gyro_radps": gyro, "accel_mps2": force, "baro_up_m": np.array([12.5])}
     )
-    motion = motion_of(turned, np.array([2.0]))
+    motion = to_ardupilot_motion(turned, np.array([2.0]))
     assert motion.gyro_radps[0].tolist() == [0.1, -0.2, -0.3]
     assert motion.accel_mps2[0].tolist() == [1.0, -2.0, -10.0]
     assert motion.down_m[0] == -10.5
@@ -59,7 +67,7 @@ def test_halfway_between_two_attitudes_is_half_the_turn_whatever_their_signs() -
 
     def on_the_way(sign: float, share: float) -> Motion:
         row = np.empty((1, WIDTH))
-        between(standing(10.0, 1.0).rows[0], standing(14.0, sign).rows[0], share, row[0])
+        interpolate(standing(10.0, 1.0).rows[0], standing(14.0, sign).rows[0], share, row[0])
         return Motion(row)
 
     for sign in (1.0, -1.0):
@@ -74,15 +82,15 @@ def test_who_is_asked_in_every_second_tick_feels_the_mean_of_both() -> None:
     mean, felt = MeanForce(2), []
     for force in (2.0, 4.0, 6.0, 8.0):
         motion = Motion(np.zeros((2, 12)))
-        mean.feel(np.full((2, 3), -force))
-        mean.put(motion, np.array([0, 1] if force in (4.0, 8.0) else [0]))
+        mean.add(np.full((2, 3), -force))
+        mean.apply(motion, np.array([0, 1] if force in (4.0, 8.0) else [0]))
         felt.append(motion.accel_mps2[:, 2].tolist())
     assert felt == [[2.0, 2.0], [4.0, 3.0], [6.0, 6.0], [8.0, 7.0]]
 
 
 def test_a_line_is_json_with_a_line_feed_on_both_sides_and_no_blank_before_a_bracket() -> None:
-    motion = motion_of(sensors_of(0.0), np.zeros(1))
-    (line,) = lines([stamp_s(8, 2_500_000)], motion)
+    motion = to_ardupilot_motion(sensors_of(0.0), np.zeros(1))
+    (line,) = format_lines([step_time_s(8, 2_500_000)], motion)
     assert line.startswith(b"\n")
     assert line.endswith(b"\n")
     assert b": [" not in line
@@ -99,7 +107,7 @@ def test_times_cut_to_microseconds_never_lose_one(step_ns: int) -> None:
     """ArduPilot adds the difference of two times, cut to whole microseconds (SIM_JSON.cpp, `recv_fdm`)."""
     last_s, clock_us, steps = 0.0, 0, 240_000
     for step in range(1, steps + 1):
-        told_s = float(f"{stamp_s(step, step_ns):.12f}")
+        told_s = float(f"{step_time_s(step, step_ns):.12f}")
         clock_us += int((told_s - last_s) * 1e6)
         last_s = told_s
     assert clock_us == steps * step_ns // 1000
@@ -112,7 +120,7 @@ def test_widths_are_commands_and_no_pulse_is_none() -> None:
     first, second, other = answer(1000, 1500, 2000, 1150), answer(0, 900, 2100, 65535), answer(1300)
     answers = np.frombuffer(first.ljust(40) + other.ljust(40) * 2 + second.ljust(40), dtype=np.uint8).reshape(2, 2, 40)
     commands = np.full((2, 4), 0.5)
-    commands_of(answers, np.array([0, 1]), np.array([0]), commands)
+    read_commands(answers, np.array([0, 1]), np.array([0]), commands)
     assert commands.tolist() == [[0.0, 0.5, 1.0, 0.15], [0.5] * 4]
-    commands_of(answers, np.array([0, 1]), np.array([1]), commands)
+    read_commands(answers, np.array([0, 1]), np.array([1]), commands)
     assert commands.tolist() == [[0.0, 0.5, 1.0, 0.15], [0.0, 0.0, 1.0, 1.0]]

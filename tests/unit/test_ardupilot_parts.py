@@ -10,8 +10,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.gnss import Receivers
-from skyrange.vehicle.ardupilot.witness import Witness
+from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
+from skyrange.vehicle.mavlink_state.event_detection import EventDetector
 from skyrange.world import Body, World
 from skyrange.world.airframes import AIRFRAMES
 
@@ -34,7 +34,7 @@ IRIS = AIRFRAMES["iris"]
 def test_names_and_units_of_either_version_find_the_firmwares_own(
     name: str, value: float, listed: dict[str, float], found: tuple[str, float] | None
 ) -> None:
-    assert parameters.resolve(name, value, listed) == found
+    assert parameters.resolve_parameter(name, value, listed) == found
 
 
 def test_wrong_parameters_are_told_together_with_the_nearest_name() -> None:
@@ -81,8 +81,8 @@ def test_gyros_are_read_as_often_as_arming_wants(
     values: dict[str, float], steps: tuple[int, int], moments: int
 ) -> None:
     listed = {"SCHED_LOOP_RATE": 400.0}
-    assert parameters.steps_of(values, listed, 0.0025) == steps
-    assert parameters.moments_of(values, listed, 0.0025) == moments
+    assert parameters.exchange_steps(values, listed, 0.0025) == steps
+    assert parameters.moments_per_iteration(values, listed, 0.0025) == moments
 
 
 @pytest.mark.parametrize("listed", [{"ARMING_CHECK": 1.0}, {"ARMING_SKIPCHK": 0.0}])
@@ -91,7 +91,7 @@ def test_rates_are_a_start_that_a_scenario_may_go_on_from(listed: dict[str, floa
 
     def steps(rates: str, given: dict[str, float] | None = None) -> tuple[int, int]:
         values = parameters.start_values("a/b", IRIS, given or {}, listed, 120, rates)
-        return parameters.steps_of(values, listed, 0.0025)
+        return parameters.exchange_steps(values, listed, 0.0025)
 
     assert [steps(rates) for rates in ("full", "single", "reduced")] == [(2, 1), (1, 1), (1, 2)]
     assert steps("single", {"ARMING_CHECK": 1.0}) == (2, 1)
@@ -100,7 +100,7 @@ def test_rates_are_a_start_that_a_scenario_may_go_on_from(listed: dict[str, floa
 
 def test_a_fix_is_said_once_at_most_five_times_a_second_in_gps_time() -> None:
     origin, epoch = Origin(40.0, -73.0, 100.0, -30.0), Epoch(1_767_268_800 * NS_PER_S)  # 2026-01-01T12:00:00Z
-    receivers = Receivers(1, origin, epoch)
+    receivers = GnssReceivers(1, origin, epoch)
     world = World([Body("a/b", "iris", 10.0, 20.0)])
     told = []
     for tick in range(400):
@@ -124,12 +124,12 @@ def message(made: object) -> object:
 
 
 def test_changes_are_told_once() -> None:
-    witness = Witness()
+    witness = EventDetector()
     armed, auto = dialect.MAV_MODE_FLAG_SAFETY_ARMED, 3
 
     def beat(mode: int, base: int) -> list[str]:
         made = dialect.MAVLink_heartbeat_message(2, 3, base, mode, 4, 3)
-        return [kind for kind, _ in witness.reported(message(made))]
+        return [kind for kind, _ in witness.on_report(message(made))]
 
     assert beat(0, 0) == []
     assert beat(auto, 0) == ["event.mode"]
@@ -137,20 +137,20 @@ def test_changes_are_told_once() -> None:
     assert beat(auto, armed) == []
     assert beat(0, 0) == ["event.mode", "event.disarmed"]
     flying = dialect.MAVLink_extended_sys_state_message(0, dialect.MAV_LANDED_STATE_TAKEOFF)
-    assert [kind for kind, _ in witness.reported(message(flying))] == ["event.takeoff"]
-    assert [kind for kind, _ in witness.reported(message(flying))] == []
+    assert [kind for kind, _ in witness.on_report(message(flying))] == ["event.takeoff"]
+    assert [kind for kind, _ in witness.on_report(message(flying))] == []
 
 
 def test_belief_that_jumps_is_a_reset_and_belief_that_flies_is_none() -> None:
-    witness = Witness()
+    witness = EventDetector()
     status = dialect.MAVLink_ekf_status_report_message(dialect.EKF_POS_HORIZ_ABS, 0, 0, 0, 0, 0)
-    list(witness.reported(message(status)))
+    list(witness.on_report(message(status)))
     kinds = []
     lat_e7 = 400_000_000
     for tick in range(20):
         lat_e7 += 90 + (900 if tick == 12 else 0)  # 10 m/s north, and 10 m at once
         place = dialect.MAVLink_global_position_int_message(tick * 100, lat_e7, -730_000_000, 0, 0, 1000, 0, 0, 0)
-        for kind, data in witness.reported(message(place)):
+        for kind, data in witness.on_report(message(place)):
             kinds.append((tick, kind))
             assert data["north_m"] == pytest.approx(10.0, abs=0.3)
             assert abs(float(data["east_m"])) < 0.1
@@ -158,7 +158,7 @@ def test_belief_that_jumps_is_a_reset_and_belief_that_flies_is_none() -> None:
 
 
 def test_a_false_fix_reaches_only_what_goes_to_the_receiver() -> None:
-    receivers = Receivers(1, Origin(40.0, -73.0), Epoch(0))
+    receivers = GnssReceivers(1, Origin(40.0, -73.0), Epoch(0))
     world = World([Body("a/b", "iris", 0.0, 0.0)])
     world.advance(0)
     sensors = world.sensors(slice(None))

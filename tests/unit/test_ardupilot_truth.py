@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from skyrange.agent.contracts import Engine
 from skyrange.bench.ardupilot import measure
 from skyrange.codec.mavlink import dialect
+from skyrange.contracts.components import Engine
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS
-from skyrange.runtime.pace import held_to
+from skyrange.runtime.pace import resolve_speed
+from skyrange.vehicle.ardupilot.clock_offsets import ClockOffsets
+from skyrange.vehicle.ardupilot.json_backend.motion import to_ardupilot_motion
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import motion_of
-from skyrange.vehicle.ardupilot.parameters import NATIVE, native_values
-from skyrange.vehicle.ardupilot.skew import Skew
-from skyrange.vehicle.ardupilot.truth import GEAR_M, Truth, state_of
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.ardupilot.parameters import NATIVE_PARAMETERS, native_values
+from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.mavlink_state.reported_poses import GEAR_M, ReportedPoses, state_from_sim_state
 from skyrange.world import Body, World
 
 ORIGIN = Origin(40.778, -73.955, alt_msl_m=20.0)
@@ -37,43 +37,43 @@ def sim_state(quaternion: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.
 
 
 def test_places_velocities_and_rates_turn_into_our_frames() -> None:
-    state = state_of(sim_state(), ORIGIN)
+    state = state_from_sim_state(sim_state(), ORIGIN)
     assert state.position_enu_m == pytest.approx((0.0, 10.0, 5.0), abs=0.02)
     assert state.vel_enu_mps == (2.0, 1.0, -3.0)
     assert state.rates_radps == (0.1, -0.2, -0.3)
-    assert state.sound
+    assert state.is_valid
 
 
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 200.0])
 def test_attitudes_are_those_that_our_world_would_have_sent(heading_deg: float) -> None:
-    """`motion_of` is the other way: there and back is the same rotation."""
+    """`to_ardupilot_motion` is the other way: there and back is the same rotation."""
     world = World([Body("a/b", "iris", 0.0, 0.0, heading_deg=heading_deg)])
     world.advance(0)
     sensors = world.sensors(slice(None))
-    theirs = motion_of(sensors, np.zeros(1)).attitude[0]
-    ours = np.array(state_of(sim_state(tuple(theirs.tolist())), ORIGIN).attitude)
+    theirs = to_ardupilot_motion(sensors, np.zeros(1)).attitude[0]
+    ours = np.array(state_from_sim_state(sim_state(tuple(theirs.tolist())), ORIGIN).attitude)
     assert abs(float(ours @ sensors.attitude[0])) == pytest.approx(1.0, abs=1e-6)
     half = math.radians(heading_deg) / 2  # and by its definition: a turn about down
-    ours = np.array(state_of(sim_state((math.cos(half), 0.0, 0.0, math.sin(half))), ORIGIN).attitude)
+    ours = np.array(state_from_sim_state(sim_state((math.cos(half), 0.0, 0.0, math.sin(half))), ORIGIN).attitude)
     assert abs(float(ours @ sensors.attitude[0])) == pytest.approx(1.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("changes", [{"vn": math.nan}, {"alt": math.inf}, {"q1": 2.0}])
 def test_what_no_body_can_be_is_not_sound(changes: dict[str, float]) -> None:
-    assert not state_of(sim_state(**changes), ORIGIN).sound
+    assert not state_from_sim_state(sim_state(**changes), ORIGIN).is_valid
 
 
 def test_a_late_pose_is_brought_forward_and_told_once() -> None:
-    truth = Truth(2)
-    assert truth.take() is None
-    truth.tell(1, state_of(sim_state(), ORIGIN), 100 * NS_PER_MS)
-    poses = truth.take()
+    truth = ReportedPoses(2)
+    assert truth.take_new() is None
+    truth.update(1, state_from_sim_state(sim_state(), ORIGIN), 100 * NS_PER_MS)
+    poses = truth.take_new()
     assert poses is not None
     assert poses.fresh.tolist() == [False, True]
     assert poses.position_enu_m[1] == pytest.approx((0.2, 10.1, 4.7), abs=0.02)
-    assert truth.take() is None
-    truth.tell(0, state_of(sim_state(), ORIGIN), 10**12)  # a clock that is far off moves nothing far
-    poses = truth.take()
+    assert truth.take_new() is None
+    truth.update(0, state_from_sim_state(sim_state(), ORIGIN), 10**12)  # a clock that is far off moves nothing far
+    poses = truth.take_new()
     assert poses is not None
     assert poses.position_enu_m[0, 2] == pytest.approx(5.0 - 0.25 * 3.0, abs=0.02)
 
@@ -84,7 +84,7 @@ def test_a_late_pose_is_brought_forward_and_told_once() -> None:
 def test_wind_comes_from_where_it_does_and_the_airframe_is_theirs(
     wind: tuple[float, float, float], from_deg: float, speed_mps: float
 ) -> None:
-    listed = dict.fromkeys([*NATIVE, "SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_T", "GPS1_TYPE"], 0.0)
+    listed = dict.fromkeys([*NATIVE_PARAMETERS, "SIM_WIND_SPD", "SIM_WIND_DIR", "SIM_WIND_T", "GPS1_TYPE"], 0.0)
     values = native_values(VehicleSpec("a/b", 1, "x500", wind_enu_mps=wind), listed, 120)
     assert values["SIM_WIND_DIR"] == pytest.approx(from_deg)
     assert values["SIM_WIND_SPD"] == pytest.approx(speed_mps)
@@ -117,20 +117,20 @@ def test_the_pace_of_wall_engines_is_the_runs() -> None:
         return list(made)  # type: ignore[arg-type]
 
     lockstep, wall, other = Paced("a", "lockstep", 0.0), Paced("b", "wall", 5.0), Paced("c", "wall", 2.0)
-    assert held_to(3.0, engines(lockstep)) == 3.0
-    assert held_to(0.0, engines(lockstep, wall)) == 0.0
-    assert held_to(5.0, engines(wall)) == 0.0, "it holds itself"
+    assert resolve_speed(3.0, engines(lockstep)) == 3.0
+    assert resolve_speed(0.0, engines(lockstep, wall)) == 0.0
+    assert resolve_speed(5.0, engines(wall)) == 0.0, "it holds itself"
     for speed, given in ((3.0, (wall,)), (0.0, (wall, other))):
         with pytest.raises(InputError, match="one speed"):
-            held_to(speed, engines(*given))
+            resolve_speed(speed, engines(*given))
 
 
 def test_skew_is_told_from_the_run_and_between_instances() -> None:
-    skew = Skew()
-    assert skew.told == {}
+    skew = ClockOffsets()
+    assert skew.summary == {}
     for row, ahead_ms in ((0, 4), (1, -2), (0, 0)):
-        skew.seen(row, ahead_ms * NS_PER_MS)
-    assert skew.told == {"mean": 2.0, "max": 4.0, "between": 6.0}
+        skew.record(row, ahead_ms * NS_PER_MS)
+    assert skew.summary == {"mean": 2.0, "max": 4.0, "between": 6.0}
     skew.forget(1)
-    skew.seen(0, 50 * NS_PER_MS)
-    assert skew.told["between"] == 6.0
+    skew.record(0, 50 * NS_PER_MS)
+    assert skew.summary["between"] == 6.0

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.agent.contracts import SensorAct, SensorFault, Sensors
-from skyrange.agent.links import Schedule
-from skyrange.attack.contract import Aircraft, AttackKind, Setting
-from skyrange.attack.gnss_drift import DRIFT
-from skyrange.attack.gnss_jump import JUMP
+from skyrange.assembly.build import build
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
+from skyrange.attack.gnss.drift import DRIFT
+from skyrange.attack.gnss.jump import JUMP
+from skyrange.contracts import plugins
+from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
-from skyrange.scenario.load import load_text
-from skyrange.scenario.wire import wire
+from skyrange.scenario.toml_reader import load_text
 from skyrange.world import Body, SensorSpec, World
 
 S = NS_PER_S
@@ -53,16 +53,16 @@ def readings() -> Sensors:
     return found
 
 
-def setting(start: Time = 2 * S, sham: bool = False) -> Setting:
+def context(start: Time = 2 * S, sham: bool = False) -> AttackContext:
     vehicles = {name: Aircraft((0.0, 0.0, 0.0), "") for name in ("blue/b1", "blue/b2", "blue/b3")}
-    return Setting(
+    return AttackContext(
         "x", vehicles, [], Origin(40.0, -73.0, 0.0, 0.0), Epoch(0), Chance(3), 99 * S, Schedule(start, 90 * S), sham
     )
 
 
-def fault(kind: AttackKind, where: Setting | None = None, **params: Any) -> SensorFault:
+def fault(kind: AttackPlugin, where: AttackContext | None = None, **params: Any) -> SensorFault:
     chosen = kind.params.model_validate({"vehicles": ["blue/b1", "blue/b2"], **params})
-    (only,) = kind(chosen, where or setting()).faults
+    (only,) = kind(chosen, where or context()).faults
     return only
 
 
@@ -98,7 +98,7 @@ def test_a_jump_moves_position_at_once_and_tells_it_once() -> None:
     [(JUMP, {"offset_m": [3, 4, 5]}), (DRIFT, {"rate_mps": [1, 2, 3]})],
     ids=["jump", "drift"],
 )
-def test_nothing_else_is_touched_and_not_the_other_aircraft(kind: AttackKind, params: dict[str, Any]) -> None:
+def test_nothing_else_is_touched_and_not_the_other_aircraft(kind: AttackPlugin, params: dict[str, Any]) -> None:
     sensors, _ = told(fault(kind, vehicles=["blue/b1", "blue/b2"], **params), 9 * S)
     true = readings()
     true.gnss_time_ns[:] = 9 * S
@@ -154,7 +154,7 @@ def test_a_receiver_without_a_fix_has_none_to_be_false() -> None:
 
 
 def test_it_waits_for_its_trigger_and_counts_from_there() -> None:
-    where = setting(start=NEVER)
+    where = context(start=NEVER)
     drift = fault(DRIFT, where, rate_mps=[1, 0, 0])
     assert told(drift, 50 * S)[1] == []
     where.schedule.start_ns = 60 * S
@@ -166,8 +166,8 @@ def test_it_waits_for_its_trigger_and_counts_from_there() -> None:
     [(JUMP, {"offset_m": [3, 4, 5]}), (DRIFT, {"rate_mps": [1, 2, 3], "largest_m": 10, "at_largest": "return"})],
     ids=["jump", "drift"],
 )
-def test_a_sham_tells_the_same_acts_and_moves_nothing(kind: AttackKind, params: dict[str, Any]) -> None:
-    live, sham = fault(kind, **params), fault(kind, setting(sham=True), **params)
+def test_a_sham_tells_the_same_acts_and_moves_nothing(kind: AttackPlugin, params: dict[str, Any]) -> None:
+    live, sham = fault(kind, **params), fault(kind, context(sham=True), **params)
     for now in range(0, 20 * S, S // 5):
         sensors, acts = told(sham, now)
         assert acts == told(live, now)[1]
@@ -184,8 +184,8 @@ def test_it_is_plain_state() -> None:
 def wrong(kind: str, params: str) -> list[str]:
     text = f'[[attacks]]\nid = "lie"\nkind = "{kind}"\nparams = {{ {params} }}\n'
     with pytest.raises(InputError) as caught:
-        wire(load_text(FLEET + text))
-    return [str(fault) for fault in caught.value.faults]
+        build(load_text(FLEET + text))
+    return [str(fault) for fault in caught.value.problems]
 
 
 @pytest.mark.parametrize(

@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.links import Schedule
-from skyrange.agent.messages import Arrival, Inbox
-from skyrange.agent.verdicts import Inject
-from skyrange.attack.contract import Aircraft, Attack, AttackKind, Setting
-from skyrange.attack.remote_id_jam import JAM, SILENT_CDBM
-from skyrange.attack.remote_id_replay import REPLAY
-from skyrange.attack.remote_id_spoof import SPOOF
-from skyrange.codec import noise_link, rid_link
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, Status, decode, faults, is_serial_number
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.attack.contract import Aircraft, Attack, AttackContext, AttackPlugin
+from skyrange.attack.remote_id.jam import JAM, SILENT_CDBM
+from skyrange.attack.remote_id.replay import REPLAY
+from skyrange.attack.remote_id.spoof import SPOOF
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, Status, decode, deviations, is_serial_number
+from skyrange.codec.remote_id import link_payload, noise_request
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts.links import Schedule
+from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.contracts.verdicts import Inject
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.geodesy import Origin
@@ -29,14 +29,14 @@ ORIGIN = Origin(40.778, -73.955, 25.0, -32.0)
 RED = "1581F5FKD229400000RR"
 
 
-def setting(start: Time = 2 * S, stop: Time = 6 * S, sham: bool = False) -> Setting:
+def context(start: Time = 2 * S, stop: Time = 6 * S, sham: bool = False) -> AttackContext:
     vehicles = {"red/r1": Aircraft((0.0, 0.0, 0.0), RED)}
     epoch = Epoch(1_767_268_800 * S)  # 2026-01-01T12:00:00Z, a full hour
     links = ["rid_up:red/r1", "gcs:red/r1"]
-    return Setting("x", vehicles, links, ORIGIN, epoch, Chance(3), 10 * S, Schedule(start, stop), sham)
+    return AttackContext("x", vehicles, links, ORIGIN, epoch, Chance(3), 10 * S, Schedule(start, stop), sham)
 
 
-def made(kind: AttackKind, where: Setting, **params: Any) -> Attack:
+def made(kind: AttackPlugin, where: AttackContext, **params: Any) -> Attack:
     return kind(kind.params.model_validate(params), where)
 
 
@@ -55,10 +55,10 @@ def sent(attack: Attack, until: Time, mail: tuple[Arrival, ...] = ()) -> list[tu
 
 
 def opened(payload: bytes) -> tuple[RidHeader, BasicId, Location]:
-    header, body = rid_link.unpack(payload)
+    header, body = link_payload.unpack(payload)
     pack = decode(body)
     assert isinstance(pack, MessagePack)
-    assert not faults(pack), "well-formed, as an honest transmitter's"
+    assert not deviations(pack), "well-formed, as an honest transmitter's"
     basic, location = pack.messages[:2]
     assert isinstance(basic, BasicId)
     assert isinstance(location, Location)
@@ -74,7 +74,7 @@ def place(location: Location) -> tuple[float, float, float]:
 
 
 def test_a_ghost_says_what_was_asked_once_a_second_while_it_acts() -> None:
-    frames = sent(made(SPOOF, setting(), at=[100, -50, 40]), 10 * S)
+    frames = sent(made(SPOOF, context(), at=[100, -50, 40]), 10 * S)
     assert [now for now, _ in frames] == [k * S for k in range(2, 11)]  # the kernel discards what is after the stop
     for now, payload in frames:
         header, basic, location = opened(payload)
@@ -85,11 +85,11 @@ def test_a_ghost_says_what_was_asked_once_a_second_while_it_acts() -> None:
         assert place(location) == pytest.approx((100, -50, 40), abs=0.26)
         assert (location.status, location.speed_mps) == (Status.AIRBORNE, 0.0)
         assert location.timestamp_s == pytest.approx(now / S, abs=0.05)
-    assert [rid_link.unpack(payload).header.counter for _, payload in frames] == list(range(9))
+    assert [link_payload.unpack(payload).header.counter for _, payload in frames] == list(range(9))
 
 
 def test_it_moves_from_its_start_on() -> None:
-    frames = sent(made(SPOOF, setting(), at=[0, 0, 30], velocity_mps=[3, 4, -1]), 5 * S)
+    frames = sent(made(SPOOF, context(), at=[0, 0, 30], velocity_mps=[3, 4, -1]), 5 * S)
     _, _, location = opened(frames[-1][1])
     assert place(location) == pytest.approx((9, 12, 27), abs=0.26)
     # speed in steps of 0.25 m/s, vertical of 0.5 m/s, whole degrees
@@ -97,12 +97,12 @@ def test_it_moves_from_its_start_on() -> None:
 
 
 def test_a_trigger_that_never_fired_leaves_it_silent() -> None:
-    assert sent(made(SPOOF, replace(setting(), schedule=Schedule()), at=[0, 0, 30]), 5 * S) == []
+    assert sent(made(SPOOF, replace(context(), schedule=Schedule()), at=[0, 0, 30]), 5 * S) == []
 
 
 def test_a_false_position_has_the_victims_identity_and_a_sham_has_not() -> None:
     params = {"form": "position", "vehicle": "red/r1", "at": [5, 5, 30], "transmitter_m": [70, 0, 3]}
-    live, sham = (sent(made(SPOOF, setting(sham=sham), **params), 5 * S) for sham in (False, True))
+    live, sham = (sent(made(SPOOF, context(sham=sham), **params), 5 * S) for sham in (False, True))
     assert opened(live[0][1])[1].uas_id == RED
     _, basic, location = opened(sham[0][1])
     assert basic.uas_id != RED
@@ -112,7 +112,7 @@ def test_a_false_position_has_the_victims_identity_and_a_sham_has_not() -> None:
 
 
 def test_a_swarm_is_many_within_its_radius_spread_over_the_second() -> None:
-    attack = made(SPOOF, setting(), form="swarm", count=40, radius_m=80, at=[10, 20, 50])
+    attack = made(SPOOF, context(), form="swarm", count=40, radius_m=80, at=[10, 20, 50])
     first = [(now, opened(payload)) for now, payload in sent(attack, 3 * S) if now < 3 * S]
     assert len(first) == 40
     assert len({basic.uas_id for _, (_, basic, _) in first}) == len({h.address for _, (h, _, _) in first}) == 40
@@ -126,15 +126,17 @@ def test_a_swarm_is_many_within_its_radius_spread_over_the_second() -> None:
 
 
 def test_bluetooth_4_carries_one_message_an_advertisement() -> None:
-    frames = sent(made(SPOOF, setting(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)
-    bodies = [(rid_link.unpack(payload).header.transport, rid_link.unpack(payload).body) for _, payload in frames]
+    frames = sent(made(SPOOF, context(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)
+    bodies = [
+        (link_payload.unpack(payload).header.transport, link_payload.unpack(payload).body) for _, payload in frames
+    ]
     assert [(transport, len(body)) for transport, body in bodies] == [(1, 25), (1, 25), (2, 78)]
     assert isinstance(decode(bodies[0][1]), BasicId)
     assert isinstance(decode(bodies[1][1]), Location)
 
 
 def test_by_link_it_is_injected_as_the_companions_own() -> None:
-    attack = made(SPOOF, setting(), at=[1, 2, 30], via="link", on="red/r1")
+    attack = made(SPOOF, context(), at=[1, 2, 30], via="link", on="red/r1")
     assert (attack.agents, attack.radios, attack.links) == ((), (), ())
     (placement,) = attack.taps
     tap = placement.make(placement.match)
@@ -145,7 +147,7 @@ def test_by_link_it_is_injected_as_the_companions_own() -> None:
     assert (verdict.direction, verdict.src, verdict.dst) == ("fwd", "red/r1.companion", "oracle")
     assert place(opened(verdict.payload)[2]) == pytest.approx((1, 2, 30), abs=0.26)
     with pytest.raises(InputError, match="rid_up:red/r1"):
-        made(SPOOF, replace(setting(), links=["gcs:red/r1"]), at=[1, 2, 30], via="link", on="red/r1")
+        made(SPOOF, replace(context(), links=["gcs:red/r1"]), at=[1, 2, 30], via="link", on="red/r1")
 
 
 def heard(*payloads: bytes) -> tuple[Arrival, ...]:
@@ -157,23 +159,23 @@ def heard(*payloads: bytes) -> tuple[Arrival, ...]:
 
 
 def test_replay_sends_what_it_heard_later_and_says_why() -> None:
-    frames = [payload for _, payload in sent(made(SPOOF, setting(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)]
+    frames = [payload for _, payload in sent(made(SPOOF, context(), at=[0, 0, 30], transports=["bt4", "bt5"]), 2 * S)]
     strong = [
-        rid_link.pack(RidHeader(t.header.transport, 6, 9, b"abcdef", -7000, 5), t.body)
-        for t in map(rid_link.unpack, frames)
+        link_payload.pack(RidHeader(t.header.transport, 6, 9, b"abcdef", -7000, 5), t.body)
+        for t in map(link_payload.unpack, frames)
     ]
-    attack = made(REPLAY, setting(), transmitter_m=[0, 0, 2], delay_s=1.5)
+    attack = made(REPLAY, context(), transmitter_m=[0, 0, 2], delay_s=1.5)
     again = sent(attack, 9 * S, heard(b"", strong[0], b"\x1d" * 40, *strong[1:]))
     assert [now for now, _ in again] == [3_500_000_000, 5_500_000_000, 6_500_000_000]
     for (now, payload), before in zip(again, strong, strict=True):
-        header, body = rid_link.unpack(payload)
-        assert body == rid_link.unpack(before).body
+        header, body = link_payload.unpack(payload)
+        assert body == link_payload.unpack(before).body
         assert (header.address, header.counter, header.time_ns) == (b"abcdef", 9, now)
-        assert (header.channel, header.rssi_cdbm) == (rid_link.ANY_CHANNEL, rid_link.NO_RSSI)
-    sham = sent(made(REPLAY, setting(sham=True), transmitter_m=[7, 0, 2], delay_s=1.5), 9 * S, heard(*strong))
+        assert (header.channel, header.rssi_cdbm) == (link_payload.ANY_CHANNEL, link_payload.NO_RSSI)
+    sham = sent(made(REPLAY, context(sham=True), transmitter_m=[7, 0, 2], delay_s=1.5), 9 * S, heard(*strong))
     assert [len(payload) for _, payload in sham] == [len(payload) for payload in strong]
     for _, payload in sham:
-        header, body = rid_link.unpack(payload)
+        header, body = link_payload.unpack(payload)
         message = decode(body)
         location = message.messages[0] if isinstance(message, MessagePack) else message
         assert isinstance(location, Location)
@@ -182,8 +184,8 @@ def test_replay_sends_what_it_heard_later_and_says_why() -> None:
 
 
 def test_replay_names_what_it_repeats_as_cause() -> None:
-    payload = rid_link.pack(RidHeader(2), b"\x00" * 25)
-    (agent,) = made(REPLAY, setting(), transmitter_m=[0, 0, 2], delay_s=1).agents
+    payload = link_payload.pack(RidHeader(2), b"\x00" * 25)
+    (agent,) = made(REPLAY, context(), transmitter_m=[0, 0, 2], delay_s=1).agents
     (mail,) = heard(payload)
     agent.step(S, Inbox([mail]))
     (departure,) = agent.step(2 * S, Inbox()).departures
@@ -191,26 +193,30 @@ def test_replay_names_what_it_repeats_as_cause() -> None:
 
 
 def test_a_jammer_orders_bursts_that_end_with_it() -> None:
-    where = setting(start=1 * S, stop=1_250 * MS)
+    where = context(start=1 * S, stop=1_250 * MS)
     attack = made(JAM, where, transmitter_m=[0, 0, 2], power_dbm=33, centre_mhz=2402, bandwidth_mhz=2, duty=0.6)
-    bursts = [(now, noise_link.unpack(payload)) for now, payload in sent(attack, 3 * S)]
+    bursts = [(now, noise_request.unpack(payload)) for now, payload in sent(attack, 3 * S)]
     assert [(now, burst.duration_us) for now, burst in bursts] == [
         (1_000 * MS, 60_000), (1_100 * MS, 60_000), (1_200 * MS, 50_000),
     ]  # fmt: skip
     assert {burst[:3] for _, burst in bursts} == {(3300, 2_402_000, 2_000)}
-    sham = sent(made(JAM, setting(start=1 * S, stop=1_250 * MS, sham=True), transmitter_m=[0, 0, 2]), 3 * S)
-    assert {noise_link.unpack(payload).power_cdbm for _, payload in sham} == {SILENT_CDBM}
+    sham = sent(made(JAM, context(start=1 * S, stop=1_250 * MS, sham=True), transmitter_m=[0, 0, 2]), 3 * S)
+    assert {noise_request.unpack(payload).power_cdbm for _, payload in sham} == {SILENT_CDBM}
 
 
 def test_bursts_survive_any_bytes() -> None:
-    whole = noise_link.pack(noise_link.Burst(-100, 2_437_000, 20_000, 100_000, -5))
-    assert noise_link.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5)
+    whole = noise_request.pack(noise_request.NoiseRequest(-100, 2_437_000, 20_000, 100_000, -5))
+    assert noise_request.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5)
     for size in range(len(whole)):
         with pytest.raises(DecodeError):
-            noise_link.unpack(whole[:size])
+            noise_request.unpack(whole[:size])
     for wrong in (whole + b"\0", b"\x1d" + whole[1:], whole[:8] + bytes(4) + whole[12:]):
         with pytest.raises(DecodeError):
-            noise_link.unpack(wrong)
-    for burst in (noise_link.Burst(40_000, 1, 1, 1), noise_link.Burst(0, 1, 0, 1), noise_link.Burst(0, -1, 1, 1)):
-        with pytest.raises(ValueError, match=r"expected|Burst"):
-            noise_link.pack(burst)
+            noise_request.unpack(wrong)
+    for burst in (
+        noise_request.NoiseRequest(40_000, 1, 1, 1),
+        noise_request.NoiseRequest(0, 1, 0, 1),
+        noise_request.NoiseRequest(0, -1, 1, 1),
+    ):
+        with pytest.raises(ValueError, match=r"expected|NoiseRequest"):
+            noise_request.pack(burst)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import SensorAct, Sensors
-from skyrange.agent.links import AttackPlan, LinkSpec, Schedule
 from skyrange.attack.triggers import Near
+from skyrange.contracts.components import SensorAct, Sensors
+from skyrange.contracts.links import AttackPlan, LinkSpec, Schedule
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, Time
 from skyrange.kernel import EngineMount, Kernel, Wiring

@@ -16,19 +16,19 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from skyrange.agent.plugins import AVOIDANCE
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
+from skyrange.contracts.plugins import AVOIDANCE
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.avoidance.conflicts import entry_s, in_the_way, towards
+from skyrange.vehicle.avoidance.conflicts import entry_s, find_conflicts, velocity_towards
 from skyrange.vehicle.avoidance.contract import (
     NO_TRACKS,
-    Action,
+    AvoidanceAction,
     AvoidanceContext,
+    AvoidanceLimits,
     AvoidancePlugin,
-    Limits,
     Own,
     Tracks,
 )
@@ -36,7 +36,14 @@ from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.avoidance.orca import Orca
 from skyrange.vehicle.avoidance.stop import Stop
-from skyrange.vehicle.avoidance.walls import clearance, corners, leg_clear, nearby, straight, walls_of
+from skyrange.vehicle.avoidance.wall_queries import (
+    clearance,
+    corners,
+    find_buildings_nearby,
+    is_leg_clear,
+    is_straight_clear,
+    walls_of,
+)
 
 ROOT = Path(__file__).parents[2]
 OWN = Own((0.0, 0.0, 30.0), (10.0, 0.0, 0.0), (500.0, 0.0, 30.0), 10.0)
@@ -90,16 +97,16 @@ def test_rows_in_the_way_come_soonest_first_and_unknown_heights_count_as_ones_ow
         (110, 0, 30, 0, 0, 0), (60, 0, math.nan, 0, 0, 0), (50, 0, 60, 0, 0, 0), (200, 0, 30, -10, 0, 0),
         (400, 0, 30, 0, 0, 0),
     )  # fmt: skip
-    assert in_the_way(OWN.pos_enu_m, OWN.vel_enu_mps, seen, Limits()) == (1, 0, 3)
-    assert in_the_way(OWN.pos_enu_m, OWN.vel_enu_mps, seen, Limits(), standing_s=60.0) == (1, 0, 3, 4)
-    assert in_the_way(OWN.pos_enu_m, OWN.vel_enu_mps, NO_TRACKS, Limits()) == ()
+    assert find_conflicts(OWN.pos_enu_m, OWN.vel_enu_mps, seen, AvoidanceLimits()) == (1, 0, 3)
+    assert find_conflicts(OWN.pos_enu_m, OWN.vel_enu_mps, seen, AvoidanceLimits(), standing_s=60.0) == (1, 0, 3, 4)
+    assert find_conflicts(OWN.pos_enu_m, OWN.vel_enu_mps, NO_TRACKS, AvoidanceLimits()) == ()
 
 
 def test_towards() -> None:
-    velocity, takes_s = towards((0, 0, 0), (30, 40, 0), 5.0)
+    velocity, takes_s = velocity_towards((0, 0, 0), (30, 40, 0), 5.0)
     assert velocity == pytest.approx((3.0, 4.0, 0.0))
     assert takes_s == pytest.approx(10.0)
-    assert towards((1, 2, 3), (1, 2, 3), 5.0) == ((0.0, 0.0, 0.0), 0.0)
+    assert velocity_towards((1, 2, 3), (1, 2, 3), 5.0) == ((0.0, 0.0, 0.0), 0.0)
 
 
 # --- walls ----------------------------------------------------------------------------------------
@@ -112,13 +119,13 @@ GRID = downtown_grid((3, 3), seed=5)
 def test_a_leg_is_clear_where_the_city_says_so(
     a: tuple[float, float, float], b: tuple[float, float, float], margin: float
 ) -> None:
-    """`leg_clear` against shapely (`City.clear_of`); within a centimetre of the margin the two may differ."""
+    """`is_leg_clear` against shapely (`City.is_clear`); within a centimetre of the margin the two may differ."""
     walls = walls_of(GRID)
-    near = nearby(walls, np.array((a, b)), margin + 1.0)
-    found = leg_clear(walls, near, *a, *b, margin)
-    if GRID.clear_of([a, b], margin + 0.01):
+    near = find_buildings_nearby(walls, np.array((a, b)), margin + 1.0)
+    found = is_leg_clear(walls, near, *a, *b, margin)
+    if GRID.is_clear([a, b], margin + 0.01):
         assert found
-    if not GRID.clear_of([a, b], margin - 0.01):
+    if not GRID.is_clear([a, b], margin - 0.01):
         assert not found
 
 
@@ -146,11 +153,15 @@ def test_clearance_and_corners_of_a_square() -> None:
 def test_a_place_close_to_a_wall_may_be_left_but_a_wall_not_crossed() -> None:
     city = City([Building("1", 50.0, shapely.box(0, 0, 20, 20))], "test")
     walls = walls_of(city)
-    assert straight(walls, (-1.0, 10.0, 20.0), (-50.0, 10.0, 20.0), 4.0)
-    assert straight(walls, (-1.0, -50.0, 20.0), (-1.0, 50.0, 20.0), 4.0) is False  # its ends are free, so 4 m it is
-    assert straight(walls, (-1.0, 10.0, 20.0), (30.0, 10.0, 20.0), 4.0) is False
-    assert straight(walls, (10.0, 10.0, 20.0), (-50.0, 10.0, 20.0), 4.0) is False  # from inside nothing is clear
-    assert straight(walls_of(None), (0, 0, 0), (1000, 0, 0), 4.0)
+    assert is_straight_clear(walls, (-1.0, 10.0, 20.0), (-50.0, 10.0, 20.0), 4.0)
+    assert (
+        is_straight_clear(walls, (-1.0, -50.0, 20.0), (-1.0, 50.0, 20.0), 4.0) is False
+    )  # its ends are free, so 4 m it is
+    assert is_straight_clear(walls, (-1.0, 10.0, 20.0), (30.0, 10.0, 20.0), 4.0) is False
+    assert (
+        is_straight_clear(walls, (10.0, 10.0, 20.0), (-50.0, 10.0, 20.0), 4.0) is False
+    )  # from inside nothing is clear
+    assert is_straight_clear(walls_of(None), (0, 0, 0), (1000, 0, 0), 4.0)
 
 
 # --- episodes ---------------------------------------------------------------------------------------
@@ -158,10 +169,10 @@ def test_a_place_close_to_a_wall_may_be_left_but_a_wall_not_crossed() -> None:
 
 def test_no_conflict_no_episode_and_none_never_acts() -> None:
     seen = tracks((60, 0, 30, 0, 0, 0))
-    assert Geometric().decide(0, OWN, NO_TRACKS, None).action is Action.KEEP
-    assert NoAvoidance().decide(0, OWN, seen, None).action is Action.KEEP
+    assert Geometric().decide(0, OWN, NO_TRACKS, None).action is AvoidanceAction.KEEP
+    assert NoAvoidance().decide(0, OWN, seen, None).action is AvoidanceAction.KEEP
     decision = Stop().decide(0, OWN, seen, None)
-    assert (decision.action, decision.tracks) == (Action.STOP, (0,))
+    assert (decision.action, decision.tracks) == (AvoidanceAction.STOP, (0,))
 
 
 def test_a_decision_is_a_function_of_its_arguments() -> None:
@@ -184,33 +195,33 @@ def test_it_resumes_only_after_the_way_was_clear_for_a_while() -> None:
         decision = avoidance.decide(at * second, OWN, seen, episode)
         episode = decision.episode
         steps.append(decision.action)
-    assert steps[:3] == [Action.STOP] * 3
-    assert steps[3:] == [Action.STOP, Action.RESUME]  # clear_s is 1.5: at 3 s it began again
+    assert steps[:3] == [AvoidanceAction.STOP] * 3
+    assert steps[3:] == [AvoidanceAction.STOP, AvoidanceAction.RESUME]  # clear_s is 1.5: at 3 s it began again
 
 
 def test_entering_and_leaving_have_different_thresholds() -> None:
     beside = tracks((60, 22.0, 30, 0, 0, 0))  # clear of 20 m, not of 1.25 times 20 m
-    assert Stop().decide(0, OWN, beside, None).action is Action.KEEP
+    assert Stop().decide(0, OWN, beside, None).action is AvoidanceAction.KEEP
     episode = Stop().decide(0, OWN, tracks((60, 0, 30, 0, 0, 0)), None).episode
     for at in range(1, 20):
         decision = Stop().decide(at * NS_PER_S, OWN, beside, episode)
         episode = decision.episode
-        assert decision.action is Action.STOP
+        assert decision.action is AvoidanceAction.STOP
 
 
 def test_it_returns_home_when_it_has_waited_long_enough() -> None:
-    avoidance = Stop(None, Limits(give_up_s=50.0, longest_s=70.0))
+    avoidance = Stop(None, AvoidanceLimits(give_up_s=50.0, longest_s=70.0))
     seen = tracks((60, 0, 30, 0, 0, 0))
     decision = avoidance.decide(0, OWN, seen, None)
     at = 0
-    while decision.action is Action.STOP:
+    while decision.action is AvoidanceAction.STOP:
         at += 1
         decision = avoidance.decide(at * NS_PER_S, OWN, seen, decision.episode)
-    assert decision.action is Action.RETURN
+    assert decision.action is AvoidanceAction.RETURN
     assert at == 50
     assert decision.episode is None
     late = replace(avoidance.decide(0, OWN, seen, None).episode, begun_ns=-70 * NS_PER_S)  # type: ignore[type-var]
-    assert avoidance.decide(1, OWN, seen, late).action is Action.RETURN
+    assert avoidance.decide(1, OWN, seen, late).action is AvoidanceAction.RETURN
 
 
 def test_who_was_climbing_comes_back_over_its_place_before_it_goes_on() -> None:
@@ -219,11 +230,11 @@ def test_who_was_climbing_comes_back_over_its_place_before_it_goes_on() -> None:
     top = (0.0, 0.0, 60.0)
     climbing = Own((0.0, 0.0, 30.0), (0.0, 0.0, 2.5), top, 5.0)
     decision = avoidance.decide(0, climbing, tracks((8, 0, 50, 0, 0, 0)), None)
-    assert decision.action in (Action.GO, Action.STOP)
+    assert decision.action in (AvoidanceAction.GO, AvoidanceAction.STOP)
     aside = climbing._replace(pos_enu_m=(25.0, 0.0, 30.0), vel_enu_mps=(0.0, 0.0, 0.0))
     for at in range(1, 8):  # the way to the top is clear, yet it is not over its place
         decision = avoidance.decide(at * second, aside, NO_TRACKS, decision.episode)
-        assert decision.action is Action.GO
+        assert decision.action is AvoidanceAction.GO
     assert decision.waypoint_enu_m == (0.0, 0.0, 30.0)
     back = aside._replace(pos_enu_m=(2.0, 0.0, 30.0))
     actions = []
@@ -232,7 +243,7 @@ def test_who_was_climbing_comes_back_over_its_place_before_it_goes_on() -> None:
         actions.append(decision.action)
         if decision.episode is None:
             break
-    assert actions[-1] is Action.RESUME
+    assert actions[-1] is AvoidanceAction.RESUME
     # who was flying along resumes wherever its way is clear
     decision = avoidance.decide(0, OWN, tracks((60, 0, 30, 0, 0, 0)), None)
     beside = OWN._replace(pos_enu_m=(30.0, 30.0, 30.0))
@@ -240,7 +251,7 @@ def test_who_was_climbing_comes_back_over_its_place_before_it_goes_on() -> None:
         decision = avoidance.decide(at * second, beside, NO_TRACKS, decision.episode)
         if decision.episode is None:
             break
-    assert decision.action is Action.RESUME
+    assert decision.action is AvoidanceAction.RESUME
 
 
 def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
@@ -250,12 +261,12 @@ def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
         plugin = getattr(importlib.import_module(module), name)
         assert isinstance(plugin, AvoidancePlugin)
         with suppress(ComponentError):  # orca, where pyrvo is not installed
-            assert plugin(Limits(), AvoidanceContext()).kind == kind
+            assert plugin(AvoidanceLimits(), AvoidanceContext()).kind == kind
     assert Orca.kind == "orca"
-    assert Geometric(None, Limits(protected_m=30)).limits.protected_m == 30.0
+    assert Geometric(None, AvoidanceLimits(protected_m=30)).limits.protected_m == 30.0
     with pytest.raises(ValidationError) as error:
-        Limits.model_validate({"protectd_m": 30, "look_ahead_s": -1, "margin": 0.5, "least_m": True})
+        AvoidanceLimits.model_validate({"protectd_m": 30, "look_ahead_s": -1, "margin": 0.5, "least_m": True})
     wrong = {fault["loc"][0] for fault in error.value.errors()}
     assert wrong == {"protectd_m", "look_ahead_s", "margin", "least_m"}
-    for name, field in Limits.model_fields.items():
+    for name, field in AvoidanceLimits.model_fields.items():
         assert field.description, name

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from skyrange.io import exchanges
-from skyrange.io.exchanges import Exchanges
-from skyrange.io.sitl import HEAD, LOOPBACK, LockstepSitl, wall_s
+from skyrange.io.ardupilot import batch_exchange as exchanges
+from skyrange.io.ardupilot.batch_exchange import BatchExchange
+from skyrange.io.ardupilot.sitl import HEAD, LOOPBACK, LockstepSitl, wall_s
 
 
 class Process(LockstepSitl):
@@ -48,11 +48,11 @@ def packet(count: int, first: int, magic: int = 18458) -> bytes:
 
 
 @pytest.fixture(params=["compiled", "plain"])
-def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Process], Exchanges]:
+def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Process], BatchExchange]:
     if request.param == "plain":
         monkeypatch.setattr(exchanges.sys, "platform", "plan9")
     processes = [Process() for _ in range(3)]
-    return processes, Exchanges(processes, 2)
+    return processes, BatchExchange(processes, 2)
 
 
 def written(lines: list[list[bytes]]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
@@ -65,7 +65,7 @@ def written(lines: list[list[bytes]]) -> tuple[NDArray[np.uint8], NDArray[np.int
     return text, lengths
 
 
-def taken(held: Exchanges, rows: list[int], within_s: float = 0.2, count: int = 1) -> list[int]:
+def taken(held: BatchExchange, rows: list[int], within_s: float = 0.2, count: int = 1) -> list[int]:
     """The first width of the last of so many answers of each, -1 where one was not taken."""
     held.taken[:] = 0  # as when lines are sent
     lost = set()
@@ -78,7 +78,7 @@ def taken(held: Exchanges, rows: list[int], within_s: float = 0.2, count: int = 
     return [-1 if row in lost else widths[row] for row in rows]
 
 
-def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process], BatchExchange]) -> None:
     processes, held = fleet
     lines = [[b"first", b"of no matter", b"third, once"], [b"first again", b"nor this", b"third again"]]
     held.send(np.array([0, 2]), np.array([1, 2, 2]), *written(lines))
@@ -97,7 +97,7 @@ def test_lines_go_to_each_and_answers_come_from_each(fleet: tuple[list[Process],
     assert held.answers.shape == (2, 3, exchanges.BYTES - HEAD)
 
 
-def test_lines_of_several_lengths_are_datagrams_of_their_own(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_lines_of_several_lengths_are_datagrams_of_their_own(fleet: tuple[list[Process], BatchExchange]) -> None:
     processes, held = fleet
     held.send(np.array([0, 1, 2]), np.array([2, 2, 1]), *written([[b"1", b"222", b"3"], [b"4444", b"5", b"66"]]))
     heard = [[processes[row].line.recv(100) for _ in range(count)] for row, count in enumerate((2, 2, 1))]
@@ -113,7 +113,7 @@ def test_one_alone_gets_its_lines_by_one_call_where_there_is_one(
     elif not exchanges._segments():
         pytest.skip("UDP_SEGMENT is not there")
     process = Process()
-    held = Exchanges([process], 3)
+    held = BatchExchange([process], 3)
     for lines in ([b"1", b"4444"], [b"222", b"5"], [b"1", b"22", b"1"], [b"1"]):
         held.send(np.array([0]), np.array([len(lines)]), *written([[line] for line in lines]))
         heard = [process.line.recv(100) for _ in lines]
@@ -121,7 +121,7 @@ def test_one_alone_gets_its_lines_by_one_call_where_there_is_one(
         assert heard == [line.ljust(max(map(len, lines)) if together else 0) for line in lines[:-1]] + lines[-1:]
 
 
-def test_all_answers_to_the_lines_of_a_turn_are_taken_at_once(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_all_answers_to_the_lines_of_a_turn_are_taken_at_once(fleet: tuple[list[Process], BatchExchange]) -> None:
     processes, held = fleet
     for row, process in enumerate(processes):
         process.says(1, 1100 + row)
@@ -141,7 +141,9 @@ def test_all_answers_to_the_lines_of_a_turn_are_taken_at_once(fleet: tuple[list[
     assert held.taken.tolist() == [0, 0, 2]
 
 
-def test_what_was_said_again_is_passed_over_and_strangers_are_counted(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_what_was_said_again_is_passed_over_and_strangers_are_counted(
+    fleet: tuple[list[Process], BatchExchange],
+) -> None:
     processes, held = fleet
     one = processes[1]
     one.says(1, 1500)
@@ -158,7 +160,7 @@ def test_what_was_said_again_is_passed_over_and_strangers_are_counted(fleet: tup
     assert taken(held, [1]) == [1900]
 
 
-def test_one_that_began_anew_is_followed(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_one_that_began_anew_is_followed(fleet: tuple[list[Process], BatchExchange]) -> None:
     processes, held = fleet
     one = processes[2]
     one.says(1, 1100)
@@ -175,7 +177,7 @@ def test_one_that_began_anew_is_followed(fleet: tuple[list[Process], Exchanges])
     assert one.line.recv(10) == b"AAAA"
 
 
-def test_one_that_is_slow_is_waited_for_and_one_that_is_gone_is_not(fleet: tuple[list[Process], Exchanges]) -> None:
+def test_one_that_is_slow_is_waited_for_and_one_that_is_gone_is_not(fleet: tuple[list[Process], BatchExchange]) -> None:
     processes, held = fleet
     processes[0].says(1, 1100)
     processes[2].says(1, 1300)

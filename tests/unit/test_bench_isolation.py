@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from skyrange.bench.apart import apart
-from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.bench.isolation import run_in_process
+from skyrange.core.errors import ComponentError, InputError, Problem
 
-WRONG = InputError("bench", [Fault("rates", "quick", "full"), Fault("load", "none", "light", "Ask for less.")])
+WRONG = InputError("bench", [Problem("rates", "quick", "full"), Problem("load", "none", "light", "Ask for less.")])
 
 
 def refuse() -> dict[str, Any]:
@@ -22,10 +22,10 @@ def end() -> dict[str, Any]:
 
 def test_an_error_of_ours_comes_back_whole() -> None:
     with pytest.raises(InputError) as caught:
-        apart("bench", refuse)
-    assert (str(caught.value), caught.value.faults, caught.value.who) == (str(WRONG), WRONG.faults, "bench")
+        run_in_process("bench", refuse)
+    assert (str(caught.value), caught.value.problems, caught.value.who) == (str(WRONG), WRONG.problems, "bench")
 
 
 def test_a_process_that_ends_early_is_named() -> None:
     with pytest.raises(ComponentError, match="bench: ended with exit code 7"):
-        apart("bench", end)
+        run_in_process("bench", end)

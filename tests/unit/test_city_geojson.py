@@ -130,7 +130,7 @@ def test_raised_part_keeps_its_base(load):
 def test_bad_feature_is_named_by_its_index(load, feature, problem):
     with pytest.raises(InputError) as caught:
         load([_feature([SQUARE]), feature])
-    (fault,) = caught.value.faults
+    (fault,) = caught.value.problems
     assert fault.where == "features[1]"
     assert problem in str(fault)
 
@@ -138,10 +138,10 @@ def test_bad_feature_is_named_by_its_index(load, feature, problem):
 def test_all_bad_features_are_told_at_once_up_to_a_number(load):
     with pytest.raises(InputError) as caught:
         load([_feature([SQUARE[:3]])] * 3 + [_feature([SQUARE])])
-    assert [fault.where for fault in caught.value.faults] == ["features[0]", "features[1]", "features[2]"]
+    assert [fault.where for fault in caught.value.problems] == ["features[0]", "features[1]", "features[2]"]
     with pytest.raises(InputError) as caught:
         load([_feature([SQUARE[:3]])] * 25)
-    assert len(caught.value.faults) == 21
+    assert len(caught.value.problems) == 21
     assert "5 more" in str(caught.value)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.city.heights import height_of, parse_length
+from skyrange.city.building_heights import height_of, parse_length
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,7 @@ def test_obstacles_within_a_radius():
 )
 def test_paths(path, margin_m, first):
     assert CITY.first_obstruction(path, margin_m) is first
-    assert CITY.clear_of(path, margin_m) is (first is None)
+    assert CITY.is_clear(path, margin_m) is (first is None)
 
 
 def test_deep_copy_is_the_city_itself():
@@ -83,7 +83,7 @@ def test_downtown_keeps_to_its_measures():
     assert max(heights) <= 90.0
     assert len(set(heights)) > 16
     for street_m in (-80.0, 0.0, 80.0):  # the middles of the streets, to within a metre of their edges
-        assert city.clear_of([(street_m, -200.0, 1.0), (street_m, 200.0, 1.0)], 9.0)
+        assert city.is_clear([(street_m, -200.0, 1.0), (street_m, 200.0, 1.0)], 9.0)
     shapes = [building.shape for building in city.buildings]
     assert shapely.union_all(shapes).area == pytest.approx(sum(shape.area for shape in shapes))
 
@@ -101,4 +101,4 @@ def test_downtown_is_addressed_by_seed_and_place():
 def test_downtown_refuses_all_that_is_wrong_at_once():
     with pytest.raises(InputError) as caught:
         downtown_grid((0, 3), (50.0, 20.0), street_m=-1.0, block_m=float("nan"))
-    assert [fault.where for fault in caught.value.faults] == ["blocks", "height_m", "street_m", "block_m"]
+    assert [fault.where for fault in caught.value.problems] == ["blocks", "height_m", "street_m", "block_m"]

@@ -12,10 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
-from skyrange.scenario.schema import Scenario
-from skyrange.study import parity, reactions
-from skyrange.study.parity import Flown, Parity
-from skyrange.study.reactions import Compared, Reaction, Setting
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare import autopilot_parity as parity
+from skyrange.study.compare import gnss_reactions as reactions
+from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
+from skyrange.study.compare.gnss_reactions import ComparedReaction, Reaction, Setting
 
 JUMP = Setting("gnss.jump", {"offset_m": [30.0, 0.0, 0.0]})
 RESET = Reaction(1.2, 20.1, ((10.0, 30.0),), None, 30.0)
@@ -26,18 +27,18 @@ FOLLOWED = Reaction(None, None, (), None, 29.0)
 def compared(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     given: list[Any] = []
 
-    def compare(folder: Path, chosen: Any, rates: str, **_: Any) -> list[Compared]:
+    def compare(folder: Path, chosen: Any, rates: str, **_: Any) -> list[ComparedReaction]:
         given.append((folder, len(chosen), rates))
-        return [Compared(JUMP, RESET, RESET), Compared(JUMP, RESET, FOLLOWED)]
+        return [ComparedReaction(JUMP, RESET, RESET), ComparedReaction(JUMP, RESET, FOLLOWED)]
 
     monkeypatch.setattr(reactions, "compare", compare)
     return given
 
 
-def flown(height_m: float, items: tuple[tuple[float, int], ...], autopilot: str) -> Flown:
+def flown(height_m: float, items: tuple[tuple[float, int], ...], autopilot: str) -> FlightMeasures:
     path = np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, height_m]])
     measures = {"height_max_m": height_m, "rest_s": 0.0}
-    return Flown("op/a", autopilot, "complete", ((5.0, "AUTO"),), items, measures, {"HEARTBEAT": 9}, {}, path)
+    return FlightMeasures("op/a", autopilot, "complete", ((5.0, "AUTO"),), items, measures, {"HEARTBEAT": 9}, {}, path)
 
 
 def test_gnss_says_how_many_are_alike_and_which_differ(compared: list[Any], tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.cli import summary
+from skyrange.cli.output import run_summary
 
 
 def aircraft(name: str, **changes: Any) -> dict[str, Any]:
@@ -23,7 +23,7 @@ def said(rows: list[dict[str, Any]], capsys: pytest.CaptureFixture[str], monkeyp
         "name": "some", "status": "complete", "vehicles": rows, "mishaps": [], "timings": {}, "simulated_s": 60.0,
         "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None,
     }  # fmt: skip
-    summary.print_summary(facts)
+    run_summary.print_summary(facts)
     return capsys.readouterr().out
 
 
@@ -45,7 +45,7 @@ def test_a_collision_explains_an_outcome_better_than_the_ground_station_can(
 def test_a_large_fleet_is_said_by_operator_and_names_who_did_not_complete(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    count = summary.MAX_AIRCRAFT
+    count = run_summary.MAX_AIRCRAFT
     rows = [aircraft(f"{operator}/{number}") for operator in ("blue", "red") for number in range(count)]
     out = said(rows, capsys, monkeypatch)
     assert "blue/0" not in out

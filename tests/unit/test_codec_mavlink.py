@@ -10,11 +10,11 @@ from skyrange.codec.mavlink import (
     Packer,
     Piece,
     decode,
-    describe,
     dialect,
+    message_fields,
     message_id,
     message_name,
-    system_of,
+    sender_system,
 )
 from skyrange.core.errors import DecodeError
 
@@ -63,13 +63,13 @@ def test_what_is_wrong_is_said(payload: bytes, says: str) -> None:
 
 
 def test_a_mavlink_1_frame_decodes_as_its_mavlink_2_twin() -> None:
-    assert describe(decode(pymavlink_frame(HEARTBEAT, v1=True))) == describe(decode(FRAME))
+    assert message_fields(decode(pymavlink_frame(HEARTBEAT, v1=True))) == message_fields(decode(FRAME))
 
 
 def test_bytes_beyond_the_known_definition_are_ignored() -> None:
     # a newer sender's extension field: serialization guide, "MAVLink 2 extensions"
     longer = with_checksum(b"\xfd\x0a" + FRAME[2:-2] + b"\x2a", HEARTBEAT.crc_extra)
-    assert describe(decode(longer)) == describe(decode(FRAME))
+    assert message_fields(decode(longer)) == message_fields(decode(FRAME))
 
 
 def test_packing_leaves_the_message_as_it_was() -> None:
@@ -103,10 +103,10 @@ def test_what_does_not_fit_is_refused_by_name() -> None:
 
 def test_describe_flattens_arrays_and_keeps_texts() -> None:
     packer = Packer(1, 1)
-    row = describe(decode(packer.pack(dialect.MAVLink_statustext_message(6, b"Arm: \xff\0junk"))))
+    row = message_fields(decode(packer.pack(dialect.MAVLink_statustext_message(6, b"Arm: \xff\0junk"))))
     assert row == {"severity": 6, "text": "Arm: \ufffd", "id": 0, "chunk_seq": 0}
     controls = [float(place) for place in range(16)]
-    row = describe(decode(packer.pack(dialect.MAVLink_hil_actuator_controls_message(9, controls, 0, 0))))
+    row = message_fields(decode(packer.pack(dialect.MAVLink_hil_actuator_controls_message(9, controls, 0, 0))))
     assert [row[f"controls[{place}]"] for place in range(16)] == controls
     assert "controls" not in row
 
@@ -127,9 +127,9 @@ def test_header_peeks() -> None:
         "HEARTBEAT",
         "OPEN_DRONE_ID_SYSTEM_UPDATE",
     ]
-    assert [system_of(payload) for payload in (FRAME, v1, odid)] == [7, 7, 250]
+    assert [sender_system(payload) for payload in (FRAME, v1, odid)] == [7, 7, 250]
     for nothing in (b"", b"\xfd", b"\xfd" * 11, b"\xfe" * 7, b"POST / HTTP/1.1"):
-        assert message_id(nothing) is message_name(nothing) is system_of(nothing) is None
+        assert message_id(nothing) is message_name(nothing) is sender_system(nothing) is None
     assert message_id(FRAME[:7] + b"\xff\xff\xff" + FRAME[10:]) == 0xFFFFFF
     assert message_name(FRAME[:7] + b"\xff\xff\xff" + FRAME[10:]) is None
 

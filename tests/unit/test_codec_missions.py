@@ -7,15 +7,15 @@ from typing import Any
 
 import pytest
 
-from skyrange.codec import missions_item
-from skyrange.codec.missions import (
+from skyrange.codec.mission import (
     Mission,
     MissionItem,
     format_plan,
     format_waypoints,
+    items,
     parse_plan,
     parse_waypoints,
-    read,
+    read_mission,
 )
 from skyrange.core.errors import InputError
 
@@ -25,7 +25,7 @@ SURVEY = (DATA / "survey.plan").read_text()
 
 
 def faults_of(error: pytest.ExceptionInfo[InputError]) -> dict[str, str]:
-    return {fault.where: fault.value for fault in error.value.faults}
+    return {fault.where: fault.value for fault in error.value.problems}
 
 
 def survey() -> Any:
@@ -36,7 +36,7 @@ def survey() -> Any:
 
 
 def test_waypoints() -> None:
-    mission = read(DATA / "square.waypoints")
+    mission = read_mission(DATA / "square.waypoints")
     assert mission.home == (-35.363328, 149.1652241, 584.09)
     assert [item.command for item in mission.items] == [22, 16, 16, 178, 16, 177, 20]
     assert mission.items[1] == MissionItem(3, 16, 0, 0, 0, 0, -35.362878, 149.1652241, 10)
@@ -104,11 +104,11 @@ def test_a_fault_in_waypoints_is_named(old: str, new: str, where: str, value: st
 def test_all_faults_come_at_once_but_not_without_end() -> None:
     with pytest.raises(InputError) as error:
         parse_waypoints(SQUARE.replace("\t3\t", "\t99\t").replace("\t10\t", "\tten\t"), "a")
-    assert len(error.value.faults) == 7 + 4
+    assert len(error.value.problems) == 7 + 4
     many = SQUARE.split("\n")[:2] + ["x"] * 1000
-    with pytest.raises(InputError, match="950 more faults") as error:
+    with pytest.raises(InputError, match="950 more problems") as error:
         parse_waypoints("\n".join(many), "a")
-    assert len(error.value.faults) == missions_item.MAX_FAULTS + 1
+    assert len(error.value.problems) == items.MAX_PROBLEMS + 1
 
 
 def test_a_file_of_no_items() -> None:
@@ -118,7 +118,7 @@ def test_a_file_of_no_items() -> None:
 
 
 def test_too_many_items(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.codec.missions_wpl.MAX_ITEMS", 6)
+    monkeypatch.setattr("skyrange.codec.mission.qgc_wpl.MAX_ITEMS", 6)
     with pytest.raises(InputError, match=r"7 items.*at most 6"):
         parse_waypoints(SQUARE, "a")
 
@@ -127,7 +127,7 @@ def test_too_many_items(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_plan_with_a_survey() -> None:
-    mission = read(DATA / "survey.plan")
+    mission = read_mission(DATA / "survey.plan")
     plan = survey()
     transects = [16, 206, 16, 206] * 3
     assert [item.command for item in mission.items] == [22, *transects, 178, 16, 177, 20]
@@ -265,7 +265,7 @@ def test_json_that_is_none_or_is_a_trap(text: str, says: str) -> None:
 
 
 def test_too_many_plan_items(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.codec.missions_plan.MAX_ITEMS", 10)
+    monkeypatch.setattr("skyrange.codec.mission.qgc_plan.MAX_ITEMS", 10)
     with pytest.raises(InputError, match="more than 10 items"):
         parse_plan(SURVEY, "a")
 
@@ -303,9 +303,9 @@ def test_the_content_decides_before_the_suffix(tmp_path: Path) -> None:
     for name in ("a.txt", "b.plan", "c", "d.mission"):
         file = tmp_path / name
         file.write_bytes(b"\xef\xbb\xbf" + SQUARE.encode())
-        assert len(read(file).items) == 7
+        assert len(read_mission(file).items) == 7
         file.write_text("\n  " + SURVEY)
-        assert len(read(str(file)).items) == 17
+        assert len(read_mission(str(file)).items) == 17
 
 
 @pytest.mark.parametrize(
@@ -322,17 +322,17 @@ def test_a_file_that_is_no_mission(tmp_path: Path, name: str, content: bytes, sa
     file = tmp_path / name
     file.write_bytes(content)
     with pytest.raises(InputError, match=says) as error:
-        read(file)
+        read_mission(file)
     assert str(file) in str(error.value)
 
 
 def test_a_path_that_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(InputError, match="no such file"):
-        read(tmp_path / "missing.plan")
+        read_mission(tmp_path / "missing.plan")
     with pytest.raises(InputError, match="a folder"):
-        read(tmp_path)
+        read_mission(tmp_path)
     with pytest.raises(InputError):
-        read("a\0b")
-    monkeypatch.setattr("skyrange.codec.missions.MAX_FILE_BYTES", 100)
+        read_mission("a\0b")
+    monkeypatch.setattr("skyrange.codec.mission.mission_file.MAX_FILE_BYTES", 100)
     with pytest.raises(InputError, match="over 100 bytes"):
-        read(DATA / "survey.plan")
+        read_mission(DATA / "survey.plan")

@@ -8,12 +8,12 @@ import pytest
 from skyrange.codec import f3411
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.tracks import TrackTable
-from skyrange.vehicle.avoidance.conflicts import in_the_way
-from skyrange.vehicle.avoidance.contract import Limits, Tracks
-from skyrange.vehicle.companion.screen import conflicts
+from skyrange.vehicle.avoidance.conflicts import find_conflicts
+from skyrange.vehicle.avoidance.contract import AvoidanceLimits, Tracks
+from skyrange.vehicle.companion.conflict_detection import detect_conflicts
 from tests.unit.test_remoteid_tracks import ORIGIN, hear, place, who
 
-LIMITS = Limits()
+LIMITS = AvoidanceLimits()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -37,14 +37,14 @@ def test_the_screen_agrees_with_the_decision(seed: int) -> None:
     asks = rng.random(count) < 0.9
     limits = np.tile((LIMITS.protected_m, LIMITS.protected_up_m, LIMITS.look_ahead_s), (count, 1))
     now = 4 * NS_PER_S
-    found = conflicts(table, now, places, velocities, limits, asks)
+    found = detect_conflicts(table, now, places, velocities, limits, asks)
     own = []
     for row in range(count):
-        seen = table.seen(row, now, grounded=False)
+        seen = table.snapshot(row, now, grounded=False)
         tracks = Tracks(seen.pos_enu_m, seen.vel_enu_mps)
-        rows = in_the_way(tuple(places[row].tolist()), tuple(velocities[row].tolist()), tracks, LIMITS)
+        rows = find_conflicts(tuple(places[row].tolist()), tuple(velocities[row].tolist()), tracks, LIMITS)
         own.append(bool(rows) and bool(asks[row]))
     assert found.tolist() == own
     assert 8 < sum(own) < count
-    alone = conflicts(table, now, places, velocities, limits, asks & (np.arange(count) == own.index(True)))
+    alone = detect_conflicts(table, now, places, velocities, limits, asks & (np.arange(count) == own.index(True)))
     assert np.flatnonzero(alone).tolist() == [own.index(True)]

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta, timezone
 
 import pytest
 
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import FrameId, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
 from skyrange.core.time import Epoch, ceil_to, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
@@ -48,7 +48,7 @@ def test_hash64_is_the_same_everywhere() -> None:
 
 
 def test_input_errors_list_all_faults() -> None:
-    error = InputError("s.toml", [Fault("a", "1", "2", "Do."), Fault("b", "3", "4")])
+    error = InputError("s.toml", [Problem("a", "1", "2", "Do."), Problem("b", "3", "4")])
     assert str(error).splitlines() == ["s.toml:", "  a: 1 — expected 2. Do.", "  b: 3 — expected 4"]
     assert str(InputError.one("s.toml", "a", 1.5, "2")) == "s.toml: a: 1.5 — expected 2"
     assert error.exit_code == 2

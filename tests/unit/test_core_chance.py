@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skyrange.core.chance import Chance, philox, uniform4
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 
 
@@ -33,7 +33,7 @@ def test_known_answer_of_the_published_library() -> None:
     ]
 
 
-@kernel
+@compiled
 def _inside(seed: np.uint64, stream: np.uint64, who: np.uint64, when: np.uint64) -> float:
     return uniform4(seed, stream, who, when, np.uint64(0))[0]
 

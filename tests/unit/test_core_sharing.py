@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.io.cores import Pair
-from skyrange.io.programs import Program
+from skyrange.io.processes.core_sharing import CoreSharing
+from skyrange.io.processes.program import Program
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="cores are kept on Linux alone")
 
@@ -30,18 +30,18 @@ def quiet(monkeypatch: pytest.MonkeyPatch, yields: float = 0.0) -> None:
     def give() -> None:
         clock[0] += yields
 
-    monkeypatch.setattr("skyrange.io.cores.monotonic", lambda: clock[0])
+    monkeypatch.setattr("skyrange.io.processes.core_sharing.monotonic", lambda: clock[0])
     monkeypatch.setattr(os, "sched_yield", give)
 
 
 def test_it_is_kept_to_the_core_that_we_are_on_and_follows(sleeper: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     quiet(monkeypatch)
     ours = os.sched_getaffinity(0)
-    pair = Pair(sleeper)
+    pair = CoreSharing(sleeper)
     try:
         for core in sorted(ours):
             os.sched_setaffinity(0, {core})
-            pair.give_way()
+            pair.yield_core()
             assert os.sched_getaffinity(sleeper.pid) == {core}
     finally:
         os.sched_setaffinity(0, ours)
@@ -53,14 +53,14 @@ def test_where_the_core_comes_back_late_it_goes_free_for_a_while(
 ) -> None:
     ours = os.sched_getaffinity(0)
     quiet(monkeypatch, yields=0.003)
-    pair = Pair(sleeper)
-    pair.give_way()
+    pair = CoreSharing(sleeper)
+    pair.yield_core()
     assert os.sched_getaffinity(sleeper.pid) == ours
     quiet(monkeypatch)
-    pair.give_way()
+    pair.yield_core()
     assert os.sched_getaffinity(sleeper.pid) == ours
-    monkeypatch.setattr("skyrange.io.cores.monotonic", lambda: 102.0)
-    pair.give_way()
+    monkeypatch.setattr("skyrange.io.processes.core_sharing.monotonic", lambda: 102.0)
+    pair.yield_core()
     assert len(os.sched_getaffinity(sleeper.pid)) == 1
 
 
@@ -69,5 +69,5 @@ def test_one_that_has_ended_is_left_alone(tmp_path: Path) -> None:
     deadline = time.monotonic() + 20.0
     while program.running and time.monotonic() < deadline:
         time.sleep(0.01)
-    Pair(program).give_way()
+    CoreSharing(program).yield_core()
     assert program.ended == "exit 0"

@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.monitors import Alert, MonitorPlacement, ObservedFrame
-from skyrange.agent.verdicts import Drop, Verdict
-from skyrange.codec import rid_link
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.codec.remote_id import link_payload
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrame
+from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.detect.heartbeat_gap import SERVICE_NS, HeartbeatGap, HeartbeatGapParams
 from skyrange.detect.receptions import read_receptions
 from skyrange.detect.telemetry import read_messages
-from skyrange.radio.ground import Reception, Report, encode
+from skyrange.radio.ground_receptions import Reception, Report, encode
 from skyrange.record import RunRecord, replay_monitor
-from skyrange.scenario.catalogue import load as load_scenario
-from skyrange.study.session import run
-from skyrange.testing.monitors import collect_frames, serve
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.runs import run
+from skyrange.testing.checks.monitors import collect_frames, serve
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))
 GAP = MonitorPlacement("gap", lambda: HeartbeatGap(HeartbeatGapParams()), ["gcs:*"], "gcs")
@@ -122,7 +122,7 @@ def test_messages_are_read_by_name_in_the_order_of_frames() -> None:
 def test_receptions_of_aircraft_and_ground_receivers_are_read_alike() -> None:
     ports = (Port("blue/b1.companion", "rid_down:blue/b1"), Port("blue.gcs", "oracle:blue"))
     body = bytes(range(25))
-    down = rid_link.pack(rid_link.RidHeader(3, 6, 1, b"abcdef", -4_550, 90), body)
+    down = link_payload.pack(link_payload.RidHeader(3, 6, 1, b"abcdef", -4_550, 90), body)
     ground = Reception(
         receiver="roof", time_ns=95, transport=1, channel=37, counter=2, rssi_dbm=-61.5, address="010203040506",
         body=body.hex(),

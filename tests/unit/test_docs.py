@@ -226,9 +226,9 @@ def test_examples_run(
 
 def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: dict[str, Any]) -> None:
     """Do what a page says, in `folder`, its Python in the namespace `names`; then forget the plugins of the page."""
-    from skyrange.agent import plugins
-    from skyrange.scenario.load import load_file
-    from skyrange.scenario.wire import wire
+    from skyrange.assembly.build import build
+    from skyrange.contracts import plugins
+    from skyrange.scenario.toml_reader import load_file
 
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
@@ -242,7 +242,7 @@ def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: d
             if block.words[1:2] == ("scenario",):
                 path = folder / block.words[2]
                 path.write_text(block.text, encoding="utf-8")
-                wire(load_file(path))
+                build(load_file(path))
             elif block.words[1:2] == ("file",):
                 (folder / block.words[2]).write_text(block.text, encoding="utf-8")
             elif block.words == ("python", "run"):

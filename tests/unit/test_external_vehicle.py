@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-import skyrange.io.wires as wires
-from skyrange.agent.contracts import Finished, InstanceStatus, Source
-from skyrange.agent.messages import Arrival, Inbox, Note
+import skyrange.io.mavlink.connections as wires
+from skyrange.assembly.build import build
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.components import Finished, InstanceStatus, Source
+from skyrange.contracts.mailboxes import Arrival, Inbox, Note
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Epoch, Time
 from skyrange.kernel import EngineMount, Kernel, Wiring
-from skyrange.runtime.pace import held_to
-from skyrange.scenario.load import build
-from skyrange.scenario.wire import wire
-from skyrange.vehicle.external.engine import EXTERNAL, External
+from skyrange.runtime.pace import resolve_speed
+from skyrange.scenario.toml_reader import load_data
+from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
+from skyrange.vehicle.external.engine import EXTERNAL, ExternalEngine
 from skyrange.vehicle.external.options import Options
-from skyrange.vehicle.external.reports import Reports, quaternion
-from skyrange.vehicle.onboard import links
-from skyrange.vehicle.spec import AutopilotContext, VehicleSpec
+from skyrange.vehicle.external.position_reports import PositionReports, quaternion_from_euler
+from skyrange.vehicle.onboard_network import onboard_links
 from skyrange.world import Body, World
 from tests.foreign_vehicle import ORIGIN, Foreign
 
@@ -41,20 +41,22 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wires, "AGAIN_S", 0.02)
 
 
-def made(*foreign: Foreign, motion: bool = False, allow: bool = False, system_id: int = 1, **options: Any) -> External:
+def made(
+    *foreign: Foreign, motion: bool = False, allow: bool = False, system_id: int = 1, **options: Any
+) -> ExternalEngine:
     names = [f"blue/b{number}" for number in range(1, len(foreign) + 1)]
     specs = [VehicleSpec(name, system_id) for name in names]
     connect = {name: f"tcp:127.0.0.1:{one.port}" for name, one in zip(names, foreign, strict=True)}
     told = Options(connect=connect, allow_motion=allow, **options)
     engine = EXTERNAL(told, AutopilotContext("external", specs, ORIGIN, Epoch(0), Chance(0), motion))
-    assert isinstance(engine, External)
+    assert isinstance(engine, ExternalEngine)
     return engine
 
 
 class Ride:
     """An engine that is ticked, from time 0 on unless told otherwise."""
 
-    def __init__(self, engine: External, tick: Time = 0, silent_s: float = 5.0) -> None:
+    def __init__(self, engine: ExternalEngine, tick: Time = 0, silent_s: float = 5.0) -> None:
         self.engine, self.tick, self.silent_s = engine, tick, silent_s
         self.notes: list[Note] = []
         self.frames: list[bytes] = []
@@ -77,7 +79,7 @@ class Ride:
             finished = self.step()
             if holds(finished):
                 return finished
-            assert time.monotonic() < deadline, (self.engine.why("blue/b1"), self.notes)
+            assert time.monotonic() < deadline, (self.engine.explain_status("blue/b1"), self.notes)
             time.sleep(0.001)
 
     def noted(self, kind: str) -> list[dict[str, Any]]:
@@ -109,18 +111,18 @@ def test_it_is_where_it_says_that_it_is() -> None:
     ("angles", "nose"), [((0, 0, 0), (0, 1, 0)), ((0, 0, 90), (1, 0, 0)), ((0, 30, 180), (0, -math.sqrt(3) / 2, 0.5))]
 )
 def test_attitudes_turn_into_our_frames(angles: tuple[float, ...], nose: tuple[float, ...]) -> None:
-    w, x, y, z = quaternion(*map(math.radians, angles))
+    w, x, y, z = quaternion_from_euler(*map(math.radians, angles))
     forward = (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
     np.testing.assert_allclose(forward, nose, atol=1e-12)
     assert math.hypot(w, x, y, z) == pytest.approx(1.0)
 
 
 def test_how_long_a_report_was_under_way_is_told_by_the_quickest() -> None:
-    reports = Reports()
+    reports = PositionReports()
 
     def late_s(boot_ms: int, now_s: float) -> float:
         message = mav.MAVLink_global_position_int_message(boot_ms, 407_780_000, -739_550_000, 20_000, 0, 0, 0, 0, 0)
-        late = reports.moved(message, ORIGIN, now_s)
+        late = reports.on_position(message, ORIGIN, now_s)
         assert late is not None
         return late / 1e9
 
@@ -130,7 +132,7 @@ def test_how_long_a_report_was_under_way_is_told_by_the_quickest() -> None:
     assert late_s(1300, 10.30) == pytest.approx(0.0, abs=1e-3)
     assert late_s(5, 11.0) == 0.0, "rebooted"
     nowhere = mav.MAVLink_global_position_int_message(1, 0, 0, 0, 0, 0, 0, 0, 0)
-    assert reports.moved(nowhere, ORIGIN, 12.0) is None
+    assert reports.on_position(nowhere, ORIGIN, 12.0) is None
 
 
 def test_one_far_from_its_start_is_told_of_at_boot() -> None:
@@ -145,7 +147,7 @@ def test_one_without_a_fix_is_not_ready_and_it_says_why() -> None:
     nowhere = type(ORIGIN)(0.0, 0.0)
     with Foreign(origin=nowhere) as foreign:
         ride = Ride(made(foreign))
-        ride.until(lambda _: "has it a fix" in ride.engine.why("blue/b1"))
+        ride.until(lambda _: "has it a fix" in ride.engine.explain_status("blue/b1"))
         assert not status(InstanceStatus.READY)(ride.step())
         ride.engine.close()
 
@@ -155,7 +157,7 @@ def test_another_system_is_named_and_not_believed() -> None:
         ride = Ride(made(foreign))
         ride.until(lambda _: ride.noted("event.foreign_system"))
         assert ride.noted("event.foreign_system")[0] == {"system_id": 9, "expected": 1, "count": 1}
-        assert "system 9 was heard, and not 1" in ride.engine.why("blue/b1")
+        assert "system 9 was heard, and not 1" in ride.engine.explain_status("blue/b1")
         assert status(InstanceStatus.BOOTING)(ride.step())
         assert ride.frames, "what it says is still said"
         ride.engine.close()
@@ -177,7 +179,7 @@ def test_before_time_0_the_machine_s_time_passes_only_while_one_is_missing() -> 
     while gone.tick < 0:
         assert status(InstanceStatus.BOOTING)(gone.step())
     assert 0.25 < time.monotonic() - began < 1.5
-    assert "refused" in gone.engine.why("blue/b1")
+    assert "refused" in gone.engine.explain_status("blue/b1")
 
 
 def test_one_that_falls_silent_is_called_again_and_comes_back() -> None:
@@ -236,10 +238,10 @@ def test_slower_reports_are_asked_for_anew() -> None:
         ride = Ride(made(foreign, rate_hz=50))
         foreign.place = lambda _: (0.0, 0.0, 0.0)
         ride.until(status(InstanceStatus.READY))
-        contact: Any = ride.engine._contacts[0]
-        contact._received = dict.fromkeys(contact._received, 0)
-        contact._checked_s -= 2.0
-        contact._next_request_s = dict.fromkeys(contact._next_request_s, 0.0)
+        session: Any = ride.engine._sessions[0]
+        session._received = dict.fromkeys(session._received, 0)
+        session._checked_s -= 2.0
+        session._next_request_s = dict.fromkeys(session._next_request_s, 0.0)
         before = len(foreign.heard)
         ride.until(lambda _: len(foreign.heard) >= before + 3)
         ride.engine.close()
@@ -247,7 +249,7 @@ def test_slower_reports_are_asked_for_anew() -> None:
 
 def scenario(options: dict[str, Any]) -> Any:
     vehicles = [{"id": "b1", "autopilot": "external", "plan": {"square": {"side_m": 10, "alt_m": 5}}}]
-    return build(
+    return load_data(
         {
             "name": "x",
             "seed": 1,
@@ -272,20 +274,21 @@ def scenario(options: dict[str, Any]) -> Any:
 )
 def test_what_is_wrong_is_said_before_anything_starts(options: dict[str, Any], told: str) -> None:
     with pytest.raises(InputError, match=told):
-        wire(scenario(options))
+        build(scenario(options))
 
 
 def test_it_is_held_to_the_wall_clock_by_the_run() -> None:
-    engine = wire(scenario({"connect": {"blue/b1": "tcp:127.0.0.1:5760"}})).wiring.engines[0].engine
-    assert held_to(0.0, [engine]) == 1.0
+    engine = build(scenario({"connect": {"blue/b1": "tcp:127.0.0.1:5760"}})).wiring.engines[0].engine
+    assert resolve_speed(0.0, [engine]) == 1.0
     with pytest.raises(InputError, match="one speed"):
-        held_to(2.0, [engine])
+        resolve_speed(2.0, [engine])
 
 
-def kernel(engine: External, **policies: str) -> tuple[Kernel, World]:
+def kernel(engine: ExternalEngine, **policies: str) -> tuple[Kernel, World]:
     world = World([Body("blue/b1", "iris", 0.0, 0.0, 0.0, 0.0)])
     wiring = Wiring(
-        1, links("blue/b1", "blue"), world=world, engines=[EngineMount(engine, slice(None))], wall_deadline_s=0.3,
+        1, onboard_links("blue/b1", "blue"), world=world, engines=[EngineMount(engine, slice(None))],
+        wall_deadline_s=0.3,
         **policies,
     )  # fmt: skip
     return Kernel(wiring), world
@@ -316,7 +319,7 @@ def test_its_body_is_external_and_stays_so_when_it_is_silent() -> None:
         assert list(world.sources) == [Source.EXTERNAL]
         np.testing.assert_allclose(world.motion()[0][0], (1.0, 2.0, 30.0), atol=0.05)
         foreign.quiet = True
-        ticked_until(flown, lambda: engine._contacts[0].status is InstanceStatus.SILENT)
+        ticked_until(flown, lambda: engine._sessions[0].status is InstanceStatus.SILENT)
         assert list(world.sources) == [Source.EXTERNAL]
         np.testing.assert_allclose(world.motion()[0][0], (1.0, 2.0, 30.0), atol=0.05)
         flown.finish()

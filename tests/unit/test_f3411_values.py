@@ -18,8 +18,8 @@ from skyrange.codec.f3411 import (
     SelfId,
     System,
     decode,
+    deviations,
     encode,
-    faults,
     is_serial_number,
     values,
 )
@@ -84,11 +84,11 @@ def test_time_counts_tenths_since_the_hour() -> None:
 
 
 def test_both_zero_is_an_unknown_place_and_one_zero_is_not() -> None:
-    assert values.decode_place(0, 0) == (None, None)
-    assert values.decode_place(0, 5) == (0.0, 5e-7)
-    assert values.encode_place(None, None) == (0, 0)
+    assert values.decode_position(0, 0) == (None, None)
+    assert values.decode_position(0, 5) == (0.0, 5e-7)
+    assert values.encode_position(None, None) == (0, 0)
     with pytest.raises(ValueError, match="both or neither"):
-        values.encode_place(1.0, None)
+        values.encode_position(1.0, None)
 
 
 def test_accuracies_promise_the_most_that_holds() -> None:
@@ -139,7 +139,7 @@ def test_accuracies_promise_the_most_that_holds() -> None:
 def test_what_the_standard_forbids_is_read_as_it_is_and_named(message: Message, named: str) -> None:
     again = decode(encode(message))
     assert again == message
-    found = faults(again)
+    found = deviations(again)
     assert len(found) == 1
     assert named in found[0]
 
@@ -150,7 +150,7 @@ def test_what_the_standard_forbids_is_read_as_it_is_and_named(message: Message, 
 def test_bytes_outside_their_range_are_read_as_what_they_add_up_to(place: int, byte: int, named: str) -> None:
     raw = bytearray(encode(Location(2, track_deg=200.0)))
     raw[place] = byte
-    assert any(named in text for text in faults(decode(bytes(raw))))
+    assert any(named in text for text in deviations(decode(bytes(raw))))
 
 
 def test_an_honest_broadcast_has_no_faults() -> None:
@@ -164,7 +164,7 @@ def test_an_honest_broadcast_has_no_faults() -> None:
             OperatorId(0, "FIN87astrdge12k8"),
         )
     )
-    assert faults(decode(encode(pack))) == ()
+    assert deviations(decode(encode(pack))) == ()
 
 
 def test_serial_numbers_by_cta_2063() -> None:

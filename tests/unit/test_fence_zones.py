@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely.geometry import Point, Polygon
 
-from skyrange.vehicle.builtin.fence_zones import outside
-from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES
+from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT, ZONES
+from skyrange.vehicle.builtin.fence.zones import zone_breach
 
 SQUARE = [(-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0)]
 
@@ -40,7 +40,7 @@ def circle(kind: int, east: float, radius: float) -> tuple[int, list[tuple[float
 
 
 def test_nothing_is_never_breached() -> None:
-    assert outside(zones(), 1e6, 0.0, False) == (False, 0.0)
+    assert zone_breach(zones(), 1e6, 0.0, False) == (False, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -65,7 +65,7 @@ def test_nothing_is_never_breached() -> None:
     ],
 )
 def test_zones(parts: list[Any], east: float, union: bool, broken: bool, far: float) -> None:
-    assert outside(zones(*parts), east, 0.0, union) == (broken, pytest.approx(far))
+    assert zone_breach(zones(*parts), east, 0.0, union) == (broken, pytest.approx(far))
 
 
 @settings(max_examples=200, deadline=None)
@@ -79,6 +79,6 @@ def test_against_shapely(corners: list[tuple[int, int]], east: float, north: flo
     place = Point(east, north)
     if not shape.is_valid or shape.exterior.distance(place) < 1e-6:
         return  # crossing edges, or on the edge
-    broken, far = outside(zones((POLYGON_IN, [(float(e), float(n)) for e, n in corners], 0.0)), east, north, False)
+    broken, far = zone_breach(zones((POLYGON_IN, [(float(e), float(n)) for e, n in corners], 0.0)), east, north, False)
     assert broken == (not shape.contains(place))
     assert abs(far) == pytest.approx(shape.exterior.distance(place), abs=1e-9)

@@ -5,8 +5,8 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.plans import square
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.plan.plans import square
 from skyrange.gcs.station import GroundStation
 
 PLAN = square(Origin(47.0, 8.0), (0.0, 0.0, 0.0), side_m=5, alt_m=5)

@@ -11,15 +11,15 @@ from shapely.geometry import Point as ShapelyPoint
 from shapely.geometry import Polygon
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.missions import Mission, MissionItem, format_waypoints
+from skyrange.codec.mission import Mission, MissionItem, format_waypoints
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
-from skyrange.gcs import plans, routes
-from skyrange.gcs.checks import MAX_ITEMS, check
-from skyrange.gcs.paths import Point, square
-from skyrange.gcs.plans import FlightPlan
-from skyrange.gcs.volumes import Margins, volumes
+from skyrange.gcs.plan import plans, routes
+from skyrange.gcs.plan.checks import MAX_ITEMS, check
+from skyrange.gcs.plan.paths import Point, square
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.volumes import Margins, volumes
 
 ORIGIN = Origin(-35.3633280, 149.1652241, 584.0, 19.0)
 HOME = (5.0, 7.0, 0.0)

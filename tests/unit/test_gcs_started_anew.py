@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.gcs import plans
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.lifecycle import State
-from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.plan import plans
+from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.service import FlightApproval
 from tests.unit.fake_autopilot import EPOCH, ORIGIN, FakeAutopilot, Loop
 
 HOME = (5.0, 5.0, 0.0)
@@ -40,7 +40,7 @@ def test_a_mission_that_flies_is_watched_to_its_end_and_left_alone() -> None:
     run = anew(4.0, square())
     assert run.aircraft["blue/b1"].running
     run.run(120.0)
-    assert run.stations[0].outcomes["blue/b1"].state == State.COMPLETE
+    assert run.stations[0].outcomes["blue/b1"].state == FlightState.COMPLETE
     kinds = run.kinds("blue/b1")
     assert kinds[1] == "decision.resumed"
     assert "decision.progress" in kinds
@@ -54,7 +54,7 @@ def test_a_guided_aircraft_is_brought_home() -> None:
     run = anew(8.0, square("guided"))
     run.run(120.0)
     found = run.stations[0].outcomes["blue/b1"]
-    assert found.state == State.FAILED
+    assert found.state == FlightState.FAILED
     assert "started anew" in found.reason
     assert [message.command for message in run.sent("blue/b1", COMMAND)] == [mav.MAV_CMD_DO_SET_MODE]
     assert not run.aircraft["blue/b1"].armed
@@ -64,7 +64,7 @@ def test_what_has_flown_is_not_flown_again_and_its_outcome_is_left_to_who_saw_it
     run = anew(100.0, square())
     assert not run.aircraft["blue/b1"].armed
     run.run(130.0)
-    assert run.stations[0].states["blue/b1"] == State.LEFT
+    assert run.stations[0].states["blue/b1"] == FlightState.LEFT
     assert run.kinds("blue/b1")[-1] == "decision.left"
     assert "event.outcome" not in run.kinds("blue/b1")
     assert run.sent("blue/b1", COUNT) == run.sent("blue/b1", COMMAND) == []
@@ -75,7 +75,7 @@ def test_what_waits_is_flown(at_s: float) -> None:
     run = anew(at_s, square())
     assert not run.aircraft["blue/b1"].armed
     run.run(120.0)
-    assert run.stations[0].outcomes["blue/b1"].state == State.COMPLETE
+    assert run.stations[0].outcomes["blue/b1"].state == FlightState.COMPLETE
     assert run.stations[0].bad_approvals == 0
 
 

@@ -8,21 +8,21 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.messages import Arrival, Inbox
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.gcs import plans
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.lifecycle import State
-from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.plan import plans
+from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.station import GroundStation
-from skyrange.gcs.streams import LIGHT
+from skyrange.gcs.telemetry.streams import LIGHT
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.contract import Decision, Intent
-from skyrange.utm.service import FlightApproval
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 from tests.unit.fake_autopilot import EPOCH, ORIGIN, Air, FakeAutopilot, Loop
 
 HOME = (5.0, 5.0, 0.0)
@@ -129,7 +129,7 @@ def test_the_same_departure_time_starts_all_at_once() -> None:
     starts = {link: at for at, link, message, _ in run.commands if message.id == 76 and message.command == START}
     assert len(set(starts.values())) == 1
     assert len(starts) == 3
-    assert set(run.stations[0].states.values()) == {State.COMPLETE}
+    assert set(run.stations[0].states.values()) == {FlightState.COMPLETE}
 
 
 def test_commands_name_the_frames_that_made_the_station_give_them() -> None:
@@ -171,7 +171,7 @@ def test_worse_links_only_take_longer(seed: int) -> None:
 def test_silence_is_noted_and_forgiven() -> None:
     run = loop(plans.square(ORIGIN, HOME, side_m=60, alt_m=5))
     run.run(20)
-    assert run.stations[0].states["blue/b1"] is State.FLYING
+    assert run.stations[0].states["blue/b1"] is FlightState.FLYING
     run.blocked.add("gcs:blue/b1:rev")
     run.run(30)
     run.blocked.clear()
@@ -187,7 +187,7 @@ def test_a_target_that_got_lost_is_sent_again() -> None:
     run = loop(plan)
     while not any(message.id == 86 for _, _, message, _ in run.commands):
         run.blocked.clear()
-        if run.stations[0].states["blue/b1"] is State.FLYING:
+        if run.stations[0].states["blue/b1"] is FlightState.FLYING:
             run.blocked.add("gcs:blue/b1:fwd")
         run.step()
     for _ in range(25):
@@ -200,7 +200,7 @@ def test_a_target_that_got_lost_is_sent_again() -> None:
 
 def test_streams_that_do_not_flow_are_asked_for_again() -> None:
     run = loop(depart_s=15.0)
-    while run.stations[0].states["blue/b1"] is not State.WAITING:
+    while run.stations[0].states["blue/b1"] is not FlightState.WAITING:
         run.step()
     run.aircraft["blue/b1"].intervals.clear()
     run.run(14)
@@ -212,8 +212,8 @@ def test_streams_that_do_not_flow_are_asked_for_again() -> None:
 
 
 class No:
-    def decide(self, now: Time, request: Intent) -> Decision:
-        return Decision(accepted=False, reason="airspace closed", alternatives=request.volumes[:1])
+    def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
+        return ApprovalDecision(accepted=False, reason="airspace closed", alternatives=request.volumes[:1])
 
 
 def test_a_rejected_flight_fails_with_the_reason_and_says_nothing_to_the_aircraft() -> None:
@@ -265,7 +265,7 @@ def test_a_lost_count_is_sent_again() -> None:
     run = loop()
     run.blocked.add("gcs:blue/b1:fwd")
     run.run(1)
-    assert run.stations[0].states["blue/b1"] is State.UPLOADING
+    assert run.stations[0].states["blue/b1"] is FlightState.UPLOADING
     run.blocked.clear()
     assert outcome(run.run(120)) == ("complete", "")
     assert len(run.sent("blue/b1", 44)) == 2
@@ -293,10 +293,10 @@ def test_an_autopilot_that_hears_nothing_fails_the_upload() -> None:
 
 def test_an_old_acceptance_is_not_believed_before_all_items_were_asked_for() -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.UPLOADING:
+    while run.stations[0].states["blue/b1"] is not FlightState.UPLOADING:
         run.step()
     heard(run, Packer(1, 1), mav.MAVLink_mission_ack_message(255, 190, mav.MAV_MISSION_ACCEPTED, 0))
-    assert run.stations[0].states["blue/b1"] is State.UPLOADING
+    assert run.stations[0].states["blue/b1"] is FlightState.UPLOADING
     assert outcome(run.run(120)) == ("complete", "")
     assert run.note("decision.uploaded", "blue/b1").data["attempts"] == 1
 
@@ -329,7 +329,7 @@ def test_what_an_autopilot_cannot_keep_is_not_held_against_it() -> None:
 
 def test_a_wrong_number_of_items_is_seen() -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.VERIFYING:
+    while run.stations[0].states["blue/b1"] is not FlightState.VERIFYING:
         run.step()
     run.aircraft["blue/b1"].items.pop()
     assert outcome(run.run(30)) == ("failed", "read-back differs: 7 items, sent 8")
@@ -348,7 +348,7 @@ def test_lost_acks_raise_the_confirmation() -> None:
 
 def test_an_aircraft_seen_armed_needs_no_acknowledgement() -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.ARMING:
+    while run.stations[0].states["blue/b1"] is not FlightState.ARMING:
         run.step()
     run.aircraft["blue/b1"].armed = True
     run.aircraft["blue/b1"].answers[ARM] = [None] * 9
@@ -366,7 +366,7 @@ def test_arming_is_asked_for_until_the_checks_pass(result: int) -> None:
 
 def test_a_take_off_that_is_seen_needs_no_acknowledgement() -> None:
     run = loop(square("guided"))
-    while run.stations[0].states["blue/b1"] is not State.STARTING:
+    while run.stations[0].states["blue/b1"] is not FlightState.STARTING:
         run.step()
     run.blocked.add("gcs:blue/b1:rev")
     run.run(run.now / NS_PER_S + 0.1)
@@ -435,7 +435,7 @@ def test_a_late_boot_is_waited_for() -> None:
 
 def test_a_flight_that_gets_nowhere_is_brought_home_and_fails() -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.FLYING:
+    while run.stations[0].states["blue/b1"] is not FlightState.FLYING:
         run.step()
     run.aircraft["blue/b1"].speed = 0.0
     run.run(400)
@@ -460,7 +460,7 @@ def test_two_operators_never_touch_each_others_aircraft() -> None:
     for station in stations:
         assert {owner.split("/")[0] for owner in station.states} == {station.operator}
         assert {port.endpoint for port in station.ports} == {f"{station.operator}.gcs"}
-        assert set(station.states.values()) == {State.COMPLETE}
+        assert set(station.states.values()) == {FlightState.COMPLETE}
     for _, source, note in run.notes:
         if source != "approval":
             assert note.about.split("/")[0] == source.split(".")[0]
@@ -490,17 +490,17 @@ def test_frames_of_others_and_bad_bytes_are_counted_and_change_nothing() -> None
 @pytest.mark.parametrize(("sender", "fooled"), [((1, 1), True), ((1, 191), False), ((2, 1), False)])
 def test_only_the_autopilot_of_its_aircraft_is_believed(sender: tuple[int, int], fooled: bool) -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.FLYING:
+    while run.stations[0].states["blue/b1"] is not FlightState.FLYING:
         run.step()
     liar = Packer(*sender)
     for _ in range(2):
         heard(run, liar, mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))
-    assert (run.stations[0].states["blue/b1"] is State.FAILED) is fooled
+    assert (run.stations[0].states["blue/b1"] is FlightState.FAILED) is fooled
 
 
 def test_one_old_heartbeat_and_its_copies_do_not_disarm() -> None:
     run = loop()
-    while run.stations[0].states["blue/b1"] is not State.FLYING:
+    while run.stations[0].states["blue/b1"] is not FlightState.FLYING:
         run.step()
     for _ in range(3):
         heard(run, Packer(1, 1), mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))

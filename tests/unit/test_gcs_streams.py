@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.gcs import plans
-from skyrange.gcs.flights import Flight
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.plan import plans
 from skyrange.gcs.station import GroundStation
-from skyrange.gcs.streams import OPERATOR, PROFILES
+from skyrange.gcs.telemetry.streams import OPERATOR, PROFILES
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.service import FlightApproval
 from tests.unit.fake_autopilot import EPOCH, ORIGIN, FakeAutopilot, Loop
 
 HOME = (5.0, 5.0, 0.0)

@@ -13,21 +13,22 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skyrange.agent.messages import Arrival, Inbox
-from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink.deframer import Piece
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
-from skyrange.io import http_ends, http_frames
-from skyrange.io.http_door import MAX_CONNECTIONS
-from skyrange.io.http_ends import HttpClientEnd, HttpServerEnd
-from skyrange.io.mavlink_sockets import LOOPBACK, Address
+from skyrange.io.http import frames as http_frames
+from skyrange.io.http import transports as http_ends
+from skyrange.io.http.limited_server import MAX_CONNECTIONS
+from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
+from skyrange.io.mavlink.transports import LOOPBACK, Address
 from skyrange.utm import messages
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.contract import Decision, Intent, intent_id
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import PATH, Request, Response, encode
-from skyrange.utm.service import FlightApproval
 from tests.tiers import needs
 
 pytestmark = pytest.mark.realtime
@@ -38,13 +39,13 @@ VOLUME = Volume4D(((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.1)), 600.25, 640.
 
 def request_for(vehicle: str, version: int = 0) -> bytes:
     operator = vehicle.partition("/")[0]
-    return encode(Request.of(Intent(intent_id(vehicle, version), operator, vehicle, (VOLUME,), 3), EPOCH))
+    return encode(Request.of(OperationalIntent(intent_id(vehicle, version), operator, vehicle, (VOLUME,), 3), EPOCH))
 
 
 REQUEST = request_for("blue/b1")
 INTENT = intent_id("blue/b1")
 BODY = json.dumps(json.loads(REQUEST)["body"])
-ACCEPTED = encode(Response.of(INTENT, Decision(accepted=True, ovn="x"), EPOCH))
+ACCEPTED = encode(Response.of(INTENT, ApprovalDecision(accepted=True, ovn="x"), EPOCH))
 
 
 def run(body: Callable[[], Awaitable[None]]) -> None:
@@ -68,7 +69,7 @@ class Service:
         self.agent = FlightApproval(["blue"], EPOCH, ApproveAll())
         self.heard: list[bytes] = []
         self.said: list[bytes] = []
-        self.end: HttpServerEnd | None = None
+        self.end: HttpServerTransport | None = None
 
     def on_piece(self, piece: Piece) -> None:
         assert not piece.garbage
@@ -81,9 +82,9 @@ class Service:
             assert self.end.send(departure.payload)
 
     @classmethod
-    async def open(cls, local: Address = (LOOPBACK, 0)) -> tuple[Service, HttpServerEnd]:
+    async def open(cls, local: Address = (LOOPBACK, 0)) -> tuple[Service, HttpServerTransport]:
         service = cls()
-        service.end = await HttpServerEnd.open(service.on_piece, local)
+        service.end = await HttpServerTransport.open(service.on_piece, local)
         return service, service.end
 
 
@@ -124,7 +125,7 @@ def test_agents_frames_cross_byte_for_byte() -> None:
     async def body() -> None:
         service, server = await Service.open()
         answers: list[Piece] = []
-        client = await HttpClientEnd.open(answers.append, server.address)
+        client = await HttpClientTransport.open(answers.append, server.address)
         foreign = request_for("red/r1")  # 403 on its own path
         unread = REQUEST.replace(b'"priority":3', b'"priority":-3')  # 400 on the collection's path
         for count, frame in enumerate([REQUEST, REQUEST, foreign, unread], 1):
@@ -255,7 +256,7 @@ def test_a_path_is_carried_unchanged_or_refused(path: str) -> None:
 def test_slow_clients_are_let_go() -> None:
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append, patience_s=0.1)
+        server = await HttpServerTransport.open(heard.append, patience_s=0.1)
         whole = http(BODY)
         assert await raw(server.address, whole[:30]) == b""  # half a header
         assert status(await raw(server.address, whole[:-5])) == 408  # half a body
@@ -269,7 +270,7 @@ def test_slow_clients_are_let_go() -> None:
 def test_a_client_that_does_not_read_is_let_go() -> None:
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append, patience_s=0.1)
+        server = await HttpServerTransport.open(heard.append, patience_s=0.1)
         line = socket.socket()
         line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_096)
         line.setblocking(False)
@@ -298,7 +299,7 @@ def test_a_client_that_does_not_read_is_let_go() -> None:
 def test_what_is_not_answered_gets_a_504() -> None:
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append, answer_s=0.05)
+        server = await HttpServerTransport.open(heard.append, answer_s=0.05)
         assert status(await raw(server.address, http(BODY))) == 504
         assert (len(heard), server.counts.lost) == (1, 1)
         assert not server.send(ACCEPTED)  # too late
@@ -311,7 +312,7 @@ def test_what_is_not_answered_gets_a_504() -> None:
 def test_a_response_answers_the_oldest_request_of_its_path() -> None:
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append)
+        server = await HttpServerTransport.open(heard.append)
         answers: list[bytes] = []
 
         async def ask(path: str) -> bytes:
@@ -350,7 +351,7 @@ def test_open_requests_and_connections_are_bounded(monkeypatch: pytest.MonkeyPat
 
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append)
+        server = await HttpServerTransport.open(heard.append)
         asked = [asyncio.create_task(raw(server.address, http(BODY))) for _ in range(3)]
         await until(lambda: len(heard) == 3)
         assert status(await raw(server.address, http(BODY))) == 503
@@ -362,7 +363,7 @@ def test_open_requests_and_connections_are_bounded(monkeypatch: pytest.MonkeyPat
         await until(lambda: server.counts.overflowed >= 1 + 5)
         for _, writer in lines:
             writer.close()
-        client = await HttpClientEnd.open(heard.append, server.address)
+        client = await HttpClientTransport.open(heard.append, server.address)
         assert [client.send(REQUEST) for _ in range(5)] == [True] * 3 + [False] * 2
         assert client.counts.overflowed == 2
         client.close()
@@ -374,7 +375,7 @@ def test_open_requests_and_connections_are_bounded(monkeypatch: pytest.MonkeyPat
 def test_a_flood_of_pipelined_requests_is_survived() -> None:
     async def body() -> None:
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append)
+        server = await HttpServerTransport.open(heard.append)
         _, writer = await asyncio.open_connection(*server.address)
         whole = http(BODY).replace(b"Connection: close\r\n", b"")
         writer.write(whole * (16_000_000 // len(whole)))
@@ -396,12 +397,12 @@ def test_only_with_the_token() -> None:
     async def body() -> None:
         notes: list[tuple[str, str]] = []
         heard: list[Piece] = []
-        server = await HttpServerEnd.open(heard.append, token="s3cret", on_note=lambda *note: notes.append(note))
+        server = await HttpServerTransport.open(heard.append, token="s3cret", on_note=lambda *note: notes.append(note))
         assert status(await raw(server.address, http(BODY))) == 401
         assert status(await raw(server.address, http(BODY, more="Authorization: Bearer guess\r\n"))) == 401
         assert server.counts.refused == 2
         assert [kind for kind, _ in notes] == ["refused", "refused"]
-        client = await HttpClientEnd.open(heard.append, server.address, token="s3cret")
+        client = await HttpClientTransport.open(heard.append, server.address, token="s3cret")
         assert client.send(REQUEST)
         await until(lambda: heard)
         assert heard[0].data == REQUEST
@@ -417,7 +418,7 @@ def test_a_client_waits_for_a_service_and_outlives_it() -> None:
         address = server.address
         answers: list[Piece] = []
         notes: list[tuple[str, str]] = []
-        client = await HttpClientEnd.open(answers.append, address, on_note=lambda *note: notes.append(note))
+        client = await HttpClientTransport.open(answers.append, address, on_note=lambda *note: notes.append(note))
         assert client.send(REQUEST)
         await until(lambda: len(answers) == 1)
         server.close()
@@ -459,7 +460,7 @@ def test_a_service_that_speaks_nonsense_is_survived(answer: bytes, garbage: int)
 
         service = await asyncio.start_server(serve, LOOPBACK, 0)
         pieces: list[Piece] = []
-        client = await HttpClientEnd.open(pieces.append, service.sockets[0].getsockname()[:2])
+        client = await HttpClientTransport.open(pieces.append, service.sockets[0].getsockname()[:2])
         assert client.send(REQUEST)
         await until(lambda: client.counts.garbage + client.counts.lost == 1)
         assert client.counts.garbage == garbage
@@ -477,11 +478,11 @@ def test_a_port_in_use_and_an_address_beyond_loopback_are_named() -> None:
     async def body() -> None:
         _, server = await Service.open()
         with pytest.raises(OSError, match=f"{LOOPBACK}:{server.address[1]}.*in use"):
-            await HttpServerEnd.open(lambda _: None, server.address)
+            await HttpServerTransport.open(lambda _: None, server.address)
         server.close()
         with pytest.raises(InputError, match=r"0\.0\.0\.0:80.*Give it a token"):
-            await HttpServerEnd.open(lambda _: None, ("0.0.0.0", 80))
+            await HttpServerTransport.open(lambda _: None, ("0.0.0.0", 80))
         with pytest.raises(InputError, match=r"192\.0\.2\.1:80"):
-            await HttpClientEnd.open(lambda _: None, ("192.0.2.1", 80))
+            await HttpClientTransport.open(lambda _: None, ("192.0.2.1", 80))
 
     run(body)

@@ -17,7 +17,7 @@ import numpy as np
 from skyrange.core import compiled
 compiled._cache_folder = lambda: sys.argv[1]
 
-@compiled.kernel
+@compiled.compiled
 def total(values):
     amount = 0.0
     for index in range(values.shape[0]):

@@ -4,39 +4,39 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.agent.frames import Fate
-from skyrange.agent.links import Channel, LinkSpec
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.kernel.channel import NO_CHANCE, RETRANSMIT_MIN_NS, ChannelState
-from skyrange.kernel.lane import Lane
+from skyrange.kernel.channel import NOT_RANDOM, RETRANSMIT_MIN_NS, ChannelState
+from skyrange.kernel.directed_link import DirectedLink
 
 MS = NS_PER_MS
 
 
 def test_latency_only() -> None:
     state = ChannelState(Channel(latency_ns=5 * MS))
-    assert state.carry(100, 40, NO_CHANCE) == (Fate.DELIVERED, 100 + 5 * MS, None)
+    assert state.carry(100, 40, NOT_RANDOM) == (Fate.DELIVERED, 100 + 5 * MS, None)
 
 
 def test_rate_serialises_and_the_queue_is_bounded() -> None:
     state = ChannelState(Channel(latency_ns=MS, rate_bps=8_000, queue_bytes=100))  # one byte a millisecond
-    arrivals = [state.carry(0, 40, NO_CHANCE) for _ in range(4)]
+    arrivals = [state.carry(0, 40, NOT_RANDOM) for _ in range(4)]
     assert [a[0] for a in arrivals] == [Fate.DELIVERED, Fate.DELIVERED, Fate.OVERFLOW, Fate.OVERFLOW]
     assert arrivals[0][1] == 41 * MS
     assert arrivals[1][1] == 81 * MS
-    assert state.carry(80 * MS, 40, NO_CHANCE) == (Fate.DELIVERED, 121 * MS, None)
+    assert state.carry(80 * MS, 40, NOT_RANDOM) == (Fate.DELIVERED, 121 * MS, None)
 
 
 def test_frequencies_match_the_declared_chances() -> None:
     spec = Channel(latency_ns=10 * MS, jitter_ns=4 * MS, loss=0.1, duplicate=0.2, reorder=0.05)
-    lane = Lane(LinkSpec("gcs:a/b", "a.gcs", "a/b.companion", spec), "fwd", Chance(3))
+    link = DirectedLink(LinkSpec("gcs:a/b", "a.gcs", "a/b.companion", spec), "fwd", Chance(3))
     n = 20_000
     lost = doubled = overtaken = 0
     last = 0
     for i in range(n):
         now = i * 100 * MS  # far enough apart that only `reorder_ns` could not overtake: order is checked below
-        fate, arrival, twin = lane.channel.carry(now, 50, lane.luck("a.gcs", now))
+        fate, arrival, twin = link.channel.carry(now, 50, link.draws("a.gcs", now))
         lost += fate is Fate.LOST
         doubled += twin is not None
         if fate is Fate.DELIVERED:
@@ -52,8 +52,8 @@ def test_frequencies_match_the_declared_chances() -> None:
 
 def test_jitter_keeps_order_and_reorder_breaks_it() -> None:
     def arrivals(spec: Channel) -> list[int]:
-        lane = Lane(LinkSpec("gcs:a/b", "a.gcs", "a/b.companion", spec), "fwd", Chance(3))
-        return [lane.channel.carry(i * MS, 50, lane.luck("a.gcs", i * MS))[1] for i in range(500)]
+        link = DirectedLink(LinkSpec("gcs:a/b", "a.gcs", "a/b.companion", spec), "fwd", Chance(3))
+        return [link.channel.carry(i * MS, 50, link.draws("a.gcs", i * MS))[1] for i in range(500)]
 
     smooth = arrivals(Channel(latency_ns=10 * MS, jitter_ns=50 * MS))
     assert smooth == sorted(smooth)
@@ -77,11 +77,11 @@ def test_a_reliable_link_loses_nothing_but_time() -> None:
 
 def test_one_frame_more_does_not_change_another_senders_luck() -> None:
     spec = LinkSpec("gcs:a/b", "a.gcs", "a/b.companion", Channel(loss=0.5))
-    alone, crowded = Lane(spec, "fwd", Chance(1)), Lane(spec, "fwd", Chance(1))
+    alone, crowded = DirectedLink(spec, "fwd", Chance(1)), DirectedLink(spec, "fwd", Chance(1))
     for now in range(0, 1000, 10):
-        crowded.luck("intruder", now)
-        assert alone.luck("a.gcs", now) == crowded.luck("a.gcs", now)
-    assert alone.luck("a.gcs", 5000) != alone.luck("a.gcs", 5000), "the second frame at one time has luck of its own"
+        crowded.draws("intruder", now)
+        assert alone.draws("a.gcs", now) == crowded.draws("a.gcs", now)
+    assert alone.draws("a.gcs", 5000) != alone.draws("a.gcs", 5000), "the second frame at one time has luck of its own"
 
 
 def test_latency_below_a_microsecond_is_refused() -> None:

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Finished, SensorAct, SensorFault, Sensors
-from skyrange.agent.links import AttackPlan, LinkSpec
-from skyrange.agent.messages import Inbox
+from skyrange.contracts.components import Finished, SensorAct, SensorFault, Sensors
+from skyrange.contracts.links import AttackPlan, LinkSpec
+from skyrange.contracts.mailboxes import Inbox
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import Time
 from skyrange.kernel import EngineMount, Kernel, Wiring

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Poses, Sensors, Source
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
+from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Poses, Sensors, Source
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time

@@ -6,16 +6,16 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from skyrange.agent.contracts import Agent
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
+from skyrange.assembly.build import build
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel
 from skyrange.kernel.wiring import Wiring
-from skyrange.scenario.load import build
-from skyrange.scenario.wire import wire
+from skyrange.scenario.toml_reader import load_data
 
 SCENARIO = {
     "name": "one",
@@ -97,6 +97,6 @@ def test_what_is_past_is_not_skipped() -> None:
 
 
 def test_a_world_cannot_stand_still() -> None:
-    kernel = Kernel(wire(build(SCENARIO, "test")).wiring)
+    kernel = Kernel(build(load_data(SCENARIO, "test")).wiring)
     with pytest.raises(ComponentError, match="cannot stand still"):
         kernel.skip(NS_PER_S)

@@ -6,8 +6,8 @@ from copy import deepcopy
 
 import pytest
 
-from skyrange.agent.contracts import World as WorldContract
-from skyrange.agent.messages import Inbox, Outbox
+from skyrange.contracts.components import World as WorldContract
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -21,13 +21,13 @@ class Witness:
     service_ns: Time = 10 * NS_PER_MS
     ports: tuple[Port, ...] = ()
 
-    def __init__(self, name: str = "witness", look_ns: Time = 10 * NS_PER_MS) -> None:
+    def __init__(self, name: str = "witness", observe_period_ns: Time = 10 * NS_PER_MS) -> None:
         self.name = name
-        self.look_ns = look_ns
+        self.observe_period_ns = observe_period_ns
         self.seen: list[tuple[Time, float]] = []
         self.steps: list[Time] = []
 
-    def look(self, now: Time, world: WorldContract) -> None:
+    def observe(self, now: Time, world: WorldContract) -> None:
         self.seen.append((now, float(world.truth()["up_m"][0])))
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
@@ -35,7 +35,7 @@ class Witness:
         return Outbox()
 
     def next_wakeup(self) -> Time | None:
-        return self.steps[-1] + self.look_ns if self.steps else 0
+        return self.steps[-1] + self.observe_period_ns if self.steps else 0
 
 
 def world() -> World:
@@ -45,9 +45,9 @@ def world() -> World:
 
 def test_it_looks_at_each_multiple_of_its_period_after_the_worlds_tick_and_before_it_is_stepped() -> None:
     witness = Witness()
-    kernel = Kernel(Wiring(seed=1, links=(), watchers=[witness], world=world()))
+    kernel = Kernel(Wiring(seed=1, links=(), truth_subscribers=[witness], world=world()))
     kernel.advance(NS_PER_S)
-    assert [at for at, _ in witness.seen] == [n * witness.look_ns for n in range(101)]
+    assert [at for at, _ in witness.seen] == [n * witness.observe_period_ns for n in range(101)]
     assert witness.steps == [at for at, _ in witness.seen]
     fallen = [100.0 - up for _, up in witness.seen]
     assert fallen == sorted(fallen)
@@ -56,7 +56,7 @@ def test_it_looks_at_each_multiple_of_its_period_after_the_worlds_tick_and_befor
 
 def test_a_fork_looks_on_with_its_own_copy() -> None:
     witness = Witness()
-    kernel = Kernel(Wiring(seed=1, links=(), watchers=[witness], world=world()))
+    kernel = Kernel(Wiring(seed=1, links=(), truth_subscribers=[witness], world=world()))
     kernel.advance(NS_PER_S // 2)
     before = deepcopy(witness.seen)
     twin = kernel.fork([])
@@ -66,12 +66,14 @@ def test_a_fork_looks_on_with_its_own_copy() -> None:
     assert len(witness.seen) == 101
 
 
-@pytest.mark.parametrize("look_ns", [0, -1, 4 * NS_PER_MS])
-def test_a_period_that_is_not_of_whole_ticks_is_refused(look_ns: Time) -> None:
-    with pytest.raises(InputError, match=r"witness\.look_ns"):
-        Kernel(Wiring(seed=1, links=(), watchers=[Witness(look_ns=look_ns)], world=world()))
+@pytest.mark.parametrize("observe_period_ns", [0, -1, 4 * NS_PER_MS])
+def test_a_period_that_is_not_of_whole_ticks_is_refused(observe_period_ns: Time) -> None:
+    with pytest.raises(InputError, match=r"witness\.observe_period_ns"):
+        Kernel(
+            Wiring(seed=1, links=(), truth_subscribers=[Witness(observe_period_ns=observe_period_ns)], world=world())
+        )
 
 
 def test_without_a_world_there_is_nothing_to_see() -> None:
     with pytest.raises(InputError, match="whole ticks of a world"):
-        Kernel(Wiring(seed=1, links=(), watchers=[Witness()]))
+        Kernel(Wiring(seed=1, links=(), truth_subscribers=[Witness()]))

@@ -12,11 +12,15 @@ import zmq
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.io.curve_keys import Keys, load_member, load_range, make_range_keys
-from skyrange.runtime.live.addresses import crossings
+from skyrange.io.zeromq.curve_keys import Keys, load_member, load_range, make_range_keys
 from skyrange.runtime.live.clock import JUMP_NS, ClockOffset, ClockSample, quickest_sample
-from skyrange.runtime.live.control import (
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.deployment import assign_components
+from skyrange.runtime.live.system import RealSystem, System
+from skyrange.runtime.live.transport.addresses import crossings
+from skyrange.runtime.live.transport.control import (
     CHUNK_BYTES,
     MAX_MESSAGE_BYTES,
     ZmqControlClient,
@@ -24,20 +28,16 @@ from skyrange.runtime.live.control import (
     pack_message,
     unpack_message,
 )
-from skyrange.runtime.live.files import list_files, path_inside, read_chunk, split_chunks, write_chunk
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import issue_credentials
-from skyrange.runtime.live.plan import assign_components
-from skyrange.runtime.live.system import RealSystem, System
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.wire import wire
+from skyrange.runtime.live.transport.credentials import issue_credentials
+from skyrange.runtime.live.transport.file_chunks import list_files, path_inside, read_chunk, split_chunks, write_chunk
+from skyrange.scenario.shipped import load
 from skyrange.testing.live import VirtualSystem
 
 MS = 1_000_000
 
 
 def test_a_config_survives_its_file() -> None:
-    links = wire(load("rid-spoofing")).wiring.links
+    links = build(load("rid-spoofing")).wiring.links
     places = crossings(links, assign_components(links, "component"))
     credentials = issue_credentials(zmq.curve_keypair()[0])
     config = NodeConfig("world", ("oracle",), ".parts/world", "127.0.0.1", ("127.0.0.1", 1), tuple(places), credentials)

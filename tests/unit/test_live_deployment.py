@@ -7,18 +7,18 @@ from collections.abc import Iterator
 
 import pytest
 
-from skyrange.agent.links import LinkSpec
+from skyrange.assembly.build import build
+from skyrange.contracts.links import LinkSpec
 from skyrange.core.errors import InputError
-from skyrange.runtime.live.addresses import KINDS, check_free, crossings
-from skyrange.runtime.live.plan import LOOPBACK, WORLD, assign_components, usual_group
-from skyrange.runtime.live.range import prepare
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.wire import wire
+from skyrange.runtime.live.deployment import LOOPBACK, WORLD, assign_components, usual_group
+from skyrange.runtime.live.range import prepare_range
+from skyrange.runtime.live.transport.addresses import KINDS, check_free, crossings
+from skyrange.scenario.shipped import load
 
 
 @pytest.fixture(scope="module")
 def links() -> list[LinkSpec]:
-    return list(wire(load("rid-spoofing")).wiring.links)
+    return list(build(load("rid-spoofing")).wiring.links)
 
 
 def test_each_component_is_a_process_and_the_world_is_one(links: list[LinkSpec]) -> None:
@@ -83,8 +83,8 @@ def test_addresses_in_use_are_named_all_at_once(links: list[LinkSpec], taken: tu
     other = [each for each in udp if each.link.name == "gcs:green/g1"]
     with pytest.raises(InputError) as caught:
         check_free([*one, *other])
-    assert [fault.where.split()[0] for fault in caught.value.faults] == ["log:green/g1", "gcs:green/g1"]
-    assert all("--port-offset" in fault.hint for fault in caught.value.faults)
+    assert [fault.where.split()[0] for fault in caught.value.problems] == ["log:green/g1", "gcs:green/g1"]
+    assert all("--port-offset" in fault.hint for fault in caught.value.problems)
 
 
 HOSTS = {"world": "10.9.0.1", "green.gcs": "10.9.0.2", "red/*": "10.9.0.3", "red/r1.companion": "10.9.0.2"}
@@ -127,9 +127,9 @@ def test_no_process_is_on_two_machines(links: list[LinkSpec]) -> None:
 def test_hosts_that_make_no_sense_are_named(links: list[LinkSpec]) -> None:
     with pytest.raises(InputError) as caught:
         assign_components(links, "component", [], {"green.gsc": "10.9.0.2", "red.gcs": "10.9.0.2"})
-    assert [fault.where for fault in caught.value.faults] == ["hosts", "hosts.world"]
-    assert "'green.gcs'" in caught.value.faults[0].hint
+    assert [fault.where for fault in caught.value.problems] == ["hosts", "hosts.world"]
+    assert "'green.gcs'" in caught.value.problems[0].hint
     with pytest.raises(InputError, match=r"hosts\.red\.gcs.*an IP address"):
         load("rid-spoofing", ["hosts={'red.gcs' = 'lab2'}"])
     with pytest.raises(InputError, match="skyrange keys"):
-        prepare(load("rid-spoofing", ["hosts={world = '127.0.0.2', 'red.gcs' = '127.0.0.3'}"]))
+        prepare_range(load("rid-spoofing", ["hosts={world = '127.0.0.2', 'red.gcs' = '127.0.0.3'}"]))

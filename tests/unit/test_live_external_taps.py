@@ -12,16 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Note
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.tap import Tapping, find_node_folder, loopback
-from skyrange.runtime.live.tap_door import MAX_LINE_BYTES, SOCKET, TapServer, line_of, socket_path
-from skyrange.runtime.live.tapping import MAX_HELD, ExternalTap, Terms
+from skyrange.runtime.live.taps.external_tap import MAX_HELD, ExternalTap, TapTerms
+from skyrange.runtime.live.taps.tap_process import TapProcess, find_node_folder, parse_loopback
+from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, SOCKET, TapServer, line_of, socket_path
+from skyrange.runtime.live.transport.addresses import Crossing
 
 LINK = LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")
 HEARTBEAT = mavlink.MAVLink(None, 255).heartbeat_encode(6, 8, 0, 0, 4).pack(mavlink.MAVLink(None, 255))
@@ -46,7 +46,7 @@ class Record:
 
 def tapped(**terms: Any) -> tuple[ExternalTap, Record]:
     record = Record()
-    tap = ExternalTap(Terms(link=LINK.name, **terms), LINK, "blue.gcs", True, record)
+    tap = ExternalTap(TapTerms(link=LINK.name, **terms), LINK, "blue.gcs", True, record)
     tap.set_present(0, True)
     return tap, record
 
@@ -193,10 +193,15 @@ def test_the_end_leaves_nothing_unrecorded() -> None:
 
 
 def test_a_tap_listens_on_the_loopback_alone() -> None:
-    assert loopback("localhost:7000") == loopback("127.0.0.1:7000") == loopback(":7000") == ("127.0.0.1", 7000)
+    assert (
+        parse_loopback("localhost:7000")
+        == parse_loopback("127.0.0.1:7000")
+        == parse_loopback(":7000")
+        == ("127.0.0.1", 7000)
+    )
     for bad in ("0.0.0.0:7000", "10.0.0.1:7000", "127.0.0.1", "127.0.0.1:x", "127.0.0.1:70000"):
         with pytest.raises(InputError, match="loopback"):
-            loopback(bad)
+            parse_loopback(bad)
 
 
 # ---------------------------------------------------------------- the door
@@ -341,11 +346,11 @@ async def called(port: int) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]
 
 
 def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> None:
-    async def talk() -> tuple[Record, Tapping]:
+    async def talk() -> tuple[Record, TapProcess]:
         door = Door(node(tmp_path, "blue.gcs", LINK.a, LINK.a, door=False))
         await door.open()
         told: list[str] = []
-        tapping = Tapping(Terms(link=LINK.name, fail="closed"), ("127.0.0.1", 0), tmp_path)
+        tapping = TapProcess(TapTerms(link=LINK.name, fail="closed"), ("127.0.0.1", 0), tmp_path)
         serving = asyncio.create_task(tapping.relay(told.append))
         await until(lambda: told)
         port = int(told[0].rpartition(":")[2])

@@ -11,19 +11,19 @@ import pytest
 import zmq
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.io.mavlink_sockets import UdpEnd
+from skyrange.io.mavlink.transports import UdpTransport
 from skyrange.record import Recorder, load
-from skyrange.runtime.live.addresses import Crossing, crossings
-from skyrange.runtime.live.control import ControlClient, Message
-from skyrange.runtime.live.node import PAUSE_NS, SLICE_NS, Node
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import issue_credentials
-from skyrange.runtime.live.plan import assign_components
-from skyrange.runtime.live.process import run_node
-from skyrange.scenario.load import build
-from skyrange.scenario.wire import wire
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.deployment import assign_components
+from skyrange.runtime.live.node.node import PAUSE_NS, SLICE_NS, Node
+from skyrange.runtime.live.node.process import run_node
+from skyrange.runtime.live.transport.addresses import Crossing, crossings
+from skyrange.runtime.live.transport.control import ControlClient, Message
+from skyrange.runtime.live.transport.credentials import issue_credentials
+from skyrange.scenario.toml_reader import load_data
 from skyrange.testing.live import VirtualSystem
 
 SCENARIO = {
@@ -38,16 +38,16 @@ HEARTBEAT = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).p
 def alone(folder: Path, name: str, *endpoints: str) -> tuple[VirtualSystem, Node, Recorder, Crossing]:
     """A node that nobody else is there for, and where its link `gcs` is."""
     system = VirtualSystem()
-    scenario = build(SCENARIO, "test")
-    links = wire(scenario).wiring.links
+    scenario = load_data(SCENARIO, "test")
+    links = build(scenario).wiring.links
     place = next(
         one for one in crossings(links, assign_components(links, "component")) if one.link.name == "gcs:blue/b1"
     )
-    rig = wire(scenario, local=frozenset(endpoints))
-    recorder = Recorder.open(folder, rig.header | {"node": {"name": name, "endpoints": list(endpoints)}})
+    built = build(scenario, local=frozenset(endpoints))
+    recorder = Recorder.open(folder, built.header | {"node": {"name": name, "endpoints": list(endpoints)}})
     credentials = issue_credentials(zmq.curve_keypair()[0])
     config = NodeConfig(name, endpoints, "", "127.0.0.1", ("127.0.0.1", 1), (place,), credentials)
-    return system, Node(config, rig, recorder, system), recorder, place
+    return system, Node(config, built, recorder, system), recorder, place
 
 
 def station(folder: Path) -> tuple[VirtualSystem, Node, Recorder, Crossing]:
@@ -65,7 +65,7 @@ def test_what_comes_before_the_start_is_counted_and_dropped(tmp_path: Path) -> N
 
     async def live() -> str:
         await node.bind()
-        peer = await UdpEnd.open(lambda _: None, remote=place.address)
+        peer = await UdpTransport.open(lambda _: None, remote=place.address)
         peer.send(HEARTBEAT)
         await until(lambda: node.counts.early)
         await node.connect()
@@ -91,7 +91,7 @@ def test_an_address_in_use_is_named(tmp_path: Path) -> None:
     system, node, recorder, place = station(tmp_path / "run")
 
     async def bind() -> None:
-        await UdpEnd.open(lambda _: None, place.address)
+        await UdpTransport.open(lambda _: None, place.address)
         try:
             await node.bind()
         finally:
@@ -212,7 +212,7 @@ class ScriptedSystem(VirtualSystem):
 
 
 def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path) -> None:
-    for name, data in wire(build(SCENARIO, "test")).attachments.items():
+    for name, data in build(load_data(SCENARIO, "test")).attachments.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(data)
     (tmp_path / "part.program").mkdir()

@@ -12,8 +12,8 @@ import pytest
 from skyrange import __version__
 from skyrange.core.errors import ComponentError
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.control import CHUNK_BYTES, ControlServer, Message
-from skyrange.runtime.live.joining import RemoteHost, RemoteHosts
+from skyrange.runtime.live.supervisor.remote_hosts import RemoteHost, RemoteHosts
+from skyrange.runtime.live.transport.control import CHUNK_BYTES, ControlServer, Message
 from skyrange.testing.live import VirtualSystem
 
 WHERE = "10.9.0.2"

@@ -9,11 +9,11 @@ from collections.abc import Callable
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.time import NS_PER_S
-from skyrange.io.mavlink_sockets import MAX_UNSENT_BYTES, TcpEnd, UdpEnd
-from skyrange.runtime.live.ends import TcpConnector, TcpListener
-from skyrange.runtime.live.intake import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
+from skyrange.io.mavlink.transports import MAX_UNSENT_BYTES, TcpTransport, UdpTransport
+from skyrange.runtime.live.node.ingress import BURST_S, BYTES_HZ, FRAMES_HZ, MAX_WAITING_BYTES, IngressRateLimiter
+from skyrange.runtime.live.transport.links import TcpConnector, TcpListener
 
 FRAME = mavlink.MAVLink(None, srcSystem=1).heartbeat_encode(2, 3, 0, 0, 3).pack(mavlink.MAVLink(None, srcSystem=1))
 
@@ -35,7 +35,7 @@ def test_a_tcp_peer_that_speaks_keeps_its_place_and_one_that_comes_back_has_it_a
         heard: list[Piece] = []
         address = ("127.0.0.1", free_port())
         server = await TcpListener.open(heard.append, address)
-        silent = await TcpEnd.connect(heard.append, address)  # a port scan
+        silent = await TcpTransport.connect(heard.append, address)  # a port scan
         await until(lambda: server.send(FRAME))
         got: list[Piece] = []
         peer = TcpConnector(got.append, address)
@@ -43,7 +43,7 @@ def test_a_tcp_peer_that_speaks_keeps_its_place_and_one_that_comes_back_has_it_a
         await until(lambda: peer.send(FRAME))
         await until(lambda: heard)
         for _ in range(5):
-            stranger = await TcpEnd.connect(heard.append, address)
+            stranger = await TcpTransport.connect(heard.append, address)
             stranger.send(FRAME)
             await until(stranger.lost.done)
         assert server.refused == 5
@@ -83,9 +83,9 @@ def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_buffer() -> None:
 def test_a_udp_end_answers_who_spoke_mavlink_and_not_who_sent_anything_else() -> None:
     async def live() -> None:
         heard: list[Piece] = []
-        station = await UdpEnd.open(heard.append)
+        station = await UdpTransport.open(heard.append)
         got: list[Piece] = []
-        aircraft = await UdpEnd.open(got.append, remote=station.address)
+        aircraft = await UdpTransport.open(got.append, remote=station.address)
         aircraft.send(FRAME)
         await until(lambda: heard)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:

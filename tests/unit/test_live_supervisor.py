@@ -11,10 +11,10 @@ import pytest
 
 from skyrange.core.errors import ComponentError, ShortfallError
 from skyrange.record import load
-from skyrange.runtime.live.control import Message
-from skyrange.runtime.live.node import Node
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.supervisor import END_S, START_S, fly
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.node.node import Node
+from skyrange.runtime.live.supervisor.supervisor import END_S, START_S, run_range
+from skyrange.runtime.live.transport.control import Message
 from skyrange.testing.live import VirtualProcess, VirtualSystem
 from skyrange.testing.live.messages import MemoryControlServer
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
@@ -63,7 +63,7 @@ def test_a_supervisor_that_no_longer_receives_ends_the_range_and_names_why(
     flight = prepared(SCENARIO, tmp_path, system=system, group="one")
     began_ns = system.virtual.now_ns
     with pytest.raises(ComponentError, match="the socket is broken"):
-        fly(flight.range)
+        run_range(flight.range)
     assert (system.virtual.now_ns - began_ns) / 1e9 < END_S + 1.0  # the node does not stop when told
     assert list(system.processes) == ["world"]
     assert running(system) == []
@@ -78,7 +78,7 @@ def test_a_node_that_does_not_come_up_is_named_after_a_while(tmp_path: Path) -> 
     flight = prepared(SCENARIO, tmp_path, system=system)
     began_ns = system.virtual.now_ns
     with pytest.raises(ComponentError, match=rf"blue\.gcs not here within {START_S:g} s"):
-        fly(flight.range)
+        run_range(flight.range)
     assert START_S < (system.virtual.now_ns - began_ns) / 1e9 < START_S + END_S + 2.0
     assert running(system) == []
 
@@ -163,7 +163,7 @@ def test_a_node_whose_code_breaks_is_named_with_its_last_words(tmp_path: Path, m
 
     monkeypatch.setattr(Node, "_advance", broken)
     with pytest.raises(ComponentError, match=r"(?s)blue\.gcs: exit 1\. It said last:.*ZeroDivisionError: by nothing"):
-        fly(flight.range)
+        run_range(flight.range)
     assert running(flight.system) == []
     record = load(flight.folder)
     assert record.status == "failed"

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.agent.frames import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.core.errors import InputError
-from skyrange.runtime.live.range import prepare
-from skyrange.runtime.live.viewing import LiveViewers, assign_viewer_ports
-from skyrange.scenario.catalogue import load
+from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
+from skyrange.runtime.live.range import prepare_range
+from skyrange.scenario.shipped import load
 from tests.ports import OFFSET
 
 
@@ -53,5 +53,5 @@ def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path)
         holding.listen()
         port = int(holding.getsockname()[1])
         with pytest.raises(InputError, match=f"{port} is taken"):
-            prepare(load("squares"), tmp_path / "run", port_offset=OFFSET, viewer_port=port)
+            prepare_range(load("squares"), tmp_path / "run", port_offset=OFFSET, viewer_port=port)
     assert not (tmp_path / "run").exists()

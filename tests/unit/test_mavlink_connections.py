@@ -11,12 +11,12 @@ from collections.abc import Callable
 
 import pytest
 
-import skyrange.io.wires as wires
-from skyrange.codec.deframe import Piece
+import skyrange.io.mavlink.connections as wires
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
-from skyrange.io.wires import Address, Wire, wire_to
+from skyrange.io.mavlink.connections import Address, MavlinkConnection, make_connection
 
 BEAT = Packer(1, 1).pack(mav.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3))
 ASK = Packer(255, 190).pack(mav.MAVLink_param_request_list_message(1, 1))
@@ -27,7 +27,7 @@ def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(wires, "RETRY_S", 0.02)
 
 
-def read_until(wire: Wire, holds: Callable[[list[Piece]], bool]) -> list[Piece]:
+def read_until(wire: MavlinkConnection, holds: Callable[[list[Piece]], bool]) -> list[Piece]:
     pieces: list[Piece] = []
     deadline = time.monotonic() + 5.0
     while not holds(pieces):
@@ -82,7 +82,7 @@ def test_tcp_waits_for_a_listener_is_cut_and_comes_back() -> None:
     server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     server.bind(("127.0.0.1", 0))
     server.settimeout(5.0)
-    wire = wire_to(Address("tcp", "127.0.0.1", server.getsockname()[1]))
+    wire = make_connection(Address("tcp", "127.0.0.1", server.getsockname()[1]))
     assert not wire.write(ASK)
     read_until(wire, lambda _: "refused" in wire.trouble)
     server.listen()
@@ -107,7 +107,7 @@ def test_a_peer_that_does_not_read_costs_frames_and_no_memory_and_never_half_a_f
     server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     server.bind(("127.0.0.1", 0))
     server.listen()
-    wire = wire_to(Address("tcp", "127.0.0.1", server.getsockname()[1]))
+    wire = make_connection(Address("tcp", "127.0.0.1", server.getsockname()[1]))
     read_until(wire, lambda _: wire.connected)
     peer, _ = server.accept()
     taken = 0
@@ -131,7 +131,7 @@ def test_udp_that_listens_keeps_to_whoever_spoke_mavlink_first() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    wire = wire_to(Address("udpin", "127.0.0.1", port))
+    wire = make_connection(Address("udpin", "127.0.0.1", port))
     wire.read()
     assert wire.trouble == "nobody has called"
     second.sendto(b"hello", ("127.0.0.1", port))
@@ -158,7 +158,7 @@ def test_udp_that_calls_speaks_first_and_outlives_a_refusal() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there:
         there.bind(("127.0.0.1", 0))
         place = there.getsockname()
-    wire = wire_to(Address("udpout", *place))
+    wire = make_connection(Address("udpout", *place))
     wire.read()
     assert wire.write(ASK)
     read_until(wire, lambda _: wire.write(ASK))
@@ -177,7 +177,7 @@ def test_udp_that_calls_speaks_first_and_outlives_a_refusal() -> None:
 def test_serial_device_is_read_written_pulled_out_and_plugged_in_again(tmp_path: os.PathLike[str]) -> None:
     pytest.importorskip("serial")
     device = os.path.join(tmp_path, "ttyTEST")
-    wire = wire_to(Address("serial", device, 57600))
+    wire = make_connection(Address("serial", device, 57600))
     read_until(wire, lambda _: "no such file" in wire.trouble)
     for _ in range(2):
         master, slave = pty.openpty()
@@ -200,7 +200,7 @@ def test_a_serial_device_that_takes_nothing_holds_nobody_up(tmp_path: os.PathLik
     pytest.importorskip("serial")
     master, slave = pty.openpty()
     tty.setraw(master)
-    wire = wire_to(Address("serial", os.ttyname(slave), 57600))
+    wire = make_connection(Address("serial", os.ttyname(slave), 57600))
     read_until(wire, lambda _: wire.connected)
     began = time.monotonic()
     taken = 0

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.columns import dtype_of
 from skyrange.codec.f3411 import (
     Authentication,
     BasicId,
@@ -24,14 +23,15 @@ from skyrange.codec.f3411 import (
     SelfId,
     System,
     decode,
+    deviations,
     encode,
-    faults,
 )
-from skyrange.codec.f3411_columns import CODES, NUMBERS, encode_locations
+from skyrange.codec.f3411.columns import CODES, NUMBERS, encode_locations
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.mavlink import decode as decode_frame
-from skyrange.codec.open_drone_id import from_mavlink, to_mavlink, updated
-from skyrange.codec.open_drone_id_columns import location_columns
+from skyrange.codec.mavlink.message_columns import payload_dtype
+from skyrange.codec.remote_id.open_drone_id import apply_system_update, from_mavlink, to_mavlink
+from skyrange.codec.remote_id.open_drone_id_columns import location_columns
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import SINGLES, locations
 
@@ -96,7 +96,7 @@ def test_units_of_a_system() -> None:
 def test_a_system_update_moves_the_operator() -> None:
     system = System(1, 40.5, -73.25, 20.5, timestamp_s=5)
     update = dialect.MAVLink_open_drone_id_system_update_message(0, 0, 410_000_000, -730_000_000, -1000.0, 9)
-    assert updated(system, update) == System(1, 41.0, -73.0, None, timestamp_s=9)
+    assert apply_system_update(system, update) == System(1, 41.0, -73.0, None, timestamp_s=9)
 
 
 def test_a_pack_is_carried_in_f3411_bytes() -> None:
@@ -132,14 +132,14 @@ def test_hostile_numbers_come_out_and_are_named() -> None:
     got = from_mavlink(hostile)
     assert isinstance(got, Location)
     assert (got.status, got.lat_deg, got.alt_geo_m, got.alt_baro_m) == (200, 95.0, None, None)
-    named = " ".join(faults(got))
+    named = " ".join(deviations(got))
     for what in ("status 200", "lat_deg 95", "lon_deg 214", "track_deg 655", "vertical_mps 327", "timestamp_s -5"):
         assert what in named
     with pytest.raises(ValueError, match=r".+"):
         encode(got)
 
 
-LOCATION = dtype_of(dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION)
+LOCATION = payload_dtype(dialect.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION)
 
 
 @given(st.lists(locations(), min_size=1, max_size=5))

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, Single, System, decode, encode
-from skyrange.codec.f3411.part89 import MODULE, STANDARD, missing
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, SingleMessage, System, decode, encode
+from skyrange.codec.f3411.part89 import MODULE, STANDARD, missing_elements
 
 IDENTITY = BasicId(1, 2, "1ABCD2345EF678XYZ")
 LOCATION = Location(2, 40.7, -73.9, 12.5, None, 30.0, 0, 12.0, -1.0, 271.0, 11, 5, 0, 3, 1, 1234.5)
@@ -38,7 +38,7 @@ TABLE: list[tuple[str, str, str, Any]] = [
 ]
 
 
-def sent(*messages: Single) -> MessagePack:
+def sent(*messages: SingleMessage) -> MessagePack:
     """What a receiver gets of a pack."""
     pack = decode(encode(MessagePack(messages)))
     assert isinstance(pack, MessagePack)
@@ -51,10 +51,10 @@ def test_every_paragraph_is_there_once() -> None:
 
 
 def test_a_whole_broadcast_lacks_nothing() -> None:
-    assert missing([sent(IDENTITY, LOCATION, STATION)]) == ()
-    assert missing([IDENTITY, LOCATION, STATION]) == ()
-    assert missing([sent(IDENTITY, LOCATION, TAKEOFF)], MODULE) == ()
-    assert missing([sent(IDENTITY._replace(id_type=4), LOCATION, STATION)]) == ()  # a session ID
+    assert missing_elements([sent(IDENTITY, LOCATION, STATION)]) == ()
+    assert missing_elements([IDENTITY, LOCATION, STATION]) == ()
+    assert missing_elements([sent(IDENTITY, LOCATION, TAKEOFF)], MODULE) == ()
+    assert missing_elements([sent(IDENTITY._replace(id_type=4), LOCATION, STATION)]) == ()  # a session ID
 
 
 @pytest.mark.parametrize(("clause", "kind", "field", "nothing"), TABLE)
@@ -65,14 +65,14 @@ def test_each_field_carries_its_paragraph_and_no_other(clause: str, kind: str, f
     if field.endswith("lat_deg"):
         change[field.replace("lat", "lon")] = None
     without = [part._replace(**change) if type(part).__name__ == kind else part for part in messages]
-    assert missing([sent(*without)], MODULE if module else STANDARD) == (clause,)
+    assert missing_elements([sent(*without)], MODULE if module else STANDARD) == (clause,)
 
 
 def test_a_take_off_place_is_no_control_station_and_the_other_way_round() -> None:
-    assert missing([sent(IDENTITY, LOCATION, TAKEOFF)]) == ("89.305(b)", "89.305(c)")
-    assert missing([sent(IDENTITY, LOCATION, STATION)], MODULE) == ("89.315(e)", "89.315(f)")
+    assert missing_elements([sent(IDENTITY, LOCATION, TAKEOFF)]) == ("89.305(b)", "89.305(c)")
+    assert missing_elements([sent(IDENTITY, LOCATION, STATION)], MODULE) == ("89.315(e)", "89.315(f)")
 
 
 def test_silence_lacks_everything() -> None:
-    assert len(missing([])) == 8
-    assert len(missing([], MODULE)) == 7
+    assert len(missing_elements([])) == 8
+    assert len(missing_elements([], MODULE)) == 7

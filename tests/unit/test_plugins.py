@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.agent.plugins import NoParams, Plugin
-from skyrange.attack.gnss_jump import JUMP
+from skyrange.attack.gnss.jump import JUMP
+from skyrange.contracts import plugins
+from skyrange.contracts.plugins import NoParams, Plugin
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.utm.approval_service import policy_plugin
 from skyrange.utm.approve_all import APPROVE_ALL, ApproveAll
 from skyrange.utm.contract import ApprovalPlugin
-from skyrange.utm.service import policy_plugin
 
 YES = policy_plugin(NoParams, lambda params: ApproveAll(), "Says yes.")
 NO = policy_plugin(NoParams, lambda params: ApproveAll(), "Says no.")
@@ -96,7 +96,7 @@ def test_the_shipped_kinds_are_installed():
 
 GOOD = """
 import skyrange
-from skyrange.attack.gnss_jump import JUMP
+from skyrange.attack.gnss.jump import JUMP
 
 skyrange.register("skyrange.attacks", "test.jump", JUMP)
 """

@@ -11,29 +11,29 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.agent.air import (
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
+from skyrange.contracts.medium import (
     ANY_CHANNEL,
     EmitterTable,
-    Fate,
-    Listening,
     OnAir,
-    Outcome,
     RadioSpec,
     RadioTable,
-    Turn,
+    ReceptionOutcome,
+    ScanSchedule,
+    ScanStep,
+    TransmissionFate,
     TxBatch,
     Waveform,
 )
-from skyrange.city.buildings import Building
-from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US
-from skyrange.radio.medium import BuiltinMedium, placed
-from skyrange.radio.receivers import COMPANION, HOPPER, PHONE, PROFILES, on_wifi
-from skyrange.radio.surroundings import Surroundings
+from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.listening import COMPANION, HOPPER, PHONE, PROFILES, wifi_chain
+from skyrange.radio.builtin.medium import BuiltinMedium, fixed_positions
 
-STILL = Surroundings(chance=False)
+STILL = RadioEnvironment(chance=False)
 OFDM, BT4, BT5 = Waveform.OFDM_6M, Waveform.BLE_1M, Waveform.BLE_CODED
 
 
@@ -85,7 +85,7 @@ def storm(medium: BuiltinMedium, cut_ns: int, until_ns: int = 2 * NS_PER_S, name
     rows = [row for row, radio in enumerate(medium.radios) if radio.name in names]
     rng = np.random.default_rng(5)
     starts = {name: rng.uniform([-200, -200, 20], [200, 200, 60]) for name in sorted(names)}
-    table = placed(medium.radios)
+    table = fixed_positions(medium.radios)
     events = []
     key = 0
     for second in range(until_ns // NS_PER_S):
@@ -124,7 +124,7 @@ def town(extra: Sequence[RadioSpec] = (), **more: object) -> BuiltinMedium:
         standing("mast", 17.0, 27.0, 2.0, listening=HOPPER),
         standing("phone", -23.0, 27.0, 1.5, listening=PHONE),
     ]
-    return BuiltinMedium([*moving, *grounds, *extra], Chance(3), city(), Surroundings(city_busy=0.2), **more)
+    return BuiltinMedium([*moving, *grounds, *extra], Chance(3), city(), RadioEnvironment(city_busy=0.2), **more)
 
 
 def test_the_cut_of_time_changes_nothing():
@@ -135,7 +135,10 @@ def test_the_cut_of_time_changes_nothing():
     assert heard(fine, a) == heard(coarse, b)
     assert sorted(sent(fine, a)) == sorted(sent(coarse, b))
     assert (fine.losses == coarse.losses).all()
-    assert set(Outcome) - {int(row[-1]) for row in heard(fine, a)} <= {Outcome.ELSEWHERE, Outcome.SENDING}
+    assert set(ReceptionOutcome) - {int(row[-1]) for row in heard(fine, a)} <= {
+        ReceptionOutcome.ELSEWHERE,
+        ReceptionOutcome.SENDING,
+    }
 
 
 def test_who_is_out_of_reach_changes_nothing():
@@ -160,7 +163,7 @@ def test_who_is_out_of_reach_changes_nothing():
 def test_a_copy_goes_on_alike():
     trunk = town()
     moment = 700 * NS_PER_MS
-    table = placed(trunk.radios)
+    table = fixed_positions(trunk.radios)
     table.pos_enu_m[: len(NAMES)] = [(30.0 * k, 10.0, 50.0) for k in range(len(NAMES))]
     trunk.offer(0, batch(*((k, moment - 5 * NS_PER_MS, int(BT5), k) for k in range(len(NAMES)))))
     trunk.advance(moment, table)
@@ -176,7 +179,7 @@ def test_two_in_sight_hear_each_other_and_strength_is_friis():
     """15 dBm over 100 m at 2437 MHz: 15 − 80.18 dBm; 0.02 dB."""
     medium = BuiltinMedium([standing("a", 0.0), standing("b", 100.0)], Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1, int(OFDM), 7)))
-    answer = medium.advance(10 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(10 * NS_PER_MS, fixed_positions(medium.radios))
     assert heard(medium, [answer])[0][:2] == (7, "b")
     assert answer.heard.rssi_dbm[0] == pytest.approx(15.0 - 80.18, abs=0.02)
     assert answer.heard.ended_ns[0] == answer.sent.ended_ns[0] == 1 + 28_000 + (26 + 4 * 68) * NS_PER_US
@@ -187,19 +190,19 @@ def test_a_wall_between_silences():
     radios = [standing("a", 0.0), standing("b", 100.0), standing("c", 30.0)]
     medium = BuiltinMedium(radios, Chance(1), wall, STILL)
     medium.offer(0, batch((0, 1, int(BT4), 7), (0, 2, int(OFDM), 8)))
-    names = {row[1] for row in heard(medium, [medium.advance(50 * NS_PER_MS, placed(medium.radios))])}
+    names = {row[1] for row in heard(medium, [medium.advance(50 * NS_PER_MS, fixed_positions(medium.radios))])}
     assert names == {"c"}
-    assert medium.losses[1, Outcome.WEAK] > 0
+    assert medium.losses[1, ReceptionOutcome.WEAK] > 0
 
 
 def test_a_radio_at_no_place_is_not_there():
     medium = BuiltinMedium([standing("a", 0.0), RadioSpec("b", listening=COMPANION)], Chance(1))
     medium.offer(0, batch((0, 1, int(OFDM), 7), (1, 2, int(OFDM), 8)))
-    answer = medium.advance(10 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(10 * NS_PER_MS, fixed_positions(medium.radios))
     assert len(answer.heard.key) == 0
     assert sorted(zip(answer.sent.key.tolist(), answer.sent.fate.tolist(), strict=True)) == [
         (7, 0),
-        (8, Fate.NO_ACCESS),
+        (8, TransmissionFate.NO_ACCESS),
     ]
 
 
@@ -207,7 +210,7 @@ def test_senders_that_hear_each_other_take_turns():
     """Asked 20 µs apart, the second waits for the first; asked within what neither can sense, they may collide."""
     medium = BuiltinMedium([standing(n, 10.0 * k) for k, n in enumerate("abc")], Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 21_000, int(OFDM), 2), (1, 22_000, int(OFDM), 3)))
-    answer = medium.advance(20 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
     times = sorted(zip(answer.sent.started_ns.tolist(), answer.sent.ended_ns.tolist(), strict=True))
     assert len(times) == 3
     for (_, end), (start, _) in pairwise(times):
@@ -221,10 +224,10 @@ def test_hidden_senders_collide():
     radios = [standing("a", -300.0, 60.0), standing("b", 300.0, 60.0), standing("mid", 0.0, -2.0)]
     medium = BuiltinMedium(radios, Chance(1), tower, STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 90_000, int(OFDM), 2)))
-    answer = medium.advance(20 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
     assert answer.sent.started_ns[1] < answer.sent.ended_ns[0]
     assert "mid" not in {row[1] for row in heard(medium, [answer])}
-    assert medium.losses[2, Outcome.COLLIDED] + medium.losses[2, Outcome.BUSY] == 2
+    assert medium.losses[2, ReceptionOutcome.COLLIDED] + medium.losses[2, ReceptionOutcome.BUSY] == 2
 
 
 def test_who_sends_does_not_hear():
@@ -232,8 +235,8 @@ def test_who_sends_does_not_hear():
     radios = [standing("a", 0.0, wifi_dbm=-6.0), standing("b", 100.0, wifi_dbm=-6.0)]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 90_000, int(OFDM), 2)))
-    medium.advance(20 * NS_PER_MS, placed(medium.radios))
-    assert medium.losses[:, Outcome.SENDING].tolist() == [1, 1]
+    medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
+    assert medium.losses[:, ReceptionOutcome.SENDING].tolist() == [1, 1]
 
 
 def test_other_channels_do_not_disturb():
@@ -241,20 +244,20 @@ def test_other_channels_do_not_disturb():
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1)))
     medium.offer(0, batch((1, 1_000, int(OFDM), 2), channel=11))
-    answer = medium.advance(20 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
     assert [row[:2] for row in heard(medium, [answer])] == [(1, "c")]
     assert medium.losses[2].tolist() == [1, 0, 0, 0, 0, 1]
 
 
 def test_bluetooth_is_heard_where_one_listens():
     """A scanner stays on a channel for its window: one PDU of three at most, and none in its gaps."""
-    scan = Listening((Turn(38, (BT4,)),), 200 * NS_PER_MS, 100 * NS_PER_MS)
+    scan = ScanSchedule((ScanStep(38, (BT4,)),), 200 * NS_PER_MS, 100 * NS_PER_MS)
     medium = BuiltinMedium(
         [standing("a", 0.0, listening=()), standing("b", 20.0, listening=(scan,))], Chance(1), surroundings=STILL
     )
     for k in range(400):
         medium.offer(0, batch((0, 1 + k * 37 * NS_PER_MS, int(BT4), k)))
-    answer = medium.advance(20 * NS_PER_S, placed(medium.radios))
+    answer = medium.advance(20 * NS_PER_S, fixed_positions(medium.radios))
     assert set(answer.heard.channel.tolist()) == {38}
     assert len(answer.heard.key) == pytest.approx(200, abs=40)  # 4 sigma of a fair coin
     assert len(np.unique(answer.heard.key)) == len(answer.heard.key)
@@ -262,13 +265,13 @@ def test_bluetooth_is_heard_where_one_listens():
 
 def test_long_range_is_heard_through_its_pointers():
     """Only who decoded a pointer follows it, to a data channel that changes; S=8 reaches where 1M does not."""
-    radios = [standing("a", 0.0, ble_dbm=-18.0), standing("b", 150.0), standing("old", 1.0, listening=(on_wifi(6),))]
+    radios = [standing("a", 0.0, ble_dbm=-18.0), standing("b", 150.0), standing("old", 1.0, listening=(wifi_chain(6),))]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
     for k in range(60):
         medium.offer(
             0, batch((0, 1 + k * 200 * NS_PER_MS, int(BT5), 2 * k), (0, 2 + k * 200 * NS_PER_MS, int(BT4), 2 * k + 1))
         )
-    rows = heard(medium, [medium.advance(20 * NS_PER_S, placed(medium.radios))])
+    rows = heard(medium, [medium.advance(20 * NS_PER_S, fixed_positions(medium.radios))])
     assert {row[1] for row in rows} == {"b"}
     assert all(row[0] % 2 == 0 for row in rows)
     channels = {row[2] for row in rows}
@@ -279,14 +282,14 @@ def test_long_range_is_heard_through_its_pointers():
 
 def test_a_jammer_covers_a_band_and_keeps_senders_waiting():
     radios = [standing("a", 0.0), standing("b", 100.0), standing("jam", 110.0, listening=())]
-    table = placed(sorted(radios, key=lambda radio: radio.name))
+    table = fixed_positions(sorted(radios, key=lambda radio: radio.name))
 
     def run(power_dbm: float, centre: float) -> tuple[int, int]:
         medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
         medium.emit(0, noise((2, centre, 20.0, power_dbm, 0, NS_PER_S)))
         medium.offer(0, batch(*((0, 1 + k * 50 * NS_PER_MS, int(OFDM), k) for k in range(10))))
         answer = medium.advance(NS_PER_S, table)
-        return len(answer.heard.key), int((answer.sent.fate == Fate.NO_ACCESS).sum())
+        return len(answer.heard.key), int((answer.sent.fate == TransmissionFate.NO_ACCESS).sum())
 
     assert run(-60.0, 2437.0) == (10, 0)
     assert run(0.0, 2437.0) == (0, 0)
@@ -297,7 +300,7 @@ def test_a_jammer_covers_a_band_and_keeps_senders_waiting():
 def test_noise_ends_when_it_is_told_to():
     radios = [standing("a", 0.0), standing("b", 100.0), standing("jam", 110.0, listening=())]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
-    table = placed(medium.radios)
+    table = fixed_positions(medium.radios)
     medium.emit(0, noise((2, 2437.0, 20.0, 0.0, 0, 10 * NS_PER_S)))
     medium.offer(0, batch((0, 1, int(OFDM), 1), (0, 100 * NS_PER_MS, int(OFDM), 2)))
     medium.advance(50 * NS_PER_MS, table)
@@ -313,7 +316,7 @@ def test_what_does_not_exist_is_refused():
     powers = np.array([0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 15.0])
     medium.offer(0, good._replace(size_bytes=sizes, channel=channels, power_dbm=powers))
     medium.offer(0, batch((0, 50, 99, 8)))
-    answer = medium.advance(50 * NS_PER_MS, placed(medium.radios))
+    answer = medium.advance(50 * NS_PER_MS, fixed_positions(medium.radios))
     fates = dict(zip(answer.sent.key.tolist(), answer.sent.fate.tolist(), strict=True))
     assert fates == {0: 2, 1: 2, 2: 2, 3: 2, 4: 2, 5: 2, 6: 0, 8: 2}
     for broken in (
@@ -324,9 +327,9 @@ def test_what_does_not_exist_is_refused():
         with pytest.raises(ValueError, match=r"offered|row"):
             medium.offer(60 * NS_PER_MS, broken)
     with pytest.raises(ValueError, match="advance"):
-        medium.advance(0, placed(medium.radios))
+        medium.advance(0, fixed_positions(medium.radios))
     with pytest.raises(ValueError, match="shape"):
-        medium.advance(60 * NS_PER_MS, placed(medium.radios[:1]))
+        medium.advance(60 * NS_PER_MS, fixed_positions(medium.radios[:1]))
     for broken_noise in (
         noise((0, math.nan, 20.0, 0.0, 0, 1)),
         noise((0, 2437.0, 0.0, 0.0, 0, 1)),
@@ -345,19 +348,19 @@ def test_all_that_is_wrong_with_radios_is_said_at_once():
         standing("twice", 20.0),
         standing("twice", 21.0),
         standing("odd", 20.0, antenna="dipol", wifi_dbm=math.nan),
-        standing("far", 20.0, listening=(on_wifi(14),)),
-        standing("mixed", 20.0, listening=(Listening((Turn(6, (OFDM, BT4)),)),)),
-        standing("both", 20.0, listening=(on_wifi(1), on_wifi(6))),
-        standing("never", 20.0, listening=(Listening((Turn(6, (OFDM,)),), 10, 20),)),
+        standing("far", 20.0, listening=(wifi_chain(14),)),
+        standing("mixed", 20.0, listening=(ScanSchedule((ScanStep(6, (OFDM, BT4)),)),)),
+        standing("both", 20.0, listening=(wifi_chain(1), wifi_chain(6))),
+        standing("never", 20.0, listening=(ScanSchedule((ScanStep(6, (OFDM,)),), 10, 20),)),
     ]
     with pytest.raises(InputError) as caught:
-        BuiltinMedium(radios, Chance(1), wall, Surroundings(horizon_m=math.nan, city_busy=1.0, city_dbm=math.nan))
+        BuiltinMedium(radios, Chance(1), wall, RadioEnvironment(horizon_m=math.nan, city_busy=1.0, city_dbm=math.nan))
     text = str(caught.value)
     for word in ("nan.place", "in.place", "below.place", "twice", "dipole", "wifi_dbm", "far.listening", "mixed.list",
                  "both.listening", "never.listening", "horizon_m", "city_busy",
                  "city_dbm"):  # fmt: skip
         assert word in text
-    assert len(caught.value.faults) == 13
+    assert len(caught.value.problems) == 13
 
 
 @pytest.mark.parametrize("profile", list(PROFILES))

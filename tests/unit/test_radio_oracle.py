@@ -7,21 +7,21 @@ import copy
 import numpy as np
 import pytest
 
-from skyrange.agent.air import RadioSpec, Waveform
-from skyrange.agent.messages import Arrival, Inbox, Outbox
-from skyrange.codec import ble, rid_link, wifi
-from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.codec.remote_id import ble, link_payload, wifi
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.medium import RadioSpec, Waveform
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS
-from skyrange.radio import ground
-from skyrange.radio.framing import AROUND, MOST_BODY, WAVEFORM
-from skyrange.radio.medium import BuiltinMedium
+from skyrange.radio import ground_receptions
+from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.listening import COMPANION
+from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.oracle import Oracle
-from skyrange.radio.receivers import COMPANION
-from skyrange.radio.surroundings import Surroundings
-from skyrange.testing import Letter, check_agent
+from skyrange.radio.phy.framing import MAX_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
+from skyrange.testing import InputMessage, check_agent
 
 STEP = Oracle.service_ns
 NAMES = ("blue/b1", "blue/b2", "red/r1")
@@ -30,7 +30,7 @@ NAMES = ("blue/b1", "blue/b2", "red/r1")
 def oracle(recording: bool = False) -> Oracle:
     radios = [RadioSpec(name, listening=COMPANION) for name in NAMES]
     radios.append(RadioSpec("mast", (0.0, 0.0, 3.0), COMPANION))
-    medium = BuiltinMedium(radios, Chance(1), surroundings=Surroundings(chance=False))
+    medium = BuiltinMedium(radios, Chance(1), surroundings=RadioEnvironment(chance=False))
     return Oracle(medium, NAMES, NAMES, {"mast": "blue"}, recording)
 
 
@@ -54,14 +54,14 @@ def arrival(owner: str, at: int, payload: bytes, serial: int = 0) -> Arrival:
 
 
 def broadcast(transport: Transport = Transport.WIFI_BEACON, body: bytes = bytes(range(25)), counter: int = 9) -> bytes:
-    return rid_link.pack(RidHeader(transport, counter=counter, address=b"\2abcde", time_ns=5), body)
+    return link_payload.pack(RidHeader(transport, counter=counter, address=b"\2abcde", time_ns=5), body)
 
 
 def run(agent: Oracle, mail: list[Arrival], until: int = 50 * STEP) -> list[tuple[Port, bytes, int]]:
     """Everything sent, with the time of its step; the world is seen at every tick."""
     out = []
     for now in range(STEP, until + 1, STEP):
-        agent.look(now, Still())  # type: ignore[arg-type]
+        agent.observe(now, Still())  # type: ignore[arg-type]
         due = [item for item in mail if now - STEP < item.at <= now]
         wish = agent.next_wakeup()
         if due or (wish is not None and wish <= now):
@@ -80,13 +80,13 @@ def test_a_broadcast_reaches_those_in_reach(transport: Transport) -> None:
     assert links == {"rid_down:blue/b2", "rid_down:red/r1", "oracle:blue"}
     for port, payload, now in out:
         if port.link.startswith("rid_down"):
-            header, body = rid_link.unpack(payload)
+            header, body = link_payload.unpack(payload)
             assert (header.transport, header.address, body) == (transport, b"\2abcde", bytes(range(25)))
             assert now - STEP < header.time_ns <= now
             assert -9_000 < header.rssi_cdbm < -5_000
             assert header.channel == 6 if transport >= Transport.WIFI_BEACON else header.channel < 40
         else:
-            for reception in ground.decode(payload).body:
+            for reception in ground_receptions.decode(payload).body:
                 assert (reception.receiver, bytes.fromhex(reception.body)) == ("mast", bytes(range(25)))
                 assert bytes.fromhex(reception.address) == b"\2abcde"
     assert agent.next_wakeup() is None
@@ -105,7 +105,7 @@ def test_bodies_are_who_sent_them() -> None:
     seen = 0
     for port, payload, _ in run(agent, mail, 250 * STEP):
         if port.link.startswith("rid_down"):
-            header, body = rid_link.unpack(payload)
+            header, body = link_payload.unpack(payload)
             assert any(bodies[k] == body for k in range(header.counter, 600, 256))
             seen += 1
     assert seen == 1_200
@@ -113,7 +113,7 @@ def test_bodies_are_who_sent_them() -> None:
 
 def test_bad_frames_are_counted_and_noted() -> None:
     agent = oracle()
-    agent.look(STEP, Still())  # type: ignore[arg-type]
+    agent.observe(STEP, Still())  # type: ignore[arg-type]
     down = Port("oracle", "rid_down:blue/b1")
     wrong = [
         b"", b"\x1d", bytes(24), b"\xff" * 300, broadcast()[:-1], broadcast() + b"x",
@@ -145,14 +145,16 @@ def test_receptions_are_recorded_with_what_they_were_of() -> None:
     assert {kept.radios[k] for k in rows.radio} == {"blue/b2", "mast", "red/r1"}
     for name in ("blue/b2", "red/r1"):
         mine = [k for k in range(15) if kept.radios[rows.radio[k]] == name]
-        times = [rid_link.unpack(payload).header.time_ns for port, payload, _ in out if port.link == f"rid_down:{name}"]
+        times = [
+            link_payload.unpack(payload).header.time_ns for port, payload, _ in out if port.link == f"rid_down:{name}"
+        ]
         assert rows.time_ns[mine].tolist() == times
     assert agent.drain_receptions() is None
 
 
 def test_a_late_step_takes_frames_as_of_now() -> None:
     agent = oracle()
-    agent.look(STEP, Still())  # type: ignore[arg-type]
+    agent.observe(STEP, Still())  # type: ignore[arg-type]
     agent.step(5 * STEP, Inbox([]))
     outbox = agent.step(6 * STEP, Inbox([arrival("blue/b1", 2 * STEP, broadcast())]))
     assert len(list(outbox.each(agent.ports))) == 3
@@ -170,19 +172,19 @@ def test_names_without_a_radio_are_an_error() -> None:
     medium = oracle().medium
     with pytest.raises(InputError, match=r"blue/b1") as caught:
         Oracle(medium, ["blue/b11"], ["nope"], {"masd": "blue"})
-    assert len(caught.value.faults) == 3
+    assert len(caught.value.problems) == 3
 
 
 def test_frames_are_as_long_as_the_codecs() -> None:
     """Of every transport: the PDU's or MAC frame's length around bodies of 25 to 253 bytes."""
     for size in (25, 28, 53, 228):
         frame = RidFrame(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(size))
-        assert len(wifi.beacon(frame)) == AROUND[Transport.WIFI_BEACON] + size
-        assert len(wifi.nan_action(frame)) == AROUND[Transport.WIFI_NAN] + size
-        assert len(ble.auxiliary(frame)) - 10 == AROUND[Transport.BT5] + size
-    assert AROUND[Transport.BT4] + 25 == 37
-    assert MOST_BODY[Transport.BT5] >= 228
-    assert [Waveform(w) for w in WAVEFORM[1:]] == [
+        assert len(wifi.encode_beacon(frame)) == OVERHEAD_BYTES[Transport.WIFI_BEACON] + size
+        assert len(wifi.encode_nan_action(frame)) == OVERHEAD_BYTES[Transport.WIFI_NAN] + size
+        assert len(ble.encode_auxiliary(frame)) - 10 == OVERHEAD_BYTES[Transport.BT5] + size
+    assert OVERHEAD_BYTES[Transport.BT4] + 25 == 37
+    assert MAX_BODY_BYTES[Transport.BT5] >= 228
+    assert [Waveform(w) for w in TRANSPORT_WAVEFORM[1:]] == [
         Waveform.BLE_1M,
         Waveform.BLE_CODED,
         Waveform.OFDM_6M,
@@ -193,17 +195,19 @@ def test_frames_are_as_long_as_the_codecs() -> None:
 def test_ground_receptions_survive_bytes() -> None:
     for payload in (b"", b"{}", b"[" * 100_000, b'{"body":[{"rssi_dbm":NaN}]}', b"\xff" * 20, bytes(2_000_000)):
         with pytest.raises(DecodeError):
-            ground.decode(payload)
+            ground_receptions.decode(payload)
 
 
 def test_it_is_an_agent() -> None:
     def make() -> Oracle:
         agent = oracle()
-        agent.look(0, Still())  # type: ignore[arg-type]
+        agent.observe(0, Still())  # type: ignore[arg-type]
         return agent
 
     mail = [
-        Letter(k * 13 * NS_PER_MS, Port("oracle", f"rid_up:{NAMES[k % 3]}"), broadcast(transport, counter=k % 256))
+        InputMessage(
+            k * 13 * NS_PER_MS, Port("oracle", f"rid_up:{NAMES[k % 3]}"), broadcast(transport, counter=k % 256)
+        )
         for k, transport in enumerate(list(Transport) * 30)
     ]
     check_agent(make, mail=mail)
@@ -213,9 +217,9 @@ def test_a_frame_goes_at_the_time_in_its_header_but_is_not_held_long() -> None:
     """A radio sends by its own clock what it was given a little ahead; a time long ahead or past counts for nothing."""
     for ahead_ns, wait_ns in ((30 * NS_PER_MS, 30 * NS_PER_MS), (10 * 1000 * NS_PER_MS, 0), (-5 * NS_PER_MS, 0)):
         at = 3 * STEP + 1
-        payload = rid_link.pack(RidHeader(Transport.WIFI_BEACON, counter=1, time_ns=at + ahead_ns), bytes(25))
+        payload = link_payload.pack(RidHeader(Transport.WIFI_BEACON, counter=1, time_ns=at + ahead_ns), bytes(25))
         ends = [
-            rid_link.unpack(payload).header.time_ns
+            link_payload.unpack(payload).header.time_ns
             for port, payload, _ in run(oracle(), [arrival("blue/b1", at, payload)], 20 * STEP)
             if port.link.startswith("rid_down")
         ]

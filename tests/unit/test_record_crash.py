@@ -16,9 +16,9 @@ import pytest
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import Recorder, load
-from skyrange.record import recorder as recorder_module
 from skyrange.record import spool as spool_module
 from skyrange.record.spool import read_stream
+from skyrange.record.write import recorder as recorder_module
 from tests.unit.record_sample import HEADER, LABELS, NOTES, StillWorld, tell, traffic
 
 
@@ -162,7 +162,7 @@ def test_a_disk_that_fills_up_while_it_flies(tmp_path: Path, monkeypatch: pytest
 
 def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder = _spooled(tmp_path / "run", 3)
-    monkeypatch.setattr("skyrange.record.finalise.pq.ParquetWriter", _full)
+    monkeypatch.setattr("skyrange.record.write.finalisation.pq.ParquetWriter", _full)
     with pytest.raises(ComponentError, match="ENOSPC"):
         recorder.close()
     run = load(tmp_path / "run")
@@ -182,15 +182,15 @@ def test_a_disk_that_is_full_before_the_start(tmp_path: Path, monkeypatch: pytes
 def test_attachments_are_kept_inside_and_nothing_is_left_after_a_bad_one(tmp_path: Path) -> None:
     for name in ("../x", "/etc/x", "a/../../x", "", "manifest.json", "frames.parquet", ".spool/x", "operators/b.csv"):
         recorder = Recorder.open(tmp_path / "run", HEADER)
-        recorder.attach("scenario.toml", b"")
+        recorder.attach_file("scenario.toml", b"")
         with pytest.raises(InputError):
-            recorder.attach(name, b"x")
+            recorder.attach_file(name, b"x")
         assert list(tmp_path.iterdir()) == []
     recorder = Recorder.open(tmp_path / "run", HEADER)
     tell(recorder)
     recorder.flush()
     with pytest.raises(ValueError, match="before the first rows"):
-        recorder.attach("late.toml", b"")
+        recorder.attach_file("late.toml", b"")
 
 
 @pytest.mark.skipif(os.geteuid() == 0 and not Path("/proc/1").exists(), reason="needs /proc")
@@ -217,7 +217,7 @@ def test_a_header_that_is_no_json_and_rates_that_are_none(tmp_path: Path) -> Non
         Recorder.open(tmp_path / "run", {"start_utc": "noon"})
     with pytest.raises(InputError) as caught:
         Recorder.open(tmp_path / "run", {}, truth_hz=-1, sensors_hz=float("nan"))
-    assert len(caught.value.faults) == 2
+    assert len(caught.value.problems) == 2
     assert list(tmp_path.iterdir()) == []
 
 

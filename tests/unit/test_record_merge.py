@@ -13,16 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import AttackPlan, Channel, TapPlacement
-from skyrange.agent.messages import Note
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.record.matching import TOLERANCE_NS, WINDOW_NS, LaneMatching, Sent
-from skyrange.record.merge import merge
+from skyrange.record.live_merge.frame_matching import DATAGRAM_WINDOW_NS, TOLERANCE_NS, FrameMatcher, SentFrame
+from skyrange.record.live_merge.merge import merge
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import Flown, fly, frames_of
@@ -340,7 +340,7 @@ def test_reliable_lanes_pass_over_what_was_lost_with_a_connection(tmp_path: Path
 def test_files_of_the_parts_and_the_folder_of_the_run(tmp_path: Path) -> None:
     run = tmp_path / "run"
     air = part(run / ".parts" / "air", AIR, [came(0, 1.0, b"x")])
-    air.keep("logs/autopilot.log", Path(__file__))
+    air.keep_file("logs/autopilot.log", Path(__file__))
     air.close()
     merge([air.path], run, HEADER)
     assert (run / "logs" / "autopilot.log").read_bytes() == Path(__file__).read_bytes()
@@ -384,7 +384,7 @@ DELAYS = st.one_of(st.none(), st.integers(0, 40))
 @given(st.lists(st.tuples(st.integers(0, 30), st.lists(DELAYS, min_size=1, max_size=2)), max_size=40))
 def test_matching_finds_every_frame_of_its_own_bytes(pattern: list[tuple[int, list[int | None]]]) -> None:
     """Gaps between sent frames, and what delays (ms) their copies have: lost, reordered, doubled in any way."""
-    lane: LaneMatching[int] = LaneMatching(reliable=False)
+    lane: FrameMatcher[int] = FrameMatcher(reliable=False)
     events, at = [], 0
     expected = {}
     for number, (gap, delays) in enumerate(pattern):
@@ -398,16 +398,16 @@ def test_matching_finds_every_frame_of_its_own_bytes(pattern: list[tuple[int, li
     strangers = 0
     for time, came_in, number in sorted(events):
         if not came_in:
-            lane.sent(Sent(number, time, time, b"%d" % number, number))
+            lane.add_sent(SentFrame(number, time, time, b"%d" % number, number))
             continue
-        match = lane.received(time - TOLERANCE_NS, b"%d" % number)
+        match = lane.match_received(time - TOLERANCE_NS, b"%d" % number)
         strangers += match is None
         if match is not None:
             assert match.row == number
             found[number] = time - TOLERANCE_NS
     assert found == expected
     assert strangers == sum(came_in for _, came_in, _ in events) - len(expected)
-    assert sorted(frame.row for frame, _ in lane.rest()) == sorted(set(range(len(pattern))) - set(expected))
+    assert sorted(frame.row for frame, _ in lane.remaining()) == sorted(set(range(len(pattern))) - set(expected))
     assert lane.ambiguous == 0
 
 
@@ -415,12 +415,12 @@ def test_matching_finds_every_frame_of_its_own_bytes(pattern: list[tuple[int, li
 @given(st.lists(st.tuples(st.integers(0, 2), st.booleans()), max_size=60))
 def test_matching_on_a_reliable_lane_keeps_order_whatever_recurs(frames: list[tuple[int, bool]]) -> None:
     """Of few distinct payloads some are lost: matches are in order, of equal bytes, and as many as came in."""
-    lane: LaneMatching[int] = LaneMatching(reliable=True)
+    lane: FrameMatcher[int] = FrameMatcher(reliable=True)
     matched: list[int] = []
     for number, (kind, lost) in enumerate(frames):
-        lane.sent(Sent(number, number * MS, number * MS, b"%d" % kind, number))
+        lane.add_sent(SentFrame(number, number * MS, number * MS, b"%d" % kind, number))
         if not lost:
-            match = lane.received((number + 1) * MS, b"%d" % kind)
+            match = lane.match_received((number + 1) * MS, b"%d" % kind)
             assert match is not None
             assert frames[match.row][0] == kind
             matched.append(match.row)
@@ -430,22 +430,24 @@ def test_matching_on_a_reliable_lane_keeps_order_whatever_recurs(frames: list[tu
 
 
 def test_matching_forgets_what_cannot_come_any_more() -> None:
-    lane: LaneMatching[int] = LaneMatching(reliable=False)
+    lane: FrameMatcher[int] = FrameMatcher(reliable=False)
     for number in range(1000):
-        lane.sent(Sent(number, number * MS, number * MS, b"x", number))
-    assert lane.received(TOLERANCE_NS, b"y") is None
-    assert len(lane.expired(WINDOW_NS + 500 * MS)) == 500
-    assert lane.expired(WINDOW_NS + 500 * MS) == []
-    match = lane.received(WINDOW_NS + 500 * MS, b"x")
+        lane.add_sent(SentFrame(number, number * MS, number * MS, b"x", number))
+    assert lane.match_received(TOLERANCE_NS, b"y") is None
+    assert len(lane.expired(DATAGRAM_WINDOW_NS + 500 * MS)) == 500
+    assert lane.expired(DATAGRAM_WINDOW_NS + 500 * MS) == []
+    match = lane.match_received(DATAGRAM_WINDOW_NS + 500 * MS, b"x")
     assert match is not None
     assert match.row == 500
-    held = Sent(2000, 0, 2 * WINDOW_NS, b"held", 2000)  # by a tap, for longer than a datagram is waited for
-    lane.sent(held)
-    assert lane.received(2 * WINDOW_NS + 1, b"held") is held
+    held = SentFrame(
+        2000, 0, 2 * DATAGRAM_WINDOW_NS, b"held", 2000
+    )  # by a tap, for longer than a datagram is waited for
+    lane.add_sent(held)
+    assert lane.match_received(2 * DATAGRAM_WINDOW_NS + 1, b"held") is held
 
 
 def test_matching_takes_nothing_from_the_future() -> None:
-    lane: LaneMatching[int] = LaneMatching(reliable=False)
-    lane.sent(Sent(0, NS_PER_S, NS_PER_S, b"x", 0))
-    assert lane.received(NS_PER_S - TOLERANCE_NS - 1, b"x") is None
-    assert lane.received(NS_PER_S - TOLERANCE_NS, b"x") is not None
+    lane: FrameMatcher[int] = FrameMatcher(reliable=False)
+    lane.add_sent(SentFrame(0, NS_PER_S, NS_PER_S, b"x", 0))
+    assert lane.match_received(NS_PER_S - TOLERANCE_NS - 1, b"x") is None
+    assert lane.match_received(NS_PER_S - TOLERANCE_NS, b"x") is not None

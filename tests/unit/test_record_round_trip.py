@@ -13,9 +13,9 @@ import pyarrow.parquet as pq
 import pytest
 from pymavlink import mavutil
 
-from skyrange.agent.frames import Fate
-from skyrange.agent.messages import Note
 from skyrange.codec.mavlink import decode
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.record import MemoryObserver, Recorder, RunRecord, load
@@ -29,8 +29,8 @@ ROUNDS = 20
 def run(request: pytest.FixtureRequest, tmp_path: Path) -> RunRecord:
     """The sample run, closed, closed with its rows in the spool, and as a killed process would leave it."""
     recorder = Recorder.open(tmp_path / "run", HEADER)
-    recorder.attach("city.json", b'[{"height_m": 5, "rings": [[[0, 0], [1, 0], [1, 1]]]}]')
-    recorder.attach("missions/a.plan", b"{}")
+    recorder.attach_file("city.json", b'[{"height_m": 5, "rings": [[[0, 0], [1, 0], [1, 1]]]}]')
+    recorder.attach_file("missions/a.plan", b"{}")
     tell(recorder, ROUNDS)
     if request.param != "spooled":
         recorder.close(in_spool=request.param == "in spool")

@@ -11,8 +11,8 @@ import pytest
 
 from skyrange.core.time import NEVER
 from skyrange.record import Recorder, load
-from skyrange.record import order as order_module
-from skyrange.record.order import in_order
+from skyrange.record.read import time_order as order_module
+from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import PAYLOAD_WINDOW
 from tests.unit.record_sample import make_frame
 
@@ -76,26 +76,26 @@ def _tables(keys: list[list[int]]) -> list[pa.Table]:
     ],
 )
 def test_rows_come_in_order(keys: list[list[int]], reach: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(order_module, "REACH_ROWS", reach)
+    monkeypatch.setattr(order_module, "STRAGGLER_ROWS", reach)
     found = [
-        key for table in in_order(lambda: iter(_tables(keys)), "t", ("n",)) for key in table.column("t").to_pylist()
+        key for table in sort_by_time(lambda: iter(_tables(keys)), "t", ("n",)) for key in table.column("t").to_pylist()
     ]
     assert found == sorted(key for part in keys for key in part)
 
 
 def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
     """One row that comes last though it belongs first must not make everything wait for it."""
-    monkeypatch.setattr(order_module, "REACH_ROWS", 20)
+    monkeypatch.setattr(order_module, "STRAGGLER_ROWS", 20)
     keys = [list(range(k * 10, k * 10 + 10)) for k in range(50)]
     keys.append([3])
-    sizes = [table.num_rows for table in in_order(lambda: iter(_tables(keys)), "t", ("n",))]
+    sizes = [table.num_rows for table in sort_by_time(lambda: iter(_tables(keys)), "t", ("n",))]
     assert sum(sizes) == 501
     assert max(sizes) <= 40
 
 
 GROWTH = """
 import sys
-from skyrange.agent.frames import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.record import Recorder
 from skyrange.runtime.memory import peak_memory_mb as peak_mb

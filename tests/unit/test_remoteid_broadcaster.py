@@ -8,18 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.payloads import Payloads
-from skyrange.codec import f3411, rid_link
+from skyrange.codec import f3411
 from skyrange.codec.f3411 import MessageType, Status
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.rid_link import RidFrame, Transport
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidFrame, Transport
+from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.remoteid.belief import Beliefs
-from skyrange.remoteid.broadcaster import AHEAD_NS, TROUBLES, Broadcaster
-from skyrange.remoteid.profiles import US_NS, Broadcast, address_of, serial_number
+from skyrange.remoteid.autopilot_belief import Beliefs
+from skyrange.remoteid.broadcast_profiles import US_PERIOD_NS, Broadcast, sender_address, serial_number
+from skyrange.remoteid.broadcaster import ARM_STATUS_TEXTS, LEAD_NS, Broadcaster
 
 UTC_US = 1_767_323_045_000_000  # 2026-01-02T03:04:05Z
 STATION = (40.7, -73.9, -20.0)
@@ -51,7 +52,7 @@ class Aircraft:
                     self.all_is_well(now, place)
             out = self.broadcaster.send(now, self.beliefs)
             if out is not None:
-                found += [(now, p, rid_link.unpack(raw)) for p, raw in zip(out[0].tolist(), out[1], strict=True)]
+                found += [(now, p, link_payload.unpack(raw)) for p, raw in zip(out[0].tolist(), out[1], strict=True)]
         return found
 
 
@@ -92,7 +93,7 @@ def of(aircraft: Aircraft, now: Time = 0) -> f3411.Location:
     twin.broadcaster.due_ns[:] = now
     out = twin.broadcaster.send(now, twin.beliefs)
     assert out is not None
-    found: f3411.Location = messages(rid_link.unpack(out[1][0]))[f3411.Location]
+    found: f3411.Location = messages(link_payload.unpack(out[1][0]))[f3411.Location]
     return found
 
 
@@ -102,12 +103,12 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
     times = np.diff([now for now, _, _ in sent])
     assert len(sent) in (10, 11)
     # 89.310(h)(3): at least one message a second, and 10 ms to spare for a Bluetooth advertisement's random delay
-    assert (times == US_NS).all()
-    assert US_NS <= NS_PER_S - 10 * NS_PER_MS
+    assert (times == US_PERIOD_NS).all()
+    assert US_PERIOD_NS <= NS_PER_S - 10 * NS_PER_MS
     for now, _, frame in sent[1:]:
         said = messages(frame)
         basic, location, system = said[f3411.BasicId], said[f3411.Location], said[f3411.System]
-        assert f3411.faults(f3411.decode(frame.body)) == ()
+        assert f3411.deviations(f3411.decode(frame.body)) == ()
         assert basic.id_type == f3411.IdType.SERIAL_NUMBER  # (a)
         assert basic.uas_id == serial_number("blue/b1")
         assert f3411.is_serial_number(basic.uas_id)
@@ -127,18 +128,23 @@ def test_us_profile_sends_every_element_of_89_305_each_second() -> None:
 
 def test_header_of_a_broadcast() -> None:
     aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION))
-    sent = aircraft.sent(4 * US_NS)
+    sent = aircraft.sent(4 * US_PERIOD_NS)
     assert len(sent) == 4
     due = sent[0][2].header.time_ns
     for count, (now, _, frame) in enumerate(sent):
-        at_ns = due + count * US_NS  # when the radio is to send it, to the nanosecond
-        assert frame.header == rid_link.RidHeader(
-            Transport.WIFI_BEACON, rid_link.ANY_CHANNEL, count, address_of("blue/b1"), rid_link.NO_RSSI, at_ns
+        at_ns = due + count * US_PERIOD_NS  # when the radio is to send it, to the nanosecond
+        assert frame.header == link_payload.RidHeader(
+            Transport.WIFI_BEACON,
+            link_payload.ANY_CHANNEL,
+            count,
+            sender_address("blue/b1"),
+            link_payload.NO_RSSI,
+            at_ns,
         )
-        assert 0 < at_ns - now <= AHEAD_NS
-    first = address_of("blue/b1")[0]
+        assert 0 < at_ns - now <= LEAD_NS
+    first = sender_address("blue/b1")[0]
     assert first & 0b11000011 == 0b11000010  # locally administered unicast, and random static
-    assert address_of("blue/b1") != address_of("blue/b2")
+    assert sender_address("blue/b1") != sender_address("blue/b2")
 
 
 @pytest.mark.parametrize(
@@ -197,7 +203,7 @@ def test_nothing_is_sent_before_the_autopilot_is_heard_and_strangers_are_not_bel
     for packer in (Packer(9, 1), Packer(1, 190)):
         aircraft.tell(0, beat(), position(0), packer=packer)
     assert aircraft.beliefs.table["bad"][0] == 4
-    assert aircraft.beliefs.table["beat_ns"][0] == -1
+    assert aircraft.beliefs.table["heartbeat_ns"][0] == -1
     aircraft.beliefs.update(np.zeros(2, dtype=np.int64), np.zeros(2, dtype=np.int64), Payloads.of([b"", b"\xfd" * 40]))
     assert aircraft.beliefs.table["bad"][0] == 6
 
@@ -220,7 +226,7 @@ def own(**more: Any) -> Any:
 
 
 def test_an_autopilots_own_location_is_broadcast_as_it_is_while_it_says_one() -> None:
-    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, of_autopilot=True))
+    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, autopilot_location=True))
     aircraft.all_is_well(0)
     believed = of(aircraft)
     assert believed.lat_deg == 40.778  # none was said yet
@@ -243,14 +249,14 @@ def test_an_own_location_that_nobody_asked_for_is_not_broadcast() -> None:
 
 
 def test_an_own_location_depends_on_nobody_else() -> None:
-    aircraft = Aircraft(*(Broadcast(f"blue/b{n}", of_autopilot=n == 1, operator_place=STATION) for n in range(3)))
+    aircraft = Aircraft(*(Broadcast(f"blue/b{n}", autopilot_location=n == 1, operator_place=STATION) for n in range(3)))
     for place in range(3):
         aircraft.all_is_well(0, place)
         aircraft.tell(0, own(), place=place)
     aircraft.broadcaster.due_ns[:] = 0
     out = aircraft.broadcaster.send(0, aircraft.beliefs)
     assert out is not None
-    said = {place: messages(rid_link.unpack(raw))[f3411.Location] for place, raw in zip(*out, strict=True)}
+    said = {place: messages(link_payload.unpack(raw))[f3411.Location] for place, raw in zip(*out, strict=True)}
     assert {place: location.lat_deg for place, location in said.items()} == {0: 40.778, 1: 40.7781234, 2: 40.778}
 
 
@@ -264,15 +270,15 @@ def test_an_own_location_depends_on_nobody_else() -> None:
     ],
 )
 def test_troubles_of_an_own_location_are_its_own(lacks: dict[str, Any], words: str) -> None:
-    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, of_autopilot=True))
+    aircraft = Aircraft(Broadcast("blue/b1", operator_place=STATION, autopilot_location=True))
     aircraft.tell(0, beat(), gps(alt_ellipsoid=0), own(**lacks))  # no position, height or time of any other kind
-    assert TROUBLES[aircraft.broadcaster.troubles(0, aircraft.beliefs).item(0)] == words
+    assert ARM_STATUS_TEXTS[aircraft.broadcaster.arm_status(0, aircraft.beliefs).item(0)] == words
 
 
 def test_it_tells_its_autopilot_what_it_broadcasts() -> None:
-    aircraft = Aircraft(Broadcast("blue/b1", of_autopilot=True))
+    aircraft = Aircraft(Broadcast("blue/b1", autopilot_location=True))
     aircraft.all_is_well(0)
-    ((basic, system),) = aircraft.broadcaster.told(np.array([0]), 0, aircraft.beliefs)
+    ((basic, system),) = aircraft.broadcaster.identity_messages(np.array([0]), 0, aircraft.beliefs)
     assert basic == f3411.BasicId(f3411.IdType.SERIAL_NUMBER, 2, serial_number("blue/b1"), 2)
     assert (system.operator_lat_deg, system.operator_lon_deg) == pytest.approx((40.777, -73.956))
 
@@ -332,7 +338,7 @@ def test_intervals_of_both_profiles_over_all_transports() -> None:
         found = kinds_sent(profile, *every)
         assert len(found) == 4 * 5
         for (_, kind), times in found.items():
-            most = US_NS if profile == "us" else NS_PER_S if kind == MessageType.LOCATION else 3 * NS_PER_S
+            most = US_PERIOD_NS if profile == "us" else NS_PER_S if kind == MessageType.LOCATION else 3 * NS_PER_S
             gaps = np.diff(times)
             assert gaps.size
             assert gaps.max() <= most + 10 * NS_PER_MS  # polled every 10 ms
@@ -383,7 +389,7 @@ def test_troubles_come_one_after_the_other() -> None:
     aircraft = Aircraft(Broadcast("blue/b1"))
 
     def trouble(now: Time = 0) -> str:
-        return TROUBLES[aircraft.broadcaster.troubles(now, aircraft.beliefs).item(0)]
+        return ARM_STATUS_TEXTS[aircraft.broadcaster.arm_status(now, aircraft.beliefs).item(0)]
 
     assert trouble() == "autopilot silent"
     for message, then in (
@@ -397,23 +403,23 @@ def test_troubles_come_one_after_the_other() -> None:
     assert trouble(3 * NS_PER_S) == "LOC: no position"
     assert trouble(6 * NS_PER_S) == "autopilot silent"
     none = Broadcaster([Broadcast("blue/b1", transports=())], Chance(1))
-    assert TROUBLES[none.troubles(0, aircraft.beliefs).item(0)] == "no transmitter"
+    assert ARM_STATUS_TEXTS[none.arm_status(0, aircraft.beliefs).item(0)] == "no transmitter"
     assert none.next_due() is None
 
 
 def test_bad_settings_are_named_all_at_once() -> None:
     with pytest.raises(InputError) as error:
         Broadcast("blue/b1", uas_id="NO-SERIAL", profile="usa", transports=("wifi", "bt4", "bluetooth"), text="x" * 24)
-    assert [fault.where for fault in error.value.faults] == ["profile", "transports", "transports", "uas_id", "text"]
-    assert "us" in error.value.faults[0].hint
+    assert [fault.where for fault in error.value.problems] == ["profile", "transports", "transports", "uas_id", "text"]
+    assert "us" in error.value.problems[0].hint
 
 
 def test_a_receiver_that_knows_no_geoid_is_helped_by_the_chart() -> None:
     """ArduPilot says the same for both heights where its receiver tells no geoid, as GPS_INPUT cannot."""
     same = gps()
     same.alt_ellipsoid = same.alt
-    for chart_m, geoid_m in ((-33.0, -33.0), (0.0, 0.0)):
-        beliefs = Beliefs(np.array([1]), chart_m)
+    for geoid_model_m, geoid_m in ((-33.0, -33.0), (0.0, 0.0)):
+        beliefs = Beliefs(np.array([1]), geoid_model_m)
         beliefs.update(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), Payloads.of([Packer(1, 1).pack(same)]))
         assert beliefs.table["geoid_m"][0] == geoid_m
     told = Beliefs(np.array([1]), -33.0)

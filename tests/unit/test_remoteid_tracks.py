@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.messages import Arrival, Inbox
-from skyrange.agent.payloads import Payloads
-from skyrange.agent.refs import NO_REF, RefBook
-from skyrange.codec import f3411, rid_link
-from skyrange.codec.f3411_columns import location_rows
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec import f3411
+from skyrange.codec.f3411.columns import decode_locations
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.frames.references import NO_REF, FrameRefTable
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S
-from skyrange.remoteid.tracks import Heard, TrackTable
+from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackTable
 
 ORIGIN = Origin(40.778, -73.955, alt_msl_m=12.0, geoid_m=-32.5)
 A, B = b"\xc2\0\0\0\0\x0a", b"\xc2\0\0\0\0\x0b"
@@ -37,7 +38,7 @@ def place(east: float = 0.0, north: float = 0.0, up: float | None = 50.0, **more
 def hear(table: TrackTable, at_s: float, *said: Any, receiver: int = 0, address: bytes = A, dbm: float = -60.0) -> None:
     """One broadcast: several messages are a pack."""
     message = said[0] if len(said) == 1 else f3411.MessagePack(tuple(said))
-    raw(table, at_s, rid_link.pack(
+    raw(table, at_s, link_payload.pack(
         RidHeader(Transport.WIFI_BEACON, 6, 0, address, round(dbm * 100), 0), f3411.encode(message)
     ), receiver)  # fmt: skip
 
@@ -46,21 +47,23 @@ _SERIAL = iter(range(10**9))
 
 
 def raw(table: TrackTable, at_s: float, payload: bytes, receiver: int = 0) -> None:
-    rid = rid_link.read_rows(Payloads.of([payload]))
+    rid = link_payload.unpack_rows(Payloads.of([payload]))
     one = np.array([0])
     table.update(
-        Heard(one + receiver, one + round(at_s * NS_PER_S), rid, location_rows(rid.bodies), one, one + next(_SERIAL))
+        ReceivedBroadcasts(
+            one + receiver, one + round(at_s * NS_PER_S), rid, decode_locations(rid.bodies), one, one + next(_SERIAL)
+        )
     )
 
 
 def ids(table: TrackTable, at_s: float, receiver: int = 0, **more: Any) -> list[bytes]:
-    return sorted(table.seen(receiver, round(at_s * NS_PER_S), **more).uas_id.tolist())
+    return sorted(table.snapshot(receiver, round(at_s * NS_PER_S), **more).uas_id.tolist())
 
 
 def test_a_track_is_where_the_broadcast_says_by_the_geoid_and_goes_on_at_its_velocity() -> None:
     table = TrackTable(1, ORIGIN)
     hear(table, 10.0, who("ONE"), place(120.0, -40.0, 55.0, speed_mps=5.0, track_deg=90.0, vertical_mps=1.0), dbm=-71.5)
-    seen = table.seen(0, 12 * NS_PER_S)
+    seen = table.snapshot(0, 12 * NS_PER_S)
     # F3411: 1e-7 degrees and 0.5 m; the geoid's -32.5 m makes 34.5 m above the ellipsoid of 67 m above the sea
     assert seen.pos_enu_m[0] == pytest.approx([130.0, -40.0, 57.0], abs=0.02)
     assert seen.vel_enu_mps[0] == pytest.approx([5.0, 0.0, 1.0])
@@ -71,13 +74,13 @@ def test_a_track_is_where_the_broadcast_says_by_the_geoid_and_goes_on_at_its_vel
 def test_altitude_without_the_geoid_would_be_wrong_by_it() -> None:
     wrong = TrackTable(1, Origin(ORIGIN.lat_deg, ORIGIN.lon_deg, ORIGIN.alt_msl_m, 0.0))
     hear(wrong, 0.0, who("ONE"), place(0.0, 0.0, 50.0))
-    assert wrong.seen(0, 0).pos_enu_m[0, 2] == pytest.approx(50.0 - 32.5)
+    assert wrong.snapshot(0, 0).pos_enu_m[0, 2] == pytest.approx(50.0 - 32.5)
 
 
 def test_unknown_values() -> None:
     table = TrackTable(1, ORIGIN)
     hear(table, 0.0, who("ONE"), place(up=None))
-    seen = table.seen(0, NS_PER_S)
+    seen = table.snapshot(0, NS_PER_S)
     assert math.isnan(seen.pos_enu_m[0, 2])
     assert seen.vel_enu_mps[0].tolist() == [0.0, 0.0, 0.0]
     hear(table, 1.0, who("TWO"), f3411.Location(f3411.Status.GROUND))  # no place: heard, but not seen
@@ -99,7 +102,7 @@ def test_one_track_per_identifier_and_address() -> None:
     hear(table, 0.2, who("TWO"), place(90.0), address=B)  # and of another one, from the same
     assert ids(table, 0.3) == [b"ONE", b"ONE", b"TWO"]
     hear(table, 1.0, who("ONE"), place(3.0))
-    assert sorted(table.seen(0, NS_PER_S).pos_enu_m[:, 0].round().tolist()) == [3.0, 50.0, 90.0]
+    assert sorted(table.snapshot(0, NS_PER_S).pos_enu_m[:, 0].round().tolist()) == [3.0, 50.0, 90.0]
 
 
 def test_single_messages_are_joined_by_their_address() -> None:
@@ -109,14 +112,14 @@ def test_single_messages_are_joined_by_their_address() -> None:
     hear(table, 0.3, who("ONE"))
     assert ids(table, 0.3) == [b"ONE"]
     hear(table, 1.0, place(20.0))
-    seen = table.seen(0, NS_PER_S)
+    seen = table.snapshot(0, NS_PER_S)
     assert (len(seen.slot), round(float(seen.pos_enu_m[0, 0]))) == (1, 20)
     hear(table, 1.1, who("ONE"), address=B)  # an identifier alone is nowhere
     assert ids(table, 1.1) == [b"ONE"]
 
 
 def test_stale_tracks_are_forgotten_and_their_place_used_again() -> None:
-    table = TrackTable(1, ORIGIN, most=2, stale_s=5.0)
+    table = TrackTable(1, ORIGIN, max_tracks=2, stale_s=5.0)
     hear(table, 0.0, who("ONE"), place())
     hear(table, 3.0, who("TWO"), place())
     assert ids(table, 5.0) == [b"ONE", b"TWO"]
@@ -129,7 +132,7 @@ def test_stale_tracks_are_forgotten_and_their_place_used_again() -> None:
 
 
 def test_a_flood_displaces_the_weakest_only() -> None:
-    table = TrackTable(1, ORIGIN, most=3)
+    table = TrackTable(1, ORIGIN, max_tracks=3)
     for number, dbm in enumerate((-50.0, -60.0, -70.0)):
         hear(table, 0.0, who(f"REAL{number}"), place(), address=bytes([0xC2, 0, 0, 0, 1, number]), dbm=dbm)
     for number in range(20):
@@ -156,7 +159,7 @@ def test_what_no_aircraft_can_say_is_marked_and_counted(said: f3411.Location) ->
     assert ids(table, 0.0) == []
     assert table.counts.tolist() == [[0, 0, 1]]
     if abs(said.lat_deg or 0.0) <= 90.0:
-        assert ids(table, 0.0, odd=True) == [b"ODD"]
+        assert ids(table, 0.0, include_impossible=True) == [b"ODD"]
     hear(table, 1.0, who("ODD"), place())  # the next sane one counts again
     assert ids(table, 1.0) == [b"ODD"]
 
@@ -166,12 +169,12 @@ def test_any_bytes_are_survived() -> None:
     rng = np.random.default_rng(3)
     for _ in range(400):
         raw(table, 0.0, rng.bytes(int(rng.integers(0, 120))))
-        raw(table, 0.0, rid_link.pack(RidHeader(Transport.BT5), rng.bytes(int(rng.integers(0, 240)))))
-    table.seen(0, 0, odd=True)
+        raw(table, 0.0, link_payload.pack(RidHeader(Transport.BT5), rng.bytes(int(rng.integers(0, 240)))))
+    table.snapshot(0, 0, include_impossible=True)
 
 
 def test_receivers_do_not_depend_on_each_other() -> None:
-    alone, both = TrackTable(1, ORIGIN, most=4), TrackTable(2, ORIGIN, most=4)
+    alone, both = TrackTable(1, ORIGIN, max_tracks=4), TrackTable(2, ORIGIN, max_tracks=4)
     rng = np.random.default_rng(5)
     for step in range(200):
         name, dbm, at = f"A{rng.integers(9)}", float(rng.integers(-90, -40)), step * 0.2
@@ -192,7 +195,7 @@ def test_a_book_of_references_gives_back_the_frames() -> None:
     port = Port("blue/b1.companion", "rid_down:blue/b1")
     refs = [FrameId(port.link, "fwd", sender, serial) for sender, serial in (("oracle", 4), ("tap", 0), ("oracle", 5))]
     inbox = Inbox([Arrival(port, 0, b"", "oracle", ref) for ref in refs])
-    book = RefBook()
+    book = FrameRefTable()
     number, serial = book.read(inbox, np.array([2, 0, 1]))
     assert [book.id(*pair) for pair in zip(number.tolist(), serial.tolist(), strict=True)] == [
         refs[2],

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec import ble, pcapng, rid_capture, wifi
+from skyrange.codec.capture import pcapng, remote_id_packet
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, SelfId, encode
-from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader, Transport, pack, unpack
+from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader, Transport, pack, unpack
 from skyrange.core.errors import DecodeError
 
 ADDRESS = bytes.fromhex("c21122334455")
@@ -29,14 +30,18 @@ SENT = [frame(Transport.WIFI_BEACON, PACK), frame(Transport.WIFI_BEACON, FULL), 
 
 
 def build(sent: RidFrame) -> bytes:
-    maker = {Transport.WIFI_BEACON: wifi.beacon, Transport.WIFI_NAN: wifi.nan_action, Transport.BT4: ble.legacy}
-    return maker.get(Transport(sent.header.transport), ble.auxiliary)(sent)
+    maker = {
+        Transport.WIFI_BEACON: wifi.encode_beacon,
+        Transport.WIFI_NAN: wifi.encode_nan_action,
+        Transport.BT4: ble.encode_legacy,
+    }
+    return maker.get(Transport(sent.header.transport), ble.encode_auxiliary)(sent)
 
 
 def parse(transport: int, raw: bytes) -> RidFrame:
     if transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN):
-        return wifi.parse(raw)
-    return ble.parse(raw, coded=transport == Transport.BT5)
+        return wifi.decode_frame(raw)
+    return ble.decode_packet(raw, coded=transport == Transport.BT5)
 
 
 @pytest.mark.parametrize("sent", SENT)
@@ -85,14 +90,14 @@ def test_hostile_frames_with_a_right_checksum_are_survived(
 @settings(deadline=None)
 def test_any_bytes_are_survived(raw: bytes, coded: bool) -> None:
     with pytest.raises(DecodeError):
-        wifi.parse(raw)
+        wifi.decode_frame(raw)
     with pytest.raises(DecodeError):
-        ble.parse(raw, coded=coded)
+        ble.decode_packet(raw, coded=coded)
 
 
 def test_a_legacy_advertisement_byte_by_byte() -> None:
     """F3411-22a, Bluetooth Legacy: 31 bytes of advertising data, all used."""
-    raw = ble.legacy(frame(Transport.BT4, SINGLE))
+    raw = ble.encode_legacy(frame(Transport.BT4, SINGLE))
     assert raw[:4].hex() == "d6be898e"
     assert raw[4:6].hex() == "4225"  # ADV_NONCONN_IND from a random address, 37 bytes
     assert raw[6:12] == ADDRESS[::-1]
@@ -115,7 +120,7 @@ def test_crc_of_advertising_packets_by_others(packet: str) -> None:
 
 
 def test_an_extended_advertisement_byte_by_byte() -> None:
-    raw = ble.auxiliary(frame(Transport.BT5, FULL), set_id=3)
+    raw = ble.encode_auxiliary(frame(Transport.BT5, FULL), set_id=3)
     assert raw[4:7].hex() == "0047f4"  # S=8; AUX_ADV_IND from a random address, 244 bytes
     assert raw[7:9].hex() == "0909"  # nine bytes of header: flags, address, data information
     assert raw[9:15] == ADDRESS[::-1]
@@ -129,34 +134,34 @@ def test_an_extended_advertisement_byte_by_byte() -> None:
      (0, 245_700, 1 << 7 | 819 << 8 | 2 << 21)],
 )  # fmt: skip
 def test_a_pointer_says_channel_time_and_phy(channel: int, offset_us: int, expected: int) -> None:
-    raw = ble.pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
+    raw = ble.encode_pointer(frame(Transport.BT5, PACK), channel=channel, offset_us=offset_us)
     assert raw[5:9].hex() == "07070618"
     assert int.from_bytes(raw[11:14], "little") == expected
     with pytest.raises(DecodeError, match="address"):
-        ble.parse(raw, coded=True)
+        ble.decode_packet(raw, coded=True)
 
 
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(ValueError, match="one message"):
-        ble.legacy(frame(Transport.BT4, PACK))
+        ble.encode_legacy(frame(Transport.BT4, PACK))
     with pytest.raises(ValueError, match="does not fit"):
-        ble.auxiliary(frame(Transport.BT5, bytes(251)))
+        ble.encode_auxiliary(frame(Transport.BT5, bytes(251)))
     with pytest.raises(ValueError, match="element"):
-        wifi.beacon(frame(Transport.WIFI_BEACON, bytes(251)))
+        wifi.encode_beacon(frame(Transport.WIFI_BEACON, bytes(251)))
     with pytest.raises(ValueError, match="service info"):
-        wifi.nan_action(frame(Transport.WIFI_NAN, bytes(255)))
+        wifi.encode_nan_action(frame(Transport.WIFI_NAN, bytes(255)))
     with pytest.raises(ValueError, match="ssid"):
-        wifi.beacon(frame(Transport.WIFI_BEACON, PACK), ssid=b"")
+        wifi.encode_beacon(frame(Transport.WIFI_BEACON, PACK), ssid=b"")
     with pytest.raises(ValueError, match="offset"):
-        ble.pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
+        ble.encode_pointer(frame(Transport.BT5, PACK), channel=37, offset_us=6000)
 
 
 def test_other_networks_are_no_remote_id() -> None:
     foreign = bytes.fromhex("80000000ffffffffffff02030405060702030405060700000000000000000000640011040003414243010182")
     with pytest.raises(DecodeError, match="without Remote ID"):
-        wifi.parse(wifi._with_fcs(foreign))
+        wifi.decode_frame(wifi._with_fcs(foreign))
     with pytest.raises(DecodeError, match="without Remote ID"):
-        wifi.parse(wifi.nan_sync_beacon(ADDRESS))
+        wifi.decode_frame(wifi.encode_nan_sync_beacon(ADDRESS))
 
 
 def test_channels_and_frequencies() -> None:
@@ -174,17 +179,19 @@ def test_channels_and_frequencies() -> None:
 
 
 def test_radio_headers() -> None:
-    assert pcapng.radiotap(6, 6.0, -67.6).hex() == "00000f002e000000" + "100c8509c000bc"
-    assert pcapng.radiotap(149, 6.0, None).hex() == "00000e000e000000" + "100c71164001"
-    assert pcapng.ble_phdr(37, -67.6, coded=False, auxiliary=False).hex() == "00bc0000d6be898e130c"
-    assert pcapng.ble_phdr(20, None, coded=True, auxiliary=True).hex() == "16000000d6be898e918c"
+    assert pcapng.radiotap_header(6, 6.0, -67.6).hex() == "00000f002e000000" + "100c8509c000bc"
+    assert pcapng.radiotap_header(149, 6.0, None).hex() == "00000e000e000000" + "100c71164001"
+    assert pcapng.ble_radio_header(37, -67.6, coded=False, auxiliary=False).hex() == "00bc0000d6be898e130c"
+    assert pcapng.ble_radio_header(20, None, coded=True, auxiliary=True).hex() == "16000000d6be898e918c"
 
 
 def test_a_capture_is_a_chain_of_blocks() -> None:
     """draft-ietf-opsawg-pcapng: a block is type, length, body, length again; multiples of four."""
     sent = frame(Transport.WIFI_BEACON, PACK)
     sent = RidFrame(sent.header._replace(channel=6, rssi_cdbm=NO_RSSI, time_ns=7), PACK)
-    raw = pcapng.head(rid_capture.INTERFACES) + rid_capture.packet(sent, 1_767_268_800 * 10**9, "forged")
+    raw = pcapng.file_header(remote_id_packet.INTERFACES) + remote_id_packet.packet_block(
+        sent, 1_767_268_800 * 10**9, "forged"
+    )
     kinds, at = [], 0
     while at < len(raw):
         kind, size = struct.unpack_from("<II", raw, at)
@@ -196,4 +203,4 @@ def test_a_capture_is_a_chain_of_blocks() -> None:
     interface, high, low, kept, whole = struct.unpack_from("<IIIII", raw, at - size + 8)
     assert (interface, high << 32 | low, kept == whole) == (0, 1_767_268_800 * 10**9 + 7, True)
     with pytest.raises(ValueError, match="one message"):
-        rid_capture.packet(RidFrame(RidHeader(Transport.BT4, channel=37), PACK), 0)
+        remote_id_packet.packet_block(RidFrame(RidHeader(Transport.BT4, channel=37), PACK), 0)

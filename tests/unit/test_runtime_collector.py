@@ -7,7 +7,7 @@ import weakref
 
 import pytest
 
-from skyrange.runtime.collector import at_ease
+from skyrange.runtime.garbage_collection import collect_seldom
 
 
 class Knot:
@@ -19,20 +19,20 @@ class Knot:
 
 def test_everything_is_as_before_afterwards_even_where_it_breaks() -> None:
     before = gc.get_threshold(), gc.get_freeze_count()
-    with at_ease():
+    with collect_seldom():
         assert gc.get_threshold()[0] > before[0][0]
         assert gc.get_freeze_count() > 0
-        with at_ease():
+        with collect_seldom():
             pass
         assert gc.get_freeze_count() > 0, "an inner one leaves what the outer one set apart"
     assert (gc.get_threshold(), gc.get_freeze_count()) == before
-    with pytest.raises(ZeroDivisionError), at_ease():
+    with pytest.raises(ZeroDivisionError), collect_seldom():
         _ = 1 // 0
     assert (gc.get_threshold(), gc.get_freeze_count()) == before
 
 
 def test_garbage_of_the_flight_is_found_in_the_flight() -> None:
-    with at_ease():
+    with collect_seldom():
         knot = Knot()
         gone = weakref.ref(knot)
         del knot

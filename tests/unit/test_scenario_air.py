@@ -6,12 +6,12 @@ from typing import get_args
 
 import pytest
 
+from skyrange.assembly.radio import make_broadcast
 from skyrange.core.errors import InputError
-from skyrange.radio.receivers import PROFILES
-from skyrange.remoteid.profiles import TRANSPORTS
-from skyrange.scenario.air import Radio, Receiver, ReceiverKind, RemoteId
-from skyrange.scenario.load import build
-from skyrange.scenario.medium import broadcast_of
+from skyrange.radio.builtin.listening import PROFILES
+from skyrange.remoteid.broadcast_profiles import TRANSPORTS
+from skyrange.scenario.model.radio import Radio, Receiver, ReceiverKind, RemoteId
+from skyrange.scenario.toml_reader import load_data
 
 
 def test_every_kind_of_receiver_can_be_named_but_none() -> None:
@@ -46,7 +46,7 @@ def test_did_enable_makes_the_companion_the_autopilots_transmitter(
     """For one aircraft or all of an operator's."""
     params = [{} if value is None else {"DID_ENABLE": value} for value in (own, shared)]
     plan = {"path": {"points": [[0, 10]], "alt_m": 5}}
-    scenario = build(
+    scenario = load_data(
         {
             "name": "did",
             "duration_s": 1,
@@ -58,4 +58,4 @@ def test_did_enable_makes_the_companion_the_autopilots_transmitter(
         }
     )
     (operator,) = scenario.operators
-    assert broadcast_of(operator, operator.vehicles[0], scenario).of_autopilot is then
+    assert make_broadcast(operator, operator.vehicles[0], scenario).autopilot_location is then

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.gcs.paths import Point
-from skyrange.scenario.airspace import APART_M, RISE_M, Airspace
-from skyrange.scenario.placing import clear_shift
+from skyrange.assembly.placement.airspace import APART_M, RISE_M, Airspace
+from skyrange.assembly.placement.clear_placing import find_clear_shift
+from skyrange.gcs.plan.paths import Point
 
 
 def flight(east_m: float, north_m: float, up_m: float, *to: tuple[float, float]) -> list[Point]:
@@ -16,8 +16,8 @@ def flight(east_m: float, north_m: float, up_m: float, *to: tuple[float, float])
 def meets(path: list[Point], *others: list[Point]) -> bool:
     taken = Airspace()
     for other in others:
-        taken.take(other)
-    return taken.around(path).meet(0.0, 0.0)
+        taken.add(other)
+    return taken.neighbours_of(path).conflict(0.0, 0.0)
 
 
 EASTWARDS = flight(-50, 0, 20, (50, 0))
@@ -51,9 +51,9 @@ def test_two_that_climb_at_one_place_meet():
 
 def test_a_shift_ends_where_heights_or_distances_allow():
     taken = Airspace()
-    taken.take(EASTWARDS)
-    assert clear_shift(None, flight(0, -50, 30, (0, 50)), taken) == (0.0, 0.0)
-    shift = clear_shift(None, flight(0, -50, 24, (0, 50)), taken)
+    taken.add(EASTWARDS)
+    assert find_clear_shift(None, flight(0, -50, 30, (0, 50)), taken) == (0.0, 0.0)
+    shift = find_clear_shift(None, flight(0, -50, 24, (0, 50)), taken)
     assert shift is not None
     assert not meets(
         [Point(p.east_m + shift[0], p.north_m + shift[1], p.up_m) for p in flight(0, -50, 24, (0, 50))], EASTWARDS

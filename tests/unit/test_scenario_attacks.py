@@ -7,17 +7,17 @@ from collections.abc import Iterator
 
 import pytest
 
-from skyrange.agent import plugins
-from skyrange.attack.remote_id_jam import JAM
-from skyrange.attack.remote_id_replay import REPLAY
-from skyrange.attack.remote_id_spoof import SPOOF
+from skyrange.assembly.build import build
+from skyrange.attack.remote_id.jam import JAM
+from skyrange.attack.remote_id.replay import REPLAY
+from skyrange.attack.remote_id.spoof import SPOOF
 from skyrange.attack.triggers import Near
+from skyrange.contracts import plugins
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Scenario, json_schema
-from skyrange.scenario.wire import wire
+from skyrange.scenario.model.scenario import Scenario, json_schema
+from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_writer import to_toml
 from tests.hostile_kind import offered
 
 FLEET = """
@@ -57,22 +57,22 @@ def loaded(text: str) -> Scenario:
 
 def faults(text: str) -> list[str]:
     with pytest.raises(InputError) as caught:
-        wire(loaded(text))
-    return [str(fault) for fault in caught.value.faults]
+        build(loaded(text))
+    return [str(fault) for fault in caught.value.problems]
 
 
 def test_what_is_declared_is_wired() -> None:
-    rig = wire(loaded(GHOST))
-    (plan,) = rig.wiring.attacks
+    built = build(loaded(GHOST))
+    (plan,) = built.wiring.attacks
     assert (plan.id, plan.start_ns, plan.stop_ns, plan.lasts_ns) == ("ghost", 3 * NS_PER_S, NEVER, 9_500_000_000)
     assert plan.trigger is not None
     assert list(plan.trigger.vehicles) == ["green/g1"]
     assert [agent.name for agent in plan.agents] == ["ghost.radio"]
-    assert "rid_up:ghost" in {spec.name for spec in rig.wiring.links}
-    (row,) = rig.header["attacks"]
+    assert "rid_up:ghost" in {spec.name for spec in built.wiring.links}
+    (row,) = built.header["attacks"]
     assert row["radios"] == [{"endpoint": "ghost.radio", "at_enu_m": [10.0, 10.0, 2.0]}]
     assert (row["kind"], row["touches"], row["technique"]) == ("remote_id.spoof", ["rid_up:ghost", "medium"], "T0856")
-    json.dumps(rig.header)
+    json.dumps(built.header)
 
 
 def test_it_reads_back_as_it_was_written() -> None:
@@ -155,25 +155,25 @@ def test_a_radio_inside_a_building_is_named() -> None:
     city = "[city]\ngrid = {}\n"
     jam = '[[attacks]]\nid="j"\nkind="remote_id.jam"\nparams.transmitter_m=[{}, {}, 2]\n'
     text = FLEET.replace("[[operators]]", city + "[[operators]]", 1)
-    rig = wire(load_text(text))
-    assert rig.city is not None
-    place = rig.city.buildings[0].shape.representative_point()
+    built = build(load_text(text))
+    assert built.city is not None
+    place = built.city.buildings[0].shape.representative_point()
     with pytest.raises(InputError, match=r"attacks\.j\.params\.transmitter_m.*a place outside buildings"):
-        wire(load_text(text + jam.format(place.x, place.y)))
-    wire(load_text(text + jam.format(0, 0)))
+        build(load_text(text + jam.format(place.x, place.y)))
+    build(load_text(text + jam.format(0, 0)))
 
 
 def test_places_count_from_an_anchor() -> None:
     moved = FLEET.replace('id = "g1"', 'id = "g1"\n  start = [100, -20]')
     anchored = GHOST.replace("params = {", 'anchor = "green/g1"\nparams = {')
-    rig = wire(load_text(moved + anchored))
-    (row,) = rig.header["attacks"]
+    built = build(load_text(moved + anchored))
+    (row,) = built.header["attacks"]
     assert row["radios"] == [{"endpoint": "ghost.radio", "at_enu_m": [110.0, -10.0, 2.0]}]
     assert len(row["shown"]) == 5
     for east_m, north_m, up_m in row["shown"].values():
         assert (east_m - 110.0) ** 2 + (north_m + 10.0) ** 2 <= 100.0**2
         assert up_m == 10.0
-    trigger = rig.wiring.attacks[0].trigger
+    trigger = built.wiring.attacks[0].trigger
     assert isinstance(trigger, Near)
     assert trigger.place_enu_m == (100.0, -20.0, 10.0)
     with pytest.raises(InputError, match=r"anchor: green/g9 .* Did you mean 'green/g1'"):
@@ -182,11 +182,11 @@ def test_places_count_from_an_anchor() -> None:
 
 def test_a_transmitter_that_is_not_placed_stands_on_the_roof() -> None:
     city = "[city]\ngrid = {}\n"
-    rig = wire(load_text(FLEET.replace("[radio]", city + "[radio]") + GHOST.replace("[10, 10, 10]", "[30, 30, 70]")))
-    assert rig.city is not None
-    roof_m = rig.city.height_at(30.0, 30.0)
+    built = build(load_text(FLEET.replace("[radio]", city + "[radio]") + GHOST.replace("[10, 10, 10]", "[30, 30, 70]")))
+    assert built.city is not None
+    roof_m = built.city.height_at(30.0, 30.0)
     assert roof_m > 0
-    assert rig.header["attacks"][0]["radios"][0]["at_enu_m"] == [30.0, 30.0, roof_m + 2.0]
+    assert built.header["attacks"][0]["radios"][0]["at_enu_m"] == [30.0, 30.0, roof_m + 2.0]
 
 
 def test_the_schema_knows_each_kinds_parameters() -> None:

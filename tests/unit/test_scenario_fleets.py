@@ -5,9 +5,9 @@ import math
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Fleet, Operator, Scenario, Vehicle, mission_file, path, square
+from skyrange.scenario.model.scenario import Fleet, Operator, Scenario, Vehicle, mission_file, path, square
+from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_writer import to_toml
 
 UP = path([(0, 0)], 5, end="land")
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import build, load_file, load_text
+from skyrange.scenario.toml_reader import load_data, load_file, load_text
+from skyrange.scenario.toml_writer import to_toml
 
 SMALL = """
 origin = { lat = 1.0, lon = 2 }
@@ -39,7 +39,7 @@ def faults(text: str, **how) -> list[str]:
     with pytest.raises(InputError) as error:
         load_text(text, **how)
     assert error.value.exit_code == 2
-    return [str(fault) for fault in error.value.faults]
+    return [str(fault) for fault in error.value.problems]
 
 
 def test_toml_becomes_a_scenario():
@@ -206,7 +206,7 @@ def test_the_seed_stands_over_all():
 def test_toml_out_is_the_same_scenario_in():
     scenario = load_text(SMALL + "[[links]]\nmatch = 'gcs:*'\nlatency_ms = 40\n[city]\ngrid = {blocks = [2, 3]}\n")
     assert load_text(to_toml(scenario)) == scenario
-    assert build(scenario.data()) == scenario
+    assert load_data(scenario.data()) == scenario
 
 
 def test_files_are_renamed_on_the_way_out(tmp_path: Path):
@@ -215,7 +215,7 @@ def test_files_are_renamed_on_the_way_out(tmp_path: Path):
     data = load_text(SMALL).data()
     data["operators"][0]["vehicles"][0]["plan"] = {"file": "a.plan"}
     data["city"] = {"buildings": "b.geojson"}
-    scenario = build(data, folder=tmp_path)
+    scenario = load_data(data, folder=tmp_path)
     text = to_toml(scenario, {str(tmp_path / "a.plan"): "missions/b1.plan"})
     assert 'file = "missions/b1.plan"' in text
     assert f'buildings = "{tmp_path / "b.geojson"}"' in text

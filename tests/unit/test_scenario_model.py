@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from skyrange.agent.links import Channel
+from skyrange.contracts.links import Channel
 from skyrange.core.errors import InputError
-from skyrange.scenario.schema import (
+from skyrange.scenario.model.scenario import (
     City,
     Link,
     Operator,

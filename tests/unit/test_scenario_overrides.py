@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.load import build, parse_toml
-from skyrange.scenario.overrides import override, parse_value
+from skyrange.scenario.overrides import apply_overrides, parse_value
+from skyrange.scenario.toml_reader import load_data, parse_toml
 
 DATA = parse_toml(
     """
@@ -27,14 +27,14 @@ plan = { path = { points = [[1, 2, 3], [4, 5, 6]] } }
 
 
 def vehicles(*assignments: str):
-    return [vehicle for _, vehicle in build(override(DATA, assignments)).fleet]
+    return [vehicle for _, vehicle in load_data(apply_overrides(DATA, assignments)).fleet]
 
 
 def refused(*assignments: str) -> str:
     with pytest.raises(InputError) as error:
-        override(DATA, assignments)
+        apply_overrides(DATA, assignments)
     assert error.value.who == "--set"
-    assert len(error.value.faults) == len(assignments)
+    assert len(error.value.problems) == len(assignments)
     return str(error.value)
 
 
@@ -51,21 +51,21 @@ def test_elements_go_by_id_by_index_and_by_the_id_they_will_get():
 
 
 def test_tables_are_made_on_the_way_and_later_assignments_win():
-    scenario = build(override(DATA, ["wind.speed_mps=3", "wind.from_deg=90", "wind.speed_mps=4"]))
+    scenario = load_data(apply_overrides(DATA, ["wind.speed_mps=3", "wind.from_deg=90", "wind.speed_mps=4"]))
     assert (scenario.wind.speed_mps, scenario.wind.from_deg) == (4, 90)
-    scenario = build(override(DATA, ["city.grid.blocks=[2, 2]"]))
+    scenario = load_data(apply_overrides(DATA, ["city.grid.blocks=[2, 2]"]))
     assert scenario.city.grid.blocks == (2, 2)
     assert vehicles("operators.*.vehicles.*.params.WPNAV_SPEED=500")[0].params == {"WPNAV_SPEED": 500.0}
 
 
 def test_the_table_given_stays_as_it_was():
     before = repr(DATA)
-    override(DATA, ["operators.*.vehicles.*.plan.square.side_m=1", "seed=9"])
+    apply_overrides(DATA, ["operators.*.vehicles.*.plan.square.side_m=1", "seed=9"])
     assert repr(DATA) == before
 
 
 def test_values_set_at_several_places_are_not_shared():
-    data = override(DATA, ["operators.*.vehicles.*.start={east_m=1}"])
+    data = apply_overrides(DATA, ["operators.*.vehicles.*.start={east_m=1}"])
     first, second = data["operators"][0]["vehicles"]
     assert first["start"] == second["start"]
     assert first["start"] is not second["start"]
@@ -127,9 +127,9 @@ def test_what_matches_nothing_names_the_nearest():
 
 def test_files_named_on_the_command_line_are_beside_the_shell(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    assert override(DATA, ["city.buildings=town.geojson"])["city"]["buildings"] == str(tmp_path / "town.geojson")
+    assert apply_overrides(DATA, ["city.buildings=town.geojson"])["city"]["buildings"] == str(tmp_path / "town.geojson")
 
 
 def test_bad_values_are_found_when_the_scenario_is_built():
     with pytest.raises(InputError, match="seed: 'x' — expected a whole number"):
-        build(override(DATA, ["seed=x"]))
+        load_data(apply_overrides(DATA, ["seed=x"]))

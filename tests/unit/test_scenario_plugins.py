@@ -13,27 +13,27 @@ import jsonschema
 import pytest
 from pydantic import Field
 
-from skyrange.agent import plugins
-from skyrange.agent.detectors import DetectorContext, DetectorPlugin
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.monitors import Alert, ObservedFrames
-from skyrange.agent.settings import Number, Params
+from skyrange.assembly.build import build
+from skyrange.contracts import plugins
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.monitors import Alert, ObservedFrames
+from skyrange.contracts.params import Number, Params
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
+from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.contract import MediumContext, MediumPlugin
-from skyrange.radio.medium import BuiltinMedium
 from skyrange.record import load as load_run
 from skyrange.runtime.run import Run
-from skyrange.scenario.catalogue import SHIPPED, source_of
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.load import load_text
-from skyrange.scenario.schema import Scenario, json_schema
-from skyrange.scenario.wire import wire
+from skyrange.scenario.model.scenario import Scenario, json_schema
+from skyrange.scenario.shipped import SHIPPED, source_of
+from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_writer import to_toml
+from skyrange.utm.approval_service import FlightApproval, policy_plugin
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
-from skyrange.utm.service import FlightApproval, policy_plugin
 
 FLEET = """
 name = "s"
@@ -142,8 +142,8 @@ def _kinds(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def faults(text: str) -> str:
     with pytest.raises(InputError) as caught:
-        wire(load_text(text))
-    return "\n".join(str(fault) for fault in caught.value.faults)
+        build(load_text(text))
+    return "\n".join(str(fault) for fault in caught.value.problems)
 
 
 # ---------------------------------------------------------------- approvals
@@ -151,11 +151,11 @@ def faults(text: str) -> str:
 
 def test_an_approval_gets_its_parameters_once_for_all_its_operators() -> None:
     scenario = load_text(FLEET.replace('id = "green"', 'id = "green"\napproval = "test.strict"') + STRICT)
-    rig = wire(scenario)
+    built = build(scenario)
     assert given == [Apart(apart_m=20, later_s=600)]
-    names = [agent.name for agent in rig.wiring.agents]
+    names = [agent.name for agent in built.wiring.agents]
     assert names.count("approval.test.strict") == 1
-    assert [row["approval"] for row in rig.header["operators"]] == ["test.strict", "test.strict"]
+    assert [row["approval"] for row in built.header["operators"]] == ["test.strict", "test.strict"]
 
 
 def test_approvals_read_back_as_they_were_written() -> None:
@@ -190,12 +190,12 @@ def test_what_is_wrong_with_an_approvals_parameters_is_named(text: str, words: s
 
 def test_an_approval_may_have_several_agents_and_links_between_them() -> None:
     text = FLEET.replace("test.strict", "test.federated")
-    rig = wire(load_text(text + '[approvals."test.federated"]\napart_m = 1\n'))
-    (link,) = [spec for spec in rig.wiring.links if spec.name.startswith("uss:")]
+    built = build(load_text(text + '[approvals."test.federated"]\napart_m = 1\n'))
+    (link,) = [spec for spec in built.wiring.links if spec.name.startswith("uss:")]
     assert (link.a, link.b) == ("approval.one", "approval.two")
-    names = [agent.name for agent in rig.wiring.agents if agent.name.startswith("approval.test.federated")]
+    names = [agent.name for agent in built.wiring.agents if agent.name.startswith("approval.test.federated")]
     assert len(names) == 3
-    other = wire(load_text(text + '[approvals."test.federated"]\napart_m = 1\n'), local=frozenset({"blue.gcs"}))
+    other = build(load_text(text + '[approvals."test.federated"]\napart_m = 1\n'), local=frozenset({"blue.gcs"}))
     assert link.name in [spec.name for spec in other.wiring.links], "every process knows all links"
     assert [agent.name for agent in other.wiring.agents] == ["blue.gcs"]
 
@@ -204,7 +204,7 @@ def test_an_approval_that_leaves_an_operator_alone_is_blamed() -> None:
     lazy = ApprovalPlugin(plugins.NoParams, lambda params, context: ApprovalService([]), "Serves nobody.")
     plugins.register(plugins.APPROVALS, "test.lazy", lazy)
     with pytest.raises(ComponentError, match=r"approval\.test\.lazy: 0 of its agents have the port .*approval:blue"):
-        wire(load_text(FLEET.replace("test.strict", "test.lazy")))
+        build(load_text(FLEET.replace("test.strict", "test.lazy")))
 
 
 # ---------------------------------------------------------------- detectors
@@ -212,23 +212,23 @@ def test_an_approval_that_leaves_an_operator_alone_is_blamed() -> None:
 
 def test_detectors_are_made_with_the_links_that_they_listen_to() -> None:
     text = FLEET + STRICT + '[[detectors]]\nid="silence"\nkind="test.gap"\n'
-    rig = wire(load_text(text))
-    (built,) = rig.wiring.monitors
+    built = build(load_text(text))
+    (built,) = built.wiring.monitors
     assert (built.id, built.links, built.side) == ("silence", ("gcs:*",), "gcs")
     monitor: Any = built.make()
     assert monitor.longer_s == 3.0
     assert list(monitor.context.vehicles) == ["blue/b1", "green/g1"]
     assert built.make() is not monitor
-    (row,) = rig.header["detectors"]
+    (row,) = built.header["detectors"]
     assert row == {
         "id": "silence", "kind": "test.gap", "links": ["gcs:*"], "side": "gcs", "params": {"longer_s": 3.0}
     }  # fmt: skip
-    (chosen,) = wire(
+    (chosen,) = build(
         load_text(text + 'links=["log:*", "approval:blue"]\nside="*"\nparams.longer_s=9\n')
     ).wiring.monitors
     other: Any = chosen.make()
     assert (chosen.links, chosen.side, other.longer_s) == (("log:*", "approval:blue"), "*", 9.0)
-    assert "detectors" not in wire(load_text(FLEET + STRICT)).header
+    assert "detectors" not in build(load_text(FLEET + STRICT)).header
 
 
 def test_what_detectors_raise_is_recorded(tmp_path: Path) -> None:
@@ -267,15 +267,15 @@ AIR = FLEET.replace("test.strict", "approve-all")
 
 def test_a_medium_is_made_of_what_the_scenario_says() -> None:
     scenario = load_text(AIR + "[radio]\nengine='test.counted'\nhorizon_m=500\nparams.floor_dbm=-90\n")
-    rig = wire(scenario)
+    built = build(scenario)
     ((params, context),) = given
     assert params == Horizon(floor_dbm=-90)
     assert context.surroundings.horizon_m == 500.0
     assert sorted(radio.name for radio in context.radios) == ["blue/b1", "green/g1"]
-    assert rig.oracle is not None
-    assert isinstance(rig.oracle.medium, Counted)
-    assert rig.header["medium"] == {"kind": "test.counted", "version": "7"}
-    assert "medium" not in wire(load_text(AIR + "[radio]\n")).header
+    assert built.oracle is not None
+    assert isinstance(built.oracle.medium, Counted)
+    assert built.header["medium"] == {"kind": "test.counted", "version": "7"}
+    assert "medium" not in build(load_text(AIR + "[radio]\n")).header
     assert load_text(to_toml(scenario)) == scenario
     assert "params" not in tomllib.loads(to_toml(load_text(AIR + "[radio]\n")))["radio"]
 

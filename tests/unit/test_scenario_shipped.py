@@ -6,17 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.codec import missions
+from skyrange.assembly.build import build
+from skyrange.assembly.city import build_city
+from skyrange.assembly.placement.clear_placing import MARGIN_M, apply_placing
+from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.start_checks import check_starts
+from skyrange.codec.mission import read_mission
 from skyrange.core.errors import InputError
-from skyrange.gcs.routes import enu_points, estimated_duration_s
-from skyrange.scenario.catalogue import FOLDER, SHIPPED, load, source_of
-from skyrange.scenario.check import check
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.load import load_text
-from skyrange.scenario.placing import MARGIN_M, placed
-from skyrange.scenario.surroundings import build_city
-from skyrange.scenario.wire import wire
+from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
+from skyrange.scenario.shipped import FOLDER, SHIPPED, load, source_of
+from skyrange.scenario.toml_reader import load_text
+from skyrange.scenario.toml_writer import to_toml
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
@@ -41,7 +41,7 @@ def test_squares_is_the_published_demonstration():
     assert {v.plan.square.alt_m for v in fleet.values()} == {5}
     assert {v.depart_s for v in fleet.values()} == {10}
     assert scenario.duration_s == 180
-    assert check(scenario, None) == []
+    assert check_starts(scenario, None) == []
 
 
 def test_survey_flies_files_of_both_kinds_in_its_downtown():
@@ -59,7 +59,7 @@ def test_its_survey_is_a_complex_item_whose_items_are_flown():
     assert survey["complexItemType"] == "survey"
     embedded = survey["TransectStyleComplexItem"]["Items"]
     assert [item["params"][4:6] for item in embedded] == survey["TransectStyleComplexItem"]["VisualTransectPoints"]
-    flown = missions.read(FOLDER / "survey" / "survey.plan").items
+    flown = read_mission(FOLDER / "survey" / "survey.plan").items
     assert len(flown) == len(plan["mission"]["items"]) - 1 + len(embedded)
 
 
@@ -76,11 +76,11 @@ def test_survey_finds_room_in_manhattan():
 
 def _flies(scenario):
     city = build_city(scenario)
-    after = placed(scenario, city)
-    assert check(after, city) == []
+    after = apply_placing(scenario, city)
+    assert check_starts(after, city) == []
     for _, vehicle in after.fleet:
-        plan = flight_plan(after.origin.datum, vehicle)
-        assert city.clear_of(enu_points(plan), MARGIN_M - 0.01), vehicle.id
+        plan = make_flight_plan(after.origin.datum, vehicle)
+        assert city.is_clear(enu_points(plan), MARGIN_M - 0.01), vehicle.id
         assert estimated_duration_s(plan) < after.duration_s - 60
     assert load_text(to_toml(after)) == after
 
@@ -90,17 +90,21 @@ def test_attacks_go_along_to_another_city(name):
     if not STREETS.exists():
         pytest.skip("the Upper East Side's buildings are not on this machine")
     for buildings in (None, STREETS):
-        rig = wire(load(name, buildings=buildings))
-        for _, vehicle in rig.scenario.fleet:
-            path = enu_points(flight_plan(rig.scenario.origin.datum, vehicle))
-            assert rig.city.clear_of(path, MARGIN_M - 0.01), vehicle.id
-        for receiver in rig.scenario.radio.receivers:
-            assert rig.city.inside(*receiver.place) is None
+        built = build(load(name, buildings=buildings))
+        for _, vehicle in built.scenario.fleet:
+            path = enu_points(make_flight_plan(built.scenario.origin.datum, vehicle))
+            assert built.city.is_clear(path, MARGIN_M - 0.01), vehicle.id
+        for receiver in built.scenario.radio.receivers:
+            assert built.city.inside(*receiver.place) is None
         if buildings is None:
-            assert rig.scenario.operators == placed(load(name), None).operators, "its own city asks for no shift"
+            assert built.scenario.operators == apply_placing(load(name), None).operators, (
+                "its own city asks for no shift"
+            )
         if name == "rid-spoofing":
-            start = rig.scenario.operators[0].vehicles[0].start
-            assert rig.header["attacks"][0]["shown"] == {"red/r1 as claimed": [start.east_m, start.north_m + 290, 30.0]}
+            start = built.scenario.operators[0].vehicles[0].start
+            assert built.header["attacks"][0]["shown"] == {
+                "red/r1 as claimed": [start.east_m, start.north_m + 290, 30.0]
+            }
 
 
 def test_a_receiver_moves_out_of_a_building():
@@ -117,13 +121,13 @@ id = "o"
     scenario = load_text(text)
     city = build_city(scenario)
     assert city.inside(30, 30, 5) is not None
-    [receiver] = placed(scenario, city).radio.receivers
+    [receiver] = apply_placing(scenario, city).radio.receivers
     assert receiver.placing == "exact"
     assert city.inside(*receiver.place) is None
     assert receiver.place[2] == 5
     assert math.dist(receiver.place, (30, 30, 5)) < 60
     with pytest.raises(InputError, match="expected a place outside buildings"):
-        wire(load_text(text.replace('"clear"', '"exact"')))
+        build(load_text(text.replace('"clear"', '"exact"')))
 
 
 def test_names_files_and_mistakes():

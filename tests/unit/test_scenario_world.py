@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 import shapely
 
+from skyrange.assembly.city import build_city
+from skyrange.assembly.placement.clear_placing import MARGIN_M, STEP_M, apply_placing, find_clear_shift
+from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
-from skyrange.gcs.paths import Point
-from skyrange.gcs.routes import enu_points
-from skyrange.scenario.check import check
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.placing import MARGIN_M, STEP_M, clear_shift, placed
-from skyrange.scenario.schema import Operator, Scenario, Vehicle, mission_file, path, square
-from skyrange.scenario.surroundings import build_city
+from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.routes import enu_points
+from skyrange.scenario.model.scenario import Operator, Scenario, Vehicle, mission_file, path, square
 
 WPL = "QGC WPL 110\n0\t1\t0\t16\t0\t0\t0\t0\t40.0\t-74.0\t10\t1\n1\t0\t3\t22\t0\t0\t0\t0\t40.0\t-74.0\t20\t1\n"
 
@@ -40,13 +40,13 @@ def test_a_sound_scenario_has_no_faults():
     sound = scenario(
         Vehicle(start=(0, 0), plan=square(5, 5)), Vehicle(start=(9, 0), plan=path([(3, 4, 5)], mode="guided"))
     )
-    assert check(sound, None) == []
-    assert check(sound, City([block(50, 50, 5, 30)], "one")) == []
+    assert check_starts(sound, None) == []
+    assert check_starts(sound, City([block(50, 50, 5, 30)], "one")) == []
 
 
 def test_a_start_inside_a_building_is_a_fault():
     city = City([block(0, 0, 5, 30)], "one")
-    [fault] = check(scenario(Vehicle(start=(2, 2), plan=square(5, 50))), city)
+    [fault] = check_starts(scenario(Vehicle(start=(2, 2), plan=square(5, 50))), city)
     assert fault.where == "operators.blue.vehicles.b1.start"
     assert "30 m high" in fault.expected
     assert "placing" in fault.hint
@@ -54,34 +54,34 @@ def test_a_start_inside_a_building_is_a_fault():
 
 def test_two_starts_at_one_place_are_a_fault():
     near = [Vehicle(start=(0.49 * i, 0), plan=square(5, 5)) for i in range(2)]
-    [fault] = check(scenario(*near), None)
+    [fault] = check_starts(scenario(*near), None)
     assert fault.where == "operators.blue.vehicles.b2.start"
     assert "blue/b1 stands there" in fault.expected
     apart = [Vehicle(start=(0.51 * i, -0.1), plan=square(5, 5)) for i in range(5)]
-    assert check(scenario(*apart), None) == []
+    assert check_starts(scenario(*apart), None) == []
 
 
 def test_a_mission_below_the_ground_or_unreadable_is_a_fault(tmp_path):
     file = mission(tmp_path, "40.0001\t-74.0\t-30")
-    faults = check(scenario(Vehicle(plan=mission_file(file))), None)
+    faults = check_starts(scenario(Vehicle(plan=mission_file(file))), None)
     assert any("below the ground" in fault.value for fault in faults)
     (tmp_path / "m.waypoints").write_text("QGC WPL 110\n0\tx\n")
-    faults = check(scenario(Vehicle(plan=mission_file(file))), None)
+    faults = check_starts(scenario(Vehicle(plan=mission_file(file))), None)
     assert faults
     assert all(fault.where.startswith("operators.blue.vehicles.b1.plan.file") for fault in faults)
     (tmp_path / "m.waypoints").unlink()
-    assert check(scenario(Vehicle(plan=mission_file(file))), None)
+    assert check_starts(scenario(Vehicle(plan=mission_file(file))), None)
 
 
 def test_a_nan_in_a_mission_is_a_fault(tmp_path):
     file = mission(tmp_path, "nan\t-74.0\t30")
-    assert check(scenario(Vehicle(plan=mission_file(file))), None)
+    assert check_starts(scenario(Vehicle(plan=mission_file(file))), None)
 
 
 def test_an_anchored_mission_moves_with_its_start(tmp_path):
     file = mission(tmp_path, "40.0009\t-74.0\t20")
     vehicle = Vehicle(start=(300, -200), plan=mission_file(file, anchor="start"))
-    corner = enu_points(flight_plan(scenario(vehicle).origin.datum, vehicle))[2]
+    corner = enu_points(make_flight_plan(scenario(vehicle).origin.datum, vehicle))[2]
     # 0.0009 degrees of latitude are 99.93 m at 40 degrees north (Snyder eq. 4-19: 111,035 m a degree)
     assert (corner.east_m, corner.north_m) == (pytest.approx(300, abs=0.01), pytest.approx(-200 + 99.93, abs=0.05))
 
@@ -89,45 +89,45 @@ def test_an_anchored_mission_moves_with_its_start(tmp_path):
 def test_the_shift_is_the_least_that_clears():
     city = City([block(0, 0, 10, 30)], "one")
     up = [Point(0, 0, 0), Point(0, 0, 20), Point(0, 0, 0)]
-    east_m, north_m = clear_shift(city, up)
+    east_m, north_m = find_clear_shift(city, up)
     assert math.hypot(east_m, north_m) == pytest.approx(16.0)  # the lattice's first beyond 10 m of wall + 5 m
     assert 10 + MARGIN_M <= max(abs(east_m), abs(north_m)) < 10 + MARGIN_M + STEP_M
-    assert clear_shift(None, up) == (0.0, 0.0)
+    assert find_clear_shift(None, up) == (0.0, 0.0)
 
 
 def test_legs_count_and_roofs_may_be_flown_over():
     city = City([block(0, 30, 10, 30)], "one")
     low = [Point(0, 0, 0), Point(0, 0, 20), Point(0, 60, 20), Point(0, 60, 0)]
     high = [Point(0, 0, 0), Point(0, 0, 36), Point(0, 60, 36), Point(0, 60, 0)]
-    assert clear_shift(city, high) == (0.0, 0.0)
-    shift = clear_shift(city, low)
+    assert find_clear_shift(city, high) == (0.0, 0.0)
+    shift = find_clear_shift(city, low)
     assert shift is not None
     assert abs(shift[0]) >= 10 + MARGIN_M
 
 
 def test_nowhere_is_said():
     city = City([block(0, 0, 900, 30)], "one")
-    assert clear_shift(city, [Point(0, 0, 0), Point(0, 0, 20)]) is None
+    assert find_clear_shift(city, [Point(0, 0, 0), Point(0, 0, 20)]) is None
     with pytest.raises(InputError, match=r"operators\.blue\.vehicles\.b1\.placing.*within 600 m"):
-        placed(scenario(Vehicle(plan=square(5, 5), placing="clear")), city)
+        apply_placing(scenario(Vehicle(plan=square(5, 5), placing="clear")), city)
 
 
 def test_placing_moves_only_the_loose_and_keeps_paths_apart():
     loose = [Vehicle(plan=square(5, 5), placing="clear") for _ in range(3)]
     fixed = Vehicle(plan=square(5, 5))
     before = scenario(*loose, fixed)
-    after = placed(before, None)
-    assert placed(before, None) == after
+    after = apply_placing(before, None)
+    assert apply_placing(before, None) == after
     vehicles = [vehicle for _, vehicle in after.fleet]
     assert vehicles[3].start == fixed.start
     assert all(vehicle.placing == "exact" for vehicle in vehicles)
     lines = [
-        shapely.LineString([(e, n) for e, n, _ in enu_points(flight_plan(after.origin.datum, vehicle))])
+        shapely.LineString([(e, n) for e, n, _ in enu_points(make_flight_plan(after.origin.datum, vehicle))])
         for vehicle in vehicles
     ]
     gaps = [a.distance(b) for i, a in enumerate(lines) for b in lines[:i]]
     assert min(gaps) >= 10.0 - 1e-6
-    assert placed(after, None) is after
+    assert apply_placing(after, None) is after
 
 
 def test_a_bad_mission_file_is_said_when_placing(tmp_path):
@@ -135,7 +135,7 @@ def test_a_bad_mission_file_is_said_when_placing(tmp_path):
     file.write_text("{")
     loose = scenario(Vehicle(plan=mission_file(file, anchor="start"), placing="clear"))
     with pytest.raises(InputError, match=r"operators\.blue\.vehicles\.b1\.plan\.file"):
-        placed(loose, None)
+        apply_placing(loose, None)
 
 
 def test_cities_are_built_as_said(tmp_path):

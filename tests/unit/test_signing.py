@@ -11,21 +11,30 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.agent.messages import Arrival, Inbox, Outbox
-from skyrange.agent.payloads import Payloads
-from skyrange.codec.columns import dtype_of, pack, unpack
 from skyrange.codec.mavlink import Deframer, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.signed_mail import Connection, SignedMail
-from skyrange.codec.signing import BEHIND, MAX_STREAMS, Refusal, Signer, SigningKey, secret_of, sign, timestamp_of
-from skyrange.codec.wire import LAYOUTS
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype, unpack_columns
+from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import (
+    MAX_LAG,
+    MAX_STREAMS,
+    SignatureRefusal,
+    Signer,
+    SigningKey,
+    secret_from_passphrase,
+    sign_frame,
+    signing_timestamp,
+)
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S
 
-SECRET = secret_of("correct horse")
+SECRET = secret_from_passphrase("correct horse")
 KEY = SigningKey(SECRET, 34_000_000_000_000)
-OTHER = SigningKey(secret_of("battery staple"), KEY.initial)
+OTHER = SigningKey(secret_from_passphrase("battery staple"), KEY.initial)
 
 
 def oracle(link: int = 0, timestamp: int = KEY.initial, system: int = 255, component: int = 190) -> Any:
@@ -49,20 +58,22 @@ def ping(number: int = 0) -> Any:
 
 
 def test_a_key_is_the_sha_256_of_a_passphrase_and_time_counts_10_us_from_2015() -> None:
-    assert secret_of("abc") == sha256(b"abc").digest()
-    assert timestamp_of(1_420_070_400 * NS_PER_S) == 0
-    assert timestamp_of(1_420_070_401 * NS_PER_S + 10_000) == 100_001
-    assert timestamp_of(0) == 0
-    assert timestamp_of(10**20) == 2**48 - 1
+    assert secret_from_passphrase("abc") == sha256(b"abc").digest()
+    assert signing_timestamp(1_420_070_400 * NS_PER_S) == 0
+    assert signing_timestamp(1_420_070_401 * NS_PER_S + 10_000) == 100_001
+    assert signing_timestamp(0) == 0
+    assert signing_timestamp(10**20) == 2**48 - 1
     with pytest.raises(ValueError, match="31 bytes"):
         Signer(SigningKey(b"x" * 31, 0), 0)
 
 
 @pytest.mark.parametrize("number", sorted(LAYOUTS))
 def test_signed_frames_of_every_message_are_those_of_pymavlink(number: int) -> None:
-    rows = np.random.default_rng(number).integers(0, 100, (1, dtype_of(number).itemsize), dtype=np.uint8)
-    frame = pack([(number, rows.view(dtype_of(number)).reshape(1), np.array([255]), np.array([0]))], 190)[0]
-    assert sign(frame, SECRET, 7, KEY.initial) == decode(frame).pack(oracle(7))
+    rows = np.random.default_rng(number).integers(0, 100, (1, payload_dtype(number).itemsize), dtype=np.uint8)
+    frame = pack_batches([(number, rows.view(payload_dtype(number)).reshape(1), np.array([255]), np.array([0]))], 190)[
+        0
+    ]
+    assert sign_frame(frame, SECRET, 7, KEY.initial) == decode(frame).pack(oracle(7))
 
 
 def test_each_frame_raises_the_timestamp_by_one_and_pymavlink_believes_it() -> None:
@@ -78,25 +89,25 @@ def test_each_frame_raises_the_timestamp_by_one_and_pymavlink_believes_it() -> N
 def test_what_pymavlink_signs_is_believed_once() -> None:
     signer, sender = started(), oracle(5)
     frames = [ping(n).pack(sender) for n in range(3)]
-    assert signer.refusal(frames[0]) is None
-    assert signer.refusal(frames[0]) is Refusal.REPLAYED
-    assert signer.refusal(frames[2]) is None
-    assert signer.refusal(frames[1]) is Refusal.REPLAYED, "overtaken"
+    assert signer.check(frames[0]) is None
+    assert signer.check(frames[0]) is SignatureRefusal.REPLAYED
+    assert signer.check(frames[2]) is None
+    assert signer.check(frames[1]) is SignatureRefusal.REPLAYED, "overtaken"
 
 
 def test_a_stream_is_system_component_and_link() -> None:
     signer = started()
     at = KEY.initial + 1000
-    assert signer.refusal(ping().pack(oracle(0, at))) is None
+    assert signer.check(ping().pack(oracle(0, at))) is None
     for other in (oracle(1, at), oracle(0, at, system=254), oracle(0, at, component=191)):
-        assert signer.refusal(ping().pack(other)) is None
-    assert signer.refusal(ping().pack(oracle(0, at))) is Refusal.REPLAYED
+        assert signer.check(ping().pack(other)) is None
+    assert signer.check(ping().pack(oracle(0, at))) is SignatureRefusal.REPLAYED
 
 
 def test_a_new_stream_may_be_a_minute_behind_and_no_more() -> None:
     signer = started()
-    assert signer.refusal(ping().pack(oracle(1, KEY.initial - BEHIND - 1))) is Refusal.OLD
-    assert signer.refusal(ping().pack(oracle(1, KEY.initial - BEHIND))) is None
+    assert signer.check(ping().pack(oracle(1, KEY.initial - MAX_LAG - 1))) is SignatureRefusal.OLD
+    assert signer.check(ping().pack(oracle(1, KEY.initial - MAX_LAG))) is None
     assert signer.timestamp == KEY.initial, "an older one leaves it"
 
 
@@ -104,43 +115,43 @@ def test_the_own_timestamp_follows_what_is_believed_and_nothing_else() -> None:
     signer = started()
     wrong = Signer(OTHER._replace(initial=KEY.initial + 10**9), 0)
     wrong.start(0)
-    assert signer.refusal(wrong.sign(Packer(1, 1).pack(ping()))) is Refusal.WRONG
+    assert signer.check(wrong.sign(Packer(1, 1).pack(ping()))) is SignatureRefusal.WRONG
     assert signer.timestamp == KEY.initial
     assert signer.streams == {}
-    assert signer.refusal(ping().pack(oracle(0, KEY.initial + 10**6))) is None
+    assert signer.check(ping().pack(oracle(0, KEY.initial + 10**6))) is None
     assert int.from_bytes(signer.sign(Packer(1, 1).pack(ping()))[-12:-6], "little") == KEY.initial + 10**6
 
 
 def test_streams_are_bounded() -> None:
     signer = started()
     for link in range(MAX_STREAMS):
-        assert signer.refusal(ping().pack(oracle(link))) is None
-    assert signer.refusal(ping().pack(oracle(MAX_STREAMS))) is Refusal.CROWDED
+        assert signer.check(ping().pack(oracle(link))) is None
+    assert signer.check(ping().pack(oracle(MAX_STREAMS))) is SignatureRefusal.TOO_MANY_STREAMS
     assert len(signer.streams) == MAX_STREAMS
-    assert signer.refusal(ping().pack(oracle(0, KEY.initial + 1))) is None
+    assert signer.check(ping().pack(oracle(0, KEY.initial + 1))) is None
 
 
 def test_a_restart_forgets_streams_but_lets_nothing_of_before_pass_for_new() -> None:
     signer = started()
     at = KEY.initial + 10**9
-    assert signer.refusal(ping().pack(oracle(0, at))) is None
+    assert signer.check(ping().pack(oracle(0, at))) is None
     signer.start(60 * NS_PER_S)
     assert signer.streams == {}
-    assert signer.refusal(ping().pack(oracle(0, at - 1))) is Refusal.OLD
-    assert signer.refusal(ping().pack(oracle(0, at))) is None
+    assert signer.check(ping().pack(oracle(0, at - 1))) is SignatureRefusal.OLD
+    assert signer.check(ping().pack(oracle(0, at))) is None
     signer.start(20_000 * NS_PER_S)
     assert signer.timestamp == KEY.initial + 2 * 10**9, "the clock, where that is further"
 
 
 def test_only_what_radios_say_is_believed_unsigned() -> None:
     signer, packer = started(), Packer(51, 68)
-    assert signer.refusal(packer.pack(ping())) is Refusal.UNSIGNED
+    assert signer.check(packer.pack(ping())) is SignatureRefusal.UNSIGNED
     for message in (
         mav.MAVLink_radio_status_message(1, 2, 3, 4, 5, 6, 7),
         mav.MAVLink_radio_message(1, 2, 3, 4, 5, 6, 7),
     ):
-        assert signer.refusal(packer.pack(message)) is None
-        assert signer.refusal(started(OTHER).sign(packer.pack(message))) is None, "a wrong signature is no worse"
+        assert signer.check(packer.pack(message)) is None
+        assert signer.check(started(OTHER).sign(packer.pack(message))) is None, "a wrong signature is no worse"
 
 
 @given(st.data())
@@ -148,9 +159,9 @@ def test_a_flipped_bit_is_never_believed(data: st.DataObject) -> None:
     frame = bytearray(started().sign(Packer(1, 1).pack(mav.MAVLink_heartbeat_message(2, 3, 81, 4, 3, 3))))
     place = data.draw(st.integers(0, 8 * len(frame) - 1))
     frame[place // 8] ^= 1 << place % 8
-    mail = SignedMail([PORT], [Connection("blue/b1", KEY, PORT, PORT)], 0, "event.signature_refused")
+    mail = SignedConnections([PORT], [SignedConnection("blue/b1", KEY, PORT, PORT)], 0, "event.signature_refused")
     out = Outbox()
-    left = mail.open(0, (inbox := letters(bytes(frame))), inbox.columns({PORT: 0}), out)
+    left = mail.verify_inbox(0, (inbox := letters(bytes(frame))), inbox.columns({PORT: 0}), out)
     for payload in left.payloads:  # its checksum is wrong too: for the reader to count
         with pytest.raises(DecodeError):
             decode(payload)
@@ -166,12 +177,16 @@ def letters(*payloads: bytes, port: Port = PORT) -> Inbox:
     return Inbox([Arrival(port, 0, p, "x", FrameId(port.link, "fwd", "x", n)) for n, p in enumerate(payloads)])
 
 
-def boxes(key: SigningKey = KEY) -> SignedMail:
-    return SignedMail([PORT, PLAIN], [Connection("blue/b1", key, PORT, PORT)], 1, "event.signature_refused")
+def boxes(key: SigningKey = KEY) -> SignedConnections:
+    return SignedConnections(
+        [PORT, PLAIN], [SignedConnection("blue/b1", key, PORT, PORT)], 1, "event.signature_refused"
+    )
 
 
-def opened(mail: SignedMail, inbox: Inbox, out: Outbox | None = None) -> list[bytes]:
-    return list(mail.open(0, inbox, inbox.columns({PORT: 0, PLAIN: 1}), out if out is not None else Outbox()).payloads)
+def opened(mail: SignedConnections, inbox: Inbox, out: Outbox | None = None) -> list[bytes]:
+    return list(
+        mail.verify_inbox(0, inbox, inbox.columns({PORT: 0, PLAIN: 1}), out if out is not None else Outbox()).payloads
+    )
 
 
 def test_single_frames_are_signed_before_those_of_blocks_and_other_ports_are_left() -> None:
@@ -182,11 +197,12 @@ def test_single_frames_are_signed_before_those_of_blocks_and_other_ports_are_lef
     out.send(PLAIN, b"{}")
     out.send_block(np.array([0, 1, 0]), Payloads.of([frames[1], b"plain", frames[2]]))
     out.send_block(np.array([1]), Payloads.of([b"plain"]))
-    boxes().seal(0, out)
+    boxes().sign_outbox(0, out)
     each = [departure.payload for departure in out.each([PORT, PLAIN])]
     assert each == [
-        sign(frames[0], SECRET, 1, KEY.initial), b"{}", sign(frames[1], SECRET, 1, KEY.initial + 1), b"plain",
-        sign(frames[2], SECRET, 1, KEY.initial + 2), b"plain",
+        sign_frame(frames[0], SECRET, 1, KEY.initial), b"{}", sign_frame(frames[1], SECRET, 1, KEY.initial + 1),
+        b"plain",
+        sign_frame(frames[2], SECRET, 1, KEY.initial + 2), b"plain",
     ]  # fmt: skip
 
 
@@ -227,9 +243,9 @@ def test_a_copy_goes_on_alike() -> None:
 def test_signed_frames_are_read_in_columns_and_singly_as_unsigned_ones_are() -> None:
     packer = Packer(9, 1)
     frames = [packer.pack(mav.MAVLink_attitude_message(n, 1, 2, 3, 4, 5, 0)) for n in range(3)]
-    signed = [sign(frame, SECRET, 0, n) for n, frame in enumerate(frames)]
-    (plain,), rest = unpack(Payloads.of(frames))
-    (read,), more = unpack(Payloads.of(signed))
+    signed = [sign_frame(frame, SECRET, 0, n) for n, frame in enumerate(frames)]
+    (plain,), rest = unpack_columns(Payloads.of(frames))
+    (read,), more = unpack_columns(Payloads.of(signed))
     assert len(rest) == len(more) == 0
     assert (read.values == plain.values).all()
     assert read.systems.tolist() == [9, 9, 9]

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.agent.messages import Note
 from skyrange.cli import main
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder
-from skyrange.study.agreement import Agreement, agreement
+from skyrange.study.compare.agreement import Agreement, agreement
 from tests.unit.record_sample import StillWorld
 
 HEADER = {

@@ -7,14 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from skyrange.study.palette import shades
-from skyrange.study.reception_map import draw_reception_map
-from skyrange.study.receptions import Hearing, hearings, receptions_of, who_heard_whom
-from skyrange.study.report import believing, chain, effecttable, hearing
-from skyrange.study.series import Track, Vehicle
-from skyrange.study.spread import Interval
-from skyrange.study.subject import Subject
-from skyrange.study.twin_figures import draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.figures.palette import shades
+from skyrange.study.figures.reception_map import draw_reception_map
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.measures.receptions import (
+    ReceptionSummary,
+    read_receptions,
+    reception_summaries,
+    summarise_receptions,
+)
+from skyrange.study.measures.time_series import Track, Vehicle
+from skyrange.study.report import reception_tables
+from skyrange.study.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.study.twins.confidence import Interval
 from tests.unit.study_sample import SampleRun
 
 S = 1_000_000_000
@@ -81,14 +87,14 @@ def deceived_run(path: Path) -> SampleRun:
 
 def test_what_estimators_noted_of_false_sensors_is_told(tmp_path: Path) -> None:
     run = deceived_run(tmp_path)
-    section = believing.render_belief((run, run), (TRACKS, TWINS), SUBJECT, [(5.0, 9.0, "x")], 12)
+    section = belief.render_belief((run, run), (TRACKS, TWINS), SUBJECT, [(5.0, 9.0, "x")], 12)
     cells = [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", section)]
     assert cells[1::4] == ["glitch", "estimator", "mode"]
     assert cells[0::4] == ["a/1"] * 3, "the other one's sensors were not touched"
     assert "reset position east_m 30" in cells[6]
     assert "did not ask for EKF_STATUS_REPORT" in section
     quiet = SampleRun(tmp_path, run.manifest, CITY, {})
-    assert believing.render_belief((quiet, quiet), (TRACKS, TWINS), SUBJECT, [], 12) == ""
+    assert belief.render_belief((quiet, quiet), (TRACKS, TWINS), SUBJECT, [], 12) == ""
 
 
 def test_places_that_are_one_share_a_ring_and_a_swarm_goes_without_names() -> None:
@@ -109,10 +115,10 @@ def cost(vehicle: str, delay_s: float | None, departed_s: float | None) -> dict[
 
 
 def test_operators_pay_for_all_their_aircraft() -> None:
-    table = effecttable.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0), cost("a/2<b>", None, None)])
+    table = effect_tables.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0), cost("a/2<b>", None, None)])
     cells = [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", table)]
     assert cells == ["2", "1", "0", "+3.0\u202fs", "+4.0\u202fm", "0.00\u202fkJ", "2", "2"]
-    assert effecttable.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0)]) == "", "one aircraft each says it all"
+    assert effect_tables.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0)]) == "", "one aircraft each says it all"
 
 
 def test_heights_and_departures_are_drawn_with_the_attacks_interval() -> None:
@@ -144,8 +150,8 @@ def test_nothing_to_draw_draws_nothing() -> None:
     empty = {vehicle.id: Track(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)) for vehicle in FLEET}
     draw_twin_plan(SUBJECT, empty, empty, [], {})
     draw_departures(SUBJECT, empty, empty, ["a/1"], [])
-    assert "No hostile act" in chain.render_timeline(SUBJECT, [], [], [], 10.0)
-    assert "No aircraft" in effecttable.render_effects(SUBJECT, [])
+    assert "No hostile act" in propagation_timeline.render_timeline(SUBJECT, [], [], [], 10.0)
+    assert "No aircraft" in effect_tables.render_effects(SUBJECT, [])
 
 
 def row(phase: str, at_s: float, kind: str, vehicle: str | None, **more: object) -> dict[str, object]:
@@ -168,13 +174,13 @@ def test_the_chain_has_a_lane_for_the_attack_and_for_each_aircraft_it_reached() 
         row("propagation", 2.2, "decision.avoid", "a/1", depth=2, data='{"why": "<ghost>"}'),
         row("effect", 3.0, "departure", "a/1", departure_m=12.3),
     ]
-    drawn = chain.render_timeline(SUBJECT, labels, ["ghost"], [(1.0, 4.0, "ghost")], 10.0)
+    drawn = propagation_timeline.render_timeline(SUBJECT, labels, ["ghost"], [(1.0, 4.0, "ghost")], 10.0)
     assert drawn.count('class="lane"') == 2
     assert 'x="10%"' in drawn
     assert 'x="22%"' in drawn
     assert 'x="30%"' in drawn
     assert "a/2" not in drawn
-    told = chain.render_steps(SUBJECT, labels)
+    told = propagation_timeline.render_steps(SUBJECT, labels)
     assert [told.index(word) for word in (">onset<", ">propagation<", ">effect<")] == sorted(
         told.index(word) for word in (">onset<", ">propagation<", ">effect<")
     )
@@ -185,8 +191,8 @@ def test_the_chain_has_a_lane_for_the_attack_and_for_each_aircraft_it_reached() 
 
 def test_a_flood_of_acts_is_thinned() -> None:
     labels = [row("onset", 0.0, "send", None), *(row("act", 0.001 * k, "send", None) for k in range(5000))]
-    drawn = chain.render_timeline(SUBJECT, labels, ["ghost"], [], 10.0)
-    assert drawn.count("<title>") <= chain.MAX_MARKS + 2
+    drawn = propagation_timeline.render_timeline(SUBJECT, labels, ["ghost"], [], 10.0)
+    assert drawn.count("<title>") <= propagation_timeline.MAX_MARKS + 2
 
 
 def effect(vehicle: str, **more: object) -> dict[str, object]:
@@ -199,7 +205,7 @@ def effect(vehicle: str, **more: object) -> dict[str, object]:
 
 
 def test_effects_are_said_with_signs_and_those_that_departed_first() -> None:
-    drawn = effecttable.render_effects(SUBJECT, [effect("a/1", departure_m=0.0, departed_s=None), effect("a/2<b>")])
+    drawn = effect_tables.render_effects(SUBJECT, [effect("a/1", departure_m=0.0, departed_s=None), effect("a/2<b>")])
     assert drawn.index("a/2&lt;b&gt;") < drawn.index("a/1")
     assert "−3.0" in drawn
     assert "0 → 2" in drawn
@@ -209,7 +215,7 @@ def test_effects_are_said_with_signs_and_those_that_departed_first() -> None:
 
 def test_intervals_are_bold_where_they_leave_zero_out() -> None:
     found = {"a/1": {"delay_s": Interval(5, 3.0, 1.0, 5.0), "extra_distance_m": Interval(5, 3.0, -1.0, 7.0)}}
-    drawn = effecttable.render_ensemble(SUBJECT, found, ["a/1"])
+    drawn = effect_tables.render_ensemble(SUBJECT, found, ["a/1"])
     assert len(re.findall(r"<b>\+3\.0", drawn)) == 1
     assert "−1.0 … 7.0, n = 5" in drawn
 
@@ -239,29 +245,29 @@ def heard(path: Path) -> SampleRun:
 
 
 def test_who_heard_whom_by_hand(tmp_path: Path) -> None:
-    found = who_heard_whom(heard(tmp_path))
+    found = summarise_receptions(heard(tmp_path))
     assert found == [
-        Hearing("a/2<b>", "a/1", 1, 1, -90.0, -90.0, 2.0, 2.0, None),
-        Hearing("a/1", "ghost", 2, 2, -65.0, -60.0, 0.0, 1.0, 1.0),
-        Hearing("a/2<b>", "ghost", 0, 1, -97.0, -97.0, None, None, None),
+        ReceptionSummary("a/2<b>", "a/1", 1, 1, -90.0, -90.0, 2.0, 2.0, None),
+        ReceptionSummary("a/1", "ghost", 2, 2, -65.0, -60.0, 0.0, 1.0, 1.0),
+        ReceptionSummary("a/2<b>", "ghost", 0, 1, -97.0, -97.0, None, None, None),
     ]
-    assert "a/2&lt;b&gt;" in hearing.render_receptions(found)
-    assert who_heard_whom(heard(tmp_path), ["a/1"]) == found[1:2]
-    assert hearings(heard(tmp_path)) == [found[1], found[0]], "by receiver, and only what was decoded"
+    assert "a/2&lt;b&gt;" in reception_tables.render_receptions(found)
+    assert summarise_receptions(heard(tmp_path), ["a/1"]) == found[1:2]
+    assert reception_summaries(heard(tmp_path)) == [found[1], found[0]], "by receiver, and only what was decoded"
 
 
 def test_what_was_heard_in_several_batches_is_one_row(tmp_path: Path) -> None:
     one = {"link": "rid_up:ghost", "receiver": "a/1", "outcome": "decoded", "rssi_dbm": -60.0}
     many = [{**one, "time_ns": k * S, "outcome": "decoded" if k % 2 else "weak"} for k in range(2500)]
-    (found,) = who_heard_whom(SampleRun(tmp_path, {}, [], {"receptions": many}))
+    (found,) = summarise_receptions(SampleRun(tmp_path, {}, [], {"receptions": many}))
     assert (found.decoded, found.of, found.first_s, found.last_s, found.silence_s) == (1250, 2500, 1.0, 2499.0, 2.0)
 
 
 def test_the_map_has_a_dot_per_reception_of_the_attackers(tmp_path: Path) -> None:
-    hostile = receptions_of(heard(tmp_path), ["ghost"])
+    hostile = read_receptions(heard(tmp_path), ["ghost"])
     drawn = draw_reception_map(SUBJECT, hostile, {"ghost.radio": (10.0, 0.0, 2.0)}).svg
     assert drawn.count("hears ghost") == 3
     assert "hears a/1" not in drawn
     assert drawn.count('r="3.4" fill="none"') == 1, "what was not decoded is hollow"
     assert "-97 dBm" in drawn
-    assert len(receptions_of(heard(tmp_path), [])) == 0
+    assert len(read_receptions(heard(tmp_path), [])) == 0

@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.messages import Note
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.record import Recorder, load
-from skyrange.study.diff import diff
+from skyrange.study.compare.exact import diff
 from tests.unit.record_sample import HEADER, LABELS, MS, NOTES, StillWorld, tell, traffic
 
 Change = Callable[[list[Frame]], Sequence[Frame]]
@@ -94,7 +94,7 @@ def test_the_first_frame_that_differs(
     reach: int,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("skyrange.record.order.REACH_ROWS", reach)
+    monkeypatch.setattr("skyrange.record.read.time_order.STRAGGLER_ROWS", reach)
 
     def change(frames: list[Frame]) -> list[Frame]:
         alter(frames[90])

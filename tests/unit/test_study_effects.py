@@ -12,17 +12,17 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from skyrange.agent.messages import Note
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.study.effects import COLUMNS, departures, effect_rows, effects_table, measure, ticks_of
-from skyrange.study.pair_folder import intervals, load_pair
-from skyrange.study.separation import approaches, least_to_walls_m
-from skyrange.study.spread import interval, t_quantile
-from skyrange.study.tracing import COLUMNS as PROPAGATION_COLUMNS
-from skyrange.study.tracing import effects_of, propagation_table, trace
+from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
+from skyrange.study.twins.confidence import interval, t_quantile
+from skyrange.study.twins.effects import COLUMNS, departures, effect_rows, effects_table, measure, read_ticks
+from skyrange.study.twins.pair_folder import intervals, load_pair
+from skyrange.study.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
+from skyrange.study.twins.propagation import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
 
 S = NS_PER_S
@@ -99,7 +99,7 @@ def test_a_run_against_itself_has_no_effect(tmp_path: Path) -> None:
 
 
 def test_departure_needs_more_than_the_threshold(tmp_path: Path) -> None:
-    attacked, nominal = (ticks_of(run) for run in two(tmp_path))
+    attacked, nominal = (read_ticks(run) for run in two(tmp_path))
     away_m, first_ns = departures(attacked, nominal, math.hypot(10, 30))
     assert first_ns.tolist() == [-1, -1]
     assert away_m.tolist() == pytest.approx([math.hypot(10, 30), 0.0])
@@ -111,12 +111,12 @@ def test_near_misses_are_counted_by_approach_and_only_in_the_air() -> None:
     enu_m = np.zeros((7, 2, 3))
     enu_m[:, 1, 0] = away_m
     aloft = np.ones((7, 2), dtype=bool)
-    found = approaches(enu_m, aloft, 10.0)
+    found = closest_approaches(enu_m, aloft, 10.0)
     assert (found.near_misses.tolist(), found.least_m.tolist(), found.tick.tolist()) == ([2, 2], [8.0, 8.0], [2, 2])
     aloft[1:3, 1] = False
-    assert approaches(enu_m, aloft, 10.0).near_misses.tolist() == [1, 1]
+    assert closest_approaches(enu_m, aloft, 10.0).near_misses.tolist() == [1, 1]
     aloft[:, 1] = False
-    alone = approaches(enu_m, aloft, 10.0)
+    alone = closest_approaches(enu_m, aloft, 10.0)
     assert (alone.nearest.tolist(), np.isinf(alone.least_m).all()) == ([-1, -1], True)
 
 
@@ -124,10 +124,10 @@ def test_distance_to_walls_beside_and_above() -> None:
     city = [{"height_m": 20.0, "rings": [[[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]]}]
     enu_m = np.array([[[-3.0, 5, 10], [5, 5, 24], [14, 5, 23], [100, 5, 5]]])
     aloft = np.ones((1, 4), dtype=bool)
-    assert least_to_walls_m(enu_m, aloft, city)[:3].tolist() == [3.0, 4.0, 5.0]
-    assert np.isinf(least_to_walls_m(enu_m, aloft, city)[3])
-    assert np.isinf(least_to_walls_m(enu_m, ~aloft, city)).all()
-    assert np.isinf(least_to_walls_m(enu_m, aloft, [])).all()
+    assert min_building_distance_m(enu_m, aloft, city)[:3].tolist() == [3.0, 4.0, 5.0]
+    assert np.isinf(min_building_distance_m(enu_m, aloft, city)[3])
+    assert np.isinf(min_building_distance_m(enu_m, ~aloft, city)).all()
+    assert np.isinf(min_building_distance_m(enu_m, aloft, [])).all()
 
 
 @pytest.mark.parametrize(
@@ -145,8 +145,8 @@ def test_intervals_by_hand() -> None:
     half = 3.18245 * math.sqrt(5 / 3) / 2  # t with 3 degrees, s = sqrt(5/3), n = 4
     assert (found.n, found.mean) == (4, 2.5)
     assert (found.low, found.high) == (pytest.approx(2.5 - half, abs=1e-4), pytest.approx(2.5 + half, abs=1e-4))
-    assert found.clear
-    assert not interval([-1.0, 2.0]).clear  # type: ignore[union-attr]
+    assert found.excludes_zero
+    assert not interval([-1.0, 2.0]).excludes_zero  # type: ignore[union-attr]
     assert interval([]) is None
     assert interval([5.0]) == (1, 5.0, None, None)
 
@@ -241,5 +241,5 @@ def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
         recorder.on_truth(tick * S, world)
     recorder.close()
     run = load(tmp_path / "run")
-    (found,) = measure(run, ticks_of(run))
+    (found,) = measure(run, read_ticks(run))
     assert (found.distance_m, found.energy_j, found.min_separation_m) == (4.0, None, None)

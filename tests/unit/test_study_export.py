@@ -10,16 +10,18 @@ from typing import Any
 import pyarrow as pa
 import pytest
 
-from skyrange.codec import datagrams, pcapng, rid_link
-from skyrange.codec.datagrams import Socket
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec.capture import pcapng, udp_datagram
+from skyrange.codec.capture.udp_datagram import SocketAddress
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.radio import ground
+from skyrange.radio import ground_receptions
 from skyrange.record import RunRecord, load
-from skyrange.study import export, overheard
-from skyrange.study.overheard import chosen, receivers_of
-from skyrange.study.overheard import overheard as heard_in
+from skyrange.study.captures import packet_captures
+from skyrange.study.captures import received_broadcasts as received_broadcasts
+from skyrange.study.captures.received_broadcasts import received_broadcasts as heard_in
+from skyrange.study.captures.received_broadcasts import receivers_of, select_receivers
 
 LINKS = ["gcs:a/1", "rid_up:a/1", "rid_down:a/1", "rid_up:b/1", "rid_down:b/1", "oracle:a"]
 MANIFEST = {
@@ -48,14 +50,14 @@ def record(*batches: list[tuple[str, str, bytes]], **changes: Any) -> RunRecord:
 
 
 def reception(at_ns: int, counter: int = 0) -> bytes:
-    return rid_link.pack(RidHeader(Transport.WIFI_BEACON, 6, counter, b"abcdef", -7000, at_ns), bytes(25))
+    return link_payload.pack(RidHeader(Transport.WIFI_BEACON, 6, counter, b"abcdef", -7000, at_ns), bytes(25))
 
 
 def report(*receptions: tuple[str, int]) -> bytes:
-    return ground.encode(
-        ground.Report(
+    return ground_receptions.encode(
+        ground_receptions.ReceptionReport(
             body=tuple(
-                ground.Reception(
+                ground_receptions.Reception(
                     receiver=name, time_ns=at_ns, transport=1, channel=37, counter=0, rssi_dbm=-80.0,
                     address="616263646566", body="00" * 25,
                 )
@@ -89,7 +91,7 @@ def test_only_those_asked_for() -> None:
 
 def test_a_long_record_is_read_as_it_is_written() -> None:
     """What is held is what lies within `WINDOW_NS`, here two batches' worth."""
-    step = overheard.WINDOW_NS // 100
+    step = received_broadcasts.WINDOW_NS // 100
     batches = [[("rid_down:a/1", "oracle", reception((50 * n + k) * step)) for k in range(50)] for n in range(400)]
     run = record(*batches)
     stream = heard_in(run)
@@ -100,10 +102,10 @@ def test_a_long_record_is_read_as_it_is_written() -> None:
 
 def test_unknown_receivers_are_named_all_at_once() -> None:
     assert receivers_of(record()) == ["a/1", "b/1", "mast"]
-    assert chosen(record(), ["mast", "mast"]) == ["mast"]
+    assert select_receivers(record(), ["mast", "mast"]) == ["mast"]
     with pytest.raises(InputError, match="Did you mean 'mast'") as caught:
         heard_in(record(), ["mst", "a/1", "c/1"])
-    assert len(caught.value.faults) == 2
+    assert len(caught.value.problems) == 2
 
 
 def test_a_run_without_a_radio_has_nothing_to_export(tmp_path: Path) -> None:
@@ -111,8 +113,8 @@ def test_a_run_without_a_radio_has_nothing_to_export(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     run = load(tmp_path)
     with pytest.raises(InputError, match="a run with a radio medium"):
-        export.remote_id(run)
-    assert export.mavlink(run).packets == 0
+        packet_captures.remote_id(run)
+    assert packet_captures.mavlink(run).packets == 0
 
 
 def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_says_whose_it_is(tmp_path: Path) -> None:
@@ -124,14 +126,17 @@ def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_sa
     }  # fmt: skip
     run = record()
     run.tables.frames_with_payloads = lambda columns: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
-    made = export.mavlink(run, tmp_path / "m.pcapng")
+    made = packet_captures.mavlink(run, tmp_path / "m.pcapng")
     assert made.by == {"gcs:a/1": 0, "gcs:b/1": 2}
     written = made.path.read_bytes()
     places = [written.index(part) for part in (b"TELEMETRY", b"INJECTED", b"gcs:b/1, sent by tap@gcs:b/1")]
     assert places == sorted(places)
     assert b"LOST" not in written
     start = places[1] - 28
-    assert datagrams.udp(Socket(0x0AFF0002, 14550), Socket(0x0A000002, 14555), b"INJECTED") == written[start:][:36]
+    assert (
+        udp_datagram.encode_datagram(SocketAddress(0x0AFF0002, 14550), SocketAddress(0x0A000002, 14555), b"INJECTED")
+        == written[start:][:36]
+    )
 
 
 def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
@@ -139,7 +144,7 @@ def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
     rows = [("rid_down:a/1", "oracle", reception(1)), ("rid_down:a/1", "oracle", b"broken")]
     whole.write_bytes(b"before")
     with pytest.raises(Exception, match="at least 24"):
-        export.remote_id(record(rows), whole)
+        packet_captures.remote_id(record(rows), whole)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pcapng"]
     assert whole.read_bytes() == b"before"
 
@@ -147,12 +152,14 @@ def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
 @pytest.mark.parametrize("start", [None, -1, 1.5, "2026", True])
 def test_a_start_that_is_none_is_an_error(start: Any, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="start_unix_ns"):
-        export.remote_id(record(start_unix_ns=start), tmp_path / "c.pcapng")
+        packet_captures.remote_id(record(start_unix_ns=start), tmp_path / "c.pcapng")
 
 
 def test_datagram_bytes() -> None:
     """The header of RFC 1071's method on a datagram by hand: words summed with end-around carry, and complemented."""
-    made = datagrams.udp(Socket(0x0A000001, 14555), Socket(0x0AFF0001, 14550), b"\x01\x02\x03")
+    made = udp_datagram.encode_datagram(
+        SocketAddress(0x0A000001, 14555), SocketAddress(0x0AFF0001, 14550), b"\x01\x02\x03"
+    )
     assert made.hex() == (
         "4500001f00004000401125ce"  # 31 bytes, do not fragment, TTL 64, UDP; the other words sum to 0xda31
         "0a0000010aff0001"
@@ -162,10 +169,10 @@ def test_datagram_bytes() -> None:
     total = sum(words)
     assert (total & 0xFFFF) + (total >> 16) == 0xFFFF
     with pytest.raises(ValueError, match="at most"):
-        datagrams.udp(Socket(1, 1), Socket(2, 2), bytes(datagrams.MOST + 1))
+        udp_datagram.encode_datagram(SocketAddress(1, 1), SocketAddress(2, 2), bytes(udp_datagram.MAX_PAYLOAD + 1))
 
 
 def test_names_block() -> None:
     """pcapng draft, 4.4: type 4, record type 1 of address and zero-terminated name, padded, ended by an empty one."""
-    block = pcapng.names({0x0A000001: "a/1"})
+    block = pcapng.name_block({0x0A000001: "a/1"})
     assert block.hex() == "040000001c000000010008000a000001612f3100000000001c000000"

@@ -13,12 +13,19 @@ import pytest
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.core.geodesy import Origin
 from skyrange.study import figures
-from skyrange.study.linkstats import link_stats, summed
-from skyrange.study.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
-from skyrange.study.series import belief_tracks, calm_ns, gaps_m, happenings, hostile_acts, truth_tracks
-from skyrange.study.svg import format_tick, path_data, ticks
-from skyrange.study.thin import kept_rows
-from skyrange.study.waypoints import uploaded
+from skyrange.study.figures.palette import OKABE_ITO, PAPER, base_colours, contrast, shades, theme_colour
+from skyrange.study.figures.svg import format_tick, path_data, ticks
+from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.measures.link_statistics import link_statistics, sum_by_kind
+from skyrange.study.measures.time_series import (
+    belief_errors_m,
+    belief_tracks,
+    hostile_acts,
+    last_activity_ns,
+    read_notes,
+    truth_tracks,
+)
+from skyrange.study.measures.waypoints import received_waypoints
 from tests.unit.study_sample import HOMES, ORIGIN, S, SampleRun, fleet_of, fly, squares
 
 XML = "{http://www.w3.org/2000/svg}"
@@ -48,7 +55,7 @@ def test_truth_is_read_per_aircraft_in_time_order(run: SampleRun) -> None:
 def test_belief_comes_from_received_positions_only(run: SampleRun) -> None:
     truth, belief = truth_tracks(run)["green/g1"], belief_tracks(run)["green/g1"]
     assert len(belief) == 300  # every other sample; VFR_HUD rows with their own `alt` are no positions
-    gap = gaps_m(truth, belief)
+    gap = belief_errors_m(truth, belief)
     assert 0.0 < gap.max() < 2.0
     at = truth.at(belief.time_ns)
     assert gap[7] == pytest.approx(math.dist(at[7], belief.enu_m[7]))
@@ -61,9 +68,9 @@ def test_altitude_above_sea_becomes_height_above_the_origin(run: SampleRun) -> N
 
 
 def test_an_operator_never_sees_another_operators_aircraft(run: SampleRun, tmp_path: Path) -> None:
-    overheard = SampleRun(tmp_path, run.manifest, [], dict(run._rows))
-    overheard._rows["telemetry"] = [{**row, "operator": "blue"} for row in run._rows["telemetry"]]
-    tracks = belief_tracks(overheard)
+    received_broadcasts = SampleRun(tmp_path, run.manifest, [], dict(run._rows))
+    received_broadcasts._rows["telemetry"] = [{**row, "operator": "blue"} for row in run._rows["telemetry"]]
+    tracks = belief_tracks(received_broadcasts)
     assert len(tracks["blue/b1"]) == 300
     assert len(tracks["green/g1"]) == 0
 
@@ -94,18 +101,18 @@ def test_hostile_acts_name_the_aircraft_whose_link_was_touched(run: SampleRun) -
 def test_damaged_details_are_kept_as_text(tmp_path: Path) -> None:
     row = {"time_ns": 1, "kind": "event.x", "about": "a", "source": "s", "data": "{half", "causes": None}
     record = SampleRun(tmp_path, {}, [], {"events": [row]})
-    assert happenings(record, "events")[0].data == {"text": "{half"}
+    assert read_notes(record, "events")[0].data == {"text": "{half"}
 
 
 def test_the_view_ends_when_all_is_calm(run: SampleRun) -> None:
-    calm = calm_ns(truth_tracks(run).values(), happenings(run, "events"))
+    calm = last_activity_ns(truth_tracks(run).values(), read_notes(run, "events"))
     assert calm is not None
     assert calm == pytest.approx(37.2 * S, abs=0.3 * S)  # b2's outcome, the last thing noted
-    assert calm_ns([], []) is None
+    assert last_activity_ns([], []) is None
 
 
 def test_link_statistics_count_every_fate(run: SampleRun) -> None:
-    stats = {(s.kind, s.owner, s.direction): s for s in link_stats(run)}
+    stats = {(s.kind, s.owner, s.direction): s for s in link_statistics(run)}
     gcs = stats["gcs", "blue/b1", "rev"]
     mine = [row for row in run._rows["frames"] if row["link"] == "gcs:blue/b1"]
     assert gcs.sent == len(mine) == 150
@@ -121,8 +128,8 @@ def test_link_statistics_count_every_fate(run: SampleRun) -> None:
 
 
 def test_sums_by_kind_add_up(run: SampleRun) -> None:
-    stats = link_stats(run)
-    total = {(s.kind, s.direction): s for s in summed(stats)}
+    stats = link_statistics(run)
+    total = {(s.kind, s.direction): s for s in sum_by_kind(stats)}
     assert total["log", "rev"].sent == 750
     assert sum(s.sent for s in total.values()) == len(run._rows["frames"])
     assert next(s for s in stats if s.owner == "blue/b1" and s.kind == "log" and s.direction == "rev").sent == 150
@@ -153,7 +160,7 @@ def test_waypoints_are_those_that_arrived(run: SampleRun, tmp_path: Path) -> Non
     payloads[2]["payload"] = payloads[2]["payload"]
     payloads.append({"payload_id": 99, "payload": payloads[4]["payload"][:-1] + b"\0"})  # a broken checksum
     frames.append({"link": "gcs:blue/b1", "direction": "fwd", "fate": "delivered", "payload_id": 99, "sent_ns": 99})
-    found = uploaded(SampleRun(tmp_path, run.manifest, [], {"payloads": payloads, "frames": frames}))
+    found = received_waypoints(SampleRun(tmp_path, run.manifest, [], {"payloads": payloads, "frames": frames}))
     assert found["blue/b1"].round(1).tolist() == [[10.0, 20.0, 30.0], [50.0, 20.0, 30.0]]
 
 
@@ -161,11 +168,11 @@ def test_thinning_keeps_its_promise_and_its_budget() -> None:
     time_ns = np.arange(4000, dtype=np.int64) * 10_000_000
     t = time_ns * 1e-9
     path = np.stack([np.sin(t) * 30, np.cos(t / 3) * 30, t * 0.1], axis=1)
-    rows = kept_rows(time_ns, path, 4000, 0.05)
+    rows = select_samples(time_ns, path, 4000, 0.05)
     again = np.stack([np.interp(time_ns, time_ns[rows], path[rows, k]) for k in range(3)], axis=1)
     assert np.sqrt(((again - path) ** 2).sum(axis=1)).max() <= 0.05
     assert 10 < len(rows) < 1000
-    few = kept_rows(time_ns, path, 50, 0.0)
+    few = select_samples(time_ns, path, 50, 0.0)
     assert len(few) == 50
     assert few[0] == 0
     assert few[-1] == 3999
@@ -174,13 +181,13 @@ def test_thinning_keeps_its_promise_and_its_budget() -> None:
 def test_thinning_sees_a_halt_that_a_line_would_hide() -> None:
     # Straight on, but waiting in the middle: the shape is a line, the timing is not.
     x = np.concatenate([np.linspace(0, 10, 50), np.full(100, 10.0), np.linspace(10, 20, 50)])
-    rows = kept_rows(np.arange(200, dtype=np.int64), np.stack([x, 0 * x], axis=1), 100, 0.01)
+    rows = select_samples(np.arange(200, dtype=np.int64), np.stack([x, 0 * x], axis=1), 100, 0.01)
     assert {49, 150} <= {int(r) for r in rows} | {int(r) + 1 for r in rows}
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_short_tracks_are_kept_whole(count: int) -> None:
-    assert kept_rows(np.arange(count, dtype=np.int64), np.zeros((count, 3)), 2, 1.0).tolist() == list(range(count))
+    assert select_samples(np.arange(count, dtype=np.int64), np.zeros((count, 3)), 2, 1.0).tolist() == list(range(count))
 
 
 def test_colours_without_a_wish_come_from_okabe_ito_and_stand_out() -> None:

@@ -5,28 +5,36 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from skyrange.study.deviation import deviations_m
-from skyrange.study.marks import Mark, alarming, drawing_order, find_mishaps, said, told_once, undoing
-from skyrange.study.series import EMPTY_TRACK, Happening, Track, Vehicle
-from skyrange.study.symbols import draw_mark
+from skyrange.study.figures.symbols import draw_mark
+from skyrange.study.measures.mishaps import (
+    Mishap,
+    describe_mishap,
+    distinct_mishaps,
+    drawing_order,
+    find_mishaps,
+    first_mishaps,
+    mishap_kind,
+)
+from skyrange.study.measures.time_series import EMPTY_TRACK, RecordedNote, Track, Vehicle
+from skyrange.study.measures.track_deviation import deviations_m
 
 S = 1_000_000_000
 TRACK = Track(np.array([0, 10 * S]), np.array([[0.0, 0.0, 0.0], [100.0, 50.0, 20.0]]), np.zeros(2))
 
 
-def event(kind: str, about: str = "blue/b1", time_s: float = 5.0, **data) -> Happening:
-    return Happening(int(time_s * S), kind, about, "world", data)
+def event(kind: str, about: str = "blue/b1", time_s: float = 5.0, **data) -> RecordedNote:
+    return RecordedNote(int(time_s * S), kind, about, "world", data)
 
 
 def test_what_alarms_and_what_does_not():
-    assert alarming(event("event.collision")) == "collision"
-    assert alarming(event("event.crash")) == "crash"
-    assert alarming(event("event.fence_breach")) == "breach"
-    assert alarming(event("event.mode", reason="gcs_failsafe")) == "failsafe"
-    assert alarming(event("event.mode", reason="fence_breached")) == "failsafe"
+    assert mishap_kind(event("event.collision")) == "collision"
+    assert mishap_kind(event("event.crash")) == "crash"
+    assert mishap_kind(event("event.fence_breach")) == "breach"
+    assert mishap_kind(event("event.mode", reason="gcs_failsafe")) == "failsafe"
+    assert mishap_kind(event("event.mode", reason="fence_breached")) == "failsafe"
     for calm in ("gcs_command", "mission_end", ""):
-        assert alarming(event("event.mode", reason=calm)) == ""
-    assert alarming(event("event.contact")) == ""
+        assert mishap_kind(event("event.mode", reason=calm)) == ""
+    assert mishap_kind(event("event.contact")) == ""
 
 
 def test_marks_stand_where_the_aircraft_truly_was_in_time_order():
@@ -60,7 +68,7 @@ def test_a_collision_is_told_once_and_says_how_hard_it_was():
         event("event.collision", time_s=9.0, **{"with": "green/g1"}),
         event("event.collision", time_s=9.0, **{"with": "building:3"}),
     ]
-    assert [said(row) for row in told_once(events)] == [
+    assert [describe_mishap(row) for row in distinct_mishaps(events)] == [
         "blue/b1: collision with green/g1 at 10.0 m/s and 38 J, 5.0 s",
         "blue/b1: crash at 16.0 m/s, 8.0 s",
         "blue/b1: collision with green/g1, 9.0 s",
@@ -75,24 +83,24 @@ def test_what_undid_a_flight_is_its_first_collision_or_crash():
         event("event.collision", **{"with": "green/g1"}),
         event("event.mode", about="green/g1", mode="RTL", reason="gcs_failsafe"),
     ]
-    assert undoing(events) == {"blue/b1": "collision with green/g1, 5.0 s"}
+    assert first_mishaps(events) == {"blue/b1": "collision with green/g1, 5.0 s"}
 
 
 def test_a_failsafe_does_not_cover_a_crash():
     kinds = ("crash", "failsafe", "collision", "breach")
-    found = [Mark(time, "a/b", kind, (0.0, 0.0, 0.0), "") for time, kind in enumerate(kinds)]
+    found = [Mishap(time, "a/b", kind, (0.0, 0.0, 0.0), "") for time, kind in enumerate(kinds)]
     assert [mark.kind for mark in drawing_order(found)] == ["failsafe", "breach", "crash", "collision"]
 
 
-def written(mark: Mark, x: float, y: float) -> str:
+def written(mark: Mishap, x: float, y: float) -> str:
     return ElementTree.tostring(draw_mark(mark, x, y), encoding="unicode")
 
 
 def test_a_mark_is_drawn_with_its_words_escaped():
-    svg = written(Mark(0, "a/b", "collision", (0.0, 0.0, 0.0), "a/b: <&>"), 12.34, 5.0)
+    svg = written(Mishap(0, "a/b", "collision", (0.0, 0.0, 0.0), "a/b: <&>"), 12.34, 5.0)
     assert "translate(12.3 5)" in svg
     assert "&lt;&amp;&gt;" in svg
-    assert written(Mark(0, "a/b", "failsafe", (0.0, 0.0, 0.0), ""), 0, 0).count("M0 -7") == 2
+    assert written(Mishap(0, "a/b", "failsafe", (0.0, 0.0, 0.0), ""), 0, 0).count("M0 -7") == 2
 
 
 def test_deviation_is_the_distance_from_the_line_through_home_and_waypoints():

@@ -1,4 +1,4 @@
-"""Measures of `skyrange.study.parity`; a flight does not differ from itself."""
+"""Measures of `skyrange.study.compare.autopilot_parity`; a flight does not differ from itself."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.catalogue import load
-from skyrange.scenario.schema import Scenario
-from skyrange.study import parity as module
-from skyrange.study.parity import Parity, compare, compare_rates, measured
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load
+from skyrange.study.compare import autopilot_parity as module
+from skyrange.study.compare.autopilot_parity import Parity, compare, compare_rates, measured
+from skyrange.study.runs import fly
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Reactions read by `skyrange.study.reactions` from a run of the builtin in both roles: they agree."""
+"""Reactions read by `skyrange.study.compare.gnss_reactions` from a run of the builtin in both roles: they agree."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from skyrange.scenario.schema import Scenario
-from skyrange.study.reactions import (
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare.gnss_reactions import (
     ALT_M,
     HOLD,
     SECONDS,
     START_S,
-    Compared,
+    ComparedReaction,
     Reaction,
     Setting,
     agreement,
@@ -20,7 +20,7 @@ from skyrange.study.reactions import (
     scenario,
     settings,
 )
-from skyrange.study.session import fly
+from skyrange.study.runs import fly
 
 CHOSEN = (
     Setting("gnss.jump", {"offset_m": [6.0, 0.0, 0.0]}),
@@ -32,7 +32,7 @@ CHOSEN = (
 
 
 @pytest.fixture(scope="module")
-def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
+def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]:
     folder = tmp_path_factory.mktemp("reactions")
     mission = folder / "hold.waypoints"
     mission.write_text(HOLD.format(alt=ALT_M, hold=START_S + SECONDS))
@@ -43,14 +43,14 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> list[Compared]:
     return read(fly(Scenario.model_validate(model), folder / "run", report=False), CHOSEN)
 
 
-def test_it_is_like_itself(compared: list[Compared]) -> None:
+def test_it_is_like_itself(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
     # both the jump and, after its failsafe, the fast drift are reset
     assert (found.settings, found.alike, found.resets, found.together) == (5, 5, 2, 2)
     assert found.reset_apart_max_s <= 0.4  # two receivers' fixes are out of step by up to one interval, 0.2 s
 
 
-def test_outcomes_and_times(compared: list[Compared]) -> None:
+def test_outcomes_and_times(compared: list[ComparedReaction]) -> None:
     seen = [one.first for one in compared]
     assert [one.outcome for one in seen] == ["followed", "reset", "ignored", "doubted, then followed", "failsafe"]
     jump = seen[1]
@@ -72,10 +72,10 @@ def test_a_hundred_settings_each_once() -> None:
 def test_alike_means_outcome_and_place() -> None:
     setting = CHOSEN[0]
     calm = Reaction(None, None, (), None, 6.0)
-    assert Compared(setting, calm, Reaction(None, None, (), None, 7.9)).alike
-    assert not Compared(setting, calm, Reaction(None, None, (), None, 8.1)).alike
-    assert not Compared(setting, calm, Reaction(1.2, 9.0, (), None, 6.0)).alike
-    late = Compared(
+    assert ComparedReaction(setting, calm, Reaction(None, None, (), None, 7.9)).alike
+    assert not ComparedReaction(setting, calm, Reaction(None, None, (), None, 8.1)).alike
+    assert not ComparedReaction(setting, calm, Reaction(1.2, 9.0, (), None, 6.0)).alike
+    late = ComparedReaction(
         setting, Reaction(1.2, None, ((10.0, 6.0),), None, 6.0), Reaction(1.2, None, ((8.5, 6.0),), None, 6.0)
     )
     assert late.alike

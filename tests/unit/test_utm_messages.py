@@ -12,7 +12,7 @@ import pytest
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import Decision, Intent, intent_id
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import (
     MAX_FRAME_BYTES,
     PATH,
@@ -27,7 +27,7 @@ from skyrange.utm.messages import (
 
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
 VOLUME = Volume4D(((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.1)), 600.25, 640.0, 1_500_000_000, 90 * NS_PER_S)
-INTENT = Intent(intent_id("blue/b1"), "blue", "blue/b1", (VOLUME, VOLUME), 3)
+INTENT = OperationalIntent(intent_id("blue/b1"), "blue", "blue/b1", (VOLUME, VOLUME), 3)
 
 
 def test_a_request_says_what_f3548_asks_in_its_words() -> None:
@@ -54,7 +54,7 @@ def test_round_trips() -> None:
     frame = encode(Request.of(INTENT, EPOCH))
     assert decode_request(frame).intent(EPOCH) == INTENT
     assert encode(decode_request(frame)) == frame
-    decision = Decision(accepted=False, reason="Ümlaut conflict", alternatives=(VOLUME,), ovn="x")
+    decision = ApprovalDecision(accepted=False, reason="Ümlaut conflict", alternatives=(VOLUME,), ovn="x")
     answer = decode_response(encode(Response.of(INTENT.id, decision, EPOCH)))
     assert isinstance(answer.body, DecisionBody)
     assert answer.body.decision == "Rejected"
@@ -66,7 +66,7 @@ def test_round_trips() -> None:
 
 def test_odd_nanoseconds_are_widened_to_microseconds() -> None:
     odd = Volume4D(VOLUME.outline, 0.0, 1.0, 1_999, 2_001)
-    back = Request.of(Intent(INTENT.id, "blue", "blue/b1", (odd,)), EPOCH).intent(EPOCH).volumes[0]
+    back = Request.of(OperationalIntent(INTENT.id, "blue", "blue/b1", (odd,)), EPOCH).intent(EPOCH).volumes[0]
     assert (back.start_ns, back.end_ns) == (1_000, 3_000)
 
 

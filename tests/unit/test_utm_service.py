@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 
-from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.core.volumes import Volume4D
+from skyrange.utm.approval_service import REMEMBERED, FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.contract import Decision, Intent, intent_id
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import DecisionBody, ErrorBody, Request, decode_response, encode
-from skyrange.utm.service import REMEMBERED, FlightApproval
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
 VOLUME = Volume4D(((0.0, 0.0), (0.0, 0.1), (0.1, 0.1)), 0.0, 40.0, 0, NS_PER_S)
@@ -21,18 +21,20 @@ class FirstComes:
     """Accepts one intent per outline; counts what it is asked."""
 
     def __init__(self) -> None:
-        self.asked: list[Intent] = []
+        self.asked: list[OperationalIntent] = []
 
-    def decide(self, now: Time, request: Intent) -> Decision:
+    def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         self.asked.append(request)
         if len(self.asked) > 1:
-            return Decision(accepted=False, reason="conflict", alternatives=(VOLUME,))
-        return Decision(accepted=True, ovn="first")
+            return ApprovalDecision(accepted=False, reason="conflict", alternatives=(VOLUME,))
+        return ApprovalDecision(accepted=True, ovn="first")
 
 
 def request(vehicle: str, operator: str = "", version: int = 0, priority: int = 0) -> bytes:
     operator = operator or vehicle.split("/", maxsplit=1)[0]
-    return encode(Request.of(Intent(intent_id(vehicle, version), operator, vehicle, (VOLUME,), priority), EPOCH))
+    return encode(
+        Request.of(OperationalIntent(intent_id(vehicle, version), operator, vehicle, (VOLUME,), priority), EPOCH)
+    )
 
 
 def send(service: FlightApproval, operator: str, *payloads: bytes) -> Outbox:

@@ -9,7 +9,7 @@ import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Range, square
 
 V = "blue/b1"
@@ -147,7 +147,7 @@ def test_in_the_air_as_command_int(hovering: Range, name: str, given: dict[str, 
         given = {**given, "x": x, "y": y if given["y"] == 1 else given["y"]}
     assert as_int(r, getattr(A, name), **given) == result
     r.run(0.5)
-    assert r.engines[0]._fleet.armed(r.engines[0]._fleet.crafts[0])
+    assert r.engines[0]._fleet.armed(r.engines[0]._fleet.vehicles[0])
 
 
 @pytest.mark.parametrize(("frame", "z"), [(RELATIVE, 9.0), (ABSOLUTE, 593.0), (TERRAIN, 9.0)])
@@ -164,7 +164,7 @@ def test_reposition_changes_the_mode_only_where_it_may(hovering: Range) -> None:
     assert as_int(r, A.MAV_CMD_DO_REPOSITION, (-1.0, 0.0), *at(12.0, 0.0), 9.0) == DENIED
     assert as_int(r, A.MAV_CMD_DO_REPOSITION, (-1.0, NAN), *at(12.0, 0.0), 9.0) == DENIED
     assert as_int(r, A.MAV_CMD_DO_REPOSITION, (-1.0, 1.0), *at(12.0, 0.0), 9.0) == OK
-    assert r.engines[0]._fleet.crafts[0].mode == Mode.GUIDED
+    assert r.engines[0]._fleet.vehicles[0].mode == Mode.GUIDED
 
 
 @pytest.mark.parametrize(("params", "heading"), [((200.0,), 200.0), ((90.0, 0.0, -1.0, 1.0), 270.0)])
@@ -185,7 +185,7 @@ def test_home_that_was_set_stays_when_arming() -> None:
     assert r.events("event.home")[-1].causes
     assert r.mode(V, Mode.GUIDED) == OK
     assert r.arm(V) == OK
-    assert r.engines[0]._fleet.crafts[0].home == pytest.approx((30.0, 40.0, 6.0), abs=0.01)
+    assert r.engines[0]._fleet.vehicles[0].home == pytest.approx((30.0, 40.0, 6.0), abs=0.01)
 
 
 def test_answers_come_before_what_was_asked_for() -> None:
@@ -226,10 +226,10 @@ def test_erased_parameters_are_gone_after_the_next_boot() -> None:
     r = Range([VehicleSpec(V, 7, params={"RTL_ALT": 2000})])
     fleet = r.engines[0]._fleet
     assert r.command(V, A.MAV_CMD_PREFLIGHT_STORAGE, 2.0) == OK
-    assert fleet.param(fleet.crafts[0], "RTL_ALT") == 2000.0
+    assert fleet.param(fleet.vehicles[0], "RTL_ALT") == 2000.0
     assert r.command(V, A.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1.0) == OK
-    assert fleet.param(fleet.crafts[0], "RTL_ALT") == 1500.0
-    assert fleet.crafts[0].system_id == 1  # the system id is a parameter too
+    assert fleet.param(fleet.vehicles[0], "RTL_ALT") == 1500.0
+    assert fleet.vehicles[0].system_id == 1  # the system id is a parameter too
 
 
 def test_a_reboot_in_the_air_needs_its_number_and_lets_it_fall(hovering: Range) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square, waypoint
 
 V = "blue/b1"

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.vehicle.builtin import attitude, gains, loop
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, Control, Flag, zeros
-from skyrange.vehicle.builtin.parameters import SETTINGS, fill
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.control import attitude, gains
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, ControlMode, FlightEvent, new_records
+from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS
 
 DT = 0.0025
@@ -20,31 +21,31 @@ class Rows:
     """One aircraft's rows in all tables of the loop."""
 
     def __init__(self) -> None:
-        self.estimate, self.flight = zeros(ESTIMATE, 1), zeros(FLIGHT, 1)
-        self.legs, self.gains = zeros(LEGS, 1), zeros(GAINS, 1)
+        self.estimate, self.flight = new_records(ESTIMATE, 1), new_records(FLIGHT, 1)
+        self.legs, self.gains = new_records(LEGS, 1), new_records(GAINS, 1)
         self.settings, self.out = np.zeros(1, SETTINGS), np.zeros((1, 4))
-        fill(self.settings, 0, "v", IRIS, 1, {})
-        gains.mixing(self.gains, 0, IRIS)
-        gains.tune(self.gains[0], self.settings[0], DT)
+        fill_settings(self.settings, 0, "v", IRIS, 1, {})
+        gains.set_motor_factors(self.gains, 0, IRIS)
+        gains.compute_gains(self.gains[0], self.settings[0], DT)
         for name in ("speed_xy", "speed_up", "speed_down", "accel_xy", "accel_z"):
             self.flight[name] = 1.0
         self.flight["armed"] = 1
 
     def turn(self, seconds: float) -> int:
         """Run the loop; returns how often it raised a flag."""
-        which = np.zeros(1, dtype=np.int64)
-        tables = (self.estimate, self.flight, self.legs, which, self.gains, self.settings, self.out)
-        return sum(loop.turn(*tables, DT) for _ in range(round(seconds / DT)))
+        set_index = np.zeros(1, dtype=np.int64)
+        tables = (self.estimate, self.flight, self.legs, set_index, self.gains, self.settings, self.out)
+        return sum(loop.run_loop(*tables, DT) for _ in range(round(seconds / DT)))
 
 
 def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     """Thrust shares of front right, rear left, front left, rear right: `Thrust_Linearization::actuator_to_thrust`."""
-    table = zeros(GAINS, 1)
+    table = new_records(GAINS, 1)
     settings = np.zeros(1, SETTINGS)
-    fill(settings, 0, "v", IRIS, 1, {})
-    gains.mixing(table, 0, IRIS)
-    gains.tune(table[0], settings[0], DT)
-    out = (np.array(attitude.mix(table[0], throttle, throttle, roll, pitch, yaw)[1:]) - 0.15) / (0.95 - 0.15)
+    fill_settings(settings, 0, "v", IRIS, 1, {})
+    gains.set_motor_factors(table, 0, IRIS)
+    gains.compute_gains(table[0], settings[0], DT)
+    out = (np.array(attitude.mix_motors(table[0], throttle, throttle, roll, pitch, yaw)[1:]) - 0.15) / (0.95 - 0.15)
     expo = IRIS.thrust_expo
     share: np.ndarray = (1 - expo) * out + expo * out**2
     return share
@@ -69,10 +70,10 @@ def test_attitude_comes_before_thrust_and_yaw() -> None:
 
 def test_off_and_idle_motors() -> None:
     rows = Rows()
-    rows.flight["control"] = Control.OFF
+    rows.flight["control"] = ControlMode.OFF
     rows.turn(DT)
     assert rows.out.max() == 0.0
-    rows.flight["control"] = Control.IDLE
+    rows.flight["control"] = ControlMode.IDLE
     rows.flight["landed"] = 1
     rows.turn(0.1)
     assert rows.out == pytest.approx(0.15 * 0.1 / 0.5)  # of MOT_SPIN_MIN, in MOT_SPOOL_TIME (output_logic)
@@ -82,12 +83,12 @@ def test_off_and_idle_motors() -> None:
 
 def test_standing_still_with_least_throttle_is_landed_after_a_second() -> None:
     rows = Rows()
-    rows.flight["control"] = Control.LAND
+    rows.flight["control"] = ControlMode.LAND
     rows.flight["throttle_i"] = -0.8
     assert rows.turn(0.95) == 0
     assert rows.turn(0.2) == 1
-    assert rows.flight["flags"][0] == Flag.LANDED
-    assert rows.flight["control"][0] == Control.IDLE
+    assert rows.flight["flags"][0] == FlightEvent.LAND_COMPLETE
+    assert rows.flight["control"][0] == ControlMode.IDLE
 
 
 @pytest.mark.parametrize(
@@ -95,23 +96,23 @@ def test_standing_still_with_least_throttle_is_landed_after_a_second() -> None:
 )
 def test_not_landed_while_high_moving_or_falling(field: str, value: Any) -> None:
     rows = Rows()
-    rows.flight["control"] = Control.LAND
+    rows.flight["control"] = ControlMode.LAND
     rows.flight["throttle_i"] = -0.8
     rows.estimate[field] = value
     rows.turn(1.5)
-    assert not rows.flight["flags"][0] & Flag.LANDED
+    assert not rows.flight["flags"][0] & FlightEvent.LAND_COMPLETE
 
 
 def test_two_seconds_on_its_back_is_a_crash() -> None:
     rows = Rows()
-    rows.flight["control"] = Control.VELOCITY
+    rows.flight["control"] = ControlMode.VELOCITY
     rows.estimate["quat"] = (math.cos(1.2), math.sin(1.2), 0.0, 0.0)
     rows.estimate["roll"] = 2.4
     rows.turn(1.9)
     assert rows.flight["flags"][0] == 0
     rows.turn(0.2)
-    assert rows.flight["flags"][0] == Flag.CRASHED
+    assert rows.flight["flags"][0] == FlightEvent.CRASH
     rows = Rows()
-    rows.flight["control"] = Control.VELOCITY
+    rows.flight["control"] = ControlMode.VELOCITY
     rows.turn(3.0)
     assert rows.flight["flags"][0] == 0

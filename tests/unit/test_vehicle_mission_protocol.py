@@ -7,8 +7,8 @@ import math
 import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.builtin.mission_protocol import MAX_ITEMS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.mission_protocol.server import MAX_ITEMS
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import ORIGIN, Item, Range, jump, rtl, speed, square, takeoff, waypoint
 
 V = "blue/b1"
@@ -258,6 +258,6 @@ def test_set_current_answers_with_the_number_asked_for(r: Range) -> None:
 
 def test_items_keep_the_frame_that_wrote_them(r: Range) -> None:
     r.upload(V, square(5, 5))
-    slots = r.engines[0]._fleet.crafts[0].mission
+    slots = r.engines[0]._fleet.vehicles[0].mission
     assert len({slot.causes for slot in slots}) == 7
     assert all(len(slot.causes) == 1 for slot in slots)

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.vehicle.onboard import CHANNELS, air_links, for_remote_id, links, routes
+from skyrange.vehicle.onboard_network import CHANNELS, for_remote_id, onboard_links, onboard_routes, oracle_links
 
 
 def test_every_route_enters_and_leaves_by_links_of_its_endpoint() -> None:
-    ends = {spec.name: {spec.a, spec.b} for spec in links("blue/b1", "blue")}
-    for route in routes("blue/b1"):
+    ends = {spec.name: {spec.a, spec.b} for spec in onboard_links("blue/b1", "blue")}
+    for route in onboard_routes("blue/b1"):
         assert route.endpoint in ends[route.source]
         assert route.endpoint in ends[route.target]
 
 
 def test_autopilot_and_ground_station_are_joined_both_ways() -> None:
-    hops = {(r.endpoint, r.source): r.target for r in routes("blue/b1") if r.select is None}
+    hops = {(r.endpoint, r.source): r.target for r in onboard_routes("blue/b1") if r.select is None}
     assert hops["blue/b1.proxy", "autopilot:blue/b1"] == "log:blue/b1"
     assert hops["blue/b1.companion", "log:blue/b1"] == "gcs:blue/b1"
     assert hops["blue/b1.companion", "gcs:blue/b1"] == "log:blue/b1"
@@ -22,7 +22,7 @@ def test_autopilot_and_ground_station_are_joined_both_ways() -> None:
 
 
 def test_links_follow_the_naming_and_defaults() -> None:
-    specs = {spec.name: spec for spec in (*links("blue/b1", "blue"), *air_links("blue/b1"))}
+    specs = {spec.name: spec for spec in (*onboard_links("blue/b1", "blue"), *oracle_links("blue/b1"))}
     assert set(specs) == {f"{kind}:blue/b1" for kind in CHANNELS}
     assert (specs["rid_up:blue/b1"].a, specs["rid_up:blue/b1"].b) == ("blue/b1.companion", "oracle")
     assert (specs["rid_down:blue/b1"].a, specs["rid_down:blue/b1"].b) == ("oracle", "blue/b1.companion")

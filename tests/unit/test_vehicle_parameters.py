@@ -10,9 +10,9 @@ from skyrange.codec.mavlink import dialect
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.vehicle.builtin.engine import BuiltinFleet
-from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
-from skyrange.vehicle.builtin.parameters import INDEX, PARAMETERS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.parameters.renames import RENAMED, canonical_name, from_canonical, to_canonical
+from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 
 V = "blue/b1"
@@ -66,7 +66,7 @@ def test_set_stores_what_comes_and_flies_inside_the_range() -> None:
     assert [n.data["name"] for n in r.events("event.parameter")] == [name.decode() for name, _ in sent]
     assert all(n.causes for n in r.events("event.parameter"))
     fleet = r.engines[0]._fleet
-    assert fleet.param(fleet.crafts[0], "RTL_ALT") == 300_000.0
+    assert fleet.param(fleet.vehicles[0], "RTL_ALT") == 300_000.0
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"WPNAV_ACCEL", -1e30, 9))
     r.run(0.05)
     assert values(r)["WPNAV_ACCEL"] == pytest.approx(-1e30, rel=1e-6)
@@ -100,23 +100,23 @@ def test_the_system_id_is_stored_and_changes_at_the_next_boot() -> None:
 def test_names_of_4_7_are_answered_under_that_name_and_unit() -> None:
     r = Range([VehicleSpec(V, 7, params={"WP_SPD": 4.5, "PSC_D_ACC_I": 0.08, "MAV1_POSITION": 2, "SR0_EXTRA1": 4})])
     fleet = r.engines[0]._fleet
-    craft = fleet.crafts[0]
-    assert fleet.param(craft, "WPNAV_SPEED") == 450.0
+    vehicle = fleet.vehicles[0]
+    assert fleet.param(vehicle, "WPNAV_SPEED") == 450.0
     assert fleet.settings["PSC_ACCZ_I"][0] == pytest.approx(0.8)
-    assert fleet.param(craft, "SR0_POSITION") == 2.0
+    assert fleet.param(vehicle, "SR0_POSITION") == 2.0
     r.send(V, dialect.MAVLink_param_request_read_message(7, 1, b"MAV_SYSID", -1))
     r.send(V, dialect.MAVLink_param_request_read_message(7, 1, b"rtl_alt", -1))  # AP_Param::find knows no case
     r.send(V, dialect.MAVLink_param_set_message(7, 1, b"RTL_ALT_M", 22.5, 9))
     r.run(0.05)
     assert values(r) == {"MAV_SYSID": 7.0, "rtl_alt": 1500.0, "RTL_ALT_M": 22.5}
-    assert fleet.param(craft, "RTL_ALT") == 2250.0
+    assert fleet.param(vehicle, "RTL_ALT") == 2250.0
 
 
 @pytest.mark.parametrize(("check", "skip"), [(1.0, 0.0), (0.0, -1.0), (2.0, float(((1 << 21) - 1) & ~3))])
 def test_checks_to_make_and_checks_to_skip(check: float, skip: float) -> None:
-    assert nominal("ARMING_SKIPCHK") == "ARMING_CHECK"
-    assert to_nominal("ARMING_SKIPCHK", skip) == check
-    assert from_nominal("ARMING_SKIPCHK", check) == skip
+    assert canonical_name("ARMING_SKIPCHK") == "ARMING_CHECK"
+    assert to_canonical("ARMING_SKIPCHK", skip) == check
+    assert from_canonical("ARMING_SKIPCHK", check) == skip
 
 
 def test_every_new_name_means_an_old_one_and_fits_the_field() -> None:

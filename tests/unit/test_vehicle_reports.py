@@ -14,17 +14,17 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from skyrange.agent.messages import Outbox
-from skyrange.codec.columns import dtype_of
-from skyrange.codec.mavlink import decode, describe, dialect
+from skyrange.codec.mavlink import decode, dialect, message_fields
+from skyrange.codec.mavlink.message_columns import payload_dtype
+from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.chance import Chance
-from skyrange.gcs.streams import OPERATOR
+from skyrange.gcs.telemetry.streams import OPERATOR
 from skyrange.vehicle.builtin.engine import BuiltinFleet
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry import streams
-from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, build, message
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.builtin.telemetry.table import AVAILABLE, BUILDERS, build_message, build_table
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 
 V = "blue/b1"
@@ -38,7 +38,7 @@ def engine(count: int = COUNT) -> BuiltinFleet:
     made = BuiltinFleet("x", specs, ORIGIN, EPOCH, Chance(3))
     fleet = made._fleet
     fleet.now = 123_456_789_000
-    for table in (fleet.estimate, fleet.flight, fleet.power):
+    for table in (fleet.estimate, fleet.flight, fleet.battery):
         for place, name in enumerate(table.dtype.names):
             kind = table.dtype[name]
             if kind.names or kind.base.kind != "f":
@@ -49,10 +49,10 @@ def engine(count: int = COUNT) -> BuiltinFleet:
             table[name] += 0.5 * np.arange(count).reshape(-1, *[1] * (len(shape) - 1))
     fleet.estimate["status"] = 831
     fleet.estimate["gnss_fix"], fleet.estimate["gnss_sats"] = 3, 9
-    fleet.flight["armed"], fleet.flight["landed"], fleet.flight["control"] = 1, 0, Control.POSITION
-    fleet.power["remaining_pct"] = 63
-    for craft in fleet.crafts:
-        fleet.take_mode(craft, Mode.GUIDED)
+    fleet.flight["armed"], fleet.flight["landed"], fleet.flight["control"] = 1, 0, ControlMode.POSITION
+    fleet.battery["remaining_pct"] = 63
+    for vehicle in fleet.vehicles:
+        fleet.assign_mode(vehicle, Mode.GUIDED)
     return made
 
 
@@ -60,13 +60,13 @@ def engine(count: int = COUNT) -> BuiltinFleet:
 def test_one_and_many_say_the_same_and_nothing_is_left_to_the_neighbours(number: int) -> None:
     fleet = engine()._fleet
     rows = np.array([5, 0, 3], dtype=np.int64)
-    many = build(fleet, number, rows)
-    assert many.dtype == dtype_of(number)
+    many = build_table(fleet, number, rows)
+    assert many.dtype == payload_dtype(number)
     for place, row in enumerate(rows.tolist()):
-        assert build(fleet, number, rows[place : place + 1]).tobytes() == many[place : place + 1].tobytes()
-        told = message(fleet, fleet.crafts[row], number)
+        assert build_table(fleet, number, rows[place : place + 1]).tobytes() == many[place : place + 1].tobytes()
+        told = build_message(fleet, fleet.vehicles[row], number)
         if told is not None:
-            frame = decode(fleet.crafts[row].packer.pack(told))
+            frame = decode(fleet.vehicles[row].packer.pack(told))
             assert frame.get_msgId() == number
 
 
@@ -79,20 +79,20 @@ def test_numbers_that_are_none_never_reach_a_frame() -> None:
     rows = np.arange(COUNT)
     with np.errstate(all="raise"):
         for number in BUILDERS:
-            values = build(fleet, number, rows)
+            values = build_table(fleet, number, rows)
             for name in values.dtype.names or ():
                 if values[name].dtype.kind == "f" and not (number == A.MAVLINK_MSG_ID_HOME_POSITION and name == "q"):
                     assert np.isfinite(values[name]).all(), (number, name)
-    raw = build(fleet, A.MAVLINK_MSG_ID_GPS_RAW_INT, rows)
+    raw = build_table(fleet, A.MAVLINK_MSG_ID_GPS_RAW_INT, rows)
     assert (raw["fix_type"] == 1).all()
     assert (raw["eph"] == 9999).all()  # GPS_UNKNOWN_DOP
-    assert message(fleet, fleet.crafts[0], A.MAVLINK_MSG_ID_AHRS2) is None
+    assert build_message(fleet, fleet.vehicles[0], A.MAVLINK_MSG_ID_AHRS2) is None
 
 
 def told(made: BuiltinFleet, number: int) -> SimpleNamespace:
-    found = message(made._fleet, made._fleet.crafts[2], number)
+    found = build_message(made._fleet, made._fleet.vehicles[2], number)
     assert found is not None
-    return SimpleNamespace(**describe(found))
+    return SimpleNamespace(**message_fields(found))
 
 
 def test_frames_and_units() -> None:
@@ -135,16 +135,16 @@ def test_frames_and_units() -> None:
     assert (local.x, local.y, local.z) == pytest.approx((place[1], place[0], -place[2]))
     assert (local.vx, local.afx, local.type_mask) == (0.0, 0.0, 0xDF8)
     for control, mask, said in (
-        (Control.TRACK, 0xC00, (place[1], moving[1], push[1])),
-        (Control.VELOCITY, 0xC07, (0.0, moving[1], push[1])),
-        (Control.ACCEL, 0xC3F, (0.0, 0.0, push[1])),
+        (ControlMode.POS_VEL_ACCEL, 0xC00, (place[1], moving[1], push[1])),
+        (ControlMode.VELOCITY, 0xC07, (0.0, moving[1], push[1])),
+        (ControlMode.ACCEL, 0xC3F, (0.0, 0.0, push[1])),
     ):
         fleet.flight["control"] = control
         local = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED)
         assert local.type_mask == mask, control
         assert (local.x, local.vx, local.afx) == pytest.approx(said), control
-    fleet.flight["control"] = Control.ATTITUDE  # no local target (send_position_target_local_ned)
-    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED) is None
+    fleet.flight["control"] = ControlMode.ATTITUDE  # no local target (send_position_target_local_ned)
+    assert build_message(fleet, fleet.vehicles[2], A.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED) is None
     ekf = told(made, A.MAVLINK_MSG_ID_EKF_STATUS_REPORT)
     assert ekf.flags == 831
     assert (ekf.velocity_variance, ekf.compass_variance) == pytest.approx((e["vel_ratio"], e["mag_ratio"]))
@@ -158,16 +158,16 @@ def test_outputs_home_and_origin() -> None:
     assert [servo.servo1_raw, servo.servo2_raw, servo.servo3_raw, servo.servo4_raw, servo.servo5_raw] == [
         1000, 1250, 1500, 2000, 0,
     ]  # fmt: skip
-    fleet.rotors = np.tile((0.0, 100.0, 100.0, 200.0), (COUNT, 1))
-    esc = message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4)
+    fleet.rotor_speeds = np.tile((0.0, 100.0, 100.0, 200.0), (COUNT, 1))
+    esc = build_message(fleet, fleet.vehicles[2], A.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4)
     assert esc is not None
     assert list(esc.rpm) == [0, 954, 954, 1909]  # 60 / 2π
-    amperes = float(fleet.power["current"][2])
+    amperes = float(fleet.battery["current"][2])
     assert list(esc.current) == [int(amperes * 100 * share) for share in (0.0, 0.1, 0.1, 0.8)]  # as the cube: 1, 1, 8
-    assert esc.voltage[0] == int(fleet.power["voltage"][2] * 100)
+    assert esc.voltage[0] == int(fleet.battery["voltage"][2] * 100)
     origin = told(made, A.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
     assert (origin.latitude, origin.longitude, origin.altitude) == (-353633280, 1491652241, 584_000)
-    fleet.take_home(fleet.crafts[2], (100.0, -50.0, 7.0))
+    fleet.assign_home(fleet.vehicles[2], (100.0, -50.0, 7.0))
     home = told(made, A.MAVLINK_MSG_ID_HOME_POSITION)
     assert (home.x, home.y, home.z, home.altitude) == (-50.0, 100.0, -7.0, 591_000)
 
@@ -175,23 +175,23 @@ def test_outputs_home_and_origin() -> None:
 def test_battery_fence_and_failsafe() -> None:
     made = engine()
     fleet = made._fleet
-    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_FENCE_STATUS) is None
+    assert build_message(fleet, fleet.vehicles[2], A.MAVLINK_MSG_ID_FENCE_STATUS) is None
     status = told(made, A.MAVLINK_MSG_ID_SYS_STATUS)  # there, not in force, and well: AC_Fence.cpp, `sys_status_…`
     assert status.onboard_control_sensors_present & A.MAV_SYS_STATUS_GEOFENCE
     assert not status.onboard_control_sensors_enabled & A.MAV_SYS_STATUS_GEOFENCE
     assert status.onboard_control_sensors_health & A.MAV_SYS_STATUS_GEOFENCE
-    fleet.boundary["enabled"], fleet.boundary["breached"], fleet.boundary["count"] = 7, 1, 2
+    fleet.fence["enabled"], fleet.fence["breached"], fleet.fence["count"] = 7, 1, 2
     fence = told(made, A.MAVLINK_MSG_ID_FENCE_STATUS)
     assert (fence.breach_status, fence.breach_count, fence.breach_type) == (1, 2, A.FENCE_BREACH_MAXALT)
     status = told(made, A.MAVLINK_MSG_ID_SYS_STATUS)
     assert status.onboard_control_sensors_enabled & A.MAV_SYS_STATUS_GEOFENCE
     assert not status.onboard_control_sensors_health & A.MAV_SYS_STATUS_GEOFENCE
     assert told(made, A.MAVLINK_MSG_ID_HEARTBEAT).system_status == A.MAV_STATE_ACTIVE
-    fleet.watch["ekf_lost"] = 1
+    fleet.checks["ekf_failsafe"] = 1
     assert told(made, A.MAVLINK_MSG_ID_HEARTBEAT).system_status == A.MAV_STATE_CRITICAL
-    fleet.power["voltage"], fleet.power["current"], fleet.power["consumed_mah"] = 11.1, 22.0, 1234.0
-    fleet.power["consumed_wh"], fleet.power["level"] = 13.0, 2
-    battery = build(fleet, A.MAVLINK_MSG_ID_BATTERY_STATUS, np.array([2]))[0]
+    fleet.battery["voltage"], fleet.battery["current"], fleet.battery["consumed_mah"] = 11.1, 22.0, 1234.0
+    fleet.battery["consumed_wh"], fleet.battery["level"] = 13.0, 2
+    battery = build_table(fleet, A.MAVLINK_MSG_ID_BATTERY_STATUS, np.array([2]))[0]
     assert battery["voltages"].tolist() == [11_100, *[65_535] * 9]
     assert (battery["current_battery"], battery["current_consumed"], battery["energy_consumed"]) == (2200, 1234, 468)
     assert (battery["battery_remaining"], battery["charge_state"]) == (63, A.MAV_BATTERY_CHARGE_STATE_LOW)
@@ -207,7 +207,7 @@ def test_a_lost_receiver_and_a_doubting_estimator_show_in_health() -> None:
     doubting = told(made, A.MAVLINK_MSG_ID_SYS_STATUS).onboard_control_sensors_health
     assert not doubting & (A.MAV_SYS_STATUS_SENSOR_GPS | A.MAV_SYS_STATUS_AHRS)
     fleet.estimate["status"] = A.EKF_ATTITUDE
-    assert message(fleet, fleet.crafts[2], A.MAVLINK_MSG_ID_LOCAL_POSITION_NED) is None
+    assert build_message(fleet, fleet.vehicles[2], A.MAVLINK_MSG_ID_LOCAL_POSITION_NED) is None
 
 
 def test_the_operators_streams() -> None:
@@ -240,9 +240,9 @@ def test_an_aircrafts_frames_keep_order_and_numbers() -> None:
     made = engine()
     fleet = made._fleet
     fleet.now = 0
-    for craft in fleet.crafts:
+    for vehicle in fleet.vehicles:
         every = SimpleNamespace(start_stop=1, req_message_rate=10, req_stream_id=0)
-        streams.on_request(fleet, made._schedule, craft, every)
+        streams.on_request_data_stream(fleet, made._schedule, vehicle, every)
     fleet.outbox = Outbox()
     for _ in range(30):
         fleet.now += 10_000_000
@@ -262,18 +262,18 @@ def test_an_aircrafts_frames_keep_order_and_numbers() -> None:
 def test_copies_of_a_fleet_number_their_frames_alike() -> None:
     made = engine()
     other = copy.deepcopy(made)
-    made._fleet.text(made._fleet.crafts[1], 6, "one more")
+    made._fleet.send_text(made._fleet.vehicles[1], 6, "one more")
     assert made._fleet.sequences[1] == 1
     assert other._fleet.sequences[1] == 0
-    assert other._fleet.crafts[1].packer.sequence == 0
-    other._fleet.crafts[1].packer.sequence = 9
+    assert other._fleet.vehicles[1].packer.sequence == 0
+    other._fleet.vehicles[1].packer.sequence = 9
     assert other._fleet.sequences[1] == 9
 
 
 def test_streams_hold_only_what_can_be_sent() -> None:
     for _, messages in streams.STREAMS.values():
         assert set(messages) <= set(BUILDERS)
-    assert set(HAS) <= set(BUILDERS)
+    assert set(AVAILABLE) <= set(BUILDERS)
 
 
 @pytest.mark.parametrize(("rate", "period_ms"), [(0, 0), (3, 333), (10, 100), (50, 20), (400, 3), (1001, 0)])

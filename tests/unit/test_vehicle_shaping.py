@@ -7,9 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.vehicle.builtin import guidance, shaping, wpnav
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, LEGS, Control, Flag, zeros
-from skyrange.vehicle.builtin.parameters import SETTINGS, fill
+from skyrange.vehicle.builtin.control import shaping
+from skyrange.vehicle.builtin.guidance import reference, wpnav
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, LEGS, ControlMode, FlightEvent, new_records
+from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS
 
 DT = 0.01
@@ -32,9 +33,9 @@ def test_stopping_distance_is_the_inverse(speed: float) -> None:
 
 
 def rows(**limits: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    estimate, flight, legs = zeros(ESTIMATE, 1), zeros(FLIGHT, 1), zeros(LEGS, 1)
+    estimate, flight, legs = new_records(ESTIMATE, 1), new_records(FLIGHT, 1), new_records(LEGS, 1)
     settings = np.zeros(1, SETTINGS)
-    fill(settings, 0, "v", IRIS, 1, {})
+    fill_settings(settings, 0, "v", IRIS, 1, {})
     standard = {"speed_xy": 10.0, "speed_up": 2.5, "speed_down": 1.5, "accel_xy": 2.5, "accel_z": 1.0}
     for name, value in {**standard, "throttle": 0.4, **limits}.items():
         flight[name] = value
@@ -46,13 +47,13 @@ def fly(table: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], seconds: f
     path = []
     for _ in range(round(seconds / DT)):
         estimate["pos"], estimate["vel"] = flight["ref_pos"], flight["ref_vel"]  # an aircraft that keeps up
-        guidance.guide(estimate[0], flight[0], legs[0], settings[0], DT)
+        reference.update_reference(estimate[0], flight[0], legs[0], settings[0], DT)
         path.append(np.concatenate([flight["ref_pos"][0], flight["ref_vel"][0], flight["ref_acc"][0]]))
     return np.array(path)
 
 
 def go(table: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], goal: tuple[float, float, float]) -> None:
-    wpnav.fly_to(*table, 0, np.array(goal), True)
+    wpnav.start_leg(*table, 0, np.array(goal), True)
 
 
 def test_leg_ends_at_rest_at_its_goal_within_limits() -> None:
@@ -78,7 +79,7 @@ def test_a_leg_in_flight_starts_where_the_aircraft_comes_to_rest() -> None:
 @pytest.mark.parametrize("goal", [(40.0, 0.0, 0.0), (20.0, -30.0, 15.0), (0.0, 0.0, -8.0), (0.02, 0.0, 0.0)])
 def test_a_position_is_approached_within_limits_and_without_overshoot(goal: tuple[float, float, float]) -> None:
     table = rows()
-    table[1]["control"] = Control.POSITION
+    table[1]["control"] = ControlMode.POSITION
     table[1]["target_pos"] = goal
     path = fly(table, 40.0)
     assert path[-1, :3] == pytest.approx(goal, abs=0.02)
@@ -92,11 +93,11 @@ def test_a_position_is_approached_within_limits_and_without_overshoot(goal: tupl
 
 def test_velocity_and_acceleration_targets_are_followed() -> None:
     table = rows()
-    table[1]["control"] = Control.VELOCITY
+    table[1]["control"] = ControlMode.VELOCITY
     table[1]["target_vel"] = (3.0, -2.0, 1.0)
     assert fly(table, 6.0)[-1, 3:6] == pytest.approx([3.0, -2.0, 1.0], abs=0.02)
     table = rows()
-    table[1]["control"] = Control.ACCEL
+    table[1]["control"] = ControlMode.ACCEL
     table[1]["target_acc"] = (1.0, 0.0, 0.5)
     path = fly(table, 3.0)
     assert path[-1, 6:] == pytest.approx([1.0, 0.0, 0.5])
@@ -106,13 +107,13 @@ def test_velocity_and_acceleration_targets_are_followed() -> None:
 def test_a_circle_turns_at_its_rate_where_the_acceleration_allows() -> None:
     table = rows()
     flight = table[1]
-    flight["control"] = Control.CIRCLE
+    flight["control"] = ControlMode.CIRCLE
     flight["circle_radius"], flight["circle_rate"] = 10.0, math.radians(20.0)
     flight["ref_pos"] = (10.0, 0.0, 5.0)
     path = fly(table, 36.0)
     # half of 2.5 m/s² at 10 m: √(0.5 · 2.5 · 10) = 3.54 m/s, 20.3 °/s: 20 °/s fits
     # two turns, less the time to get going
-    assert math.degrees(float(flight["circle_total"][0])) == pytest.approx(
+    assert math.degrees(float(flight["circle_angle_total"][0])) == pytest.approx(
         720.0, abs=50.0
     )  # less the time to get going
     assert np.hypot(path[500:, 0], path[500:, 1]) == pytest.approx(10.0, abs=1.5)
@@ -127,8 +128,8 @@ def test_the_reference_waits_for_an_aircraft_that_cannot_follow() -> None:
     for _ in range(6_000):  # a minute in which the aircraft makes 3 m/s good
         estimate["pos"][0, 0] += 3.0 * DT
         estimate["vel"][0, 0] = 3.0
-        guidance.guide(estimate[0], flight[0], legs[0], settings[0], DT)
+        reference.update_reference(estimate[0], flight[0], legs[0], settings[0], DT)
     ahead_m = float(flight["ref_pos"][0, 0] - estimate["pos"][0, 0])
     # where 0.05 + (3 - PSC_POSXY_P * ahead) / 8 lets the reference advance at 3 m/s too: 0.4 m
     assert 0.0 < ahead_m < 1.5
-    assert not flight["flags"][0] & Flag.ARRIVED
+    assert not flight["flags"][0] & FlightEvent.DESTINATION_REACHED

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 
 V = "blue/b1"

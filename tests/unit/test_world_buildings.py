@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.agent.messages import Note
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.world import AIRFRAMES, Body, World
 

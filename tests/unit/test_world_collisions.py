@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.agent.messages import Note
+from skyrange.contracts.mailboxes import Note
 from skyrange.world import AIRFRAMES, Body, World
-from skyrange.world.collisions import RESTITUTION
+from skyrange.world.collision.response import RESTITUTION
 
 QUANTUM_NS = 2_500_000
 IRIS = AIRFRAMES["iris"]
@@ -132,15 +132,15 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
         hover=False,
     )
     world._rates[:] = [(1.0, -2.0, 0.5), (0.3, 0.2, -1.0)]
-    contacts = world._contacts
+    contacts = world._contact_tracker
     seen = {}
-    look = type(contacts).look
+    look = type(contacts).resolve_tick
 
     def watched(self, now, step_s, stride, bodies):
         seen["before"] = (_momentum(world), world._velocity.copy(), world._rates.copy(), world._position.copy())
         return look(self, now, step_s, stride, bodies)
 
-    type(contacts).look = watched
+    type(contacts).resolve_tick = watched
     try:
         for tick in range(1, 400):
             if _collisions([(tick, note) for note in world.advance(tick * QUANTUM_NS)]):
@@ -148,7 +148,7 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
         else:
             pytest.fail("they missed")
     finally:
-        type(contacts).look = look
+        type(contacts).resolve_tick = look
     momentum, velocities, rates, _ = seen["before"]
     assert _momentum(world) == pytest.approx(momentum, abs=1e-9)
     after = _spin(world)

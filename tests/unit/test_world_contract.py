@@ -192,7 +192,7 @@ def test_bad_bodies_are_refused_all_at_once():
     text = str(caught.value)
     for part in ("'irris'", "Did you mean 'iris'?", "vehicle", "east_m", "up_m", "heading_deg", "quantum_ns", "wind"):
         assert part in text
-    assert len(caught.value.faults) == 7
+    assert len(caught.value.problems) == 7
 
 
 def test_an_empty_world_is_refused():

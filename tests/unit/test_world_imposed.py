@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 import shapely
 
-from skyrange.agent.contracts import Poses, Source
-from skyrange.agent.messages import Note
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
+from skyrange.contracts.components import Poses, Source
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.chance import Chance
 from skyrange.world import AIRFRAMES, Body, SensorSpec, Wind, World
-from skyrange.world.imposed import CARRY_S, JUMP_M
-from skyrange.world.sensor_models import ACCEL_MOTORS_MPS2
+from skyrange.world.imposed_poses import CARRY_S, JUMP_M
+from skyrange.world.sensing.sensor_errors import ACCEL_MOTORS_MPS2
 
 QUANTUM_NS = 2_500_000
 QUANTUM_S = QUANTUM_NS / 1e9

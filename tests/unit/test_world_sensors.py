@@ -9,17 +9,17 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from skyrange.agent.contracts import Sensors
+from skyrange.contracts.components import Sensors
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64
 from skyrange.world import Body, SensorSpec, World
-from skyrange.world import sensor_models as models
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing import sensor_errors as models
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 STEP = 2_500_000
-SPEC = SensorSpec(1.0, field_at(ORIGIN), Chance(11))
+SPEC = SensorSpec(1.0, magnetic_field_at(ORIGIN), Chance(11))
 
 
 def standing(count: int, spec: SensorSpec = SPEC, first: int = 0) -> World:
@@ -78,7 +78,7 @@ def test_errors_are_of_the_size_that_is_said() -> None:
     assert log["accel_mps2"][:, :, 0].mean(axis=0).std() == pytest.approx(models.ACCEL_BIAS_MPS2, rel=0.2)
     baro = log["baro_up_m"]
     assert (baro - baro.mean(axis=0)).std() == pytest.approx(models.BARO_NOISE_M, rel=0.1)
-    field = np.array(field_at(ORIGIN))
+    field = np.array(magnetic_field_at(ORIGIN))
     nose_east = np.array([field[0], field[1], field[2]])  # heading 90: forward is east, left is north
     offset = log["compass_gauss"].mean(axis=0) - nose_east
     assert offset.std() == pytest.approx(models.COMPASS_OFFSET_GAUSS, rel=0.15)
@@ -125,7 +125,7 @@ def test_the_receiver_loses_its_fix_now_and_then() -> None:
 
 
 def test_ideal_sensors_are_the_truth_of_the_tick() -> None:
-    world = standing(2, SensorSpec(0.0, field_at(ORIGIN)))
+    world = standing(2, SensorSpec(0.0, magnetic_field_at(ORIGIN)))
     world.advance(0)
     world.actuate(slice(None), np.full((2, 4), 0.8))
     for now in range(STEP, 200 * STEP, STEP):
@@ -134,7 +134,7 @@ def test_ideal_sensors_are_the_truth_of_the_tick() -> None:
     assert seen["gnss_enu_m"][:, 2].tobytes() == truth["up_m"].tobytes() == seen["baro_up_m"].tobytes()
     assert seen["gnss_time_ns"].tolist() == [199 * STEP] * 2
     assert seen["gnss_fix"].tolist() == [6, 6]
-    assert np.linalg.norm(seen["compass_gauss"], axis=1) == pytest.approx(np.linalg.norm(field_at(ORIGIN)))
+    assert np.linalg.norm(seen["compass_gauss"], axis=1) == pytest.approx(np.linalg.norm(magnetic_field_at(ORIGIN)))
 
 
 def test_an_aircrafts_readings_depend_on_no_other_and_a_copy_goes_on_alike() -> None:
@@ -166,7 +166,7 @@ def test_the_field_is_the_world_magnetic_models(
     lat: float, lon: float, declination: float, inclination: float, gauss: float
 ) -> None:
     """NOAA's calculator for WMM2020, rounded; within 3 degrees and 6 % for what is cut off after degree 4."""
-    east, north, up = field_at(Origin(lat, lon, 0.0, 0.0))
+    east, north, up = magnetic_field_at(Origin(lat, lon, 0.0, 0.0))
     assert math.degrees(math.atan2(east, north)) == pytest.approx(declination, abs=3.0)
     assert math.degrees(math.atan2(-up, math.hypot(east, north))) == pytest.approx(inclination, abs=3.0)
     assert math.sqrt(east**2 + north**2 + up**2) == pytest.approx(gauss, rel=0.06)

@@ -15,12 +15,13 @@ import zmq.auth
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
-from skyrange.io import zmq_room, zmq_sockets
-from skyrange.io.curve_keys import Keys, load_keys, make_keys
-from skyrange.io.mavlink_sockets import LOOPBACK, Address
-from skyrange.io.zmq_sockets import ZmqEnd
+from skyrange.io.mavlink.transports import LOOPBACK, Address
+from skyrange.io.zeromq import context as zmq_room
+from skyrange.io.zeromq import transport as zmq_sockets
+from skyrange.io.zeromq.curve_keys import Keys, load_keys, make_keys
+from skyrange.io.zeromq.transport import ZmqTransport
 
 pytestmark = pytest.mark.realtime
 
@@ -58,11 +59,11 @@ async def until(condition: Callable[[], object]) -> None:
             await asyncio.sleep(0.002)
 
 
-async def bind(heard: Heard, local: Address = (LOOPBACK, 0), keys: Keys | None = None) -> ZmqEnd:
-    return await ZmqEnd.bind(heard.on_piece, local, keys=keys, on_note=heard.on_note)
+async def bind(heard: Heard, local: Address = (LOOPBACK, 0), keys: Keys | None = None) -> ZmqTransport:
+    return await ZmqTransport.bind(heard.on_piece, local, keys=keys, on_note=heard.on_note)
 
 
-async def bind_again(heard: Heard, local: Address) -> ZmqEnd:
+async def bind_again(heard: Heard, local: Address) -> ZmqTransport:
     """As soon as the port is free."""
     while True:
         try:
@@ -71,8 +72,8 @@ async def bind_again(heard: Heard, local: Address) -> ZmqEnd:
             await asyncio.sleep(0.002)
 
 
-async def connect(heard: Heard, remote: Address, keys: Keys | None = None) -> ZmqEnd:
-    return await ZmqEnd.connect(heard.on_piece, remote, keys=keys, on_note=heard.on_note)
+async def connect(heard: Heard, remote: Address, keys: Keys | None = None) -> ZmqTransport:
+    return await ZmqTransport.connect(heard.on_piece, remote, keys=keys, on_note=heard.on_note)
 
 
 @contextmanager
@@ -245,7 +246,7 @@ def test_when_a_later_peer_leaves_the_one_before_is_the_peer_again() -> None:
 def test_a_slow_reader_costs_no_more_than_its_queue() -> None:
     async def body() -> None:
         one = Heard()
-        a = await ZmqEnd.bind(one.on_piece, queue=8)
+        a = await ZmqTransport.bind(one.on_piece, queue=8)
         with foreign(a.address) as line:
             line.rcvhwm = 1  # of this and later connections
             line.send(b"I am here")
@@ -293,7 +294,7 @@ def test_what_is_no_single_payload_is_garbage() -> None:
 def test_what_is_too_long_is_not_sent_and_not_taken() -> None:
     async def body() -> None:
         one, two = Heard(), Heard()
-        a = await ZmqEnd.bind(one.on_piece, max_bytes=100)
+        a = await ZmqTransport.bind(one.on_piece, max_bytes=100)
         b = await connect(two, a.address)
         await until(lambda: a.connected and b.connected)
         assert not a.send(b"x" * 101)
@@ -374,8 +375,8 @@ def test_a_flood_leaves_others_their_turn() -> None:
 
 def test_an_end_may_be_closed_by_whom_it_tells() -> None:
     async def body() -> None:
-        ends: list[ZmqEnd] = []
-        a = await ZmqEnd.bind(lambda piece: ends[0].close())
+        ends: list[ZmqTransport] = []
+        a = await ZmqTransport.bind(lambda piece: ends[0].close())
         ends.append(a)
         with foreign(a.address) as line:
             line.send_multipart([b"close"])
@@ -413,7 +414,7 @@ def test_without_the_right_key_a_peer_is_refused_and_noted(who: str, tmp_path: P
         rings = key_rings(tmp_path)
         one, two, three = Heard(), Heard(), Heard()
         a = await bind(one, keys=Keys.load(rings["oracle"][1], [rings["blue"][0]]))
-        b: ZmqEnd | None = None
+        b: ZmqTransport | None = None
         if who == "no ZeroMQ":
             _, writer = await asyncio.open_connection(*a.address)
             writer.write(b"GET / HTTP/1.1\r\n\r\n" * 10)
@@ -540,13 +541,13 @@ def test_a_port_in_use_is_named() -> None:
 def test_beyond_loopback_it_takes_keys(tmp_path: Path) -> None:
     async def body() -> None:
         rings = key_rings(tmp_path)
-        for end in (ZmqEnd.bind, ZmqEnd.connect):
+        for end in (ZmqTransport.bind, ZmqTransport.connect):
             with pytest.raises(InputError, match=r"192\.0\.2\.1:5555.*loopback.*keys"):
                 await end(lambda _: None, ("192.0.2.1", 5555))
         keys = Keys.load(rings["oracle"][1], [rings["blue"][0], rings["mallory"][0]])
         with pytest.raises(InputError, match="2 peers' keys"):
-            await ZmqEnd.connect(lambda _: None, (LOOPBACK, 5555), keys=keys)
-        end = await ZmqEnd.bind(lambda _: None, ("0.0.0.0", 0), keys=keys)
+            await ZmqTransport.connect(lambda _: None, (LOOPBACK, 5555), keys=keys)
+        end = await ZmqTransport.bind(lambda _: None, ("0.0.0.0", 0), keys=keys)
         assert end.address[0] == "0.0.0.0"
         end.close()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.validation.test_physics_multirotor import Flight
 
-from skyrange.vehicle.builtin.parameters import TUNING
+from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING
 from skyrange.world import AIRFRAMES, Airframe
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2
 
@@ -137,4 +137,4 @@ def test_the_table_is_sound():
             airframe.rotors[0].left_m - airframe.rotors[2].left_m,
         )
         assert neighbours > 2.0 * airframe.propeller_m  # propellers clear each other
-    assert set(TUNING) <= set(AIRFRAMES)
+    assert set(AIRFRAME_TUNING) <= set(AIRFRAMES)

@@ -20,7 +20,7 @@ from tests.unit.avoidance_harness import Flyer, fly
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.vehicle.avoidance.contract import Avoidance, Limits, Tracks, Vector
+from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceLimits, Tracks, Vector
 from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.avoidance.orca import Orca
@@ -159,7 +159,7 @@ def test_it_flies_around_a_ghost_in_the_open_by_a_little_on_the_right() -> None:
 def test_where_there_is_no_way_it_holds_then_squeezes_by_then_goes_home() -> None:
     # a court with one gate, too narrow for the protected radius; then also for the least one
     wide = town((-30, 14, 30, 3000), (-30, -3000, 30, -14))
-    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, Limits(least_m=6.0)))
+    green = Flyer((-150, 0, 30), (150, 0, 30), Geometric(wide, AvoidanceLimits(least_m=6.0)))
     fly([green], 400, ghosts((0, -6, 30)), city=wide)
     assert "stop" in [name for _, name in green.log]
     assert green.arrived_s is not None

@@ -14,15 +14,15 @@ import pytest
 from tests.integration.flight_harness import EPOCH, ORIGIN, Range
 from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
-from skyrange.agent.contracts import SensorFault, Sensors
-from skyrange.agent.links import Schedule
-from skyrange.attack.contract import Aircraft, Setting
-from skyrange.attack.gnss_drift import DRIFT
-from skyrange.attack.gnss_jump import JUMP
+from skyrange.attack.contract import Aircraft, AttackContext
+from skyrange.attack.gnss.drift import DRIFT
+from skyrange.attack.gnss.jump import JUMP
 from skyrange.codec.mavlink import dialect
+from skyrange.contracts.components import SensorFault, Sensors
+from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.contract import VehicleSpec
 
 ME = "blue/b1"
 KINDS = {"gnss.jump": JUMP, "gnss.drift": DRIFT}
@@ -108,11 +108,11 @@ def flown(trunk: Range, spoof: Spoof) -> Seen:
     fly.run((-fly.now % FIX_NS) / NS_PER_S)
     began, start = fly.now / NS_PER_S, fly.positions()[0]
     notes, said = len(fly.notes), len(fly.said)
-    setting = Setting(
+    context = AttackContext(
         "lie", {ME: Aircraft((0.0, 0.0, 0.0), "")}, [], ORIGIN, EPOCH, Chance(0), 10**12, Schedule(fly.now)
     )
     kind = KINDS[spoof.kind]
-    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **spoof.params}), setting).faults
+    (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **spoof.params}), context).faults
     assert isinstance(fly.tamper, Receiver)
     fly.tamper.fault = fault
     fly.run(SECONDS)

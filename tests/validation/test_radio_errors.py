@@ -8,16 +8,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from skyrange.agent.air import Waveform
-from skyrange.radio.judge import survives
-from skyrange.radio.waveforms import (
-    LEAST_SNIR_DB,
+from skyrange.contracts.medium import Waveform
+from skyrange.radio.builtin.reception_decision import frame_success_probability
+from skyrange.radio.phy.waveforms import (
     LOCK_SNIR_DB,
+    MIN_SNIR_DB,
     airtime_ns,
     bit_error,
+    bits_success_probability,
     frame_bits,
     packet_error,
-    survival,
 )
 
 DSSS, OFDM, BLE, CODED = Waveform
@@ -84,7 +84,7 @@ def test_a_data_sheets_sensitivity():
 @pytest.mark.parametrize("waveform", list(Waveform))
 def test_thresholds_are_where_they_say(waveform: Waveform):
     """Below LEAST_SNIR_DB fewer than 1 in 100 short frames survive; at LOCK_SNIR_DB between 0.1 and 0.9."""
-    assert packet_error(waveform, float(LEAST_SNIR_DB[waveform]), 30) > 0.99
+    assert packet_error(waveform, float(MIN_SNIR_DB[waveform]), 30) > 0.99
     assert 0.1 < packet_error(waveform, float(LOCK_SNIR_DB[waveform]), 30) < 0.9
 
 
@@ -101,8 +101,10 @@ def test_a_frame_is_judged_part_by_part():
     """Half a frame under interference: the product of both halves' survivals, the worst ratio that of one. 1e-12."""
     bits = float(frame_bits(OFDM, 100))
     begins, ends, mw = np.array([500]), np.array([2000]), np.array([1.0])
-    chance, worst = survives(int(OFDM), bits, 0, 1000, 3.0, 1.0, begins, ends, mw, 1)
-    assert chance == pytest.approx(survival(OFDM, 3.0, bits / 2) * survival(OFDM, 1.5, bits / 2), rel=1e-12)
+    chance, worst = frame_success_probability(int(OFDM), bits, 0, 1000, 3.0, 1.0, begins, ends, mw, 1)
+    assert chance == pytest.approx(
+        bits_success_probability(OFDM, 3.0, bits / 2) * bits_success_probability(OFDM, 1.5, bits / 2), rel=1e-12
+    )
     assert worst == 1.5
-    apart, _ = survives(int(OFDM), bits, 0, 500, 3.0, 1.0, begins, ends, mw, 1)
-    assert apart == survival(OFDM, 3.0, bits)
+    apart, _ = frame_success_probability(int(OFDM), bits, 0, 500, 3.0, 1.0, begins, ends, mw, 1)
+    assert apart == bits_success_probability(OFDM, 3.0, bits)

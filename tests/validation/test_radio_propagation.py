@@ -11,17 +11,17 @@ import shapely
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.ids import hash64
-from skyrange.radio import fading
-from skyrange.radio.propagation import (
+from skyrange.radio.propagation import fading
+from skyrange.radio.propagation.obstruction import BLOCKED, has_line_of_sight, obstacle_index, obstruction_db
+from skyrange.radio.propagation.path_loss import (
     bullington_nu,
     dipole_dbi,
-    edge_db,
     free_space_db,
+    knife_edge_db,
     noise_dbm,
-    open_db,
+    open_ground_db,
     wavelength_m,
 )
-from skyrange.radio.sightlines import BEYOND, clear, obstruction_db, skyline
 
 LAMBDA = wavelength_m(2437.0)
 SEED = np.uint64(7)
@@ -38,7 +38,7 @@ def test_two_rays_over_ground():
     """P.1411-12 4.1.1's median to 0.02 dB; far out that is 20·log10(π) above the plane-earth loss of two ideal rays."""
     h1, h2 = 1.5, 2.0
     far = 5_000.0
-    assert open_db(far, h1, h2, LAMBDA) == pytest.approx(
+    assert open_ground_db(far, h1, h2, LAMBDA) == pytest.approx(
         40.0 * math.log10(far) - 20.0 * math.log10(h1 * h2 / math.pi), abs=0.1
     )
     rbp = 4.0 * h1 * h2 / LAMBDA
@@ -46,17 +46,17 @@ def test_two_rays_over_ground():
     for share in (0.1, 0.9, 1.1, 20.0):
         slope = 20.0 if share <= 1.0 else 40.0
         expected = lbp + 6.02 + slope * math.log10(share)
-        assert open_db(share * rbp, h1, h2, LAMBDA) == pytest.approx(expected, abs=0.02)
+        assert open_ground_db(share * rbp, h1, h2, LAMBDA) == pytest.approx(expected, abs=0.02)
 
 
 def test_high_up_it_is_free_space():
-    assert open_db(2_000.0, 60.0, 40.0, LAMBDA) == free_space_db(2_000.0, LAMBDA)
+    assert open_ground_db(2_000.0, 60.0, 40.0, LAMBDA) == free_space_db(2_000.0, LAMBDA)
 
 
 @pytest.mark.parametrize(("nu", "loss_db"), [(-0.78, 0.0), (0.0, 6.03), (1.0, 13.93), (2.4, 20.54), (10.0, 32.9)])
 def test_knife_edge(nu: float, loss_db: float):
     """P.526-15 fig. 9 and eq. 31 are within 0.1 dB of the Fresnel integrals for ν > -0.7; these are the integrals'."""
-    assert edge_db(nu) == pytest.approx(loss_db, abs=0.15)
+    assert knife_edge_db(nu) == pytest.approx(loss_db, abs=0.15)
 
 
 def _fresnel_db(nu: float) -> float:
@@ -72,7 +72,7 @@ def _fresnel_db(nu: float) -> float:
 @pytest.mark.parametrize("nu", [-0.5, 0.01, 0.5, 1.5, 3.0, 6.0])
 def test_knife_edge_against_fresnel_integrals(nu: float):
     """Eq. 31 is an approximation of eq. 30: 0.2 dB allowed."""
-    assert edge_db(nu) == pytest.approx(_fresnel_db(nu), abs=0.2)
+    assert knife_edge_db(nu) == pytest.approx(_fresnel_db(nu), abs=0.2)
 
 
 def test_bullingtons_edge_of_one_edge_is_that_edge():
@@ -87,21 +87,21 @@ def _city(*boxes: tuple[float, float, float, float, float]) -> City:
 
 
 def _loss(city: City, a: tuple[float, ...], b: tuple[float, ...], margin_db: float = 200.0) -> float:
-    return obstruction_db(skyline(city.walls()), *a, *b, LAMBDA, margin_db)
+    return obstruction_db(obstacle_index(city.walls()), *a, *b, LAMBDA, margin_db)
 
 
 def test_over_a_long_thin_wall():
     """A wall 2 m thick and 4 km long between antennas 400 m apart, 10 m above the line: J(ν) of one edge, 0.1 dB."""
     city = _city((-1.0, -2_000.0, 1.0, 2_000.0, 40.0))
     nu = 10.0 * math.sqrt(2.0 * 400.0 / (LAMBDA * 200.0 * 200.0))
-    assert _loss(city, (-200.0, 0.0, 30.0), (200.0, 0.0, 30.0)) == pytest.approx(edge_db(nu), abs=0.1)
+    assert _loss(city, (-200.0, 0.0, 30.0), (200.0, 0.0, 30.0)) == pytest.approx(knife_edge_db(nu), abs=0.1)
 
 
 def test_round_one_corner():
     """A tower too tall to pass over, one corner 5 m off the line, the other 200 m: J(ν) of the near one, 0.5 dB."""
     city = _city((-1.0, -200.0, 1.0, 5.0, 900.0))
     nu = 5.0 * math.sqrt(2.0 * 400.0 / (LAMBDA * 200.0 * 200.0))
-    assert _loss(city, (-200.0, 0.0, 30.0), (200.0, 0.0, 30.0)) == pytest.approx(edge_db(nu), abs=0.5)
+    assert _loss(city, (-200.0, 0.0, 30.0), (200.0, 0.0, 30.0)) == pytest.approx(knife_edge_db(nu), abs=0.5)
 
 
 def test_both_sides_add_by_power():
@@ -125,7 +125,7 @@ def test_a_roof_just_below_the_line():
     for above_m in (0.001, 0.5, 2.0):
         nu = -above_m * math.sqrt(2.0 * 800.0 / (LAMBDA * 400.0 * 400.0))
         got = _loss(city, (-400.0, 0.0, 40.0 + above_m), (400.0, 0.0, 40.0 + above_m))
-        assert got == pytest.approx(edge_db(nu), abs=0.05)
+        assert got == pytest.approx(knife_edge_db(nu), abs=0.05)
     assert _loss(city, (-400.0, 0.0, 44.5), (400.0, 0.0, 44.5)) == 0.0
 
 
@@ -142,7 +142,7 @@ def test_loss_is_the_same_both_ways_and_stops_at_its_margin():
         assert there == pytest.approx(back, abs=1e-6)
         for margin_db in (3.0, 12.0, 30.0):
             short = _loss(city, a, b, margin_db)
-            assert short == (there if there <= margin_db else BEYOND)
+            assert short == (there if there <= margin_db else BLOCKED)
 
 
 def test_sight_lines_are_the_citys():
@@ -150,15 +150,15 @@ def test_sight_lines_are_the_citys():
     rng = np.random.default_rng(4)
     corners = rng.uniform(-300.0, 300.0, (80, 2))
     city = _city(*((x, y, x + 25.0, y + 30.0, 50.0) for x, y in corners))
-    sky = skyline(city.walls())
+    obstacles = obstacle_index(city.walls())
     seen = 0
     for _ in range(600):
         a, b = rng.uniform(-500.0, 500.0, 2), rng.uniform(-500.0, 500.0, 2)
         low = float(rng.uniform(1.0, 49.0))
         line = shapely.LineString([a, b])
         expected = not any(line.intersects(building.shape) for building in city.buildings)
-        assert clear(sky, *a, low, *b, low) == expected
-        assert clear(sky, *a, 50.1, *b, 50.1)
+        assert has_line_of_sight(obstacles, *a, low, *b, low) == expected
+        assert has_line_of_sight(obstacles, *a, 50.1, *b, 50.1)
         seen += expected
     assert 50 < seen < 550
 

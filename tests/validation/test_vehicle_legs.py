@@ -12,18 +12,18 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.vehicle.builtin import scurve, spline, wpnav
-from skyrange.vehicle.builtin.layout import CURVE, ESTIMATE, FLIGHT, LEGS, zeros
-from skyrange.vehicle.builtin.parameters import SETTINGS, fill
+from skyrange.vehicle.builtin.guidance import scurve, spline, wpnav
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, LEGS, SCURVE, new_records
+from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS
 
 DT = 0.01
 
 
 def leg(length: float, speed: float, accel: float, jerk: float, tc: float) -> np.ndarray:
-    c = np.zeros(1, CURVE)
+    c = np.zeros(1, SCURVE)
     snap = 0.25 * math.pi * jerk / tc
-    scurve.lay(c[0], 0.0, 0.0, 0.0, length, 0.0, 0.0, speed, 2.5, 1.5, accel, 1.0, snap, jerk)
+    scurve.calculate_track(c[0], 0.0, 0.0, 0.0, length, 0.0, 0.0, speed, 2.5, 1.5, accel, 1.0, snap, jerk)
     return c
 
 
@@ -49,13 +49,13 @@ def test_a_leg_takes_as_long_and_is_as_far_after_three_tenths(
     c = leg(length, speed, accel, jerk, tc)
     total = scurve.duration(c[0])
     assert total == pytest.approx(duration, abs=2e-5)
-    assert scurve.at(c[0], 0.3 * total) == pytest.approx((place, fast, push), abs=3e-5)
+    assert scurve.motion_at(c[0], 0.3 * total) == pytest.approx((place, fast, push), abs=3e-5)
 
 
 def test_a_climbing_leg_is_slowed_to_the_climb_rate() -> None:
-    c = np.zeros(1, CURVE)
+    c = np.zeros(1, SCURVE)
     snap = 0.25 * math.pi / 0.15
-    scurve.lay(c[0], 0.0, 0.0, 0.0, 30.0, 40.0, 25.0, 10.0, 2.5, 1.5, 2.5, 1.0, snap, 1.0)
+    scurve.calculate_track(c[0], 0.0, 0.0, 0.0, 30.0, 40.0, 25.0, 10.0, 2.5, 1.5, 2.5, 1.0, snap, 1.0)
     assert scurve.duration(c[0]) == pytest.approx(15.03822, abs=2e-5)
 
 
@@ -65,17 +65,17 @@ def test_a_climbing_leg_is_slowed_to_the_climb_rate() -> None:
 def test_a_new_speed_in_flight(speed: float, when: float, left: float) -> None:
     c = leg(200.0, 4.0, 2.5, 1.0, 0.15)
     c["t"] = when
-    before = scurve.at(c[0], when)
-    scurve.set_speed(c[0], speed, 2.5, 1.5)
+    before = scurve.motion_at(c[0], when)
+    scurve.set_speed_max(c[0], speed, 2.5, 1.5)
     assert scurve.duration(c[0]) - when == pytest.approx(left, abs=1e-3)
-    assert scurve.at(c[0], when) == pytest.approx(before, abs=1e-6)
-    assert scurve.at(c[0], when + left + 1.0)[0] == pytest.approx(200.0, abs=1e-6)
+    assert scurve.motion_at(c[0], when) == pytest.approx(before, abs=1e-6)
+    assert scurve.motion_at(c[0], when + left + 1.0)[0] == pytest.approx(200.0, abs=1e-6)
 
 
 def test_speeds_at_both_ends() -> None:
     c = leg(50.0, 10.0, 2.5, 1.0, 0.15)
-    assert scurve.set_origin_speed(c[0], 3.0) == 3.0
-    scurve.set_destination_speed(c[0], 2.0)
+    assert scurve.set_origin_speed_max(c[0], 3.0) == 3.0
+    scurve.set_destination_speed_max(c[0], 2.0)
     assert scurve.duration(c[0]) == pytest.approx(9.78321, abs=2e-5)
 
 
@@ -84,7 +84,7 @@ def test_speeds_at_both_ends() -> None:
 def test_place_speed_and_acceleration_are_derivatives_of_one_another(length: float, jerk: float) -> None:
     c = leg(length, 9.0, 2.0, jerk, 0.15)
     t = np.linspace(0.0, scurve.duration(c[0]), 20_001)
-    rows = np.array([scurve.at(c[0], float(x)) for x in t])
+    rows = np.array([scurve.motion_at(c[0], float(x)) for x in t])
     assert np.abs(rows[:, 2]).max() <= 2.0 + 1e-9
     assert rows[:, 1].max() <= 9.0 + 1e-9
     assert rows[-1] == pytest.approx([length, 0.0, 0.0], abs=1e-6)
@@ -95,9 +95,9 @@ def test_place_speed_and_acceleration_are_derivatives_of_one_another(length: flo
 
 
 def rows(**limits: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    estimate, flight, legs = zeros(ESTIMATE, 1), zeros(FLIGHT, 1), zeros(LEGS, 1)
+    estimate, flight, legs = new_records(ESTIMATE, 1), new_records(FLIGHT, 1), new_records(LEGS, 1)
     settings = np.zeros(1, SETTINGS)
-    fill(settings, 0, "v", IRIS, 1, {})
+    fill_settings(settings, 0, "v", IRIS, 1, {})
     standard = {"speed_xy": 10.0, "speed_up": 2.5, "speed_down": 1.5, "accel_xy": 2.5, "accel_z": 1.0}
     for name, value in {**standard, **limits}.items():
         flight[name] = value
@@ -123,12 +123,12 @@ def test_a_corner_between_two_legs_of_50_m(
     estimate, flight, legs, settings = rows(speed_xy=speed)
     away = math.radians(turn)
     second = np.array([50.0 + 50.0 * math.cos(away), 50.0 * math.sin(away), 0.0])
-    wpnav.fly_to(estimate, flight, legs, settings, 0, np.array([50.0, 0.0, 0.0]), True)
-    wpnav.fly_on_to(flight, legs, settings, 0, second)
+    wpnav.start_leg(estimate, flight, legs, settings, 0, np.array([50.0, 0.0, 0.0]), True)
+    wpnav.queue_leg(flight, legs, settings, 0, second)
     at, near, slow, passed = 0.0, math.inf, math.inf, 0.0
     for _ in range(4000):
         estimate["pos"], estimate["vel"] = flight["ref_pos"], flight["ref_vel"]  # an aircraft that keeps up
-        wpnav.follow(estimate[0], flight[0], legs[0], settings[0], DT)
+        wpnav.advance_along_track(estimate[0], flight[0], legs[0], settings[0], DT)
         at += DT
         off = float(np.linalg.norm(flight["ref_pos"][0] - [50.0, 0.0, 0.0]))
         near = min(near, off)
@@ -138,7 +138,7 @@ def test_a_corner_between_two_legs_of_50_m(
             if passed:
                 break
             passed = at
-            wpnav.fly_to(estimate, flight, legs, settings, 0, second, False)
+            wpnav.start_leg(estimate, flight, legs, settings, 0, second, False)
     assert passed == pytest.approx(reached, abs=0.03)
     assert near == pytest.approx(miss, abs=0.02)
     assert slow == pytest.approx(slowest, abs=0.03)
@@ -148,13 +148,15 @@ def test_a_corner_between_two_legs_of_50_m(
 def test_a_curve() -> None:
     """5 m/s from rest over a Hermite cubic to (30, 30), leaving north: position after 5 s, duration, end speeds."""
     _, flight, legs, _ = rows(speed_xy=5.0)
-    curve = legs["spline"]
-    spline.lay(curve[0], flight[0], 0.0, 0.0, 0.0, 30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0, 0.0)
+    curve = legs["this_spline"]
+    spline.set_origin_and_destination(
+        curve[0], flight[0], 0.0, 0.0, 0.0, 30.0, 30.0, 0.0, 0.0, 0.0, 0.0, 0.0, 50.0, 0.0
+    )
     assert float(curve["from_speed"][0]) == pytest.approx(5.0, abs=1e-3)
     assert float(curve["to_speed"][0]) == pytest.approx(4.167, abs=1e-3)
     steps = 0
     while not curve["reached"][0]:
-        spline.follow(curve[0], flight[0], DT)
+        spline.advance_target_along_track(curve[0], flight[0], DT)
         steps += 1
         if steps == 500:
             assert flight["ref_pos"][0] == pytest.approx([12.999, 7.351, 0.0], abs=2e-3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.codec.mavlink import Deframer, Packer, Piece, decode, describe, dialect
+from skyrange.codec.mavlink import Deframer, Packer, Piece, decode, dialect, message_fields
 
 # rust-mavlink, mavlink/tests: test_shared/mod.rs, signing.rs, v2_encode_decode_tests.rs
 HEARTBEAT_V1 = bytes.fromhex("fe09ef0102000500000002035903031f50")
@@ -34,7 +34,7 @@ def test_heartbeat(frame: bytes) -> None:
     message = decode(frame)
     assert message.get_type() == "HEARTBEAT"
     assert (message.get_seq(), message.get_srcSystem(), message.get_srcComponent()) == (239, 1, 2)
-    assert describe(message) == {
+    assert message_fields(message) == {
         "type": dialect.MAV_TYPE_QUADROTOR,
         "autopilot": dialect.MAV_AUTOPILOT_ARDUPILOTMEGA,
         "base_mode": 0x59,
@@ -57,7 +57,7 @@ def test_truncated_payload_is_filled_with_zeros() -> None:
 
 
 def test_parameter_text() -> None:
-    assert describe(decode(PARAM_BAT1)) == {
+    assert message_fields(decode(PARAM_BAT1)) == {
         "param_id": "BAT1_R_INTERNAL",
         "param_value": -1.0,
         "param_type": dialect.MAV_PARAM_TYPE_REAL32,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from skyrange.codec import wifi
 from skyrange.codec.f3411 import (
     Authentication,
     BasicId,
@@ -12,17 +11,18 @@ from skyrange.codec.f3411 import (
     MessagePack,
     OperatorId,
     SelfId,
-    Single,
+    SingleMessage,
     System,
     authentication,
     decode,
     encode,
 )
-from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.codec.remote_id import wifi
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 
 # opendroneid-core-c, test/test_inout.c: what the program prints under "Encoded Data", for the inputs it is given
 # (altitudes 100, 110, 80 m; 5.4 and 5.25 m/s; 215.7°; 360.52 s; ceiling 176.9 m and radius 75 m cut to a step).
-INOUT: list[tuple[str, Single]] = [
+INOUT: list[tuple[str, SingleMessage]] = [
     ("0222 3132333435363738393031323334353637383930 000000", BasicId(2, 2, "12345678901234567890")),
     (
         "1226 24160a 42bf241b 6ed1b4b6 9808 ac08 7008 6b53 150e 02 00",
@@ -41,7 +41,7 @@ INOUT: list[tuple[str, Single]] = [
 ]  # fmt: skip
 
 # librid 0.4, examples/{basic_id,location,system,operator_id,self_id}/README.md
-LIBRID: list[tuple[str, Single]] = [
+LIBRID: list[tuple[str, SingleMessage]] = [
     ("0212" + b"1ABCD2345EF678XYZ".hex() + "000000" + "000000", BasicId(1, 2, "1ABCD2345EF678XYZ")),
     (
         "12202d3e0420bd5c25401c190d9b08c10834084a5339300100",
@@ -57,7 +57,7 @@ LIBRID: list[tuple[str, Single]] = [
 
 # kilpkonn/remote-id, src/codec/decode.rs: messages that modules of Dronetag broadcast, their first two bytes
 # (application code and counter) taken off. That decoder's test drops the second Location's course of 52°.
-DRONETAG: list[tuple[list[int], Single]] = [
+DRONETAG: list[tuple[list[int], SingleMessage]] = [
     (
         [18, 34, 157, 0, 0, 143, 76, 186, 29, 192, 227, 79, 5, 77, 9, 116, 9, 208, 7, 91, 4, 26, 14, 0, 0],
         Location(2, 49.8748559, 8.9121728, 210.0, 190.5, 0.0, 0, 0.0, 0.0, 337.0, 11, 5, 0, 4, 0, 361.0),
@@ -82,7 +82,7 @@ VECTORS = [(bytes.fromhex(text.replace(" ", "")), message) for text, message in 
 
 
 @pytest.mark.parametrize(("body", "message"), VECTORS)
-def test_a_message_of_others_is_read_and_written(body: bytes, message: Single) -> None:
+def test_a_message_of_others_is_read_and_written(body: bytes, message: SingleMessage) -> None:
     assert decode(body) == message
     assert encode(message) == body
 
@@ -103,9 +103,9 @@ def test_authentication_in_three_pages() -> None:
     ]
     messages = [decode(page) for page in pages]
     assert all(isinstance(message, Authentication) for message in messages)
-    data = authentication.join(message for message in messages if isinstance(message, Authentication))
+    data = authentication.join_pages(message for message in messages if isinstance(message, Authentication))
     assert data == b"".join((pages[0][8:], pages[1][2:], pages[2][2:]))[:56]
-    assert [encode(page) for page in authentication.pages(3, data, 189_302_400)] == pages
+    assert [encode(page) for page in authentication.split_pages(3, data, 189_302_400)] == pages
 
 
 def test_a_beacon_of_others_is_built_to_the_byte() -> None:
@@ -121,7 +121,7 @@ def test_a_beacon_of_others_is_built_to_the_byte() -> None:
         (BasicId(1, 4, "USS-Enterprise"), Location(2, speed_mps=62.0, vertical_mps=62.0, track_deg=0.25), System())
     )
     header = RidHeader(Transport.WIFI_BEACON, counter=0x55, address=bytes.fromhex("123456214365"))
-    built = wifi.beacon(RidFrame(header, encode(pack)), ssid=b"testSSID_0123456789A", timestamp_us=2**64 - 1)
+    built = wifi.encode_beacon(RidFrame(header, encode(pack)), ssid=b"testSSID_0123456789A", timestamp_us=2**64 - 1)
     assert len(built) == 146 + wifi.FCS
     assert built.startswith(expected)
 
@@ -130,12 +130,12 @@ def test_names_of_the_nan_service_and_frames() -> None:
     """opendroneid-core-c, libopendroneid/wifi.c: the constants of its action frame and its synchronisation Beacon."""
     header = RidHeader(Transport.WIFI_NAN, counter=7, address=bytes.fromhex("020304050607"))
     body = encode(MessagePack((SelfId(0, "x"),)))
-    action = wifi.nan_action(RidFrame(header, body))
+    action = wifi.encode_nan_action(RidFrame(header, body))
     assert action[:24].hex() == "d0000000" + "516f9a010000" + "020304050607" + "506f9a0100ff" + "0000"
     assert action[24:42].hex() == "0409506f9a13" + "03" + "2700" + "8869199d9209" + "010010"
     assert action[42:44] == bytes([29, 7])
     assert action[44:-4] == body + bytes.fromhex("0e0400" + "01" + "0002" + "07")
-    sync = wifi.nan_sync_beacon(header.address)
+    sync = wifi.encode_nan_sync_beacon(header.address)
     assert sync[24:-4].hex() == (
         "0000000000000000" + "0002" + "2004" + "dd22506f9a13" + "000200feea"
         + "010d00020304050607eafe0000000000" + "0206008869199d9209"

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from skyrange.assembly.signing import derive_keys
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.ids import vehicle_id
 from skyrange.kernel import EngineMount
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import derive_keys
-from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world import Body, SensorSpec, World
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 
 def build_aircraft(
@@ -44,7 +44,7 @@ def build_aircraft(
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
     datum = scenario.origin.datum
-    sensors = SensorSpec(scenario.sensors.noise, field_at(datum), chance)
+    sensors = SensorSpec(scenario.sensors.noise, magnetic_field_at(datum), chance)
     world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
     mounts = []
     for kind, members in specs.items():
@@ -56,6 +56,6 @@ def build_aircraft(
     return world, mounts
 
 
-def engines_told(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
+def describe_engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
     """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
     return [{"kind": mount.engine.name, **mount.engine.manifest} for mount in mounts]

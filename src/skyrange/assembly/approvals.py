@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from skyrange.agent.links import LinkSpec
+from skyrange.assembly.network import apply_link_rules
 from skyrange.city.city import City
+from skyrange.contracts.links import LinkSpec
 from skyrange.core.chance import Chance
-from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.core.errors import ComponentError, InputError, Problem
 from skyrange.core.ids import APPROVAL
-from skyrange.scenario.network import apply_link_rules
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
 
 
@@ -32,7 +32,7 @@ def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalServi
         try:
             service = ApprovalPlugin.find(kind)(scenario.approval_params(kind), context)
         except InputError as error:
-            faults = [Fault(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            faults = [Problem(f"approvals.{kind}.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
             raise InputError(f"scenario {scenario.name}", faults) from error
         _check_ports(service, context)
         links: Sequence[LinkSpec] = [apply_link_rules(scenario, spec) for spec in service.links]

@@ -7,19 +7,19 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
-from skyrange.agent.links import AttackPlan, LinkSpec, Schedule, TapPlacement
-from skyrange.agent.settings import Params
-from skyrange.attack.contract import Aircraft, Attack, Place, Setting, Transmitter
+from skyrange.assembly.radio_checks import check_place
+from skyrange.attack.contract import Aircraft, Attack, AttackContext, Place, Transmitter
 from skyrange.city.city import City
+from skyrange.contracts.links import AttackPlan, LinkSpec, Schedule, TapPlacement
+from skyrange.contracts.params import Params
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
 from skyrange.core.time import NEVER, from_seconds
-from skyrange.remoteid.profiles import serial_number
-from skyrange.scenario.air import RemoteId
-from skyrange.scenario.attacks import AttackTable
-from skyrange.scenario.radio_checks import check_place
-from skyrange.scenario.schema import Scenario
+from skyrange.remoteid.broadcast_profiles import serial_number
+from skyrange.scenario.model.attacks import AttackTable
+from skyrange.scenario.model.radio import RemoteId
+from skyrange.scenario.model.scenario import Scenario
 
 
 @dataclass(slots=True)
@@ -32,17 +32,17 @@ class MadeAttacks:
     radios: list[Transmitter] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
     """What the manifest says of each."""
-    faults: list[Fault] = field(default_factory=list)
+    faults: list[Problem] = field(default_factory=list)
 
 
-def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> Setting:
+def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> AttackContext:
     """What attacks are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:
         key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
         uas_id = (vehicle.remote_id or RemoteId()).uas_id or serial_number(key)
         vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id)
-    return Setting(
+    return AttackContext(
         id="",
         vehicles=vehicles,
         links=[spec.name for spec in links],
@@ -55,26 +55,26 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     )
 
 
-def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> MadeAttacks:
+def make_attacks(attacks: Sequence[AttackTable], context: AttackContext) -> MadeAttacks:
     """Make every attack; what is wrong with them is in `faults`.
 
-    `setting` is that of all of them; id, schedule and sham are filled in for each.
+    `context` is that of all of them; id, schedule and sham are filled in for each.
     """
     made = MadeAttacks()
     for attack in attacks:
-        own = replace(setting, id=attack.id, schedule=Schedule(), sham=attack.sham)
+        own = replace(context, id=attack.id, schedule=Schedule(), sham=attack.sham)
         where = f"attacks.{attack.id}"
         try:
-            found = attack.plugin(_anchored(attack, setting), own)
+            found = attack.plugin(_anchored(attack, context), own)
         except InputError as error:
-            made.faults += [Fault(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            made.faults += [Problem(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
-        names = [*setting.links, *(spec.name for spec in found.links)]
+        names = [*context.links, *(spec.name for spec in found.links)]
         for tap in found.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
-                made.faults.append(Fault(f"{where}.params", tap.match, "a link of the scenario", hint))
-        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, setting)))
+                made.faults.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
+        made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
         made.radios += found.radios
@@ -82,18 +82,18 @@ def make_attacks(attacks: Sequence[AttackTable], setting: Setting) -> MadeAttack
     return made
 
 
-def _anchor(attack: AttackTable, setting: Setting) -> Place:
+def _anchor(attack: AttackTable, context: AttackContext) -> Place:
     """Where its places count from."""
-    return (0.0, 0.0, 0.0) if attack.anchor is None else setting.vehicles[attack.anchor].start_enu_m
+    return (0.0, 0.0, 0.0) if attack.anchor is None else context.vehicles[attack.anchor].start_enu_m
 
 
 def _from(anchor: Place, place: Place) -> Place:
     return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
 
 
-def _anchored(attack: AttackTable, setting: Setting) -> Params:
+def _anchored(attack: AttackTable, context: AttackContext) -> Params:
     """Its parameters with places in metres from the origin."""
-    settings, anchor = attack.settings, _anchor(attack, setting)
+    settings, anchor = attack.settings, _anchor(attack, context)
     places = {name: getattr(settings, name, None) for name in attack.plugin.places}
     moved = {name: _from(anchor, place) for name, place in places.items() if place is not None}
     return settings.model_copy(update=moved)
@@ -130,7 +130,7 @@ def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
     }
 
 
-def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Problem]:
     """Attackers' radios where none can be."""
     for radio in radios:
         yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

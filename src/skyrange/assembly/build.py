@@ -6,32 +6,32 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from skyrange.agent.contracts import Agent
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.monitors import MonitorPlacement
+from skyrange.assembly.aircraft import build_aircraft, describe_engines
+from skyrange.assembly.approvals import build_approvals
+from skyrange.assembly.attacks import check_transmitters, make_attack_context, make_attacks
+from skyrange.assembly.city import build_city
+from skyrange.assembly.detectors import build_detectors, describe_monitor
+from skyrange.assembly.network import build_network
+from skyrange.assembly.placement.clear_placing import apply_placing
+from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.start_checks import check_starts
+from skyrange.assembly.radio import build_radio, describe_medium, make_lookout
+from skyrange.assembly.radio_checks import check_radios
+from skyrange.assembly.run_header import make_attachments, make_header
+from skyrange.assembly.signing import check_signing, derive_keys
 from skyrange.city.city import City
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.gcs.flights import Flight
+from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, Oracle
-from skyrange.scenario.aircraft import build_aircraft, engines_told
-from skyrange.scenario.approvals import build_approvals
-from skyrange.scenario.attack_making import check_transmitters, make_attack_context, make_attacks
-from skyrange.scenario.check import check
-from skyrange.scenario.detector_making import build_detectors, describe_monitor
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.medium import build_radio, describe_medium, make_lookout
-from skyrange.scenario.network import build_network
-from skyrange.scenario.placing import placed
-from skyrange.scenario.radio_checks import check_radios
-from skyrange.scenario.run_header import make_attachments, make_header
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import check_signing, derive_keys
-from skyrange.scenario.surroundings import build_city
+from skyrange.scenario.model.scenario import Scenario
 
 
 class _Everywhere:
@@ -42,7 +42,7 @@ class _Everywhere:
 
 
 @dataclass(slots=True)
-class Rig:
+class BuiltScenario:
     """A scenario ready to run: the wiring, and what the run folder says of it."""
 
     scenario: Scenario
@@ -62,7 +62,7 @@ class Rig:
             self.oracle.close()
 
 
-def wire(
+def build(
     scenario: Scenario,
     *,
     taps: Sequence[TapPlacement] = (),
@@ -70,7 +70,7 @@ def wire(
     monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     motion: bool = False,
-) -> Rig:
+) -> BuiltScenario:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
     `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
@@ -79,11 +79,11 @@ def wire(
     outside may be moved; the scenario's is needed too.
     """
     city = build_city(scenario)
-    scenario = placed(scenario, city)
+    scenario = apply_placing(scenario, city)
     links, all_routes = build_network(scenario)
     made = make_attacks(scenario.attacks, make_attack_context(scenario, links, city))
     faults = [
-        *check(scenario, city),
+        *check_starts(scenario, city),
         *made.faults,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
@@ -99,7 +99,9 @@ def wire(
     whole = ENDPOINT in here
     air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
-    plans = {vehicle_id(operator.id, vehicle.id): flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet}
+    plans = {
+        vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
+    }
     world, engines = build_aircraft(scenario, city, chance, motion) if whole else (None, [])
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
@@ -115,15 +117,19 @@ def wire(
             )
             for vehicle in operator.vehicles
         ]
-        lookout = make_lookout(operator.id, scenario)
+        traffic_picture = make_lookout(operator.id, scenario)
         key = derive_keys(scenario, operator).station
-        agents.append(GroundStation(operator.id, flights, epoch, streams=operator.streams, lookout=lookout, key=key))
+        agents.append(
+            GroundStation(
+                operator.id, flights, epoch, streams=operator.streams, traffic_picture=traffic_picture, key=key
+            )
+        )
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
         routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
-        watchers=air.watchers,
+        truth_subscribers=air.truth_subscribers,
         taps=[*made.taps, *taps],
         attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
         monitors=[*detectors, *monitors],
@@ -134,13 +140,13 @@ def wire(
         on_silent=scenario.autopilots.on_silent,
         on_unready=scenario.autopilots.on_unready,
     )
-    return Rig(
+    return BuiltScenario(
         scenario,
         wiring,
         city,
         from_seconds(scenario.duration_s),
         make_header(scenario, city, links, plans)
-        | {"attacks": made.rows, "engines": engines_told(engines), **describe_medium(scenario, air.oracle)}
+        | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
         | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
 from skyrange.city.geojson import load_geojson
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
 
 
 def build_city(scenario: Scenario) -> City | None:

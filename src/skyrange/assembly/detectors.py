@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from skyrange.agent.detectors import DetectorContext
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.monitors import MonitorPlacement, find_ends
+from skyrange.contracts.detectors import DetectorContext
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.monitors import MonitorPlacement, find_ends
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
 
 
 def build_detectors(
@@ -26,20 +26,20 @@ def build_detectors(
     ends = [(spec.name, spec.a, spec.b) for spec in links]
     origin, chance = scenario.origin.datum, Chance(scenario.seed)
     placements, rows = [], []
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     for table in scenario.detectors:
         context = DetectorContext(table.id, vehicles, origin, scenario.epoch, chance)
         placement = MonitorPlacement(table.id, partial(table.plugin, table.settings, context), table.links, table.side)
         try:
             find_ends(placement, ends)
         except InputError as error:
-            where = [fault.where.replace("monitors.", "detectors.", 1) for fault in error.faults]
-            faults += [Fault(w, f.value, f.expected, f.hint) for w, f in zip(where, error.faults, strict=True)]
+            where = [fault.where.replace("monitors.", "detectors.", 1) for fault in error.problems]
+            faults += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
         try:
             placement.make()  # what does not fit is said before anything starts
         except InputError as error:
-            where = [f"detectors.{table.id}.params.{fault.where}" for fault in error.faults]
-            faults += [Fault(w, f.value, f.expected, f.hint) for w, f in zip(where, error.faults, strict=True)]
+            where = [f"detectors.{table.id}.params.{fault.where}" for fault in error.problems]
+            faults += [Problem(w, f.value, f.expected, f.hint) for w, f in zip(where, error.problems, strict=True)]
         placements.append(placement)
         rows.append(table.model_dump(mode="json", exclude_none=True))
     if faults:

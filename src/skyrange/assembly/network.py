@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from skyrange.agent.links import Channel, LinkSpec, Route
+from skyrange.contracts.links import Channel, LinkSpec, Route
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.oracle import ENDPOINT
-from skyrange.scenario.schema import Scenario
-from skyrange.vehicle.onboard import air_links, routes
-from skyrange.vehicle.onboard import links as vehicle_links
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links
 
 APPROVAL_CHANNEL = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
 """A web service some tens of milliseconds away."""
@@ -26,8 +25,8 @@ def build_network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
         links.append(LinkSpec(name, station, APPROVAL, scenario.channel(name, APPROVAL_CHANNEL)))
         for vehicle in operator.vehicles:
             key = vehicle_id(operator.id, vehicle.id)
-            links += [apply_link_rules(scenario, spec) for spec in vehicle_links(key, operator.id)]
-            all_routes += routes(key)
+            links += [apply_link_rules(scenario, spec) for spec in onboard_links(key, operator.id)]
+            all_routes += onboard_routes(key)
     return [*links, *_air_links(scenario)], all_routes
 
 
@@ -40,7 +39,7 @@ def _air_links(scenario: Scenario) -> list[LinkSpec]:
     """The links to and from the oracle, without those of attackers."""
     if scenario.radio is None:
         return []
-    links = [spec for operator, v in scenario.fleet for spec in air_links(vehicle_id(operator.id, v.id))]
+    links = [spec for operator, v in scenario.fleet for spec in oracle_links(vehicle_id(operator.id, v.id))]
     listeners = dict.fromkeys(receiver.operator for receiver in scenario.radio.receivers)
     links += [LinkSpec(link_name("oracle", o), endpoint(o, "gcs"), ENDPOINT, ORACLE_CHANNEL) for o in listeners]
     return [apply_link_rules(scenario, spec) for spec in links]

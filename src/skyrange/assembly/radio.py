@@ -6,25 +6,25 @@ from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skyrange.agent.air import Listening, RadioSpec
-from skyrange.agent.contracts import Agent, Watcher
+from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
+from skyrange.contracts.components import Agent, TruthSubscriber
+from skyrange.contracts.medium import RadioSpec, ScanSchedule
 from skyrange.core.chance import Chance
 from skyrange.core.ids import endpoint, owner_of, vehicle_id
-from skyrange.gcs.lookout import Lookout
-from skyrange.gcs.plans import CRUISE_MPS
+from skyrange.gcs.plan.plans import CRUISE_MPS
+from skyrange.gcs.traffic_picture import TrafficPicture
+from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
-from skyrange.radio.receivers import PROFILES
-from skyrange.radio.surroundings import Surroundings
-from skyrange.remoteid.profiles import Broadcast
-from skyrange.scenario.air import Avoidance as AvoidanceTable
-from skyrange.scenario.air import RemoteId
-from skyrange.scenario.fleet import Vehicle
-from skyrange.scenario.operators import Operator
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.signing import derive_keys
+from skyrange.remoteid.broadcast_profiles import Broadcast
+from skyrange.scenario.model.fleet import Vehicle
+from skyrange.scenario.model.operators import Operator
+from skyrange.scenario.model.radio import Avoidance as AvoidanceTable
+from skyrange.scenario.model.radio import RemoteId
+from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec
@@ -38,11 +38,11 @@ class BuiltRadio:
     """What a radio medium adds to a wiring; nothing without one."""
 
     agents: list[Agent] = field(default_factory=list)
-    watchers: list[Watcher] = field(default_factory=list)
+    truth_subscribers: list[TruthSubscriber] = field(default_factory=list)
     oracle: Oracle | None = None
 
 
-def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:
+def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:
     """What a vehicle broadcasts. Raises `InputError` for what cannot be."""
     told = vehicle.remote_id or RemoteId()
     origin = scenario.origin.datum
@@ -56,15 +56,15 @@ def broadcast_of(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Br
         operator_place=station,
         operator_id=told.operator_id,
         text=told.text,
-        of_autopilot=abs(vehicle.params.get("DID_ENABLE", 0.0)) >= 1.0,
+        autopilot_location=abs(vehicle.params.get("DID_ENABLE", 0.0)) >= 1.0,
     )
 
 
-def make_lookout(operator: str, scenario: Scenario) -> Lookout | None:
+def make_lookout(operator: str, scenario: Scenario) -> TrafficPicture | None:
     """What an operator's ground receivers tell its ground station; `None` without any."""
     receivers = scenario.radio.receivers if scenario.radio is not None else ()
     names = [receiver.id for receiver in receivers if receiver.operator == operator]
-    return Lookout(operator, names, scenario.origin.datum) if names else None
+    return TrafficPicture(operator, names, scenario.origin.datum) if names else None
 
 
 def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
@@ -95,7 +95,7 @@ def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Se
     specs = [_aboard(key, vehicle, PROFILES[radio.aboard]) for key, _, vehicle in vehicles]
     specs += [RadioSpec(r.id, r.place, PROFILES[r.kind], antenna=r.antenna) for r in radio.receivers]
     specs += [_attacker(one) for one in attackers]
-    surroundings = Surroundings(radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm)
+    surroundings = RadioEnvironment(radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm)
     medium = radio.plugin(radio.settings, MediumContext(specs, chance, city, surroundings, radio.every_pair))
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]
@@ -124,7 +124,7 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
             CompanionSpec(
                 key,
                 vehicle.system_id,
-                broadcast_of(operator, vehicle, scenario),
+                make_broadcast(operator, vehicle, scenario),
                 avoidance,
                 vehicle.plan.speed_mps or CRUISE_MPS,
                 derive_keys(scenario, operator).aircraft,
@@ -137,7 +137,7 @@ def _avoidance(table: AvoidanceTable, city: City | None) -> Avoidance:
     return table.plugin(table.settings, AvoidanceContext(city))
 
 
-def _aboard(key: str, vehicle: Vehicle, listening: tuple[Listening, ...]) -> RadioSpec:
+def _aboard(key: str, vehicle: Vehicle, listening: tuple[ScanSchedule, ...]) -> RadioSpec:
     told = vehicle.remote_id or RemoteId()
     return RadioSpec(key, None, listening, wifi_dbm=told.wifi_dbm, ble_dbm=told.ble_dbm)
 

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from skyrange.assembly.radio import make_broadcast
 from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
-from skyrange.scenario.faults import spell_path
-from skyrange.scenario.medium import broadcast_of
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.validation.error_messages import spell_path
 
 
-def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Fault]:
+def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City | None) -> Iterator[Problem]:
     """Everything about the air that only the whole scenario can show."""
     if scenario.radio is None:
         hint = "Add [radio] to the scenario."
         for operator, vehicle in scenario.fleet:
             where = vehicle_id(operator.id, vehicle.id)
             if vehicle.remote_id is not None:
-                yield Fault(f"{where}.remote_id", "set", "a radio medium to broadcast over", hint)
+                yield Problem(f"{where}.remote_id", "set", "a radio medium to broadcast over", hint)
             if vehicle.avoidance is not None:
-                yield Fault(f"{where}.avoidance", vehicle.avoidance.kind, "a radio medium to hear others over", hint)
+                yield Problem(f"{where}.avoidance", vehicle.avoidance.kind, "a radio medium to hear others over", hint)
         for radio in radios:
-            yield Fault(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
+            yield Problem(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
         return
     operators = [operator.id for operator in scenario.operators]
     attackers = {owner_of(radio.endpoint) for radio in radios}
@@ -32,33 +32,33 @@ def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City |
     for index, receiver in enumerate(scenario.radio.receivers):
         where = spell_path(("radio", "receivers", index), scenario)
         if receiver.operator not in operators:
-            yield Fault(
+            yield Problem(
                 f"{where}.operator",
                 receiver.operator,
                 "an operator of the scenario",
                 nearest(receiver.operator, operators),
             )
         if receiver.id in seen or receiver.id in attackers:
-            yield Fault(f"{where}.id", receiver.id, "an id that no other receiver and no attack has")
+            yield Problem(f"{where}.id", receiver.id, "an id that no other receiver and no attack has")
         seen.add(receiver.id)
         yield from check_place(f"{where}.place", receiver.place, city)
     for operator, vehicle in scenario.fleet:
         try:
-            broadcast_of(operator, vehicle, scenario)
+            make_broadcast(operator, vehicle, scenario)
         except InputError as error:
             key = vehicle_id(operator.id, vehicle.id)
-            yield from (Fault(f"{key}.remote_id.{f.where}", f.value, f.expected, f.hint) for f in error.faults)
+            yield from (Problem(f"{key}.remote_id.{f.where}", f.value, f.expected, f.hint) for f in error.problems)
 
 
-def check_place(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Fault]:
+def check_place(where: str, place: tuple[float, float, float], city: City | None) -> Iterator[Problem]:
     """Antennas below the ground or inside buildings; `where` is the place's key."""
     east_m, north_m, up_m = place
     shown = f"[{east_m:g}, {north_m:g}, {up_m:g}] m"
     building = city.inside(east_m, north_m, up_m) if city is not None else None
     if up_m < 0.0:
-        yield Fault(where, shown, "a place on the ground (0) or above")
+        yield Problem(where, shown, "a place on the ground (0) or above")
     elif building is not None:
-        yield Fault(
+        yield Problem(
             where,
             shown,
             f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",

@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from skyrange.agent.links import LinkSpec
 from skyrange.city.city import City
-from skyrange.codec.missions import format_waypoints
+from skyrange.codec.mission import format_waypoints
+from skyrange.contracts.links import LinkSpec
 from skyrange.core.ids import vehicle_id
-from skyrange.gcs.plans import FlightPlan
-from skyrange.scenario.emit import to_toml
-from skyrange.scenario.schema import Scenario
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_writer import to_toml
 
 
 def make_header(

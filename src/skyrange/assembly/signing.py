@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
-from skyrange.agent.plugins import AUTOPILOTS, find
-from skyrange.core.errors import Fault
+from skyrange.contracts.plugins import AUTOPILOTS, find
+from skyrange.core.errors import Problem
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.operators import Operator
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.operators import Operator
+from skyrange.scenario.model.scenario import Scenario
 
 if TYPE_CHECKING:
-    from skyrange.codec.signing import SigningKey
+    from skyrange.codec.mavlink.signing import SigningKey
 
 
 class Keys(NamedTuple):
@@ -29,21 +29,25 @@ def passphrase(seed: int, operator: str) -> str:
 
 def derive_keys(scenario: Scenario, operator: Operator) -> Keys:
     """The keys of an operator of a scenario. With a wrong key, its ground station has that of another passphrase."""
-    from skyrange.codec.signing import SigningKey, secret_of, timestamp_of  # slow to import, and mostly off
+    from skyrange.codec.mavlink.signing import (  # slow to import, and mostly off
+        SigningKey,
+        secret_from_passphrase,
+        signing_timestamp,
+    )
 
     if operator.signing == "off":
         return Keys(None, None)
-    words, initial = passphrase(scenario.seed, operator.id), timestamp_of(scenario.epoch.unix_ns)
-    aircraft = SigningKey(secret_of(words), initial)
+    words, initial = passphrase(scenario.seed, operator.id), signing_timestamp(scenario.epoch.unix_ns)
+    aircraft = SigningKey(secret_from_passphrase(words), initial)
     if operator.signing == "on":
         return Keys(aircraft, aircraft)
-    return Keys(aircraft, SigningKey(secret_of(f"{words}/wrong"), initial))
+    return Keys(aircraft, SigningKey(secret_from_passphrase(f"{words}/wrong"), initial))
 
 
-def check_signing(scenario: Scenario) -> Iterator[Fault]:
+def check_signing(scenario: Scenario) -> Iterator[Problem]:
     """Aircraft that are to sign and whose autopilot cannot."""
     for operator, vehicle in scenario.fleet:
         if operator.signing != "off" and not getattr(find(AUTOPILOTS, vehicle.autopilot), "signs", False):
             where = f"{vehicle_id(operator.id, vehicle.id)}.autopilot"
             hint = 'builtin and ardupilot do; or set signing = "off".'
-            yield Fault(where, vehicle.autopilot, "an autopilot that signs its MAVLink", hint)
+            yield Problem(where, vehicle.autopilot, "an autopilot that signs its MAVLink", hint)

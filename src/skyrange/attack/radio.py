@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.attack.contract import ORACLE, Place, Setting, Transmitter
+from skyrange.attack.contract import ORACLE, AttackContext, Place, Transmitter
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
@@ -19,7 +19,7 @@ CHANNEL: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
 """Between that program and its radio, within one computer."""
 
 
-class Broadcasts(Protocol):
+class PayloadSource(Protocol):
     """What a transmitter sends: payloads of `rid_up`, when they are due. State that can be deep-copied."""
 
     @property
@@ -38,7 +38,7 @@ class Broadcaster:
 
     name: str
     up: Port
-    source: Broadcasts
+    source: PayloadSource
     service_ns: Time = SERVICE_NS
     ports: Sequence[Port] = field(init=False)
 
@@ -57,23 +57,23 @@ class Broadcaster:
         return self.source.due
 
 
-def up_link(setting: Setting) -> LinkSpec:
+def up_link(context: AttackContext) -> LinkSpec:
     """The link on which the attacker's radio is told what to send."""
-    return LinkSpec(setting.up, setting.radio, ORACLE, CHANNEL)
+    return LinkSpec(context.up, context.radio, ORACLE, CHANNEL)
 
 
-def down_link(setting: Setting) -> LinkSpec:
+def down_link(context: AttackContext) -> LinkSpec:
     """The link on which it says what it heard."""
-    return LinkSpec(setting.down, ORACLE, setting.radio, CHANNEL)
+    return LinkSpec(context.down, ORACLE, context.radio, CHANNEL)
 
 
-def transmitter(setting: Setting, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
+def transmitter(context: AttackContext, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
     """The attacker's node in the medium."""
-    return Transmitter(setting.radio, at_enu_m, power_dbm, listens)
+    return Transmitter(context.radio, at_enu_m, power_dbm, listens)
 
 
-def known_vehicle(setting: Setting, parameter: str, vehicle: str) -> None:
+def check_vehicle(context: AttackContext, parameter: str, vehicle: str) -> None:
     """Raises `InputError` for a vehicle that is not in the scenario."""
-    if vehicle not in setting.vehicles:
-        hint = nearest(vehicle, setting.vehicles)
-        raise InputError.one(setting.id, parameter, vehicle, "a vehicle of the scenario", hint)
+    if vehicle not in context.vehicles:
+        hint = nearest(vehicle, context.vehicles)
+        raise InputError.one(context.id, parameter, vehicle, "a vehicle of the scenario", hint)

@@ -9,18 +9,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from skyrange.bench.apart import apart
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
+from skyrange.bench.isolation import run_in_process
 from skyrange.core.time import to_seconds
-from skyrange.io.sitl import LockstepSitl, Sitl, wall_s
+from skyrange.io.ardupilot.sitl import LockstepSitl, Sitl, wall_s
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
-from skyrange.vehicle.ardupilot.binary import find
-from skyrange.vehicle.ardupilot.inventory import parameters_of
-from skyrange.vehicle.ardupilot.lines import lines
-from skyrange.vehicle.ardupilot.native import MODEL, SPEEDUP
-from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
-from skyrange.vehicle.ardupilot.parameters import LOOP_RATE, moments_of, start_values, steps_of, text_of
+from skyrange.vehicle.ardupilot.json_backend.json_lines import format_lines
+from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, step_time_s
+from skyrange.vehicle.ardupilot.native_fleet import MODEL, SPEEDUP
+from skyrange.vehicle.ardupilot.parameters import (
+    LOOP_RATE,
+    defaults_text,
+    exchange_steps,
+    moments_per_iteration,
+    start_values,
+)
+from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
+from skyrange.vehicle.ardupilot.program.parameter_list import list_parameters
 from skyrange.world.airframes import AIRFRAMES
 
 QUANTUM_S = 0.0025
@@ -48,7 +54,7 @@ def measure(
     `loop_hz` and `exchanges_hz` (0: none) are the rates that ran; `flying` is as in `bench fleet`. Raises `InputError`
     for rates that native physics does not have.
     """
-    return apart(
+    return run_in_process(
         f"bench with {vehicles} ArduPilots", _flown, vehicles, seconds, load, rates, physics, speedup, remote_id
     )
 
@@ -59,20 +65,20 @@ def _flown(
     native = physics == "native"
     options = {"rates": rates, **({"physics": "native", "speedup": speedup} if native else {})}
     scenario = fleet_scenario(vehicles, seconds, load, remote_id, "ardupilot", options)
-    binary = find()
-    listed = parameters_of(binary.path, binary.sha256)
+    binary = find_binary()
+    listed = list_parameters(binary.path, binary.sha256)
     values = start_values("bench", AIRFRAMES["iris"], {}, listed, 120, rates)
-    per_tick, ticks = steps_of(values, listed, QUANTUM_S)
-    text = text_of(values)
+    per_tick, ticks = exchange_steps(values, listed, QUANTUM_S)
+    text = defaults_text(values)
     if native:
         bare_s = _alone(vehicles, text, speedup)
     else:
-        bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_of(values, listed, QUANTUM_S))
+        bare_s = _bare(vehicles, text, per_tick / ticks, per_tick * moments_per_iteration(values, listed, QUANTUM_S))
     bare_s *= seconds / BARE_S
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         run = Run.start(scenario, Path(folder) / "run")
-        engine: Any = next(mount.engine for mount in run.rig.wiring.engines)
+        engine: Any = next(mount.engine for mount in run.built.wiring.engines)
         run.advance(WARM_UP_S)
         setup_s = time.perf_counter() - began
         theirs, ours, wall = engine.cpu_s, time.process_time(), time.perf_counter()
@@ -119,7 +125,11 @@ def _bare(vehicles: int, parameters: str, rate: float, batch: int) -> float:
         for step in range(0, 2 * steps, batch):
             if step == steps:
                 before = sum(sitl.program.cpu_s for sitl in fleet)
-            rows = [line for turn in range(batch) for line in lines([stamp_s(step + turn + 1, step_ns)], STANDING)]
+            rows = [
+                line
+                for turn in range(batch)
+                for line in format_lines([step_time_s(step + turn + 1, step_ns)], STANDING)
+            ]
             for sitl in fleet:
                 for line in rows:
                     sitl.send(line)
@@ -157,7 +167,7 @@ def _processes(vehicles: int, folder: Path, parameters: str) -> Iterator[dict[st
         own.mkdir()
         yield {
             "name": f"arducopter {number + 1}",
-            "binary": find().path,
+            "binary": find_binary().path,
             "folder": own,
             "home": (0.0, 1.0, 0.0, 0.0),
             "system_id": 1,

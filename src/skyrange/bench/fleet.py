@@ -10,17 +10,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from skyrange.agent.monitors import MonitorPlacement
-from skyrange.bench.apart import apart
+from skyrange.bench.isolation import run_in_process
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.bench.yardstick import yardstick_us
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.time import to_seconds
 from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
 from skyrange.record import load
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.runtime.run import Run
-from skyrange.scenario.autopilots import Autopilots
-from skyrange.scenario.schema import (
+from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.scenario import (
     Avoidance,
     City,
     Grid,
@@ -123,7 +123,7 @@ def measure(
     simulated second over all hops, `receptions_per_s` decoded broadcasts; `disk_mb` the size of the finished run
     folder; `share` the share of CPU time per part.
     """
-    return apart(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
+    return run_in_process(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
 
 
 def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detector: bool) -> dict[str, Any]:

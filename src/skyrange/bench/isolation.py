@@ -12,7 +12,7 @@ from skyrange.core.errors import ComponentError, SkyrangeError
 Row = dict[str, Any]
 
 
-def apart(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
+def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> Row:
     """Call `function` in a process of its own; its result.
 
     Raises the `SkyrangeError` that it raises, and `ComponentError` in the name of `name` if the process ends early.

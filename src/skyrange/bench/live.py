@@ -17,9 +17,9 @@ from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, flying
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.core.time import to_seconds
 from skyrange.record import RunRecord, load
-from skyrange.runtime.live.plan import Group
-from skyrange.runtime.live.range import OnLook, Range, prepare
-from skyrange.runtime.live.supervisor import fly
+from skyrange.runtime.live.deployment import Group
+from skyrange.runtime.live.range import LiveRange, OnUpdate, prepare_range
+from skyrange.runtime.live.supervisor.supervisor import run_range
 
 MS_NS = 1e6
 
@@ -29,7 +29,7 @@ def measure(
     seconds: float,
     group: Group | None = None,
     port_offset: int = 0,
-    on_look: OnLook | None = None,
+    on_update: OnUpdate | None = None,
 ) -> dict[str, Any]:
     """One row: fly `vehicles` builtin aircraft for `WARM_UP_S` and `seconds` more, all in wall seconds.
 
@@ -40,14 +40,14 @@ def measure(
     `flying` as in `bench fleet`. `added_ms`, by kind of link, is the time of a hop beyond its channel's own latency,
     from the record, median and 99th percentile: it includes waiting for the sender's turn, its socket, and the
     receiver's turn. `start_s` and `end_s` are wall seconds before time 0 and after the end. Raises as
-    `supervisor.fly`.
+    `supervisor.run_range`.
     """
     scenario = fleet_scenario(vehicles, seconds)
     with tempfile.TemporaryDirectory() as folder:
         began, busy = time.monotonic(), busy_s()
-        live_range = prepare(scenario, Path(folder) / "run", group=group, port_offset=port_offset)
+        live_range = prepare_range(scenario, Path(folder) / "run", group=group, port_offset=port_offset)
         used = sum(os.times()[:4])
-        fly(live_range, on_look)
+        run_range(live_range, on_update)
         ended = time.monotonic()
         used = sum(os.times()[:4]) - used  # also of children that have ended, which all nodes are
         elsewhere = None if busy is None else max((busy_s() or busy) - busy - used, 0.0) / (ended - began)
@@ -61,7 +61,7 @@ def measure(
         }
 
 
-def _row(live_range: Range, record: RunRecord, vehicles: int, seconds: float) -> dict[str, Any]:
+def _row(live_range: LiveRange, record: RunRecord, vehicles: int, seconds: float) -> dict[str, Any]:
     took_s = WARM_UP_S + seconds
     cores = sum(float(one.status.get("cpu_s", 0.0)) for one in live_range.members.values()) / took_s
     late_s = {name: to_seconds(int(one.status.get("late_ns", 0))) for name, one in live_range.members.items()}
@@ -84,13 +84,13 @@ def _row(live_range: Range, record: RunRecord, vehicles: int, seconds: float) ->
     }
 
 
-def _busiest(live_range: Range, took_s: float) -> dict[str, float]:
+def _busiest(live_range: LiveRange, took_s: float) -> dict[str, float]:
     """The five processes that use most processor time, in cores."""
     shares = {name: float(one.status.get("cpu_s", 0.0)) / took_s for name, one in live_range.members.items()}
     return {name: round(shares[name], 3) for name in sorted(shares, key=lambda name: -shares[name])[:5]}
 
 
-def added_ms(record: RunRecord, live_range: Range) -> dict[str, dict[str, float]]:
+def added_ms(record: RunRecord, live_range: LiveRange) -> dict[str, dict[str, float]]:
     """By kind of link, the time of frames between processes beyond their channel's latency."""
     latency_ns = {one.link.name: one.link.channel.latency_ns for one in live_range.crossings}
     found: dict[str, list[NDArray[np.float64]]] = {}

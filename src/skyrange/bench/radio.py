@@ -12,26 +12,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.air import RadioSpec
-from skyrange.agent.messages import Arrival, Inbox
 from skyrange.bench.yardstick import yardstick_us
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
-from skyrange.codec import rid_link
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.contracts.medium import RadioSpec
 from skyrange.core.chance import Chance
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId, Port, link_name
 from skyrange.core.time import NS_PER_S
-from skyrange.radio.link import Setting, reach_m
-from skyrange.radio.medium import BuiltinMedium
+from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.listening import COMPANION
+from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.oracle import Oracle
-from skyrange.radio.propagation import NEAREST_M, noise_dbm, open_db, wavelength_m
-from skyrange.radio.receivers import COMPANION
-from skyrange.radio.sightlines import Skyline, obstruction_db
-from skyrange.radio.surroundings import Surroundings
-from skyrange.radio.waveforms import LEAST_SNIR_DB
+from skyrange.radio.phy.waveforms import MIN_SNIR_DB
+from skyrange.radio.propagation.link_budget import MediumParams, max_range_m
+from skyrange.radio.propagation.obstruction import Obstacles, obstruction_db
+from skyrange.radio.propagation.path_loss import MIN_DISTANCE_M, noise_dbm, open_ground_db, wavelength_m
 
 PER_KM2 = 50.0
 """Aircraft per square kilometre, whatever their number: the city grows with them."""
@@ -72,8 +72,10 @@ class Fleet:
         return self.place, self.velocity
 
 
-@kernel
-def _all_lines(sky: Skyline, place: Floats, reach: float, power_dbm: float, floor_dbm: float, wavelength: float) -> int:
+@compiled
+def _all_lines(
+    obstacles: Obstacles, place: Floats, reach: float, power_dbm: float, floor_dbm: float, wavelength: float
+) -> int:
     """Trace each sight line between two aircraft in reach, as one second's broadcasts do; the number of lines."""
     lines = 0
     for i in range(place.shape[0]):
@@ -82,12 +84,16 @@ def _all_lines(sky: Skyline, place: Floats, reach: float, power_dbm: float, floo
             distance = math.sqrt(dx * dx + dy * dy + dz * dz)
             if i == j or distance > reach:
                 continue
-            margin = power_dbm - open_db(max(distance, NEAREST_M), place[i, 2], place[j, 2], wavelength) - floor_dbm
+            margin = (
+                power_dbm
+                - open_ground_db(max(distance, MIN_DISTANCE_M), place[i, 2], place[j, 2], wavelength)
+                - floor_dbm
+            )
             if margin >= 0.0:
                 lines += 1
                 if (
                     obstruction_db(
-                        sky,
+                        obstacles,
                         place[i, 0],
                         place[i, 1],
                         place[i, 2],
@@ -117,9 +123,9 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
     city = downtown_grid((math.ceil(side_m / 96.0),) * 2)
     fleet = Fleet(nodes, side_m, city)
     radios = [RadioSpec(name, listening=COMPANION) for name in fleet.vehicles]
-    medium = BuiltinMedium(radios, Chance(nodes), city, Surroundings(horizon_m=horizon_m))
+    medium = BuiltinMedium(radios, Chance(nodes), city, RadioEnvironment(horizon_m=horizon_m))
     oracle = Oracle(medium, fleet.vehicles, fleet.vehicles)
-    payload = rid_link.pack(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(BODY_BYTES))
+    payload = link_payload.pack(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(BODY_BYTES))
     names = [link_name("rid_up", name) for name in fleet.vehicles]
     phase = np.random.default_rng(nodes).integers(1, NS_PER_S, nodes)
     steps = NS_PER_S // oracle.service_ns
@@ -139,7 +145,7 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
             mail.append(Arrival(Port("oracle", names[node]), at, payload, fleet.vehicles[node], ref))
         fleet.move(oracle.service_ns / NS_PER_S)
         began = time.process_time()
-        oracle.look(now, fleet)  # type: ignore[arg-type]
+        oracle.observe(now, fleet)  # type: ignore[arg-type]
         outbox = oracle.step(now, Inbox(mail)) if mail or not medium.quiet else None
         if step <= warm:
             continue
@@ -166,11 +172,11 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
 
 def _time_lines(medium: BuiltinMedium, place: Floats) -> tuple[int, float]:
     """The number of sight lines that a second's broadcasts trace, and the CPU seconds that this takes."""
-    setting: Setting = medium._setting
+    params: MediumParams = medium._params
     spec = medium.radios[0]
-    floor = float(noise_dbm(spec.noise_figure_db, 20.0)) + float(LEAST_SNIR_DB[1]) - 3.0
-    reach = min(reach_m(0.0, spec.wifi_dbm, floor, CENTRE_MHZ), setting.horizon_m)
-    arguments = (medium._sky, place, reach, spec.wifi_dbm, floor, wavelength_m(CENTRE_MHZ))
+    floor = float(noise_dbm(spec.noise_figure_db, 20.0)) + float(MIN_SNIR_DB[1]) - 3.0
+    reach = min(max_range_m(0.0, spec.wifi_dbm, floor, CENTRE_MHZ), params.horizon_m)
+    arguments = (medium._obstacles, place, reach, spec.wifi_dbm, floor, wavelength_m(CENTRE_MHZ))
     _all_lines(*arguments)
     began = time.process_time()
     lines = _all_lines(*arguments)

@@ -26,7 +26,7 @@ _PACKAGES = {
     "remoteid": "air",
     "detect": "detectors",
     "kernel": "kernel",
-    "agent": "kernel",
+    "contracts": "kernel",
     "core": "kernel",
     "record": "recording",
 }

@@ -19,16 +19,16 @@ from typing import Any, Final
 
 import zmq
 
-from skyrange.agent.links import LinkSpec
-from skyrange.bench.apart import apart
-from skyrange.codec.deframe import Piece
+from skyrange.bench.isolation import run_in_process
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.deframer import Piece
+from skyrange.contracts.links import LinkSpec
 from skyrange.core.errors import ComponentError
-from skyrange.io import http_frames
-from skyrange.runtime.live.addresses import KINDS, Crossing, TransportKind
-from skyrange.runtime.live.ends import Transport, connect, listen
-from skyrange.runtime.live.passes import Credentials, issue_credentials
-from skyrange.runtime.live.plan import LOOPBACK
+from skyrange.io.http import frames as http_frames
+from skyrange.runtime.live.deployment import LOOPBACK
+from skyrange.runtime.live.transport.addresses import KINDS, Crossing, TransportKind
+from skyrange.runtime.live.transport.credentials import Credentials, issue_credentials
+from skyrange.runtime.live.transport.links import Transport, connect, listen
 
 TRANSPORTS: Final[tuple[TransportKind, ...]] = ("udp", "tcp", "zmq", "http")
 ONE_BY_ONE: Final = 500
@@ -67,7 +67,7 @@ def measure(transport: TransportKind, frames: int = 50_000) -> dict[str, Any]:
     together, all their threads: what one core sends and receives. Over HTTP a request and its answer are two frames.
     Raises `ComponentError` if frames do not arrive.
     """
-    return apart(f"bench of {transport}", _measured, transport, frames)
+    return run_in_process(f"bench of {transport}", _measured, transport, frames)
 
 
 def _measured(transport: TransportKind, frames: int) -> dict[str, Any]:

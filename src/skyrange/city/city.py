@@ -12,7 +12,7 @@ import shapely
 from skyrange.city.buildings import Building
 
 if TYPE_CHECKING:
-    from skyrange.city.walls import Walls
+    from skyrange.city.wall_index import WallIndex
 
 Point3 = tuple[float, float, float]
 """(east_m, north_m, up_m), up above the ground."""
@@ -33,7 +33,7 @@ class City:
         self.source = source
         self.counts: dict[str, int] = dict(counts or {})
         self._tree = shapely.STRtree([building.shape for building in self.buildings])
-        self._walls: Walls | None = None
+        self._walls: WallIndex | None = None
         self._heights_m = np.array([building.height_m for building in self.buildings])
         west, south, east, north = shapely.total_bounds(self._tree.geometries).tolist()
         self.bounds: tuple[float, float, float, float] = (west, south, east, north)
@@ -43,12 +43,14 @@ class City:
         """Itself, because a city never changes."""
         return self
 
-    def walls(self) -> Walls:
+    def walls(self) -> WallIndex:
         """The buildings as arrays for kernels, in the city's order; computed on the first call."""
         if self._walls is None:
-            from skyrange.city.walls import flatten  # loads a compiler, which queries about points do not need
+            from skyrange.city.wall_index import (
+                build_wall_index,  # loads a compiler, which queries about points do not need
+            )
 
-            self._walls = flatten(self.buildings)
+            self._walls = build_wall_index(self.buildings)
         return self._walls
 
     def __len__(self) -> int:
@@ -101,7 +103,7 @@ class City:
                 return near[away.index(min(away))]
         return None
 
-    def clear_of(self, path: Sequence[Point3], margin_m: float = 0.0) -> bool:
+    def is_clear(self, path: Sequence[Point3], margin_m: float = 0.0) -> bool:
         """Whether no building obstructs a path (see `first_obstruction`)."""
         return self.first_obstruction(path, margin_m) is None
 

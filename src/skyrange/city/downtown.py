@@ -13,7 +13,7 @@ import shapely
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 
 _STREAM = "city.downtown"
 _MIN_FILL = 0.6  # least share of its half-block that a building fills
@@ -33,12 +33,12 @@ def downtown_grid(
     """
     faults = []
     if min(blocks) < 1:
-        faults.append(Fault("blocks", repr(blocks), "at least one block each way"))
+        faults.append(Problem("blocks", repr(blocks), "at least one block each way"))
     if not 0.0 < height_m[0] <= height_m[1] < math.inf:
-        faults.append(Fault("height_m", repr(height_m), "a positive lowest and a highest height in metres"))
+        faults.append(Problem("height_m", repr(height_m), "a positive lowest and a highest height in metres"))
     for name, value in (("street_m", street_m), ("block_m", block_m)):
         if not 0.0 < value < math.inf:
-            faults.append(Fault(name, repr(value), "a positive number of metres"))
+            faults.append(Problem(name, repr(value), "a positive number of metres"))
     if faults:
         raise InputError("downtown", faults)
     chance = Chance(seed)

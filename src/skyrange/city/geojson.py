@@ -17,15 +17,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skyrange.city.building_heights import height_of
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.city.heights import height_of
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.geodesy import Origin
 
-MOST_FAULTS = 20
+MAX_PROBLEMS = 20
 """Problems that one error lists; further ones are only counted."""
-WIDEST_DEG = 2.0
+MAX_EXTENT_DEG = 2.0
 """The flat map is inaccurate beyond this; two longitudes with opposite signs also exceed it."""
 
 
@@ -46,7 +46,7 @@ def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, 
     rings: list[NDArray[np.float64]] = []
     polygon_of_ring: list[int] = []
     building_of_polygon: list[int] = []
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     for index, feature in enumerate(features):
         try:
             polygons = _polygons(feature)
@@ -54,7 +54,7 @@ def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, 
                 continue
             arrays = [[_ring(ring) for ring in _rings(polygon)] for polygon in polygons]
         except _ShapeError as bad:
-            faults.append(Fault(f"features[{index}]", *bad.args))
+            faults.append(Problem(f"features[{index}]", *bad.args))
             continue
         for polygon in arrays:
             rings += polygon
@@ -62,9 +62,9 @@ def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, 
             building_of_polygon.append(len(chosen))
         chosen.append((index, feature, feature["properties"]))
     if faults:
-        rest = len(faults) - MOST_FAULTS
+        rest = len(faults) - MAX_PROBLEMS
         if rest > 0:
-            faults[MOST_FAULTS:] = [Fault("features", f"{rest} more are bad", "polygons as in RFC 7946")]
+            faults[MAX_PROBLEMS:] = [Problem("features", f"{rest} more are bad", "polygons as in RFC 7946")]
         raise InputError(name, faults)
     if not rings:
         raise InputError.one(name, "features", f"{len(features)} features, no building", "polygons tagged building=…")
@@ -72,9 +72,9 @@ def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, 
     degrees = np.concatenate(rings)
     west, south = degrees.min(axis=0).tolist()
     east, north = degrees.max(axis=0).tolist()
-    if max(east - west, north - south) > WIDEST_DEG:
+    if max(east - west, north - south) > MAX_EXTENT_DEG:
         across = f"buildings from {south:.3f}, {west:.3f} to {north:.3f}, {east:.3f} degrees"
-        raise InputError.one(name, "features", across, f"one city, at most {WIDEST_DEG} degrees across")
+        raise InputError.one(name, "features", across, f"one city, at most {MAX_EXTENT_DEG} degrees across")
     if origin is None:
         origin = Origin(0.5 * (south + north), 0.5 * (west + east))
     east_m, north_m = origin.to_enu(degrees[:, 1], degrees[:, 0])

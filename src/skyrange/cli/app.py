@@ -8,8 +8,9 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import app_live, commands, installation
-from skyrange.cli.app_measure import bench_app, parity_app
+from skyrange.cli import live_app
+from skyrange.cli.handlers import installation, runs
+from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
     AsJson,
     Buildings,
@@ -37,7 +38,7 @@ install_app = typer.Typer(
     help="Download real engines to your data folder.\n\nExample: skyrange install ardupilot",
     no_args_is_help=True,
 )
-app.add_typer(app_live.commands)
+app.add_typer(live_app.commands)
 app.add_typer(bench_app, name="bench")
 app.add_typer(install_app, name="install")
 app.add_typer(parity_app, name="parity")
@@ -82,8 +83,8 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Fly a scenario and leave a run folder with a report."""
-    commands.load_plugins(plugin)
-    commands.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
+    runs.load_plugins(plugin)
+    runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")
@@ -115,15 +116,15 @@ def pair(
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with its attacks and with all of them muted, and compare: what did the attack do?"""
-    commands.load_plugins(plugin)
-    commands.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
+    """Fly a scenario with its attacks and with all of them muted, and compare the runs."""
+    runs.load_plugins(plugin)
+    runs.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
 
 
 @app.command(epilog="Example: skyrange show runs/squares")
 def show(run: RunFolder, as_json: AsJson = False) -> None:
     """Summarise a run; works for killed and unfinished runs too."""
-    commands.show(run, as_json)
+    runs.show(run, as_json)
 
 
 @app.command(epilog="Example: skyrange report runs/squares --out squares.html")
@@ -135,7 +136,7 @@ def report(
     as_json: AsJson = False,
 ) -> None:
     """Write a run's HTML report: one file that needs no network to be read."""
-    commands.report(run, out, as_json)
+    runs.report(run, out, as_json)
 
 
 class Kind(StrEnum):
@@ -166,7 +167,7 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links."""
-    commands.export(run, only.value if only is not None else None, receiver or [], out, as_json)
+    runs.export(run, only.value if only is not None else None, receiver or [], out, as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")
@@ -184,27 +185,27 @@ def diff(
     as_json: AsJson = False,
 ) -> None:
     """Compare two runs: the first frame and the first truth that differ, then a summary. The exit code is always 0."""
-    commands.diff(a, b, tolerance, as_json)
+    runs.diff(a, b, tolerance, as_json)
 
 
 @app.command(epilog="Example: skyrange scenarios --json")
 def scenarios(as_json: AsJson = False) -> None:
     """List the shipped scenarios."""
-    commands.scenarios(as_json)
+    runs.scenarios(as_json)
 
 
 @app.command(epilog="Example: skyrange attacks --plugin lag.py")
 def attacks(plugin: Plugins = None, as_json: AsJson = False) -> None:
     """List the kinds of attacks that are installed, with what each does."""
-    commands.load_plugins(plugin)
-    commands.attacks(as_json)
+    runs.load_plugins(plugin)
+    runs.attacks(as_json)
 
 
 @app.command(epilog="Example: skyrange schema > scenario.schema.json")
 def schema(plugin: Plugins = None) -> None:
     """Print the JSON Schema of a scenario: every key with its meaning, unit and range."""
-    commands.load_plugins(plugin)
-    commands.schema()
+    runs.load_plugins(plugin)
+    runs.schema()
 
 
 @app.command(epilog="Example: skyrange doctor --json")

@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import live, live_viewing
-from skyrange.cli import tap as tapping
+from skyrange.cli.handlers import live
+from skyrange.cli.handlers import tap as tapping
 from skyrange.cli.options import (
     AsJson,
     Buildings,
@@ -24,6 +24,7 @@ from skyrange.cli.options import (
     Seed,
     ViewerPort,
 )
+from skyrange.cli.output import live_viewer_notices
 
 commands = typer.Typer()
 
@@ -93,7 +94,7 @@ def live_(
         "on_death": on_death and on_death.value,
         "netns": netns,
         "motion": allow_motion,
-        "viewer_port": live_viewing.first_port(qgc, viewer_port, port_offset),
+        "viewer_port": live_viewer_notices.first_port(qgc, viewer_port, port_offset),
     }
     live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
 

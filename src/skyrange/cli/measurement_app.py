@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli import bench_live, benchmarks, parity
+from skyrange.cli.handlers import benchmarks, live_benchmark, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(
@@ -129,7 +129,7 @@ def live_bench(
     as_json: AsJson = False,
 ) -> None:
     """Measure each transport's frame rate and added latency, and whether N aircraft run in real time."""
-    bench_live.live(vehicles or [5, 20], seconds, group.value if group is not None else None, port_offset, as_json)
+    live_benchmark.live(vehicles or [5, 20], seconds, group.value if group is not None else None, port_offset, as_json)
 
 
 @bench_app.command(epilog="Example: skyrange bench radio --nodes 1000 --json")

@@ -14,7 +14,7 @@ RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder."
 
 def complete_scenario(incomplete: str) -> list[str]:
     """Names of shipped scenarios that begin with `incomplete`, for shell completion."""
-    from skyrange.scenario.catalogue import SHIPPED
+    from skyrange.scenario.shipped import SHIPPED
 
     return [name for name in SHIPPED if name.startswith(incomplete)]
 

@@ -1,7 +1,7 @@
 """Protocols of the components that a kernel runs: agents, taps, sensor faults, triggers, engines, the world, observers.
 
 `skyrange.testing` has a conformance check for each that a plugin may implement. Monitors, which detectors are, have a
-module of their own (`skyrange.agent.monitors`), and so have radio media (`skyrange.agent.air`).
+module of their own (`skyrange.contracts.monitors`), and so have radio media (`skyrange.contracts.medium`).
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.frames import Frame
-from skyrange.agent.messages import Inbox, Note, Outbox
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label, Verdict
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Inbox, Note, Outbox
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 
@@ -50,23 +50,23 @@ class Agent(Protocol):
 
 
 @runtime_checkable
-class Speaker(Agent, Protocol):
+class OriginatingRouter(Agent, Protocol):
     """An agent that also sends on links over which its endpoint forwards; it receives nothing there.
 
-    A kernel takes an agent with an attribute `speaks` for one.
+    A kernel takes an agent with an attribute `originates` for one.
     """
 
-    speaks: Sequence[Port]
-    """Those ends. The true sender of what it sends there is `core.ids.own_voice` of the endpoint."""
+    originates: Sequence[Port]
+    """Those ends. The true sender of what it sends there is `core.ids.originator_id` of the endpoint."""
 
 
-class Watcher(Agent, Protocol):
+class TruthSubscriber(Agent, Protocol):
     """An agent that is shown the truth, as the owner of a radio medium must be; no other agent may be one."""
 
-    look_ns: Time
+    observe_period_ns: Time
     """The kernel shows it the world at every multiple of this, which is a whole number of the world's ticks."""
 
-    def look(self, now: Time, world: World) -> None:
+    def observe(self, now: Time, world: World) -> None:
         """Read the world as it is after its tick at `now`; it may keep copies only, and alters nothing."""
         ...
 
@@ -262,7 +262,7 @@ class Engine(Protocol):
         ...
 
     @property
-    def waits(self) -> bool:
+    def paces_itself(self) -> bool:
         """Of one whose clock is `wall`: whether `finish` waits for that clock; else whoever drives the kernel does."""
         ...
 
@@ -271,11 +271,11 @@ class Engine(Protocol):
         """What the run's manifest says of it beside its kind: of a program its version, path and so on."""
         ...
 
-    def why(self, vehicle: str) -> str:
+    def explain_status(self, vehicle: str) -> str:
         """Why a vehicle is not ready or silent, as part of an error message; "" where nothing is known."""
         ...
 
-    def leaves(self) -> Mapping[str, Path]:
+    def kept_files(self) -> Mapping[str, Path]:
         """Files worth keeping, by their names in the run's folder; asked for once, before `close` removes them."""
         ...
 
@@ -297,18 +297,18 @@ class EngineBase:
 
     source: Source = Source.KINEMATIC
     runs_programs: bool = False
-    waits: bool = True
+    paces_itself: bool = True
 
     @property
     def manifest(self) -> Mapping[str, Any]:
         """Nothing."""
         return {}
 
-    def why(self, vehicle: str) -> str:
+    def explain_status(self, vehicle: str) -> str:
         """Nothing is known."""
         return ""
 
-    def leaves(self) -> Mapping[str, Path]:
+    def kept_files(self) -> Mapping[str, Path]:
         """No files."""
         return {}
 
@@ -317,8 +317,8 @@ class EngineBase:
 
 
 ENGINE_MEMBERS = (
-    "begin", "clock", "close", "finish", "leaves", "manifest", "moves", "name", "ports", "preroll_ns", "repeatable",
-    "runs_programs", "service_ns", "source", "vehicles", "waits", "why",
+    "begin", "clock", "close", "finish", "kept_files", "manifest", "moves", "name", "ports", "preroll_ns", "repeatable",
+    "runs_programs", "service_ns", "source", "vehicles", "paces_itself", "explain_status",
 )  # fmt: skip
 """The members of `Engine`, by which a missing one is named before a run starts."""
 
@@ -326,7 +326,7 @@ ENGINE_MEMBERS = (
 class WallEngine(Engine, Protocol):
     """An engine whose programs run on the machine's clock: `finish` waits until their time has come to the tick.
 
-    It does not wait where `waits` is False: then whoever drives the kernel holds it to the pace.
+    It does not wait where `paces_itself` is False: then whoever drives the kernel holds it to the pace.
     """
 
     pace: float

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from skyrange.agent.monitors import Monitor
-from skyrange.agent.plugins import DETECTORS, Plugin
+from skyrange.contracts.monitors import Monitor
+from skyrange.contracts.plugins import DETECTORS, Plugin
 
 if TYPE_CHECKING:
     from skyrange.core.chance import Chance

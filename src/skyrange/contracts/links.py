@@ -9,8 +9,8 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Agent, SensorFault, Tap, Trigger
-from skyrange.agent.payloads import Payloads
+from skyrange.contracts.components import Agent, SensorFault, Tap, Trigger
+from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
 MIN_LATENCY_NS = NS_PER_US

@@ -12,8 +12,8 @@ from typing import NamedTuple, overload
 
 import numpy as np
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.payloads import Ints, Payloads
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
@@ -139,7 +139,7 @@ class Inbox(Sequence[Arrival]):
             parts.insert(0, Payloads.of([arrival.payload for arrival in singles]))
         at = [np.full(len(block), block.arrived_ns, dtype=np.int64) for block in blocks]
         at.insert(0, np.array([arrival.at for arrival in singles], dtype=np.int64))
-        ports = [block.lanes.places[block.lane] for block in blocks]
+        ports = [block.link_table.places[block.link_numbers] for block in blocks]
         ports.insert(0, np.array([places[arrival.port] for arrival in singles], dtype=np.int64))
         payloads = parts[0] if len(parts) == 1 else Payloads.join(parts)
         return Columns(np.concatenate(ports)[order], np.concatenate(at)[order], payloads.take(order), order)
@@ -151,10 +151,10 @@ class Inbox(Sequence[Arrival]):
         number -= len(self._singles)
         for block in self._blocks:
             if number < len(block):
-                link = int(block.lane[number])
-                name = block.lanes.names[link]
+                link = int(block.link_numbers[number])
+                name = block.link_table.names[link]
                 return Arrival(
-                    block.lanes.ports[link], block.arrived_ns, block.payload(number), name.src, block.id(number)
+                    block.link_table.ports[link], block.arrived_ns, block.payload(number), name.src, block.id(number)
                 )
             number -= len(block)
         raise IndexError(number)
@@ -171,11 +171,11 @@ class Inbox(Sequence[Arrival]):
         if not self._blocks:
             return np.arange(len(self._singles), dtype=np.int64)
         block = self._blocks[0]
-        numbers = [block.lanes.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
+        numbers = [block.link_table.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
         if min(numbers, default=0) >= 0:  # directed links are numbered in order of their names
             rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
             rows = rows.reshape(-1, 2)
-            link = np.concatenate([np.array(numbers, dtype=np.int64), *(block.lane for block in self._blocks)])
+            link = np.concatenate([np.array(numbers, dtype=np.int64), *(block.link_numbers for block in self._blocks)])
             serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
             at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
             return np.lexsort((link << _SERIAL_BITS | serial, at))

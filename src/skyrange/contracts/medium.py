@@ -36,7 +36,7 @@ class Waveform(IntEnum):
     """Bluetooth LE Coded, S=8: an extended advertising event, pointers on 37, 38, 39 to a PDU on a data channel."""
 
 
-class Turn(NamedTuple):
+class ScanStep(NamedTuple):
     """One step of a receiver's scan: a channel, and the waveforms that it receives there."""
 
     channel: int
@@ -45,14 +45,14 @@ class Turn(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Listening:
+class ScanSchedule:
     """The scan of one receive chain: for each of `turns`, `window_ns` of listening in every `dwell_ns`, then a rest.
 
     All turns are in one band, Wi-Fi or Bluetooth. A single turn without a gap listens all the time. The phase of the
     scan at time 0 is chance, addressed by the receiver's name.
     """
 
-    turns: tuple[Turn, ...]
+    turns: tuple[ScanStep, ...]
     dwell_ns: Time = 0
     window_ns: Time = 0
     rest_ns: Time = 0
@@ -66,7 +66,7 @@ class RadioSpec:
     """Unique; addresses its chance. For an aircraft's radio, the vehicle's id."""
     place_enu_m: tuple[float, float, float] | None = None
     """Of a fixed radio; None where the rows of `RadioTable` move it."""
-    listening: tuple[Listening, ...] = ()
+    listening: tuple[ScanSchedule, ...] = ()
     """At most one chain per band; a radio without any only sends."""
     wifi_dbm: float = 15.0
     """Power into the antenna."""
@@ -120,7 +120,7 @@ class EmitterTable(NamedTuple):
     to_ns: Ints
 
 
-class Fate(IntEnum):
+class TransmissionFate(IntEnum):
     """Fate of a transmission."""
 
     SENT = 0
@@ -130,7 +130,7 @@ class Fate(IntEnum):
     """No such frame: its size, channel or waveform does not exist."""
 
 
-class Outcome(IntEnum):
+class ReceptionOutcome(IntEnum):
     """Outcome of a frame at a receiver that was in range."""
 
     DECODED = 0
@@ -156,7 +156,7 @@ class Sent(NamedTuple):
     started_ns: Ints
     ended_ns: Ints
     fate: Ints
-    """`Fate`; unless SENT, both times are those of giving up."""
+    """`TransmissionFate`; unless SENT, both times are those of giving up."""
 
 
 class Heard(NamedTuple):
@@ -171,7 +171,7 @@ class Heard(NamedTuple):
     snir_db: Floats
     """Of the frame's worst part."""
     outcome: Ints
-    """`Outcome`"""
+    """`ReceptionOutcome`"""
 
 
 class OnAir(NamedTuple):
@@ -199,7 +199,7 @@ class ReceptionRows(NamedTuple):
     rssi_dbm: Floats
     snir_db: Floats
     outcome: Ints
-    """`Outcome`"""
+    """`ReceptionOutcome`"""
 
 
 class Receptions(NamedTuple):
@@ -238,7 +238,7 @@ class Medium(Protocol):
 
     @property
     def losses(self) -> Ints:
-        """(radios, outcomes): how often each `Outcome` was met at each receiver so far."""
+        """(radios, outcomes): how often each `ReceptionOutcome` was met at each receiver so far."""
         ...
 
     @property

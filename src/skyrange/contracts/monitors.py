@@ -17,9 +17,9 @@ from typing import NamedTuple, Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.messages import Scalar
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.core.errors import ComponentError, Fault, InputError, attribute_error, nearest
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.mailboxes import Scalar
+from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 
@@ -177,18 +177,18 @@ def find_ends(placement: MonitorPlacement, links: Iterable[tuple[str, str, str]]
     """
     known = {name: (a, b) for name, a, b in links}
     where = f"monitors.{placement.id}"
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     found: set[Port] = set()
     for pattern in placement.links:
         names = [name for name in known if fnmatchcase(name, pattern)]
         if not names:
             expected = "a link's name or a pattern that matches some"
-            faults.append(Fault(f"{where}.links", pattern, expected, nearest(pattern, known)))
+            faults.append(Problem(f"{where}.links", pattern, expected, nearest(pattern, known)))
         for name in names:
             ends = [end for end in known[name] if is_side(end, placement.side)]
             if not ends:
                 expected = f"an end of {name}: {known[name][0]} or {known[name][1]}"
-                faults.append(Fault(f"{where}.side", placement.side, expected))
+                faults.append(Problem(f"{where}.side", placement.side, expected))
             found.update(Port(end, name) for end in ends)
     if faults:
         raise InputError("wiring", faults)

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, Strict
 from pydantic_core import PydanticCustomError
 
-from skyrange.core.errors import Fault
+from skyrange.core.errors import Problem
 
 
 class Params(BaseModel):
@@ -41,7 +41,7 @@ Enu = Annotated[tuple[Number, Number, Number], BeforeValidator(items, json_schem
 """East, north and up: metres from the origin, or metres per second."""
 
 
-def refuse(*faults: Fault) -> PydanticCustomError:
+def refuse(*faults: Problem) -> PydanticCustomError:
     """Faults found by a rule of ours, to be raised by a validator; they pass through pydantic as they are.
 
     `where` of each is a dotted path below the model or field that raises, "" for itself.

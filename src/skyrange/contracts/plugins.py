@@ -18,8 +18,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
-from skyrange.agent.settings import Params
-from skyrange.core.errors import ComponentError, Fault, InputError, nearest
+from skyrange.contracts.params import Params
+from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 
 APPROVALS = "skyrange.approvals"
 ATTACKS = "skyrange.attacks"
@@ -45,7 +45,7 @@ class Plugin(Generic[ContextT, MadeT]):
     """A plugin of any group. Each group has a subclass of its own, which says what `make` is told and what it makes.
 
     `make(params, context)` is called once for each object that a scenario asks for. It may raise `InputError` for
-    parameters that do not fit the scenario; the faults' `where` is the parameter's name.
+    parameters that do not fit the scenario; the problems' `where` is the parameter's name.
     """
 
     group: ClassVar[str] = ""
@@ -153,7 +153,7 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
         for key in set(_registered) - before:
             del _registered[key]
         if isinstance(error, InputError):
-            raise InputError(str(file), error.faults) from error
+            raise InputError(str(file), error.problems) from error
         if isinstance(error, Exception):
             raise InputError(str(file), [_import_fault(error, path)]) from error
         raise
@@ -174,7 +174,7 @@ def load_files(files: Iterable[str | Path]) -> None:
         load_file(file)
 
 
-def _import_fault(error: Exception, path: Path) -> Fault:
+def _import_fault(error: Exception, path: Path) -> Problem:
     """What a plugin's file raised, and on which of its lines."""
     if isinstance(error, SyntaxError):
         line = error.lineno
@@ -182,7 +182,7 @@ def _import_fault(error: Exception, path: Path) -> Fault:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
         line = lines[-1] if lines else None
     where = f"line {line}" if line is not None else "file"
-    return Fault(where, f"{type(error).__name__}: {error}", "a Python file that can be imported")
+    return Problem(where, f"{type(error).__name__}: {error}", "a Python file that can be imported")
 
 
 def _check_group(group: str) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 
 _M0 = np.uint64(0xD2E7470EE14C6C93)
@@ -24,7 +24,7 @@ _11 = np.uint64(11)
 _UNIT = 1.0 / 9007199254740992.0  # 2**-53: the top 53 bits become a float in [0, 1)
 
 
-@kernel
+@compiled
 def _mulhi(a: np.uint64, b: np.uint64) -> np.uint64:
     """High 64 bits of the 128-bit product, by 32-bit halves."""
     a_lo = a & _LOW
@@ -37,7 +37,7 @@ def _mulhi(a: np.uint64, b: np.uint64) -> np.uint64:
     return a_hi * b_hi + (mid >> _32) + (mid2 >> _32)
 
 
-@kernel
+@compiled
 def philox(
     key0: np.uint64, key1: np.uint64, c0: np.uint64, c1: np.uint64, c2: np.uint64, c3: np.uint64
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
@@ -53,7 +53,7 @@ def philox(
     return c0, c1, c2, c3
 
 
-@kernel
+@compiled
 def uniform4(
     seed: np.uint64, stream: np.uint64, who: np.uint64, when: np.uint64, k: np.uint64
 ) -> tuple[float, float, float, float]:
@@ -67,7 +67,7 @@ def uniform4(
     )
 
 
-@kernel
+@compiled
 def _fill(
     seed: np.uint64,
     stream: np.uint64,

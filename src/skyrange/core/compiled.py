@@ -30,7 +30,7 @@ R = TypeVar("R")
 
 config: Any = numba_config
 
-_MARK = re.compile(rb"skyrange\.core\.compiled import kernel\b")
+_MARK = re.compile(rb"skyrange\.core\.compiled import compiled\b")
 
 
 class _Shared(FunctionCache):
@@ -56,7 +56,7 @@ class _Shared(FunctionCache):
         return found if found is not None and tuple(found.signature.args) == tuple(asked) else None
 
 
-def kernel(function: Callable[P, R]) -> Callable[P, R]:
+def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` with numba when first called; keeps its Python type for checkers."""
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder() or before  # read while decorating, so it need not stay

@@ -31,7 +31,7 @@ def _remade(kind: type[SkyrangeError], args: tuple[Any, ...], state: dict[str, A
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class Problem:
     """One thing that is wrong with an input.
 
     `where` names the file, line or key; `value` is what was found there, as text; `expected` says what was expected;
@@ -53,17 +53,17 @@ class InputError(SkyrangeError):
 
     exit_code = 2
 
-    def __init__(self, who: str, faults: Sequence[Fault]) -> None:
-        """`who` is at fault (a file's name, "scenario", an option); `faults` is not empty."""
+    def __init__(self, who: str, problems: Sequence[Problem]) -> None:
+        """`who` is at fault (a file's name, "scenario", an option); `problems` is not empty."""
         self.who = who
-        self.faults = tuple(faults)
-        lines = "\n".join(f"  {problem}" for problem in self.faults)
-        super().__init__(f"{who}:\n{lines}" if len(self.faults) > 1 else f"{who}: {self.faults[0]}")
+        self.problems = tuple(problems)
+        lines = "\n".join(f"  {problem}" for problem in self.problems)
+        super().__init__(f"{who}:\n{lines}" if len(self.problems) > 1 else f"{who}: {self.problems[0]}")
 
     @classmethod
     def one(cls, who: str, where: str, value: object, expected: str, hint: str = "") -> InputError:
         """An error with a single problem."""
-        return cls(who, [Fault(where, value if isinstance(value, str) else repr(value), expected, hint)])
+        return cls(who, [Problem(where, value if isinstance(value, str) else repr(value), expected, hint)])
 
 
 class ComponentError(SkyrangeError):

@@ -57,7 +57,7 @@ def endpoint(owner: str, role: str) -> str:
     return f"{owner}.{role}"
 
 
-def own_voice(endpoint_name: str) -> str:
+def originator_id(endpoint_name: str) -> str:
     """The true sender of what an endpoint sends on a link over which it otherwise forwards: `blue/b1.companion.own`.
 
     It has serials of its own, so that what is forwarded there is numbered as if the endpoint had sent nothing.

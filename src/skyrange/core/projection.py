@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ellipsoid import ECCENTRICITY_2, SEMI_MAJOR_M
 
 _PER_DEGREE = math.pi / 180.0
@@ -19,7 +19,7 @@ _MERIDIONAL_M = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_2) * _PER_DEGREE
 _NORMAL_M = SEMI_MAJOR_M * _PER_DEGREE
 
 
-@kernel
+@compiled
 def scales(mid_lat_deg: float) -> tuple[float, float]:
     """Metres per degree of latitude and of longitude at a latitude (Snyder, eq. 4-18 and 4-20)."""
     phi = mid_lat_deg * _PER_DEGREE
@@ -29,14 +29,14 @@ def scales(mid_lat_deg: float) -> tuple[float, float]:
     return _MERIDIONAL_M / (w2 * w), _NORMAL_M / w * math.cos(phi)
 
 
-@kernel
+@compiled
 def enu_of(lat0_deg: float, lon0_deg: float, lat_deg: float, lon_deg: float) -> tuple[float, float]:
     """(east_m, north_m) of a point in degrees."""
     north_scale, east_scale = scales(0.5 * (lat_deg + lat0_deg))
     return ((lon_deg - lon0_deg + 180.0) % 360.0 - 180.0) * east_scale, (lat_deg - lat0_deg) * north_scale
 
 
-@kernel
+@compiled
 def to_enu(
     lat0_deg: float, lon0_deg: float, lat_deg: NDArray[np.float64], lon_deg: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -47,7 +47,7 @@ def to_enu(
     return east, north
 
 
-@kernel
+@compiled
 def geodetic_of(lat0_deg: float, lon0_deg: float, east_m: float, north_m: float) -> tuple[float, float]:
     """(lat_deg, lon_deg) of a point in metres."""
     here = lat0_deg
@@ -58,7 +58,7 @@ def geodetic_of(lat0_deg: float, lon0_deg: float, east_m: float, north_m: float)
     return here, (lon0_deg + east_m / east_scale + 180.0) % 360.0 - 180.0
 
 
-@kernel
+@compiled
 def to_geodetic(
     lat0_deg: float, lon0_deg: float, east_m: NDArray[np.float64], north_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -17,9 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
-from skyrange.agent.detectors import DetectorContext, DetectorPlugin
-from skyrange.agent.monitors import Alert, Monitor, ObservedFrames
-from skyrange.agent.settings import Number, Params, Whole
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.monitors import Alert, Monitor, ObservedFrames
+from skyrange.contracts.params import Number, Params, Whole
 from skyrange.core.time import NEVER, NS_PER_MS, Time, from_seconds, to_seconds
 from skyrange.detect.telemetry import read_messages
 
@@ -49,7 +49,7 @@ class HeartbeatGapParams(Params):
 
 
 class HeartbeatGap:
-    """A `skyrange.agent.monitors.Monitor`: one alert for each gap of each link, as soon as the limit is passed.
+    """A `skyrange.contracts.monitors.Monitor`: one alert for each gap of each link, as soon as the limit is passed.
 
     Silence counts from time 0, also on a link on which nothing was ever heard. An alert's subject is the link's owner
     (`blue/b1` of `gcs:blue/b1`), its time the moment at which the limit was passed, its score how long the silence has

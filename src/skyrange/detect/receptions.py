@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.monitors import ObservedFrames
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.codec.rid_link import NO_RSSI, RidFrame, read_rows
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack_rows
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError
-from skyrange.radio.ground import decode
+from skyrange.radio.ground_receptions import decode
 
 _DOWN = "rid_down:"
 _GROUND = "oracle:"
@@ -35,7 +35,7 @@ class ObservedReceptions(NamedTuple):
     time_ns: Ints
     """(n,) when the reception ended, in ns, as the receiver tells."""
     transport: Ints
-    """(n,) `codec.rid_link.Transport`"""
+    """(n,) `codec.link_payload.Transport`"""
     channel: Ints
     """(n,) Wi-Fi channel or Bluetooth channel index."""
     rssi_dbm: NDArray[np.float64]
@@ -53,9 +53,9 @@ def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
     owners = [port.link.partition(":")[2] for port in frames.ports]
     names: dict[str, int] = {}
     downs = np.flatnonzero(kinds == 1)
-    table = read_rows(frames.payloads.take(downs))
-    good = np.flatnonzero(table.good)
-    rows = downs[good].tolist()
+    table = unpack_rows(frames.payloads.take(downs))
+    valid = np.flatnonzero(table.valid)
+    rows = downs[valid].tolist()
     receivers = [names.setdefault(owners[place], len(names)) for place in frames.places[rows].tolist()]
     found: list[RidFrame] = []
     for row in np.flatnonzero(kinds == 2).tolist():
@@ -68,18 +68,18 @@ def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
         found += [reception.frame() for reception in report.body]
     heads = [frame.header for frame in found]
     order = np.argsort(_ints(rows), kind="stable")
-    rssi = np.concatenate([table.rssi_cdbm[good].astype(np.int64), _ints(head.rssi_cdbm for head in heads)])
+    rssi = np.concatenate([table.rssi_cdbm[valid].astype(np.int64), _ints(head.rssi_cdbm for head in heads)])
     addresses = np.frombuffer(b"".join(head.address for head in heads), dtype=np.uint8).reshape(-1, 6)
-    bodies = Payloads.join([table.bodies.take(good), Payloads.of([frame.body for frame in found])])
+    bodies = Payloads.join([table.bodies.take(valid), Payloads.of([frame.body for frame in found])])
     return ObservedReceptions(
         _ints(rows)[order],
         list(names),
         _ints(receivers)[order],
-        np.concatenate([table.time_ns[good], _ints(head.time_ns for head in heads)])[order],
-        np.concatenate([table.transport[good].astype(np.int64), _ints(head.transport for head in heads)])[order],
-        np.concatenate([table.channel[good].astype(np.int64), _ints(head.channel for head in heads)])[order],
+        np.concatenate([table.time_ns[valid], _ints(head.time_ns for head in heads)])[order],
+        np.concatenate([table.transport[valid].astype(np.int64), _ints(head.transport for head in heads)])[order],
+        np.concatenate([table.channel[valid].astype(np.int64), _ints(head.channel for head in heads)])[order],
         np.where(rssi == NO_RSSI, np.nan, rssi / 100.0)[order],
-        np.concatenate([table.address[good], addresses])[order],
+        np.concatenate([table.address[valid], addresses])[order],
         bodies.take(order),
     )
 

@@ -11,11 +11,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skyrange.agent.monitors import ObservedFrames
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table, dtype_of, group, kind_of, message_ids, sort
-from skyrange.codec.mavlink import body_of, decode
-from skyrange.codec.wire import LAYOUTS
+from skyrange.codec.mavlink import decode, encode_payload
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import (
+    MessageTable,
+    classify_frames,
+    kind_of_message,
+    message_ids,
+    payload_dtype,
+    unpack_group,
+)
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.errors import DecodeError, InputError, nearest
 
 
@@ -28,7 +35,7 @@ class ObservedMessages(NamedTuple):
     """(n,) the MAVLink system id that it claims."""
     components: Ints
     """(n,) the MAVLink component id that it claims."""
-    values: Table
+    values: MessageTable
     """(n,) its fields under MAVLink's names, in wire units: `values["custom_mode"]`."""
 
 
@@ -41,16 +48,16 @@ def read_messages(frames: ObservedFrames, name: str) -> ObservedMessages:
     number = _ids().get(name)
     if number is None:
         raise InputError.one("detector", "message", name, "a MAVLink message", nearest(name, _ids()))
-    kinds = sort(frames.payloads)
-    rows = np.flatnonzero(kinds == kind_of(number))
-    found = group(frames.payloads, kind_of(number), rows)
+    kinds = classify_frames(frames.payloads)
+    rows = np.flatnonzero(kinds == kind_of_message(number))
+    found = unpack_group(frames.payloads, kind_of_message(number), rows)
     columns = (rows, found.systems, found.components, found.values)
     strange = np.flatnonzero((kinds < 0) & (message_ids(frames.payloads) == number))
     singles = [single for row in strange.tolist() if (single := _read_single(frames, row, number)) is not None]
     if not singles:
         return ObservedMessages(*columns)
     heads = np.array([head for head, _ in singles], dtype=np.int64)
-    values = np.array([body for _, body in singles], dtype=dtype_of(number))
+    values = np.array([body for _, body in singles], dtype=payload_dtype(number))
     order = np.argsort(np.concatenate([rows, heads[:, 0]]), kind="stable")
     more = (heads[:, 0], heads[:, 1], heads[:, 2], values)
     return ObservedMessages(*(np.concatenate(pair)[order] for pair in zip(columns, more, strict=True)))
@@ -64,7 +71,7 @@ def _read_single(frames: ObservedFrames, row: int, number: int) -> tuple[tuple[i
         return None
     if message.get_msgId() != number:
         return None
-    body: np.void = np.frombuffer(body_of(message), dtype=dtype_of(number))[0]
+    body: np.void = np.frombuffer(encode_payload(message), dtype=payload_dtype(number))[0]
     return (row, message.get_srcSystem(), message.get_srcComponent()), body
 
 

@@ -3,7 +3,7 @@
 It exchanges MAVLink with each of its own aircraft on `gcs:<vehicle>`, submits flight plans to the flight approval on
 `approval:<operator>`, and receives reports of its ground receivers, if it has any, on `oracle:<operator>`. Flight
 sequencers wait in a heap ordered by due time, so a silent fleet costs nothing. Telemetry is decoded in columns; a
-flight sequencer reads only messages that may change its decisions (`gcs.reading`).
+flight sequencer reads only messages that may change its decisions (`gcs.telemetry.receiver`).
 """
 
 from __future__ import annotations
@@ -14,20 +14,18 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.messages import Arrival, Inbox, Outbox, Scalar
-from skyrange.codec.columns import dtype_of, pack
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.numbering import RowPacker, number
-from skyrange.codec.signed_mail import Connection, SignedMail
-from skyrange.codec.signing import SigningKey
-from skyrange.core.errors import DecodeError, Fault, InputError, nearest
+from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
+from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
+from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Scalar
+from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
-from skyrange.gcs.belief import Belief, Beliefs
-from skyrange.gcs.flights import Flight, FlightOutcome
-from skyrange.gcs.lifecycle import OVER, State
-from skyrange.gcs.lookout import Lookout
-from skyrange.gcs.pilot import (
+from skyrange.gcs.flight.flight import Flight, FlightOutcome
+from skyrange.gcs.flight.lifecycle import ENDED, FlightState
+from skyrange.gcs.flight.sequencer import (
     AUTOPILOT_COMPONENT,
     HEARTBEAT_NS,
     LINK_TIMEOUT_NS,
@@ -35,10 +33,12 @@ from skyrange.gcs.pilot import (
     STALE_NS,
     STATION_COMPONENT,
     STATION_SYSTEM,
-    Pilot,
+    FlightSequencer,
 )
-from skyrange.gcs.reading import Reader
-from skyrange.gcs.streams import PROFILES
+from skyrange.gcs.telemetry.belief import Belief, BeliefTable
+from skyrange.gcs.telemetry.receiver import TelemetryReceiver
+from skyrange.gcs.telemetry.streams import PROFILES
+from skyrange.gcs.traffic_picture import TrafficPicture
 from skyrange.remoteid.tracks import TrackTable
 from skyrange.utm.messages import DecisionBody, decode_response
 
@@ -62,11 +62,11 @@ class GroundStation:
         epoch: Epoch,
         *,
         streams: str = "light",
-        lookout: Lookout | None = None,
+        traffic_picture: TrafficPicture | None = None,
         key: SigningKey | None = None,
         service_ns: Time = SERVICE_NS,
     ) -> None:
-        """The plans must have no problems (`checks.check`); `lookout` is that of the ground receivers.
+        """The plans must have no problems (`plan.checks.check`); `traffic_picture` is that of the ground receivers.
 
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
@@ -78,32 +78,37 @@ class GroundStation:
         self.service_ns = service_ns
         approval = Port(self.name, link_name("approval", operator))
         profile = PROFILES[streams]
-        self._beliefs = Beliefs(len(flights))
+        self._beliefs = BeliefTable(len(flights))
         self._sequences = np.zeros(len(flights), dtype=np.int64)
-        self._pilots = [
-            Pilot(
+        self._sequencers = [
+            FlightSequencer(
                 flight,
                 Port(self.name, link_name("gcs", flight.vehicle)),
                 approval,
                 epoch,
                 profile,
                 self._beliefs.of(place),
-                RowPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
+                FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
             )
             for place, flight in enumerate(flights)
         ]
-        self._reader = Reader(self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ)
-        reports = [Port(self.name, link_name("oracle", operator))] if lookout is not None else []
-        self.ports: Sequence[Port] = (*(pilot.port for pilot in self._pilots), approval, *reports)
-        self.lookout = lookout
+        self._receiver = TelemetryReceiver(
+            self._beliefs, [flight.system_id for flight in flights], AUTOPILOT_COMPONENT, READ
+        )
+        reports = [Port(self.name, link_name("oracle", operator))] if traffic_picture is not None else []
+        self.ports: Sequence[Port] = (*(sequencer.port for sequencer in self._sequencers), approval, *reports)
+        self.traffic_picture = traffic_picture
         """The traffic picture of the ground receivers; `None` without receivers."""
         self.bad_approvals = 0
         """Number of frames on the approval link that could not be decoded or that answer no request."""
         self._places = {port: place for place, port in enumerate(self.ports)}
-        self._signed: SignedMail | None = None
+        self._signed: SignedConnections | None = None
         if key is not None:
-            ends = [Connection(pilot.flight.vehicle, key, pilot.port, pilot.port) for pilot in self._pilots]
-            self._signed = SignedMail(self.ports, ends, LINK_ID, "decision.signature_refused")
+            ends = [
+                SignedConnection(sequencer.flight.vehicle, key, sequencer.port, sequencer.port)
+                for sequencer in self._sequencers
+            ]
+            self._signed = SignedConnections(self.ports, ends, LINK_ID, "decision.signature_refused")
         self._by_intent: dict[str, int] = {}
         self._heap: list[tuple[Time, int]] = [(0, place) for place in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
@@ -114,8 +119,8 @@ class GroundStation:
     def next_wakeup(self) -> Time | None:
         """When the next flight sequencer or the traffic picture is due; `None` for a station without aircraft."""
         due = min(self._heap[0][0], self._beat_due) if self._heap else self._beat_due
-        if self.lookout is not None:
-            due = min(due, self.lookout.due)
+        if self.traffic_picture is not None:
+            due = min(due, self.traffic_picture.due)
         return None if due == NEVER else due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
@@ -126,50 +131,50 @@ class GroundStation:
         heartbeat_due = now >= self._beat_due
         if heartbeat_due:
             self._beat_due = now - now % HEARTBEAT_NS + HEARTBEAT_NS
-            for place in self._beliefs.old(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
-                self._pilots[place].look_at_news(now, out)
+            for place in self._beliefs.stale_rows(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
+                self._sequencers[place].check_telemetry_age(now, out)
                 self._queue(place)
         heap = self._heap
         while heap and heap[0][0] <= now:
             _, place = heappop(heap)
             self._queued[place] = NEVER
-            pilot = self._pilots[place]
-            if pilot.due <= now:
-                pilot.on_time(now, out)
+            sequencer = self._sequencers[place]
+            if sequencer.due <= now:
+                sequencer.on_time(now, out)
             self._queue(place)
         if heartbeat_due:
             self._send_heartbeats(out)
-        if self.lookout is not None and self.lookout.due <= now:
-            self.lookout.look(now, out)
+        if self.traffic_picture is not None and self.traffic_picture.due <= now:
+            self.traffic_picture.note_changes(now, out)
         if self._signed is not None:
-            self._signed.seal(now, out)
+            self._signed.sign_outbox(now, out)
         return out
 
     def _read(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         """Decode all received frames; frames that only refresh a belief are handled at once, the rest in order."""
         table = inbox.columns(self._places)
         if self._signed is not None:
-            table = self._signed.open(now, inbox, table, out)
-        reports = np.flatnonzero(table.places > len(self._pilots))
-        if self.lookout is not None and reports.size:
-            self.lookout.hear(now, inbox, table.order[reports], out)
-        for row in self._reader.read(now, table.places, table.payloads).tolist():
+            table = self._signed.verify_inbox(now, inbox, table, out)
+        reports = np.flatnonzero(table.places > len(self._sequencers))
+        if self.traffic_picture is not None and reports.size:
+            self.traffic_picture.receive_reports(now, inbox, table.order[reports], out)
+        for row in self._receiver.read(now, table.places, table.payloads).tolist():
             arrival = inbox.arrival(table.order.item(row))
             place = table.places.item(row)
-            if place == len(self._pilots):
+            if place == len(self._sequencers):
                 self._on_approval(now, arrival, out)
-            elif place < len(self._pilots) and self._pilots[place].on_frame(now, arrival, out):
+            elif place < len(self._sequencers) and self._sequencers[place].on_frame(now, arrival, out):
                 self._queue(place)
 
     def _send_heartbeats(self, out: Outbox) -> None:
         """Send the station's HEARTBEAT to all aircraft."""
-        places = np.arange(len(self._pilots))
-        heartbeats = np.zeros(len(places), dtype=dtype_of(mav.MAVLINK_MSG_ID_HEARTBEAT))
+        places = np.arange(len(self._sequencers))
+        heartbeats = np.zeros(len(places), dtype=payload_dtype(mav.MAVLINK_MSG_ID_HEARTBEAT))
         heartbeats["type"], heartbeats["autopilot"] = mav.MAV_TYPE_GCS, mav.MAV_AUTOPILOT_INVALID
         heartbeats["system_status"], heartbeats["mavlink_version"] = mav.MAV_STATE_ACTIVE, 3
         sequences = np.empty_like(places)
-        number(places, self._sequences, sequences)
-        frames = pack(
+        assign_sequence_numbers(places, self._sequences, sequences)
+        frames = pack_batches(
             [(mav.MAVLINK_MSG_ID_HEARTBEAT, heartbeats, np.full_like(places, STATION_SYSTEM), sequences)],
             STATION_COMPONENT,
         )
@@ -177,10 +182,10 @@ class GroundStation:
 
     def _queue(self, place: int) -> None:
         """Put a sequencer into the heap by its due time; superseded entries find nothing to do when they are popped."""
-        pilot = self._pilots[place]
-        due = pilot.due
-        if pilot.state is State.REQUESTING:
-            self._by_intent[pilot.intent] = place
+        sequencer = self._sequencers[place]
+        due = sequencer.due
+        if sequencer.state is FlightState.REQUESTING:
+            self._by_intent[sequencer.intent] = place
         if due < self._queued[place]:
             self._queued[place] = due
             heappush(self._heap, (due, place))
@@ -199,7 +204,7 @@ class GroundStation:
                 reason = f"an answer to {body.id}, which was not requested"
             else:
                 place = self._by_intent[body.id]
-                self._pilots[place].on_decision(now, body, arrival.ref, out)
+                self._sequencers[place].on_decision(now, body, arrival.ref, out)
                 self._queue(place)
                 return
         self.bad_approvals += 1
@@ -212,50 +217,54 @@ class GroundStation:
     @property
     def finished(self) -> bool:
         """Whether every flight has ended."""
-        return all(pilot.state in OVER for pilot in self._pilots)
+        return all(sequencer.state in ENDED for sequencer in self._sequencers)
 
     @property
-    def states(self) -> Mapping[str, State]:
+    def states(self) -> Mapping[str, FlightState]:
         """Vehicle id → state of its flight."""
-        return {pilot.flight.vehicle: pilot.state for pilot in self._pilots}
+        return {sequencer.flight.vehicle: sequencer.state for sequencer in self._sequencers}
 
     @property
     def outcomes(self) -> Mapping[str, FlightOutcome]:
         """Vehicle id → outcome of its flight, for the flights that have ended."""
-        return {pilot.flight.vehicle: pilot.outcome for pilot in self._pilots if pilot.outcome is not None}
+        return {
+            sequencer.flight.vehicle: sequencer.outcome
+            for sequencer in self._sequencers
+            if sequencer.outcome is not None
+        }
 
     def belief(self, vehicle: str) -> Belief:
         """The station's belief about one of its aircraft; `KeyError` for any other aircraft."""
-        return self._pilots[self._place(vehicle)].belief
+        return self._sequencers[self._place(vehicle)].belief
 
     def latest(self, vehicle: str, message_id: int) -> Any:
         """The latest message of a kind from one of its aircraft as a record of its fields; `None` if there was none."""
-        return self._reader.latest(self._place(vehicle), message_id)
+        return self._receiver.latest(self._place(vehicle), message_id)
 
     @property
     def tracks(self) -> TrackTable | None:
         """The tracks of its ground receivers, one row for each receiver; `None` without receivers."""
-        return None if self.lookout is None else self.lookout.tracks
+        return None if self.traffic_picture is None else self.traffic_picture.tracks
 
     def _place(self, vehicle: str) -> int:
         return self._places[Port(self.name, link_name("gcs", vehicle))]
 
 
 def _check(operator: str, flights: Sequence[Flight], streams: str) -> None:
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     vehicles: set[str] = set()
     systems: set[tuple[int, int]] = set()
     if streams not in PROFILES:
-        faults.append(Fault("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
+        faults.append(Problem("streams", repr(streams), "a stream profile", nearest(streams, PROFILES)))
     for flight in flights:
         if operator_of(flight.vehicle) != operator or "/" not in flight.vehicle:
-            faults.append(Fault("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
+            faults.append(Problem("vehicle", repr(flight.vehicle), f"an aircraft of operator {operator!r}"))
         if flight.vehicle in vehicles:
-            faults.append(Fault("vehicle", repr(flight.vehicle), "an id that occurs once"))
+            faults.append(Problem("vehicle", repr(flight.vehicle), "an id that occurs once"))
         address = (flight.network, flight.system_id)
         if address in systems or not 1 <= flight.system_id <= MAX_SYSTEM_ID:
             expected = f"a system id in 1…{MAX_SYSTEM_ID} that occurs once in its network"
-            faults.append(Fault(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
+            faults.append(Problem(f"{flight.vehicle}.system_id", str(flight.system_id), expected))
         vehicles.add(flight.vehicle)
         systems.add(address)
     if faults:

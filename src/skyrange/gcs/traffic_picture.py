@@ -11,22 +11,22 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.agent.messages import Inbox, Outbox, Scalar
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.agent.refs import RefBook
-from skyrange.codec import rid_link
-from skyrange.codec.f3411_columns import location_rows
-from skyrange.codec.rid_link import Transport
+from skyrange.codec.f3411.columns import decode_locations
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import Transport
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.frames.references import FrameRefTable
+from skyrange.contracts.mailboxes import Inbox, Outbox, Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Time, to_seconds
-from skyrange.radio import ground
-from skyrange.remoteid.tracks import Heard, Seen, TrackTable
+from skyrange.radio import ground_receptions
+from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
 
-LOOK_NS: Final[Time] = NS_PER_S
+UPDATE_PERIOD_NS: Final[Time] = NS_PER_S
 """How often new and lost tracks are determined."""
-MOST_NOTED: Final = 256
+MAX_NOTED: Final = 256
 """New and lost tracks are noted one by one up to this number, then only the 512th, 1024th …: a bound for floods."""
 _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.tracks_impossible", "event.bad_frame")
 
@@ -41,7 +41,7 @@ class _Known(NamedTuple):
     heard_ns: Time
 
 
-class Lookout:
+class TrafficPicture:
     """The tracks of one operator's ground receivers: one row of `tracks` for each of `receivers`. Deep-copyable."""
 
     def __init__(self, operator: str, receivers: Sequence[str], origin: Origin) -> None:
@@ -55,16 +55,16 @@ class Lookout:
         self.due: Time = NEVER
         """When new and lost tracks are determined next; `NEVER` while there are no tracks."""
         self._row_of = {name: row for row, name in enumerate(self.receivers)}
-        self._refs = RefBook()
+        self._refs = FrameRefTable()
         self._known: dict[_Claim, _Known] = {}
         self._noted = 0
         self._counts = np.zeros(len(_COUNTS), dtype=np.int64)
 
-    def seen(self, receiver: str, now: Time) -> Seen:
+    def seen(self, receiver: str, now: Time) -> TrackSnapshot:
         """A receiver's tracks with age and signal strength, implausible ones too; `KeyError` if unknown."""
-        return self.tracks.seen(self._row_of[receiver], now, odd=True)
+        return self.tracks.snapshot(self._row_of[receiver], now, include_impossible=True)
 
-    def hear(self, now: Time, inbox: Inbox, order: Ints, out: Outbox) -> None:
+    def receive_reports(self, now: Time, inbox: Inbox, order: Ints, out: Outbox) -> None:
         """Update the tracks from reports: the arrivals `order` of an inbox, as `Columns.order` numbers them."""
         numbers, serials = self._refs.read(inbox, order)
         frames: list[bytes] = []
@@ -72,7 +72,7 @@ class Lookout:
         for arrival, number, serial in zip(order.tolist(), numbers.tolist(), serials.tolist(), strict=True):
             report = inbox.arrival(arrival)
             try:
-                receptions = ground.decode(report.payload).body
+                receptions = ground_receptions.decode(report.payload).body
             except DecodeError as error:
                 self._bad(str(error), report.ref, out)
                 continue
@@ -82,21 +82,21 @@ class Lookout:
             for reception in receptions:
                 if reception.receiver in self._row_of:
                     frame = reception.frame()
-                    frames.append(rid_link.pack(frame.header, frame.body))
+                    frames.append(link_payload.pack(frame.header, frame.body))
                     # not later than now, because a track in the future would never become stale
                     at = min(max(reception.time_ns, 0), now)
                     rows.append((self._row_of[reception.receiver], at, number, serial))
         if not rows:
             return
-        rid = rid_link.read_rows(Payloads.of(frames))
+        rid = link_payload.unpack_rows(Payloads.of(frames))
         receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
-        locations = location_rows(rid.bodies)
-        self.bad_bodies += int(np.count_nonzero(~locations.whole))
-        self.tracks.update(Heard(receiver, at_ns, rid, locations, ref, serial_of))
+        locations = decode_locations(rid.bodies)
+        self.bad_bodies += int(np.count_nonzero(~locations.valid))
+        self.tracks.update(ReceivedBroadcasts(receiver, at_ns, rid, locations, ref, serial_of))
         if self.due == NEVER:
-            self.due = now - now % LOOK_NS + LOOK_NS
+            self.due = now - now % UPDATE_PERIOD_NS + UPDATE_PERIOD_NS
 
-    def look(self, now: Time, out: Outbox) -> None:
+    def note_changes(self, now: Time, out: Outbox) -> None:
         """Note new tracks and lost tracks, and changed counters."""
         strongest = self._strongest(now)
         rows = self.tracks.rows
@@ -125,7 +125,7 @@ class Lookout:
             if counts.item(column).bit_length() > self._counts.item(column).bit_length():
                 out.note(kind, self.operator, {"count": counts.item(column)})
         self._counts = counts
-        self.due = now - now % LOOK_NS + LOOK_NS if self._known else NEVER
+        self.due = now - now % UPDATE_PERIOD_NS + UPDATE_PERIOD_NS if self._known else NEVER
 
     def _strongest(self, now: Time) -> dict[_Claim, tuple[int, int]]:
         """Every sender that is not stale, with its strongest reception: receiver and slot in that receiver's row."""
@@ -141,7 +141,7 @@ class Lookout:
 
     def _note(self, kind: str, data: dict[str, Scalar], causes: tuple[FrameId, ...], out: Outbox) -> None:
         self._noted += 1
-        if self._noted <= MOST_NOTED or self._noted & (self._noted - 1) == 0:
+        if self._noted <= MAX_NOTED or self._noted & (self._noted - 1) == 0:
             out.note(kind, self.operator, {**data, "count": self._noted}, causes)
 
     def _bad(self, reason: str, ref: FrameId, out: Outbox) -> None:

@@ -17,18 +17,18 @@ from urllib.parse import urlsplit
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.install.download import NotThereError, OnProgress, download
-from skyrange.io.answers import ask
-from skyrange.vehicle.ardupilot.binary import (
+from skyrange.io.processes.single_run import run_once
+from skyrange.vehicle.ardupilot.program.arducopter_binary import (
     ANSWER_S,
-    LEAST,
-    MOST_BYTES,
+    MAX_BYTES,
+    MIN_VERSION,
     PROGRAM,
-    SUPPORTED,
+    SUPPORTED_VERSION,
     Binary,
-    confirm,
+    check_help,
     data_folder,
-    examine,
-    order,
+    examine_binary,
+    version_key,
 )
 
 DEFAULT_VERSION: Final = "4.7.0"
@@ -80,11 +80,11 @@ def install(version: str | None = None, source: Path | None = None, on_progress:
 def _parse_release(version: str) -> str:
     """The requested version in the form "4.6.3"."""
     plain = version.strip().lower().removeprefix("stable-").removeprefix("v")
-    who, least = "skyrange install ardupilot", ".".join(map(str, SUPPORTED))
+    who, least = "skyrange install ardupilot", ".".join(map(str, SUPPORTED_VERSION))
     if re.fullmatch(r"\d{1,3}\.\d{1,3}\.\d{1,3}", plain) is None:
         hint = f"{SERVER} lists them as stable-…"
         raise InputError.one(who, "--version", version, f"a release, such as {DEFAULT_VERSION}", hint)
-    if order(plain)[0][:2] < LEAST:
+    if version_key(plain)[0][:2] < MIN_VERSION:
         raise InputError.one(who, "--version", version, f"version {least} or newer")
     return plain
 
@@ -141,8 +141,8 @@ def _copy_file(source: Path, into: IO[bytes], on_progress: OnProgress | None) ->
         facts = source.stat()
         if not stat.S_ISREG(facts.st_mode):
             raise InputError.one("--from", str(source), "not a regular file", "an arducopter binary")
-        if facts.st_size > MOST_BYTES:
-            expected = f"an arducopter, no larger than {MOST_BYTES:,}"
+        if facts.st_size > MAX_BYTES:
+            expected = f"an arducopter, no larger than {MAX_BYTES:,}"
             raise InputError.one("--from", str(source), f"a file of {facts.st_size:,} bytes", expected)
         data = source.read_bytes()
     except OSError as error:
@@ -158,7 +158,7 @@ def _store_download(file: IO[bytes], path: Path, wanted: str, url: str) -> Binar
     try:
         return _store(file, path, wanted, url)
     except InputError as error:
-        fault = error.faults[0]
+        fault = error.problems[0]
         problem = f"sent {fault.value}; expected {fault.expected}"
         raise ComponentError(urlsplit(url).netloc, problem, _OTHER_CONTENT_HINT) from None
 
@@ -168,7 +168,7 @@ def _store_file(file: IO[bytes], path: Path, wanted: str | None, source: Path) -
     try:
         return _store(file, path, wanted, str(source))
     except InputError as error:
-        raise InputError("--from", [replace(fault, where=str(source)) for fault in error.faults]) from None
+        raise InputError("--from", [replace(fault, where=str(source)) for fault in error.problems]) from None
 
 
 def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Binary:
@@ -177,11 +177,11 @@ def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Bina
     os.fsync(file.fileno())
     file.close()  # a file open for writing is not run
     path.chmod(0o755)
-    found = examine(path)
+    found = examine_binary(path)
     if wanted is not None and found.version != wanted:
         raise InputError.one("arducopter", str(path), f"ArduCopter {found.version}", f"version {wanted}")
-    answer = ask(path, "--help", deadline_s=ANSWER_S, who=origin)
-    confirm(origin, answer.ended, answer.text)
+    answer = run_once(path, "--help", deadline_s=ANSWER_S, who=origin)
+    check_help(origin, answer.ended, answer.text)
     target = data_folder() / found.version / PROGRAM
     target.parent.mkdir(exist_ok=True)
     path.replace(target)

@@ -6,7 +6,7 @@ import ipaddress
 from collections.abc import Callable
 
 from skyrange.core.errors import InputError
-from skyrange.io.mavlink_sockets import Address
+from skyrange.io.mavlink.transports import Address
 
 OnNote = Callable[[str, str], None]
 """Called with an event of a transport (`connected`, `disconnected`, `refused`, `lost`) and a description."""
@@ -29,18 +29,18 @@ def is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def text(address: Address) -> str:
+def format_address(address: Address) -> str:
     """The address as `host:port`, an IPv6 host in brackets."""
     host, port = address
     return f"[{host}]:{port}" if ":" in host else f"{host}:{port}"
 
 
-def must_be_guarded(who: str, address: Address, guarded: bool, remedy: str) -> None:
+def check_guarded(who: str, address: Address, guarded: bool, remedy: str) -> None:
     """Raise `InputError` for an address beyond loopback where peers are not authenticated."""
     if not guarded and not is_loopback(address[0]):
-        raise InputError.one(who, "address", text(address), "a loopback address, such as 127.0.0.1", remedy)
+        raise InputError.one(who, "address", format_address(address), "a loopback address, such as 127.0.0.1", remedy)
 
 
-def naming(address: Address, error: OSError) -> OSError:
+def with_address(address: Address, error: OSError) -> OSError:
     """An `OSError` like `error`, with the address in its text."""
-    return OSError(error.errno, f"cannot use {text(address)}: {(error.strerror or str(error)).lower()}")
+    return OSError(error.errno, f"cannot use {format_address(address)}: {(error.strerror or str(error)).lower()}")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from skyrange.kernel.directed_link import Transit
 from skyrange.kernel.kernel import Kernel
-from skyrange.kernel.lane import Transit
 from skyrange.kernel.wiring import EngineMount, Wiring
 
 __all__ = ["EngineMount", "Kernel", "Transit", "Wiring"]

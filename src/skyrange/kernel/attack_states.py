@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from skyrange.agent.contracts import Trigger, World
-from skyrange.agent.links import AttackPlan
-from skyrange.agent.messages import Note, Scalar
-from skyrange.core.errors import Fault, InputError, attribute_error, nearest
+from skyrange.contracts.components import Trigger, World
+from skyrange.contracts.links import AttackPlan
+from skyrange.contracts.mailboxes import Note, Scalar
+from skyrange.core.errors import InputError, Problem, attribute_error, nearest
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
 
 TRIGGER_PERIOD_NS = 10 * NS_PER_MS
@@ -137,10 +137,10 @@ def _check_triggers(plans: Sequence[AttackPlan], vehicles: Sequence[str], world:
         if plan.trigger is None:
             continue
         if world is None:
-            faults.append(Fault(f"{plan.id}.trigger", "no world", "a world whose truth it can read"))
+            faults.append(Problem(f"{plan.id}.trigger", "no world", "a world whose truth it can read"))
             continue
         faults += [
-            Fault(f"{plan.id}.trigger", vehicle, "a vehicle", nearest(vehicle, vehicles))
+            Problem(f"{plan.id}.trigger", vehicle, "a vehicle", nearest(vehicle, vehicles))
             for vehicle in plan.trigger.vehicles
             if vehicle not in vehicles
         ]

@@ -10,13 +10,14 @@ from heapq import heappush
 
 import numpy as np
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.messages import Parents
-from skyrange.agent.payloads import Ints, Payloads
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.mailboxes import Parents
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time
-from skyrange.kernel.events import (
+from skyrange.kernel.directed_link import DirectedLink, RouteQueue
+from skyrange.kernel.event_heap import (
     DELIVER_BLOCKS,
     DELIVERY,
     RESUME_BLOCKS,
@@ -25,8 +26,7 @@ from skyrange.kernel.events import (
     schedule_mailbox,
     schedule_route,
 )
-from skyrange.kernel.express import BlockDelivery, FastPath, PendingHop
-from skyrange.kernel.lane import Lane, RouteQueue
+from skyrange.kernel.fast_path import BlockDelivery, FastPath, PendingHop
 from skyrange.kernel.monitors import Monitors
 
 
@@ -38,7 +38,7 @@ def _arrival_order(frame: Frame) -> tuple[Time, str, int]:
 class BlockForwarder:
     """All blocks under way in one kernel."""
 
-    def __init__(self, heap: list[Event], links: Sequence[Lane], queues: dict[str, RouteQueue]) -> None:
+    def __init__(self, heap: list[Event], links: Sequence[DirectedLink], queues: dict[str, RouteQueue]) -> None:
         """`links` by number; `heap` and `queues`, the frames that wait at routes by name, are those of single frames.
 
         Call `open_paths` once the links are wired.
@@ -85,7 +85,7 @@ class BlockForwarder:
         if not delivery.to_mailboxes:
             return
         block, fast = delivery.hops[-1], self._fast_path
-        owners = fast.mailbox_of[block.lane]
+        owners = fast.mailbox_of[block.link_numbers]
         for owner in np.unique(owners).tolist():
             rows = np.flatnonzero(owners == owner)
             box = fast.mailboxes[owner]

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 
-from skyrange.agent.frames import Fate
-from skyrange.agent.links import Channel
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.links import Channel
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 RETRANSMIT_MIN_NS = 200 * NS_PER_MS
@@ -19,7 +19,7 @@ RETRANSMIT_MAX_NS = 60 * NS_PER_S
 """Bound of the doubling (RFC 6298 §2.5 asks for at least 60 s)."""
 
 Uniforms = tuple[float, float, float, float]
-NO_CHANCE: Uniforms = (1.0, 0.0, 1.0, 1.0)
+NOT_RANDOM: Uniforms = (1.0, 0.0, 1.0, 1.0)
 """Uniforms where a channel is not random: never lost, no jitter, never duplicated, never reordered."""
 
 
@@ -36,10 +36,10 @@ class ChannelState:
         self._busy_until: Time = -(2**62)
         self._last_arrival: Time = -(2**62)
 
-    def carry(self, now: Time, size: int, luck: Uniforms) -> tuple[Fate, Time, Time | None]:
+    def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """Send `size` bytes at `now`: (fate, arrival, arrival of a duplicate or None).
 
-        `luck` has the uniforms in [0, 1) for loss, jitter, duplication and reordering. The arrival is meaningful only
+        `draws` has the uniforms in [0, 1) for loss, jitter, duplication and reordering. The arrival is meaningful only
         when the fate is DELIVERED.
         """
         if self.steady:
@@ -57,20 +57,20 @@ class ChannelState:
             arrival = max(arrival, self._last_arrival)
             self._last_arrival = arrival
             return Fate.DELIVERED, arrival, None
-        arrival += int(luck[1] * spec.jitter_ns)
+        arrival += int(draws[1] * spec.jitter_ns)
         if spec.mode == "reliable":
-            arrival = max(arrival + self._retransmission_ns(luck[0]), self._last_arrival)
+            arrival = max(arrival + self._retransmission_ns(draws[0]), self._last_arrival)
             self._last_arrival = arrival
             return Fate.DELIVERED, arrival, None
-        if luck[0] < spec.loss:
+        if draws[0] < spec.loss:
             return Fate.LOST, now, None
-        if luck[3] < spec.reorder:
+        if draws[3] < spec.reorder:
             arrival = max(arrival, self._last_arrival) + spec.reorder_ns
         else:
             arrival = max(arrival, self._last_arrival)
             self._last_arrival = arrival
         # the copy takes its own path and comes a propagation delay later, as a late link-layer repeat does
-        twin = arrival + spec.latency_ns if luck[2] < spec.duplicate else None
+        twin = arrival + spec.latency_ns if draws[2] < spec.duplicate else None
         return Fate.DELIVERED, arrival, twin
 
     def _retransmission_ns(self, uniform: float) -> Time:

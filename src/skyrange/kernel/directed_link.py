@@ -8,16 +8,16 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import Tap
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import LinkSpec, Route
-from skyrange.agent.messages import Arrival, Inbox
+from skyrange.contracts.components import Tap
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import LinkSpec, Route
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
-from skyrange.kernel.channel import NO_CHANCE, ChannelState, Uniforms
-from skyrange.kernel.stages import AttackState
+from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.channel import NOT_RANDOM, ChannelState, Uniforms
 
 
 class TapSlot:
@@ -30,7 +30,7 @@ class TapSlot:
         self.name = name
         self.attack = attack
         self.due: Time | None = None
-        self.links: dict[str, tuple[Lane, int, bool]] = {}
+        self.links: dict[str, tuple[DirectedLink, int, bool]] = {}
         """By direction: the directed link, the position *after* this tap, and whether that is on the sending side."""
 
 
@@ -42,7 +42,7 @@ class FrameMonitor(Protocol):
         ...
 
 
-class Lane:
+class DirectedLink:
     """One direction of one link instance."""
 
     __slots__ = (
@@ -126,10 +126,10 @@ class Lane:
         """Send `size` bytes of `sender` through the channel; as `ChannelState.carry`."""
         channel = self.channel
         if channel.steady:
-            return channel.carry(now, size, NO_CHANCE)
-        return channel.carry(now, size, self.luck(sender, now))
+            return channel.carry(now, size, NOT_RANDOM)
+        return channel.carry(now, size, self.draws(sender, now))
 
-    def luck(self, sender: str, now: Time) -> Uniforms:
+    def draws(self, sender: str, now: Time) -> Uniforms:
         """The uniforms of `sender`'s k-th frame on this link at `now`; k counts that sender's frames only."""
         last, k = self._drawn.get(sender, (None, 0))
         k = k + 1 if last == now else 0
@@ -144,7 +144,7 @@ class RouteHop(NamedTuple):
     """A route, and the directed link on which it sends."""
 
     route: Route
-    link: Lane
+    link: DirectedLink
 
     @property
     def name(self) -> str:
@@ -189,6 +189,6 @@ class Transit(NamedTuple):
     """A frame on its way from one kernel to another: it comes out of its channel at `arrival`."""
 
     arrival: Time
-    lane: str
+    directed_link: str
     """The directed link, `link:direction`."""
     frame: Frame

@@ -7,7 +7,7 @@ from heapq import heapify, heappush
 from typing import Any
 
 from skyrange.core.time import Phase, Time, ceil_to
-from skyrange.kernel.lane import Mailbox, RouteQueue
+from skyrange.kernel.directed_link import Mailbox, RouteQueue
 
 DELIVERY = int(Phase.DELIVERY)
 WAKEUP = int(Phase.WAKEUP)

@@ -14,20 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.blocks import FrameBlock, LaneName, Lanes
-from skyrange.agent.frames import Fate
-from skyrange.agent.links import RowFilter
-from skyrange.agent.messages import Parents
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.links import RowFilter
+from skyrange.contracts.mailboxes import Parents
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import Port
 from skyrange.core.time import Time, ceil_to
-from skyrange.kernel.lane import Lane, Mailbox
+from skyrange.kernel.directed_link import DirectedLink, Mailbox
 
 Select = Callable[[bytes], bool]
 
 
-@kernel
+@compiled
 def _take_serials(links: Ints, sent_counts: Ints) -> Ints:
     """Each row's serial on its directed link, counting them up."""
     out = np.empty_like(links)
@@ -96,11 +96,11 @@ _NONE = np.zeros(0, dtype=np.int64)
 class FastPath:
     """The directed links of a kernel by number, and the paths that blocks take over them."""
 
-    def __init__(self, links: Sequence[Lane], ports: dict[Port, int]) -> None:
+    def __init__(self, links: Sequence[DirectedLink], ports: dict[Port, int]) -> None:
         """`links` by number, wired; `ports` has the place of every owned port among its owner's."""
-        names = [LaneName(link.link_name, link.direction, link.src, link.dst) for link in links]
+        names = [DirectedLinkName(link.link_name, link.direction, link.src, link.dst) for link in links]
         places = np.array([ports.get(link.port, -1) for link in links], dtype=np.int64)
-        self.link_table = Lanes(names, places)
+        self.link_table = LinkTable(names, places)
         self.path_of = np.full(len(links), -1, dtype=np.int64)
         """Directed link → its path, -1 for none."""
         self.mailboxes: list[Mailbox] = []
@@ -163,14 +163,14 @@ class FastPath:
         carried = rows if block.rows is None else block.rows[rows]
         _follow(
             pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
-            block.lane[rows], block.serial[rows], [], sent_counts, deliveries,
+            block.link_numbers[rows], block.serial[rows], [], sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
 
 
 def _follow(
     hop: _Hop,
-    table: Lanes,
+    table: LinkTable,
     now: Time,
     starts: Ints,
     payloads: Payloads,
@@ -225,7 +225,7 @@ def _select_rows(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
     return np.fromiter(map(select, payloads), np.bool_, len(payloads))
 
 
-def _path_shape(link: Lane) -> Any:
+def _path_shape(link: DirectedLink) -> Any:
     """What two directed links must have in common to share a path; `None` where blocks cannot travel."""
     if not link.local or link.sender_taps or link.receiver_taps or not link.channel.steady:
         return None
@@ -243,7 +243,7 @@ def _path_shape(link: Lane) -> Any:
     return (latency_ns, link.staged is not None, tuple(onward))
 
 
-def _build_hop(link: Lane, service_ns: Time, select: Select | None, size: int) -> _Hop:
+def _build_hop(link: DirectedLink, service_ns: Time, select: Select | None, size: int) -> _Hop:
     boxed, staged = link.mailbox is not None, link.staged is not None
     hop = _Hop(link.channel.spec.latency_ns, service_ns, select, boxed, staged, size)
     hop.next = [
@@ -252,7 +252,7 @@ def _build_hop(link: Lane, service_ns: Time, select: Select | None, size: int) -
     return hop
 
 
-def _add_start(hop: _Hop, start: int, link: Lane) -> None:
+def _add_start(hop: _Hop, start: int, link: DirectedLink) -> None:
     """Enter the directed links of a path that begins at `start`."""
     hop.link_of[start] = link.number
     for below, (_, target) in zip(hop.next, link.fused or link.staged or (), strict=True):

@@ -17,19 +17,29 @@ from typing import cast
 
 import numpy as np
 
-from skyrange.agent.contracts import Agent, Engine, InstanceStatus, Observer, Poses, Source, Speaker, Watcher, World
-from skyrange.agent.messages import EMPTY_INBOX, Note, Outbox
+from skyrange.contracts.components import (
+    Agent,
+    Engine,
+    InstanceStatus,
+    Observer,
+    OriginatingRouter,
+    Poses,
+    Source,
+    TruthSubscriber,
+    World,
+)
+from skyrange.contracts.mailboxes import EMPTY_INBOX, Note, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
-from skyrange.core.ids import Port, own_voice
+from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.events import STEP, WAKEUP, postpone_events
-from skyrange.kernel.faults import SensorFaultInjector
-from skyrange.kernel.lane import Mailbox, Transit
+from skyrange.kernel.attack_states import AttackState, AttackStates
+from skyrange.kernel.directed_link import Mailbox, Transit
+from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors
+from skyrange.kernel.network import Network, Sender
 from skyrange.kernel.observers import ObserverList
-from skyrange.kernel.stages import AttackState, AttackStates
-from skyrange.kernel.traffic import Network, Sender
+from skyrange.kernel.sensor_faults import SensorFaultInjector
 from skyrange.kernel.wiring import (
     EngineMount,
     Wiring,
@@ -81,17 +91,17 @@ class Kernel:
         links = build_links(wiring, Chance(wiring.seed))
         self._attacks = AttackStates(wiring.attacks, wiring.world)
         taps = place_taps(wiring, links, self._attacks.by_id())
-        slots = [_AgentSlot(agent, None) for agent in (*wiring.agents, *wiring.watchers)]
+        slots = [_AgentSlot(agent, None) for agent in (*wiring.agents, *wiring.truth_subscribers)]
         slots += [_AgentSlot(agent, attack) for attack in self._attacks.each for agent in attack.plan.agents]
         self._agents = {slot.agent.name: slot for slot in slots}
         engines = [_EngineSlot(mount, wiring.world) for mount in wiring.engines if wiring.world is not None]
         self._engines = sorted(engines, key=lambda slot: slot.engine.name)
-        speakers = [slot.agent for slot in slots if isinstance(slot.agent, Speaker)]
-        originators = {port: own_voice(port.endpoint) for agent in speakers for port in agent.speaks}
+        routers = [slot.agent for slot in slots if isinstance(slot.agent, OriginatingRouter)]
+        originators = {port: originator_id(port.endpoint) for agent in routers for port in agent.originates}
         self._observers = ObserverList(observers)
         self._network = Network(links, self._observers, index_by_sender(links), originators)
         self._world = wiring.world
-        self._watchers = sorted(watcher.name for watcher in wiring.watchers)
+        self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
@@ -129,7 +139,7 @@ class Kernel:
         """The observers that it tells everything."""
         return self._observers.members
 
-    def observe(self, observers: Sequence[Observer]) -> None:
+    def set_observers(self, observers: Sequence[Observer]) -> None:
         """Replace the observers by `observers`."""
         self._observers.members = list(observers)
 
@@ -206,20 +216,20 @@ class Kernel:
         heap = self._network.heap
         return min(self._next_tick, heap[0][0] >> 3 if heap else NEVER)
 
-    def lane(self, name: str) -> tuple[str, str]:
+    def link_ends(self, name: str) -> tuple[str, str]:
         """Source and destination of a directed link, `link:direction`."""
         link = self._network.links[name]
         return link.src, link.dst
 
-    def watcher(self, name: str) -> Watcher:
+    def truth_subscriber(self, name: str) -> TruthSubscriber:
         """One of this kernel's watchers; a fork has copies of its stem's. `KeyError` for an unknown name."""
-        return cast("Watcher", self._agents[name].agent)
+        return cast("TruthSubscriber", self._agents[name].agent)
 
-    def leaves(self) -> dict[str, Path]:
+    def kept_files(self) -> dict[str, Path]:
         """Files of the engines' programs that are worth keeping, by name; `finish` removes them."""
         found: dict[str, Path] = {}
         for slot in self._engines:
-            found |= slot.engine.leaves()
+            found |= slot.engine.kept_files()
         return found
 
     def finish(self) -> None:
@@ -237,7 +247,7 @@ class Kernel:
             twin = deepcopy(self)
         finally:
             self._observers.members = mine
-        twin.observe(observers)
+        twin.set_observers(observers)
         return twin
 
     # ---------------------------------------------------------------- world and engines
@@ -247,10 +257,10 @@ class Kernel:
         assert world is not None
         for note in world.advance(now):
             self._observers.report_note(now, "world", note)
-        for name in self._watchers:
-            watcher = cast("Watcher", self._agents[name].agent)
-            if now % watcher.look_ns == 0:
-                watcher.look(now, world)
+        for name in self._truth_subscribers:
+            truth_subscriber = cast("TruthSubscriber", self._agents[name].agent)
+            if now % truth_subscriber.observe_period_ns == 0:
+                truth_subscriber.observe(now, world)
         if self._attacks.unfinished:
             for note in self._attacks.update(now, world):
                 self._observers.report_note(now, "kernel", note)
@@ -366,5 +376,5 @@ class Kernel:
 
 def _format_reason(engine: Engine, vehicle: str) -> str:
     """What the engine says is wrong, to follow a vehicle's name; "" where it says nothing."""
-    reason = engine.why(vehicle)
+    reason = engine.explain_status(vehicle)
     return f": {reason}" if reason else ""

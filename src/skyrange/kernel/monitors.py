@@ -12,10 +12,11 @@ from heapq import heappush
 
 import numpy as np
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.monitors import (
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.monitors import (
     Monitor,
     MonitorPlacement,
     ObservedFrames,
@@ -23,11 +24,10 @@ from skyrange.agent.monitors import (
     make_monitor,
     serve_monitor,
 )
-from skyrange.agent.payloads import Ints, Payloads
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
-from skyrange.kernel.events import MONITOR, SERVE, Event
-from skyrange.kernel.lane import Lane
+from skyrange.kernel.directed_link import DirectedLink
+from skyrange.kernel.event_heap import MONITOR, SERVE, Event
 from skyrange.kernel.observers import ObserverList
 
 
@@ -38,7 +38,7 @@ class MonitorSlot:
         "_blocks", "_dst", "_names", "_numbers", "_places", "_singles", "_src", "due", "id", "monitor", "ports",
     )  # fmt: skip
 
-    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], links: Sequence[Lane]) -> None:
+    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], links: Sequence[DirectedLink]) -> None:
         """`links` by number; `ports` are the ends of some of them, in order of link and endpoint."""
         self.id = id_
         self.monitor = monitor
@@ -72,7 +72,7 @@ class MonitorSlot:
     def take_block(self, block: FrameBlock) -> None:
         """Keep those frames of a block that are sent from, or arrive at, an end at which it listens."""
         for received, at in enumerate((block.sent_ns, block.arrived_ns)):
-            if self._places[received][block.lane].max(initial=-1) >= 0:
+            if self._places[received][block.link_numbers].max(initial=-1) >= 0:
                 self._blocks.append((at, received, block))
 
     def collect(self, now: Time) -> ObservedFrames:
@@ -92,8 +92,8 @@ class MonitorSlot:
             columns.append((when[:, 0], when[:, 1], when[:, 2], serials, src, dst))
             payloads.append(Payloads.of([frame.payload for frame in frames]))
         for at, way, block in blocks:
-            rows = np.flatnonzero(self._places[way][block.lane] >= 0)
-            link, carried = block.lane[rows], block.carried()
+            rows = np.flatnonzero(self._places[way][block.link_numbers] >= 0)
+            link, carried = block.link_numbers[rows], block.carried()
             same = (np.full(len(rows), at, dtype=np.int64), link, np.full(len(rows), way, dtype=np.int64))
             columns.append((*same, block.serial[rows], self._src[link], self._dst[link]))
             payloads.append(carried if len(rows) == len(block) else carried.take(rows))
@@ -137,7 +137,7 @@ class Monitors:
         self,
         placements: Sequence[MonitorPlacement],
         links: Sequence[LinkSpec],
-        directed: Mapping[str, Lane],
+        directed: Mapping[str, DirectedLink],
         heap: list[Event],
         observers: ObserverList,
     ) -> None:
@@ -181,7 +181,7 @@ class Monitors:
         heappush(self._heap, ((due << 3) | MONITOR, "monitor", slot.id, 0, SERVE, slot))
 
 
-def _number_of(link: Lane) -> int:
+def _number_of(link: DirectedLink) -> int:
     return link.number
 
 

@@ -1,11 +1,11 @@
 """The network of links: frames sent, tapped, carried and forwarded along declared routes to their recorded fate.
 
-Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver; an injected frame
-meets only the taps after its own. Everything that takes time becomes an event in `heap`.
+Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver; an injected frame meets only the taps
+after its own. Everything that takes time becomes an event in `heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
-this module; blocks go through `skyrange.kernel.convoy` where their links allow it. The record is the same either
-way.
+this module; blocks go through `skyrange.kernel.block_forwarder` where their links allow it. The record is the same
+either way.
 """
 
 from __future__ import annotations
@@ -16,16 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import MIN_LATENCY_NS
-from skyrange.agent.messages import Arrival, Outbox, Parents
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.links import MIN_LATENCY_NS
+from skyrange.contracts.mailboxes import Arrival, Outbox, Parents
+from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time, ceil_to
-from skyrange.kernel.convoy import BlockForwarder, cut_off
-from skyrange.kernel.events import (
+from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
+from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
+from skyrange.kernel.event_heap import (
     ARRIVE,
     DELIVER_BLOCKS,
     DELIVERY,
@@ -40,13 +42,11 @@ from skyrange.kernel.events import (
     schedule_mailbox,
     schedule_route,
 )
-from skyrange.kernel.lane import Lane, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
-from skyrange.kernel.stages import AttackState, takes_effect
 
 
-def _number_of(link: Lane) -> int:
+def _number_of(link: DirectedLink) -> int:
     return link.number
 
 
@@ -68,9 +68,9 @@ class Network:
 
     def __init__(
         self,
-        links: dict[str, Lane],
+        links: dict[str, DirectedLink],
         observers: ObserverList,
-        outgoing: Mapping[Port, Lane],
+        outgoing: Mapping[Port, DirectedLink],
         originators: Mapping[Port, str],
     ) -> None:
         """`links` by name (`link:direction`), `outgoing` the same by the port that sends on them.
@@ -123,7 +123,7 @@ class Network:
             for places, payloads, parents in outbox.blocks:
                 self._transmit_block(now, numbers[places], payloads, parents)
 
-    def _find_link(self, sender: str, port: Port) -> Lane:
+    def _find_link(self, sender: str, port: Port) -> DirectedLink:
         link = self._outgoing.get(port)
         if link is None:
             raise ComponentError(f"agent {sender}", f"sent from {port.endpoint} on {port.link}, which is no link's end")
@@ -171,7 +171,7 @@ class Network:
 
     # ---------------------------------------------------------------- taps
 
-    def _pass_taps(self, now: Time, link: Lane, frame: Frame, position: int, sending: bool) -> Frame | None:
+    def _pass_taps(self, now: Time, link: DirectedLink, frame: Frame, position: int, sending: bool) -> Frame | None:
         """Show a frame to the taps from `position` on: what goes on, or `None` where it was dropped or held."""
         taps = link.sender_taps if sending else link.receiver_taps
         for index in range(position, len(taps)):
@@ -193,7 +193,7 @@ class Network:
         self,
         now: Time,
         slot: TapSlot,
-        link: Lane,
+        link: DirectedLink,
         frame: Frame,
         position: int,
         sending: bool,
@@ -278,7 +278,7 @@ class Network:
 
     # ---------------------------------------------------------------- from sender to receiver
 
-    def _transmit(self, now: Time, link: Lane, frame: Frame, position: int) -> None:
+    def _transmit(self, now: Time, link: DirectedLink, frame: Frame, position: int) -> None:
         """Sender-side taps from `position` on, then the channel."""
         if position == 0:
             for monitor in link.send_monitors:
@@ -318,13 +318,13 @@ class Network:
             above = parent_links[rows] if parent_links is not None else None
             self._block_forwarder.send(now, path, *part, above, serials)
 
-    def _duplicate(self, now: Time, arrival: Time, link: Lane, frame: Frame) -> None:
+    def _duplicate(self, now: Time, arrival: Time, link: DirectedLink, frame: Frame) -> None:
         # the channel is the copy's true sender, so the original sender's serials do not shift
         sender = f"{link.link_name}.channel"
         copy = link.make_frame(sender, now, frame.payload, frame.src, frame.dst, frame.id)
         self._schedule_arrival(arrival, link, copy, None)
 
-    def _schedule_arrival(self, arrival: Time, link: Lane, frame: Frame, trail: list[Frame] | None) -> None:
+    def _schedule_arrival(self, arrival: Time, link: DirectedLink, frame: Frame, trail: list[Frame] | None) -> None:
         if link.local:
             heappush(
                 self.heap,
@@ -333,7 +333,9 @@ class Network:
         else:
             self.outbound.append(Transit(arrival, link.name, frame))
 
-    def _follow_fused(self, now: Time, link: Lane, hops: list[RouteHop], frame: Frame, trail: list[Frame]) -> None:
+    def _follow_fused(
+        self, now: Time, link: DirectedLink, hops: list[RouteHop], frame: Frame, trail: list[Frame]
+    ) -> None:
         """Follow fused routes at sending time. `trail` has the hops so far, which are reported at the end."""
         fate, arrival, _ = link.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
@@ -360,7 +362,7 @@ class Network:
         if trail:
             self._push(arrival, link.name, frame, REPORT, trail)
 
-    def _send_last_hop(self, sent: Time, link: Lane, frame: Frame, trail: list[Frame]) -> None:
+    def _send_last_hop(self, sent: Time, link: DirectedLink, frame: Frame, trail: list[Frame]) -> None:
         """The last hop of a fused route."""
         fate, arrival, twin = link.carry(frame.sender, sent, len(frame.payload))
         if fate is not Fate.DELIVERED:
@@ -371,7 +373,7 @@ class Network:
         if twin is not None:
             self._duplicate(sent, twin, link, frame)
 
-    def _arrive(self, now: Time, link: Lane, frame: Frame, position: int, trail: list[Frame] | None) -> None:
+    def _arrive(self, now: Time, link: DirectedLink, frame: Frame, position: int, trail: list[Frame] | None) -> None:
         """Receiver-side taps from `position` on, then mailbox and routes."""
         if trail:
             self._observers.report_frames(trail)

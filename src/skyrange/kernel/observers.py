@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import Observer, World
-from skyrange.agent.frames import Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import Observer, World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.lane import TapSlot
-from skyrange.kernel.stages import AttackState
+from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.directed_link import TapSlot
 
 
 class ObserverList:

@@ -13,11 +13,11 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import SensorAct, SensorFault, Sensors, World
-from skyrange.core.errors import ComponentError, Fault, InputError, attribute_error, nearest
+from skyrange.contracts.components import SensorAct, SensorFault, Sensors, World
+from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.stages import AttackState, takes_effect
+from skyrange.kernel.attack_states import AttackState, takes_effect
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 Rows = slice | NDArray[np.int64]
@@ -94,15 +94,15 @@ def _check_faults(owned: Sequence[tuple[AttackState, SensorFault]], vehicles: Se
     seen: set[str] = set()
     for attack, fault in owned:
         if fault.name in seen:
-            problems.append(Fault(f"{attack.id}.faults", repr(fault.name), "a name that no other sensor fault has"))
+            problems.append(Problem(f"{attack.id}.faults", repr(fault.name), "a name that no other sensor fault has"))
         seen.add(fault.name)
         problems += [
-            Fault(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "a vehicle", nearest(vehicle, vehicles))
+            Problem(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "a vehicle", nearest(vehicle, vehicles))
             for vehicle in fault.vehicles
             if vehicle not in vehicles
         ]
         if len(set(fault.vehicles)) < len(fault.vehicles):
             repeated = repr(list(fault.vehicles))
-            problems.append(Fault(f"{attack.id}.{fault.name}.vehicles", repeated, "each vehicle once"))
+            problems.append(Problem(f"{attack.id}.{fault.name}.vehicles", repeated, "each vehicle once"))
     if problems:
         raise InputError("wiring", problems)

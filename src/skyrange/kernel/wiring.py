@@ -14,15 +14,15 @@ from fnmatch import fnmatchcase
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import ENGINE_MEMBERS, Agent, Engine, Watcher, World
-from skyrange.agent.links import AttackPlan, LinkSpec, Route, TapPlacement
-from skyrange.agent.monitors import MonitorPlacement
+from skyrange.contracts.components import ENGINE_MEMBERS, Agent, Engine, TruthSubscriber, World
+from skyrange.contracts.links import AttackPlan, LinkSpec, Route, TapPlacement
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S
-from skyrange.kernel.lane import Lane, RouteHop, TapSlot
-from skyrange.kernel.stages import AttackState
+from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.directed_link import DirectedLink, RouteHop, TapSlot
 
 _NO_ATTACK = "tap"
 """Stands for the attack's id in the name of a tap that belongs to no attack."""
@@ -48,7 +48,7 @@ class Wiring:
     attacks: Sequence[AttackPlan] = ()
     world: World | None = None
     engines: Sequence[EngineMount] = ()
-    watchers: Sequence[Watcher] = ()
+    truth_subscribers: Sequence[TruthSubscriber] = ()
     """Agents that are also shown the world."""
     monitors: Sequence[MonitorPlacement] = ()
     """Detectors: they see the frames at some ends of links, and alter nothing."""
@@ -64,12 +64,12 @@ class Wiring:
     """"fail" ends the run when an instance still boots at time 0, "wait" goes on and lets it come later."""
 
 
-def build_links(wiring: Wiring, chance: Chance) -> dict[str, Lane]:
+def build_links(wiring: Wiring, chance: Chance) -> dict[str, DirectedLink]:
     """Both directions of every link, by `link:direction`, numbered in order of these names."""
-    links: dict[str, Lane] = {}
+    links: dict[str, DirectedLink] = {}
     for spec in wiring.links:
         for direction in ("fwd", "rev"):
-            link = Lane(spec, direction, chance)
+            link = DirectedLink(spec, direction, chance)
             if link.name in links:
                 raise InputError.one("wiring", "links", spec.name, "link names that differ")
             link.local = wiring.local is None or link.dst in wiring.local
@@ -81,12 +81,12 @@ def build_links(wiring: Wiring, chance: Chance) -> dict[str, Lane]:
     return links
 
 
-def index_by_sender(links: Mapping[str, Lane]) -> dict[Port, Lane]:
+def index_by_sender(links: Mapping[str, DirectedLink]) -> dict[Port, DirectedLink]:
     """The directed link on which each port sends."""
     return {Port(link.src, link.link_name): link for link in links.values()}
 
 
-def place_taps(wiring: Wiring, links: Mapping[str, Lane], attacks: Mapping[str, AttackState]) -> list[TapSlot]:
+def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mapping[str, AttackState]) -> list[TapSlot]:
     """Make and place every tap of this kernel's endpoints; `attacks` are the run's, by id.
 
     Raises `InputError` for a placement that matches nothing.
@@ -147,7 +147,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, Lane], attacks: Mapping[str, 
 
 
 def attach_routes(
-    wiring: Wiring, links: Mapping[str, Lane], owned: Container[Port], originating: Container[Port]
+    wiring: Wiring, links: Mapping[str, DirectedLink], owned: Container[Port], originating: Container[Port]
 ) -> None:
     """Give each link its routes, and fuse what may be fused.
 
@@ -164,7 +164,7 @@ def attach_routes(
             known = [link.link_name for link in links.values() if route.endpoint in (link.src, link.dst)]
             raise InputError(
                 "wiring",
-                [Fault(f"route at {route.endpoint}", wrong, "a link with an end there", nearest(wrong, known))],
+                [Problem(f"route at {route.endpoint}", wrong, "a link with an end there", nearest(wrong, known))],
             )
         source.routes.append(RouteHop(route, target))
         sources[target.name] = sources.get(target.name, 0) + 1
@@ -196,7 +196,7 @@ def attach_routes(
 def check_wiring(wiring: Wiring) -> None:
     """Raise `InputError` with everything in `wiring` that cannot run, such as repeated names or unknown policies."""
     incomplete = [
-        Fault(type(mount.engine).__name__, f"no {member}", "every member of Engine", "EngineBase has most of them.")
+        Problem(type(mount.engine).__name__, f"no {member}", "every member of Engine", "EngineBase has most of them.")
         for mount in wiring.engines
         for member in ENGINE_MEMBERS
         if not hasattr(mount.engine, member)
@@ -208,43 +208,51 @@ def check_wiring(wiring: Wiring) -> None:
         raise InputError("wiring", problems)
 
 
-def _find_name_problems(wiring: Wiring) -> Iterator[Fault]:
+def _find_name_problems(wiring: Wiring) -> Iterator[Problem]:
     for key, value, allowed in (
         ("on_silent", wiring.on_silent, ("stop", "continue")),
         ("on_unready", wiring.on_unready, ("fail", "wait")),
     ):
         if value not in allowed:
-            yield Fault(key, repr(value), " or ".join(allowed))
-    names = [agent.name for agent in (*wiring.agents, *wiring.watchers)]
+            yield Problem(key, repr(value), " or ".join(allowed))
+    names = [agent.name for agent in (*wiring.agents, *wiring.truth_subscribers)]
     names += [mount.engine.name for mount in wiring.engines]
     names += [agent.name for plan in wiring.attacks for agent in plan.agents]
-    yield from (Fault("agents", name, "names that differ") for name in _repeated(names))
+    yield from (Problem("agents", name, "names that differ") for name in _repeated(names))
     attacks = [plan.id for plan in wiring.attacks]
-    yield from (Fault("attacks", id_, "ids that differ") for id_ in _repeated(attacks))
+    yield from (Problem("attacks", id_, "ids that differ") for id_ in _repeated(attacks))
     for id_ in attacks:
         if id_ == _NO_ATTACK or not ID_PATTERN.match(id_):
-            yield Fault("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
+            yield Problem("attacks", repr(id_), f"letters, digits, '-' or '_', at most 32, and not {_NO_ATTACK!r}")
     monitors = [placement.id for placement in wiring.monitors]
-    yield from (Fault("monitors", id_, "ids that differ") for id_ in _repeated(monitors))
+    yield from (Problem("monitors", id_, "ids that differ") for id_ in _repeated(monitors))
     for id_ in monitors:
         if not ID_PATTERN.match(id_):
-            yield Fault("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
+            yield Problem("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
 
 
-def _find_world_problems(wiring: Wiring) -> Iterator[Fault]:
+def _find_world_problems(wiring: Wiring) -> Iterator[Problem]:
     if wiring.engines and wiring.world is None:
-        yield Fault("engines", "no world", "a world for them to fly in")
+        yield Problem("engines", "no world", "a world for them to fly in")
     for mount in wiring.engines:
         for vehicle in mount.engine.moves:
             if vehicle not in mount.engine.vehicles:
                 hint = nearest(vehicle, mount.engine.vehicles)
-                yield Fault(f"{mount.engine.name}.moves", vehicle, "a vehicle of its own", hint)
+                yield Problem(f"{mount.engine.name}.moves", vehicle, "a vehicle of its own", hint)
     quantum_ns = wiring.world.quantum_ns if wiring.world is not None else 0
-    for watcher in wiring.watchers:
-        if quantum_ns <= 0 or watcher.look_ns <= 0 or watcher.look_ns % quantum_ns:
-            yield Fault(f"{watcher.name}.look_ns", str(watcher.look_ns), "whole ticks of a world")
+    for truth_subscriber in wiring.truth_subscribers:
+        if (
+            quantum_ns <= 0
+            or truth_subscriber.observe_period_ns <= 0
+            or truth_subscriber.observe_period_ns % quantum_ns
+        ):
+            yield Problem(
+                f"{truth_subscriber.name}.observe_period_ns",
+                str(truth_subscriber.observe_period_ns),
+                "whole ticks of a world",
+            )
     if wiring.world is not None and not 0 < wiring.world.quantum_ns < NS_PER_S // 10:
-        yield Fault("world.quantum_ns", str(wiring.world.quantum_ns), "over 0 and under 0.1 s")
+        yield Problem("world.quantum_ns", str(wiring.world.quantum_ns), "over 0 and under 0.1 s")
 
 
 def _repeated(names: Sequence[str]) -> list[str]:

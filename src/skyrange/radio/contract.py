@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from skyrange.agent.air import Medium, RadioSpec
-from skyrange.agent.plugins import MEDIA, NoParams, Plugin
-from skyrange.radio.surroundings import OPEN_AIR, Surroundings
+from skyrange.contracts.medium import Medium, RadioSpec
+from skyrange.contracts.plugins import MEDIA, NoParams, Plugin
+from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -24,7 +24,7 @@ class MediumContext:
     chance: Chance
     city: City | None = None
     """The buildings, if there are any."""
-    surroundings: Surroundings = OPEN_AIR
+    surroundings: RadioEnvironment = OPEN_GROUND
     every_pair: bool = False
     """Whether `Heard` has to tell of frames that were not decoded, too."""
 
@@ -37,7 +37,7 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
 
 
 def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
-    from skyrange.radio.medium import BuiltinMedium  # slow to import, and a scenario's check does not need it
+    from skyrange.radio.builtin.medium import BuiltinMedium  # slow to import, and a scenario's check does not need it
 
     return BuiltinMedium(
         context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair

@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader
 from skyrange.core.errors import DecodeError
 
 MAX_FRAME_BYTES = 1_048_576
-MOST_RECEPTIONS = 1_500
+MAX_RECEPTIONS = 1_500
 """The most in one object; further receptions go into further objects."""
 
 
@@ -41,26 +41,26 @@ class Reception(BaseModel):
         return RidFrame(RidHeader(self.transport, self.channel, self.counter, address, rssi_cdbm, self.time_ns), body)
 
 
-class Report(BaseModel):
+class ReceptionReport(BaseModel):
     """What an operator's receivers decoded in one step of the oracle."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
     method: Literal["POST"] = "POST"
     path: Literal["/receptions"] = "/receptions"
-    body: Annotated[tuple[Reception, ...], Field(max_length=MOST_RECEPTIONS)]
+    body: Annotated[tuple[Reception, ...], Field(max_length=MAX_RECEPTIONS)]
 
 
-def encode(report: Report) -> bytes:
+def encode(report: ReceptionReport) -> bytes:
     """The report as one frame."""
     return report.model_dump_json().encode()
 
 
-def decode(payload: bytes) -> Report:
+def decode(payload: bytes) -> ReceptionReport:
     """Decode a report; raises `DecodeError` for anything that `encode` does not produce."""
     if len(payload) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(payload)} bytes, at most {MAX_FRAME_BYTES} are read")
     try:
-        return Report.model_validate_json(payload)
+        return ReceptionReport.model_validate_json(payload)
     except (ValidationError, RecursionError) as error:
         raise DecodeError(f"not a report of receptions: {str(error).splitlines()[0]}") from error

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.rid_link import RidColumns
-from skyrange.core.compiled import kernel
+from skyrange.codec.remote_id.link_payload import RidColumns
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 
 WIDTH = 256
@@ -16,14 +16,14 @@ KEPT_NS: Time = 2 * NS_PER_S
 """How long a broadcast is kept: it waits half a second at most, and no event lasts longer than 50 ms."""
 
 
-@kernel
+@compiled
 def _copy_bodies(data: Bytes, starts: Ints, sizes: Ints, bodies: Bytes, places: Ints) -> None:
     for row in range(starts.shape[0]):
         for offset in range(sizes[row]):
             bodies[places[row], offset] = data[starts[row] + offset]
 
 
-class Underway:
+class InFlight:
     """Broadcasts by key; keys count up from 0."""
 
     __slots__ = ("_bodies", "_headers", "_sizes", "next")
@@ -37,11 +37,11 @@ class Underway:
         self._bodies = np.zeros((room, WIDTH), dtype=np.uint8)
 
     def add(self, now: Time, rows: RidColumns, chosen: Ints, at_ns: Ints, ref: Ints, serial: Ints) -> Ints:
-        """Keep some rows, which the frames (`ref`, `serial`) of a `RefBook` brought; returns their keys."""
+        """Keep some rows, which the frames (`ref`, `serial`) of a `FrameRefTable` brought; returns their keys."""
         count = len(chosen)
         keys = np.arange(self.next, self.next + count)
         self._grow(now, count)
-        places = self.place(keys)
+        places = self.rows_of(keys)
         self._headers[0, places] = at_ns
         for k, column in enumerate((rows.transport, rows.channel, rows.counter)):
             self._headers[1 + k, places] = column[chosen]
@@ -61,37 +61,37 @@ class Underway:
             if not len(replaced) or (count <= room and bool((self._headers[0, replaced % room] < now - KEPT_NS).all())):
                 return
             old = np.arange(max(self.next - room, 0), self.next)
-            wider = Underway(2 * room)
+            wider = InFlight(2 * room)
             there = old & (2 * room - 1)
             wider._headers[:, there] = self._headers[:, old % room]
             wider._sizes[there] = self._sizes[old % room]
             wider._bodies[there] = self._bodies[old % room]
             self._headers, self._sizes, self._bodies = wider._headers, wider._sizes, wider._bodies
 
-    def place(self, keys: Ints) -> Ints:
+    def rows_of(self, keys: Ints) -> Ints:
         """The row of each key."""
         return keys & (len(self._sizes) - 1)
 
     def transport(self, keys: Ints) -> Ints:
         """The transport of each key."""
-        transport: Ints = self._headers[1, self.place(keys)]
+        transport: Ints = self._headers[1, self.rows_of(keys)]
         return transport
 
     def counter(self, keys: Ints) -> Ints:
         """The message counter of each key."""
-        counter: Ints = self._headers[3, self.place(keys)]
+        counter: Ints = self._headers[3, self.rows_of(keys)]
         return counter
 
     def address(self, keys: Ints) -> NDArray[np.uint8]:
         """(n, 6) the claimed sender address of each key."""
-        return self._headers[4:10, self.place(keys)].T.astype(np.uint8)
+        return self._headers[4:10, self.rows_of(keys)].T.astype(np.uint8)
 
     def frames(self, keys: Ints) -> tuple[Ints, Ints]:
-        """The frames that brought the broadcasts: (numbers, serials) of the `RefBook`."""
-        places = self.place(keys)
+        """The frames that brought the broadcasts: (numbers, serials) of the `FrameRefTable`."""
+        places = self.rows_of(keys)
         return self._headers[10, places], self._headers[11, places]
 
     def bodies(self, keys: Ints) -> Payloads:
         """The bodies, as views of the ring."""
-        places = self.place(keys)
+        places = self.rows_of(keys)
         return Payloads(self._bodies.reshape(-1), places * WIDTH, self._sizes[places])

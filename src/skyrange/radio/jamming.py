@@ -4,41 +4,41 @@ from __future__ import annotations
 
 import numpy as np
 
-from skyrange.agent.air import EmitterTable
-from skyrange.codec import noise_link
+from skyrange.codec.remote_id import noise_request
+from skyrange.contracts.medium import EmitterTable
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_US, Time
 
-MOST_BURSTS = 1_000
+MAX_BURSTS = 1_000
 """Bursts at once; further ones are not radiated."""
-MOST_DBM = 90.0
+MAX_DBM = 90.0
 
 
-class Noise:
+class JammingBursts:
     """The bursts that are on. Deep-copyable."""
 
     __slots__ = ("_bursts", "changed")
 
     def __init__(self) -> None:
-        self._bursts: list[tuple[int, Time, Time, noise_link.Burst]] = []
+        self._bursts: list[tuple[int, Time, Time, noise_request.NoiseRequest]] = []
         self.changed = False
         """Whether the emitters have changed since they were last requested."""
 
-    def take(self, radio: int, at: Time, payload: bytes) -> bool:
+    def request(self, radio: int, at: Time, payload: bytes) -> bool:
         """Take the request of a burst that reached a radio; `False` for any other payload, and for
         one burst too many.
         """
         try:
-            burst = noise_link.unpack(payload)
+            burst = noise_request.unpack(payload)
         except DecodeError:
             return False
-        if len(self._bursts) >= MOST_BURSTS or burst.power_cdbm > MOST_DBM * 100:
+        if len(self._bursts) >= MAX_BURSTS or burst.power_cdbm > MAX_DBM * 100:
             return False
         self._bursts.append((radio, at, at + burst.duration_us * NS_PER_US, burst))
         self.changed = True
         return True
 
-    def sources(self, now: Time) -> EmitterTable:
+    def emitters(self, now: Time) -> EmitterTable:
         """The emitters that are on or scheduled; those that have ended are forgotten."""
         self.changed = False
         self._bursts = [burst for burst in self._bursts if burst[2] > now]

@@ -13,37 +13,46 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from skyrange.agent.air import ANY_CHANNEL as ANY
-from skyrange.agent.air import Heard, Ints, Medium, Outcome, RadioTable, ReceptionRows, Receptions, TxBatch
-from skyrange.agent.contracts import World
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.refs import RefBook
-from skyrange.codec import rid_link
-from skyrange.codec.rid_link import ANY_CHANNEL
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import ANY_CHANNEL
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.references import FrameRefTable
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.medium import ANY_CHANNEL as ANY
+from skyrange.contracts.medium import (
+    Heard,
+    Ints,
+    Medium,
+    RadioTable,
+    ReceptionOutcome,
+    ReceptionRows,
+    Receptions,
+    TxBatch,
+)
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.radio.framing import AROUND, LEAST_BODY, MOST_BODY, WAVEFORM
-from skyrange.radio.ground import MOST_RECEPTIONS, Reception, Report, encode
-from skyrange.radio.medium import placed
-from skyrange.radio.noise import Noise
-from skyrange.radio.underway import Underway
+from skyrange.radio.builtin.medium import fixed_positions
+from skyrange.radio.ground_receptions import MAX_RECEPTIONS, Reception, ReceptionReport, encode
+from skyrange.radio.in_flight import InFlight
+from skyrange.radio.jamming import JammingBursts
+from skyrange.radio.phy.framing import MAX_BODY_BYTES, MIN_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 
 ENDPOINT = "oracle"
 STEP_NS: Time = 20 * NS_PER_MS
-MOST_AHEAD_NS: Time = 100 * NS_PER_MS
+MAX_AHEAD_NS: Time = 100 * NS_PER_MS
 """A radio holds a frame until the time in its header, but no longer than this."""
 
 
 class Oracle:
-    """The agent that owns the medium (`skyrange.agent.contracts.Agent`).
+    """The agent that owns the medium (`skyrange.contracts.components.Agent`).
 
     `losses` of its medium counts what was not received, by reason; `refused` counts what could not be sent.
     """
 
     name = ENDPOINT
     service_ns: Time = STEP_NS
-    look_ns: Time = STEP_NS
+    observe_period_ns: Time = STEP_NS
 
     def __init__(
         self,
@@ -63,7 +72,7 @@ class Oracle:
         unknown = sorted({*senders, *receivers, *grounds} - rows.keys())
         if unknown:
             raise InputError(
-                ENDPOINT, [Fault("radio", name, "a radio of the medium", nearest(name, rows)) for name in unknown]
+                ENDPOINT, [Problem("radio", name, "a radio of the medium", nearest(name, rows)) for name in unknown]
             )
         self.medium = medium
         ups = [Port(ENDPOINT, link_name("rid_up", name)) for name in senders]
@@ -76,18 +85,18 @@ class Oracle:
         self._down = np.full(len(rows), -1, dtype=np.int64)
         self._down[[rows[name] for name in receivers]] = np.arange(len(ups), len(ups) + len(downs))
         self._ground = {rows[name]: operator for name, operator in grounds.items()}
-        self._underway = Underway()
-        self._table = placed(medium.radios)
+        self._in_flight = InFlight()
+        self._table = fixed_positions(medium.radios)
         self._moving: tuple[Ints, Ints] | None = None
         self._last: Time | None = None
-        self._refs = RefBook()
-        self._noise = Noise()
+        self._refs = FrameRefTable()
+        self._jamming = JammingBursts()
         self._recording = recording
         self._drained: list[ReceptionRows] = []
         self.refused: Counter[str] = Counter()
         """Frames that never became transmissions, by reason."""
 
-    def look(self, now: Time, world: World) -> None:
+    def observe(self, now: Time, world: World) -> None:
         """Observe the positions at a tick of the world; called before the steps of that instant."""
         if self._moving is None:
             rows = {radio.name: row for row, radio in enumerate(self.medium.radios) if radio.place_enu_m is None}
@@ -121,33 +130,35 @@ class Oracle:
 
     def _offer(self, now: Time, inbox: Inbox, outbox: Outbox) -> None:
         columns = inbox.columns(self._places)
-        rows = rid_link.read_rows(columns.payloads)
+        rows = link_payload.unpack_rows(columns.payloads)
         sender = self._sender[columns.places]
         kind = rows.transport.astype(np.int64)
         size = rows.bodies.sizes
-        good = rows.good & (sender >= 0)
-        fits = good & (size >= LEAST_BODY[kind]) & (size <= MOST_BODY[kind])
+        good = rows.valid & (sender >= 0)
+        fits = good & (size >= MIN_BODY_BYTES[kind]) & (size <= MAX_BODY_BYTES[kind])
         chosen = np.flatnonzero(fits)
         for row in np.flatnonzero(~fits).tolist():
-            if sender[row] >= 0 and self._noise.take(sender.item(row), columns.at_ns.item(row), columns.payloads[row]):
+            if sender[row] >= 0 and self._jamming.request(
+                sender.item(row), columns.at_ns.item(row), columns.payloads[row]
+            ):
                 continue
-            why = "not a broadcast" if not rows.good[row] else "not for the air" if not good[row] else "does not fit"
+            why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
             count = self.refused[why]
             if count & (count - 1) == 0:  # 1, 2, 4, 8 …: a flood must not fill the record
                 about = self.ports[columns.places.item(row)].link
                 ref = inbox.arrival(columns.order.item(row)).ref
                 outbox.note("event.bad_broadcast", ENDPOINT, {"link": about, "why": why, "count": count}, (ref,))
-        if self._noise.changed:
+        if self._jamming.changed:
             # from where the medium stands: what was ordered since then begins when the order came, not at this step
             since = now - self.service_ns if self._last is None else self._last
-            self.medium.emit(since, self._noise.sources(since))
+            self.medium.emit(since, self._jamming.emitters(since))
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
         asked = rows.time_ns[chosen]
-        at = np.where((asked > at) & (asked <= at + MOST_AHEAD_NS), asked, at)
-        keys = self._underway.add(now, rows, chosen, at, *self._refs.read(inbox, columns.order[chosen]))
+        at = np.where((asked > at) & (asked <= at + MAX_AHEAD_NS), asked, at)
+        keys = self._in_flight.add(now, rows, chosen, at, *self._refs.read(inbox, columns.order[chosen]))
         kind, channel = kind[chosen], rows.channel[chosen].astype(np.int64)
         channel[channel == ANY_CHANNEL] = ANY
         self.medium.offer(
@@ -155,10 +166,10 @@ class Oracle:
             TxBatch(
                 sender[chosen],
                 at,
-                WAVEFORM[kind],
+                TRANSPORT_WAVEFORM[kind],
                 channel,
                 np.full(len(keys), np.nan),
-                size[chosen] + AROUND[kind],
+                size[chosen] + OVERHEAD_BYTES[kind],
                 keys,
             ),
         )
@@ -166,24 +177,24 @@ class Oracle:
     def _tell(self, heard: Heard, outbox: Outbox) -> None:
         if self._recording:
             self._keep(heard)
-        if (heard.outcome != Outcome.DECODED).any():  # a medium that tells of every pair
-            keep = heard.outcome == Outcome.DECODED
+        if (heard.outcome != ReceptionOutcome.DECODED).any():  # a medium that tells of every pair
+            keep = heard.outcome == ReceptionOutcome.DECODED
             heard = Heard(*(column[keep] for column in heard))
         place = self._down[heard.radio]
         rows = np.flatnonzero(place >= 0)
         if len(rows):
             keys = heard.key[rows]
-            payloads = rid_link.pack_rows(
-                self._underway.transport(keys), heard.channel[rows], self._underway.counter(keys),
-                self._underway.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
-                heard.ended_ns[rows], self._underway.bodies(keys),
+            payloads = link_payload.pack_rows(
+                self._in_flight.transport(keys), heard.channel[rows], self._in_flight.counter(keys),
+                self._in_flight.address(keys), np.clip(np.round(heard.rssi_dbm[rows] * 100.0), -32767, 32767),
+                heard.ended_ns[rows], self._in_flight.bodies(keys),
             )  # fmt: skip
-            outbox.send_block(place[rows], payloads, self._refs.parents(*self._underway.frames(keys)))
+            outbox.send_block(place[rows], payloads, self._refs.parents(*self._in_flight.frames(keys)))
         if self._ground:
             self._report(heard, outbox)
 
     def _keep(self, heard: Heard) -> None:
-        number, serial = self._underway.frames(heard.key)
+        number, serial = self._in_flight.frames(heard.key)
         self._drained.append(
             ReceptionRows(
                 time_ns=heard.ended_ns,
@@ -191,7 +202,7 @@ class Oracle:
                 serial=serial,
                 radio=heard.radio,
                 place_enu_m=self._table.pos_enu_m[heard.radio],
-                transport=self._underway.transport(heard.key),
+                transport=self._in_flight.transport(heard.key),
                 channel=heard.channel,
                 rssi_dbm=heard.rssi_dbm,
                 snir_db=heard.snir_db,
@@ -211,18 +222,18 @@ class Oracle:
                 Reception(
                     receiver=self.medium.radios[radio].name,
                     time_ns=int(heard.ended_ns[row]),
-                    transport=int(self._underway.transport(key)[0]),
+                    transport=int(self._in_flight.transport(key)[0]),
                     channel=int(heard.channel[row]),
-                    counter=int(self._underway.counter(key)[0]),
+                    counter=int(self._in_flight.counter(key)[0]),
                     rssi_dbm=round(float(heard.rssi_dbm[row]), 2),
-                    address=self._underway.address(key).tobytes().hex(),
-                    body=self._underway.bodies(key)[0].hex(),
+                    address=self._in_flight.address(key).tobytes().hex(),
+                    body=self._in_flight.bodies(key)[0].hex(),
                 )
             )
         for operator, receptions in told.items():
             port = Port(ENDPOINT, link_name("oracle", operator))
-            for start in range(0, len(receptions), MOST_RECEPTIONS):
-                outbox.send(port, encode(Report(body=tuple(receptions[start : start + MOST_RECEPTIONS]))))
+            for start in range(0, len(receptions), MAX_RECEPTIONS):
+                outbox.send(port, encode(ReceptionReport(body=tuple(receptions[start : start + MAX_RECEPTIONS]))))
 
     def close(self) -> None:
         """End the medium; again does nothing."""

@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from skyrange.record.digests import Digests
-    from skyrange.record.memory import MemoryObserver
-    from skyrange.record.recorder import Recorder
+    from skyrange.record.read.run import RecordedFrame, RunRecord, load
     from skyrange.record.replay import replay_monitor
-    from skyrange.record.run import RecordedFrame, RunRecord, load
+    from skyrange.record.write.memory_observer import MemoryObserver
+    from skyrange.record.write.recorder import Recorder
 
 __all__ = ["Digests", "MemoryObserver", "RecordedFrame", "Recorder", "RunRecord", "load", "replay_monitor"]
 
 _MODULES = {
     "Digests": "digests",
-    "MemoryObserver": "memory",
-    "RecordedFrame": "run",
-    "Recorder": "recorder",
-    "RunRecord": "run",
-    "load": "run",
+    "MemoryObserver": "write.memory_observer",
+    "RecordedFrame": "read.run",
+    "Recorder": "write.recorder",
+    "RunRecord": "read.run",
+    "load": "read.run",
     "replay_monitor": "replay",
 }
 

@@ -14,7 +14,7 @@ from hashlib import blake2b
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 Words = NDArray[np.uint64]
 
@@ -28,7 +28,7 @@ _S1, _S2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _F1, _F2 = np.uint64(0xFF51AFD7ED558CCD), np.uint64(0xC4CEB9FE1A85EC53)
 
 
-@kernel
+@compiled
 def _mix(a: np.uint64, b: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uint64]:
     """Both hash words after one more word of input."""
     a = (a ^ word) + _GOLDEN
@@ -42,7 +42,7 @@ def _mix(a: np.uint64, b: np.uint64, word: np.uint64) -> tuple[np.uint64, np.uin
     return a, b
 
 
-@kernel
+@compiled
 def _sum_rows(words: Words) -> tuple[np.uint64, np.uint64]:
     """The sum modulo 2**128 of the rows' 128-bit hashes, as (high, low) words; `words` is (rows, columns)."""
     high = np.uint64(0)
@@ -66,7 +66,7 @@ def hash_rows(words: Words) -> int:
     return (int(high) << 64) | int(low)
 
 
-@kernel
+@compiled
 def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint64, np.uint64]:
     """A two-word hash of `data[start : start + size]`, mixed like the rows, in words of eight bytes, little endian."""
     a = _GOLDEN ^ np.uint64(size)
@@ -90,7 +90,7 @@ def hash_bytes(data: NDArray[np.uint8], start: int, size: int) -> tuple[np.uint6
 
 
 @dataclass(slots=True)
-class Happened:
+class EventChains:
     """Events by the vehicle that they concern: (time, source, kind), in order of recording."""
 
     about: dict[str, list[tuple[int, str, str]]] = field(default_factory=dict)
@@ -124,7 +124,7 @@ class Digests:
 
     frames_sum: int = 0
     truth_sum: int = 0
-    happened: Happened = field(default_factory=Happened)
+    event_chains: EventChains = field(default_factory=EventChains)
 
     def add_frames(self, words: Words) -> None:
         """Add rows of frames, (n, columns) as `FrameEncoder` lays them out."""
@@ -136,23 +136,23 @@ class Digests:
 
     def add_event(self, about: str, time_ns: int, source: str, kind: str) -> None:
         """Add an event; its time orders the events of one vehicle and is not hashed."""
-        self.happened.add(about, time_ns, source, kind)
+        self.event_chains.add(about, time_ns, source, kind)
 
     def __add__(self, other: Digests) -> Digests:
         merged: dict[str, list[tuple[int, str, str]]] = {}
-        for part in (self.happened.about, other.happened.about):
+        for part in (self.event_chains.about, other.event_chains.about):
             for about, events in part.items():
                 merged.setdefault(about, []).extend(events)
         return Digests(
             (self.frames_sum + other.frames_sum) % _MODULUS,
             (self.truth_sum + other.truth_sum) % _MODULUS,
-            Happened(merged),
+            EventChains(merged),
         )
 
     @property
     def events(self) -> str:
         """32 hex digits: kinds of events and their order per vehicle, without times."""
-        return self.happened.hex()
+        return self.event_chains.hex()
 
     @property
     def frames(self) -> str:
@@ -167,7 +167,7 @@ class Digests:
     @property
     def fingerprint(self) -> str:
         """32 hex digits: BLAKE2b over the three digests."""
-        return joined([self.events, self.frames, self.truth])
+        return combine_digests([self.events, self.frames, self.truth])
 
     def to_dict(self) -> dict[str, str]:
         """The manifest's `digests`."""
@@ -179,6 +179,6 @@ class Digests:
         }
 
 
-def joined(digests: Sequence[str]) -> str:
+def combine_digests(digests: Sequence[str]) -> str:
     """One digest over several, in their order: 32 hex digits."""
     return blake2b("\n".join(digests).encode(), digest_size=16).hexdigest()

@@ -13,7 +13,7 @@ from skyrange.record.manifest import MANIFEST
 from skyrange.record.spool import SPOOL
 
 PARTS = ".parts"
-"""What a run's folder may hold before it is a record: the records of a live run's nodes (`record.merge`)."""
+"""What a run's folder may hold before it is a record: the records of a live run's nodes (`record.live_merge`)."""
 
 _PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
@@ -32,17 +32,17 @@ def make_folder(folder: Path) -> list[Path]:
             (folder / SPOOL).mkdir()
     except FileExistsError as error:
         if not folder.is_dir():
-            raise unwritable(folder, error) from error
+            raise unwritable_error(folder, error) from error
         taken = folder / SPOOL
     except OSError as error:
-        raise unwritable(folder, error) from error
+        raise unwritable_error(folder, error) from error
     if taken is not None:
         hint = "Choose another folder, or move that one away."
         raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
     return missing
 
 
-def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
+def remove_folder(folder: Path, made: Sequence[Path]) -> None:
     """Remove what `make_folder` created and everything put into `folder` since, except `PARTS`."""
     for path in folder.iterdir() if folder.is_dir() else ():
         if path.name != PARTS:
@@ -52,7 +52,7 @@ def unmake_folder(folder: Path, made: Sequence[Path]) -> None:
             path.rmdir()
 
 
-def unwritable(path: Path, error: OSError) -> InputError:
+def unwritable_error(path: Path, error: OSError) -> InputError:
     """The error for an output that cannot be written, raised before the run starts."""
     reason = error.strerror or str(error)
     return InputError.one("output", str(path), reason, "a writable folder on a disk with free space")
@@ -74,4 +74,4 @@ def put_file(folder: Path, name: str, data: bytes) -> None:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(data)
     except OSError as error:
-        raise unwritable(target, error) from error
+        raise unwritable_error(target, error) from error

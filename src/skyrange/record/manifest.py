@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
 from skyrange.record.schema import FORMAT
 
@@ -37,7 +37,7 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
 _PACKAGES = ("skyrange", "numpy", "numba", "pyarrow", "pymavlink")
 
 
-def here() -> dict[str, Any]:
+def describe_platform() -> dict[str, Any]:
     """What produced the run: the manifest's `skyrange`, `versions` and `platform`.
 
     `platform.numeric` names everything that exact digests may depend on: the digests `frames` and `truth` of two runs
@@ -99,12 +99,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return manifest
 
 
-def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Fault]:
+def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
     """The problems of entries that do not have the expected shape, as in a file edited by hand."""
     for key, kind, expected in _SHAPE:
         value = manifest.get(key)
         if value is not None and (not isinstance(value, kind) or isinstance(value, bool)):
-            yield Fault(f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged.")
+            yield Problem(
+                f"{MANIFEST}: {key}", repr(value)[:80], expected, "The file was changed by hand or is damaged."
+            )
     for key, parts in (
         ("operators", ("id",)),
         ("vehicles", ("id", "operator")),
@@ -115,4 +117,4 @@ def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Fault]:
         for index, row in enumerate(rows if isinstance(rows, list) else ()):
             for part in parts:
                 if not isinstance(row, dict) or not isinstance(row.get(part), str):
-                    yield Fault(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")
+                    yield Problem(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")

@@ -9,9 +9,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.agent.messages import Note, Scalar
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.mailboxes import Note, Scalar
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time, to_seconds
 from skyrange.record.schema import arrow_schema

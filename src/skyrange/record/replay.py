@@ -14,15 +14,15 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate
-from skyrange.agent.monitors import MonitorPlacement, ObservedFrames, find_ends, make_monitor, serve_monitor
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.core.ids import Port, own_voice
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends, make_monitor, serve_monitor
+from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import Time, from_seconds
-from skyrange.record.memory import Raised
-from skyrange.record.order import in_order
-from skyrange.record.run import RunRecord
-from skyrange.record.stations import payload_column
+from skyrange.record.read.run import RunRecord
+from skyrange.record.read.station_frames import payload_column
+from skyrange.record.read.time_order import sort_by_time
+from skyrange.record.write.memory_observer import Raised
 
 _COLUMNS = ("link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate")
 _TIES = ("place", "received", "sender", "serial")
@@ -42,7 +42,7 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
     step, until = monitor.service_ns, from_seconds(record.duration)
     now: Time = 0
     waiting: list[pa.Table] = []
-    for table in in_order(lambda: _observed(record, ends), "at_ns", _TIES):
+    for table in sort_by_time(lambda: _observed(record, ends), "at_ns", _TIES):
         at: NDArray[np.int64] = table.column("at_ns").to_numpy()
         begin = 0
         while len(at) and now < at[-1] and now <= until:  # later tables have nothing of this service any more
@@ -77,7 +77,7 @@ def _observed(record: RunRecord, ends: _Ends) -> Iterator[pa.Table]:
         for code, (link, direction, sender) in enumerate(flows):
             a, b = ends.links.get(link, ("", ""))
             src, dst = (a, b) if direction == "fwd" else (b, a)
-            if sender in (src, own_voice(src)):
+            if sender in (src, originator_id(src)):
                 places[0, code] = number.get(Port(src, link), -1)
             places[1, code] = number.get(Port(dst, link), -1)
         delivered = np.asarray(pc.equal(batch.column("fate"), str(Fate.DELIVERED)))

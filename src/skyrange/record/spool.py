@@ -21,7 +21,7 @@ SPOOL = ".spool"
 _OPTIONS = {"compression": "lz4", "emit_dictionary_deltas": True}
 
 
-def cannot_write(path: Path, error: OSError | pa.ArrowException) -> ComponentError:
+def write_error(path: Path, error: OSError | pa.ArrowException) -> ComponentError:
     """The error for a record that cannot be continued; it names the file and the reason."""
     name = errno.errorcode.get(getattr(error, "errno", None) or 0, "")
     reason = (getattr(error, "strerror", None) or str(error)).splitlines()[0]
@@ -122,7 +122,7 @@ class Spool:
             for stream in self._streams.values():
                 stream.abandon()
             self._streams.clear()
-            raise cannot_write(path, error) from error
+            raise write_error(path, error) from error
 
     def end_segment(self) -> None:
         """Close all streams; later rows go to new files. Raises `ComponentError` if writing fails."""
@@ -132,7 +132,7 @@ class Spool:
             try:
                 stream.close()
             except OSError as error:
-                raise cannot_write(stream.path, error) from error
+                raise write_error(stream.path, error) from error
 
 
 def read_stream(path: Path) -> Iterator[pa.RecordBatch]:

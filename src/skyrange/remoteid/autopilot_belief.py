@@ -12,34 +12,35 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.codec.columns import group, kind_of, sort
-from skyrange.codec.f3411_columns import CODES, NUMBERS
+from skyrange.codec.f3411.columns import CODES, NUMBERS
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.open_drone_id_columns import location_columns
+from skyrange.codec.mavlink.message_columns import classify_frames, kind_of_message, unpack_group
+from skyrange.codec.remote_id.open_drone_id_columns import location_columns
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
 _ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 
-BELIEF: Final = np.dtype(
+BELIEF_DTYPE: Final = np.dtype(
     [
         # when each was received, ns; -1 never
-        ("beat_ns", "i8"), ("time_ns", "i8"), ("gnss_ns", "i8"), ("place_ns", "i8"), ("home_ns", "i8"),
-        ("goal_ns", "i8"), ("own_ns", "i8"),
+        ("heartbeat_ns", "i8"), ("time_ns", "i8"), ("gnss_ns", "i8"), ("position_ns", "i8"), ("home_ns", "i8"),
+        ("goal_ns", "i8"), ("location_ns", "i8"),
         ("mode", "i8"), ("armed", "i8"), ("state", "i8"),  # custom_mode, 0 or 1, MAV_STATE
         ("boot_utc_us", "i8"),  # UTC of its boot, µs since 1970; -1 unknown
         ("time_boot_ms", "i8"),  # its clock at that SYSTEM_TIME
         ("fix", "i8"),  # GPS_FIX_TYPE
         ("geoid_m", "f8"),  # ellipsoid height less mean sea level, from its receiver; NaN unknown
-        ("chart_m", "f8"),  # the same from the companion's geoid model, for receivers that report none
-        ("place_acc_m", "f8"), ("up_acc_m", "f8"), ("speed_acc_mps", "f8"),  # NaN unknown
+        ("geoid_model_m", "f8"),  # the same from the companion's geoid model, for receivers that report none
+        ("h_acc_m", "f8"), ("v_acc_m", "f8"), ("vel_acc_mps", "f8"),  # NaN unknown
         ("boot_ms", "i8"),  # its clock at the position below
         ("lat_e7", "i8"), ("lon_e7", "i8"), ("alt_msl_m", "f8"), ("above_home_m", "f8"),
         ("vel_n", "f8"), ("vel_e", "f8"), ("vel_d", "f8"),  # m/s
         ("home_lat_e7", "i8"), ("home_lon_e7", "i8"), ("home_msl_m", "f8"),
         ("goal_lat_e7", "i8"), ("goal_lon_e7", "i8"), ("goal_msl_m", "f8"),
-        ("own_numbers", "f8", (len(NUMBERS),)), ("own_codes", "i8", (len(CODES),)),  # the autopilot's own Location
+        ("location_numbers", "f8", (len(NUMBERS),)), ("location_codes", "i8", (len(CODES),)),
+        # above: the autopilot's own Location
         ("bad", "i8"),  # frames that are not from its autopilot
     ]
 )  # fmt: skip
@@ -49,17 +50,26 @@ BELIEF: Final = np.dtype(
 class Beliefs:
     """The beliefs of many aircraft, one row of `table` each. Deep-copyable."""
 
-    def __init__(self, systems: Ints, chart_m: float = 0.0) -> None:
+    def __init__(self, systems: Ints, geoid_model_m: float = 0.0) -> None:
         """`systems` (n,): MAVLink system ids; messages of other systems or components are ignored and counted.
 
-        `chart_m` is the geoid undulation where they fly.
+        `geoid_model_m` is the geoid undulation where they fly.
         """
         self.systems = systems
-        self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF)
-        for name in ("beat_ns", "time_ns", "gnss_ns", "place_ns", "home_ns", "goal_ns", "own_ns", "boot_utc_us"):
+        self.table: NDArray[Any] = np.zeros(len(systems), dtype=BELIEF_DTYPE)
+        for name in (
+            "heartbeat_ns",
+            "time_ns",
+            "gnss_ns",
+            "position_ns",
+            "home_ns",
+            "goal_ns",
+            "location_ns",
+            "boot_utc_us",
+        ):
             self.table[name] = -1
-        self.table["chart_m"] = chart_m
-        for name in ("geoid_m", "place_acc_m", "up_acc_m", "speed_acc_mps"):
+        self.table["geoid_model_m"] = geoid_model_m
+        for name in ("geoid_m", "h_acc_m", "v_acc_m", "vel_acc_mps"):
             self.table[name] = np.nan
 
     def update(self, places: Ints, at_ns: Ints, payloads: Payloads) -> dict[int, Ints]:
@@ -67,14 +77,14 @@ class Beliefs:
 
         Only whole MAVLink 2 frames are read; others, and those of foreign systems, are counted in `bad`.
         """
-        kinds = sort(payloads)
+        kinds = classify_frames(payloads)
         heard: dict[int, Ints] = {}
         np.add.at(self.table["bad"], places[kinds < 0], 1)
         for number, read in _READERS.items():
-            rows = np.flatnonzero(kinds == kind_of(number))
+            rows = np.flatnonzero(kinds == kind_of_message(number))
             if not rows.size:
                 continue
-            found = group(payloads, kind_of(number), rows)
+            found = unpack_group(payloads, kind_of_message(number), rows)
             own = (found.systems == self.systems[places[rows]]) & (found.components == AUTOPILOT)
             np.add.at(self.table["bad"], places[rows[~own]], 1)
             rows = rows[own]
@@ -86,7 +96,7 @@ class Beliefs:
 
 
 def _heartbeat(table: Any, at: Ints, when: Ints, told: Any) -> None:
-    table["beat_ns"][at] = when
+    table["heartbeat_ns"][at] = when
     table["mode"][at] = told["custom_mode"]
     table["armed"][at] = (told["base_mode"] & _ARMED) != 0
     table["state"][at] = told["system_status"]
@@ -107,14 +117,14 @@ def _gps_raw_int(table: Any, at: Ints, when: Ints, told: Any) -> None:
     # equal heights: the receiver has no geoid model, as ArduPilot's GPS_INPUT (AP_GPS.cpp, `have_undulation`)
     undulation_m = (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3
     table["geoid_m"][at] = np.where(
-        both, np.where(undulation_m != 0.0, undulation_m, table["chart_m"][at]), table["geoid_m"][at]
+        both, np.where(undulation_m != 0.0, undulation_m, table["geoid_model_m"][at]), table["geoid_m"][at]
     )
-    for name, field in (("place_acc_m", "h_acc"), ("up_acc_m", "v_acc"), ("speed_acc_mps", "vel_acc")):
+    for name, field in (("h_acc_m", "h_acc"), ("v_acc_m", "v_acc"), ("vel_acc_mps", "vel_acc")):
         table[name][at] = np.where(told[field] > 0, told[field] * 1e-3, np.nan)  # 0: an extension that was not sent
 
 
 def _global_position(table: Any, at: Ints, when: Ints, told: Any) -> None:
-    table["place_ns"][at] = when
+    table["position_ns"][at] = when
     table["boot_ms"][at] = told["time_boot_ms"]
     table["lat_e7"][at], table["lon_e7"][at] = told["lat"], told["lon"]
     table["alt_msl_m"][at], table["above_home_m"][at] = told["alt"] * 1e-3, told["relative_alt"] * 1e-3
@@ -135,9 +145,9 @@ def _position_target(table: Any, at: Ints, when: Ints, told: Any) -> None:
 
 
 def _own_location(table: Any, at: Ints, when: Ints, told: Any) -> None:
-    table["own_ns"][at] = when
+    table["location_ns"][at] = when
     numbers, codes = location_columns(told)
-    table["own_numbers"][at], table["own_codes"][at] = numbers.T, codes.T
+    table["location_numbers"][at], table["location_codes"][at] = numbers.T, codes.T
 
 
 _READERS: Final = {
@@ -157,7 +167,7 @@ def utc_us(table: Any, boot_ms: Ints) -> Ints:
     return np.where(known, table["boot_utc_us"] + boot_ms * (NS_PER_MS // NS_PER_US), -1)
 
 
-def fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:
+def is_fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:
     """(n,) whether each was received, and no longer ago than `within_ns`."""
     lately: NDArray[np.bool_] = (told_ns >= 0) & (now - told_ns <= within_ns)
     return lately

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from skyrange.codec.f3411 import IdType, MessageType, UaType, is_serial_number
-from skyrange.codec.rid_link import Transport
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.codec.remote_id.link_payload import Transport
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
@@ -25,11 +25,11 @@ TRANSPORTS: Final = {
     "bluetooth": (Transport.BT4, Transport.BT5),
 }
 """Transports by name; F3411-22a requires that Bluetooth 4 and 5 are sent together."""
-US_NS: Final[Time] = 980 * NS_PER_MS
+US_PERIOD_NS: Final[Time] = 980 * NS_PER_MS
 """Period of each element of `us`. On the air an advertisement comes up to 10 ms later than it was requested (advDelay,
 Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1), and a Wi-Fi frame when the channel is free: 20 ms are left for that, so
 that the interval stays within a second on the air too."""
-STATIC_S: Final = 3
+STATIC_PERIOD_S: Final = 3
 """F3411-22a: static messages at least every 3 s."""
 _MAKER: Final = "SKYR"
 """Used in place of the manufacturer's code of ANSI/CTA-2063-A."""
@@ -57,27 +57,27 @@ class Broadcast:
     operator_id: str = ""
     """Sent if given, as is the text below."""
     text: str = ""
-    of_autopilot: bool = False
+    autopilot_location: bool = False
     """Whether the autopilot makes the Location itself (Open Drone ID, DID_ENABLE), as this transmitter then says it."""
 
     def __post_init__(self) -> None:
         faults = []
         if self.profile not in PROFILES:
-            faults.append(Fault("profile", self.profile, "us or astm", nearest(self.profile, PROFILES)))
+            faults.append(Problem("profile", self.profile, "us or astm", nearest(self.profile, PROFILES)))
         faults += [
-            Fault("transports", name, "a known transport", nearest(name, TRANSPORTS))
+            Problem("transports", name, "a known transport", nearest(name, TRANSPORTS))
             for name in self.transports
             if name not in TRANSPORTS
         ]
         kinds = [kind for name in self.transports for kind in TRANSPORTS.get(name, ())]
         if len(set(kinds)) != len(kinds):
-            faults.append(Fault("transports", ", ".join(self.transports), "each transport once"))
+            faults.append(Problem("transports", ", ".join(self.transports), "each transport once"))
         if self.id_type == IdType.SERIAL_NUMBER and self.uas_id and not is_serial_number(self.uas_id):
-            faults.append(Fault("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
+            faults.append(Problem("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
         for name, length in (("uas_id", 20), ("operator_id", 20), ("text", 23)):
             value = getattr(self, name)
             if len(value) > length or not value.isascii():
-                faults.append(Fault(name, value, f"at most {length} ASCII characters"))
+                faults.append(Problem(name, value, f"at most {length} ASCII characters"))
         if faults:
             raise InputError(f"Remote ID of {self.vehicle}", faults)
 
@@ -97,7 +97,7 @@ def serial_number(vehicle: str) -> str:
     return f"{_MAKER}F{text}"
 
 
-def address_of(node: str) -> bytes:
+def sender_address(node: str) -> bytes:
     """The 6-byte sender address of a node, derived from its name; the same over Wi-Fi and Bluetooth.
 
     A locally administered unicast address (IEEE 802-2014, 8.2) that is also a random static one (Bluetooth Core 5.4,
@@ -108,7 +108,7 @@ def address_of(node: str) -> bytes:
     return bytes(raw)
 
 
-class Slot(NamedTuple):
+class BroadcastSlot(NamedTuple):
     """One transmission of a profile's cycle."""
 
     offset_ns: Time
@@ -117,14 +117,14 @@ class Slot(NamedTuple):
     """`MessageType`s: those of a pack, or the one message of Bluetooth 4."""
 
 
-class Cycle(NamedTuple):
+class BroadcastCycle(NamedTuple):
     """A schedule that repeats every period: slots in order of their offset."""
 
     period_ns: Time
-    slots: tuple[Slot, ...]
+    slots: tuple[BroadcastSlot, ...]
 
 
-def cycle(broadcast: Broadcast) -> Cycle:
+def broadcast_cycle(broadcast: Broadcast) -> BroadcastCycle:
     """The broadcast schedule for an aircraft's profile, transports and messages."""
     static = [int(MessageType.BASIC_ID), int(MessageType.SYSTEM)]
     if broadcast.operator_id:
@@ -134,17 +134,19 @@ def cycle(broadcast: Broadcast) -> Cycle:
     where = int(MessageType.LOCATION)
     whole = (static[0], where, *static[1:])
     us = broadcast.profile == "us"
-    period_ns = US_NS if us else STATIC_S * NS_PER_S
+    period_ns = US_PERIOD_NS if us else STATIC_PERIOD_S * NS_PER_S
     slots = []
     for transport in [kind for name in broadcast.transports for kind in TRANSPORTS[name]]:
         if transport is not Transport.BT4:
-            slots.append(Slot(0, transport, whole))
+            slots.append(BroadcastSlot(0, transport, whole))
             if not us:
-                slots += [Slot(second * NS_PER_S, transport, (where,)) for second in range(1, STATIC_S)]
+                slots += [BroadcastSlot(second * NS_PER_S, transport, (where,)) for second in range(1, STATIC_PERIOD_S)]
         elif us:
-            slots += [Slot(period_ns * i // len(whole), transport, (kind,)) for i, kind in enumerate(whole)]
+            slots += [BroadcastSlot(period_ns * i // len(whole), transport, (kind,)) for i, kind in enumerate(whole)]
         else:
-            slots += [Slot(second * NS_PER_S, transport, (where,)) for second in range(STATIC_S)]
+            slots += [BroadcastSlot(second * NS_PER_S, transport, (where,)) for second in range(STATIC_PERIOD_S)]
             first = period_ns // (2 * len(static))
-            slots += [Slot(first + period_ns * i // len(static), transport, (kind,)) for i, kind in enumerate(static)]
-    return Cycle(period_ns, tuple(sorted(slots)))
+            slots += [
+                BroadcastSlot(first + period_ns * i // len(static), transport, (kind,)) for i, kind in enumerate(static)
+            ]
+    return BroadcastCycle(period_ns, tuple(sorted(slots)))

@@ -14,7 +14,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints, Payloads
 from skyrange.codec.f3411 import (
     EPOCH_2019_S,
     BasicId,
@@ -30,26 +29,35 @@ from skyrange.codec.f3411 import (
     encode,
     values,
 )
-from skyrange.codec.f3411_columns import CODES, NUMBERS, Bodies, encode_locations, pack_rows, rows_of, single_rows
+from skyrange.codec.f3411.columns import (
+    CODES,
+    NUMBERS,
+    Bodies,
+    encode_locations,
+    pack_bodies,
+    single_bodies,
+    stack_messages,
+)
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.rid_link import ANY_CHANNEL, NO_RSSI, Transport
-from skyrange.codec.rid_link import pack_rows as link_rows
+from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI, Transport
+from skyrange.codec.remote_id.link_payload import pack_rows as link_rows
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.chance import Chance
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
-from skyrange.remoteid.belief import Beliefs, fresh, utc_us
-from skyrange.remoteid.profiles import Broadcast, Cycle, address_of, cycle
+from skyrange.remoteid.autopilot_belief import Beliefs, is_fresh, utc_us
+from skyrange.remoteid.broadcast_profiles import Broadcast, BroadcastCycle, broadcast_cycle, sender_address
 
 PHASE_STREAM: Final = "remoteid.phase"
-AHEAD_NS: Final[Time] = 50 * NS_PER_MS
+LEAD_NS: Final[Time] = 50 * NS_PER_MS
 """How long before its time a broadcast is handed to the radio, which sends it by its own clock, as Wi-Fi sends beacons
 (IEEE 802.11-2020, 11.1.3.2): a program that polls late does not delay a broadcast."""
-PLACE_NS: Final[Time] = 2 * NS_PER_S
+POSITION_TIMEOUT_NS: Final[Time] = 2 * NS_PER_S
 """An older position counts as missing: telemetry at 1 Hz, and one report lost."""
-BEAT_NS: Final[Time] = 5 * NS_PER_S
+HEARTBEAT_TIMEOUT_NS: Final[Time] = 5 * NS_PER_S
 """Silence after which the autopilot counts as lost (mavlink.io, heartbeat: four or five missed)."""
-GNSS_NS: Final[Time] = 5 * NS_PER_S
+GNSS_TIMEOUT_NS: Final[Time] = 5 * NS_PER_S
 _TIMESTAMP: Final = slice(20, 24)
 """The bytes of the time in a System message (F3411-22a, System message)."""
 _MAX_SLOTS: Final = 4096
@@ -76,8 +84,8 @@ class Broadcaster:
         """`chance` spreads the aircraft within the second."""
         self.broadcasts = tuple(broadcasts)
         count = len(self.broadcasts)
-        cycles = [cycle(broadcast) for broadcast in self.broadcasts]
-        self.cycles: list[Cycle] = sorted(set(cycles), key=repr)
+        cycles = [broadcast_cycle(broadcast) for broadcast in self.broadcasts]
+        self.cycles: list[BroadcastCycle] = sorted(set(cycles), key=repr)
         numbers = {each: number for number, each in enumerate(self.cycles)}
         self._cycle = np.array([numbers[each] for each in cycles], dtype=np.int64)
         self._slot = np.zeros(count, dtype=np.int64)
@@ -93,16 +101,22 @@ class Broadcaster:
         )
         """(n,) when each aircraft broadcasts next."""
         self._counters = np.zeros((count, 2 * _KINDS), dtype=np.uint8)
-        raw = b"".join(address_of(broadcast.vehicle) for broadcast in self.broadcasts)
+        raw = b"".join(sender_address(broadcast.vehicle) for broadcast in self.broadcasts)
         self.addresses = np.frombuffer(raw, dtype=np.uint8).reshape(count, 6).copy()
         self._static: dict[int, Bodies] = {
-            int(MessageType.BASIC_ID): rows_of([encode(BasicId(b.id_type, b.ua_type, b.id)) for b in self.broadcasts]),
-            int(MessageType.OPERATOR_ID): rows_of([encode(OperatorId(0, b.operator_id)) for b in self.broadcasts]),
-            int(MessageType.SELF_ID): rows_of([encode(SelfId(DescriptionType.TEXT, b.text)) for b in self.broadcasts]),
+            int(MessageType.BASIC_ID): stack_messages(
+                [encode(BasicId(b.id_type, b.ua_type, b.id)) for b in self.broadcasts]
+            ),
+            int(MessageType.OPERATOR_ID): stack_messages(
+                [encode(OperatorId(0, b.operator_id)) for b in self.broadcasts]
+            ),
+            int(MessageType.SELF_ID): stack_messages(
+                [encode(SelfId(DescriptionType.TEXT, b.text)) for b in self.broadcasts]
+            ),
         }
-        self._system = rows_of([encode(_system(b)) for b in self.broadcasts]).copy()
+        self._system = stack_messages([encode(_system(b)) for b in self.broadcasts]).copy()
         self._fixed = np.array([b.operator_place is not None for b in self.broadcasts], dtype=np.bool_)
-        self.of_autopilot = np.array([b.of_autopilot for b in self.broadcasts], dtype=np.bool_)
+        self.autopilot_location = np.array([b.autopilot_location for b in self.broadcasts], dtype=np.bool_)
         """(n,) whether the autopilot makes the Location, and so has to be told identity, operator
         location and status."""
         self._takeoff = np.zeros((count, 4))
@@ -111,10 +125,10 @@ class Broadcaster:
     def next_due(self) -> Time | None:
         """When `send` has to be called next."""
         due = int(self.due_ns.min(initial=NEVER))
-        return None if due == NEVER else due - AHEAD_NS
+        return None if due == NEVER else due - LEAD_NS
 
     def send(self, now: Time, beliefs: Beliefs) -> tuple[Ints, Payloads] | None:
-        """The broadcasts due within `AHEAD_NS`: rows of the aircraft and their `rid_up` payloads; None if there are
+        """The broadcasts due within `LEAD_NS`: rows of the aircraft and their `rid_up` payloads; None if there are
         none.
 
         An aircraft whose autopilot was never heard counts as not powered yet, and sends nothing.
@@ -122,7 +136,7 @@ class Broadcaster:
         table = beliefs.table
         places: list[Ints] = []
         payloads: list[Payloads] = []
-        until = now + AHEAD_NS
+        until = now + LEAD_NS
         due = np.flatnonzero(self.due_ns < until)
         self._update_takeoff(due, table)
         while due.size:
@@ -132,7 +146,7 @@ class Broadcaster:
                 each = self.cycles[code // _MAX_SLOTS]
                 at_ns = self.due_ns[rows]
                 self._advance(rows, each, now)
-                on = table["beat_ns"][rows] >= 0
+                on = table["heartbeat_ns"][rows] >= 0
                 rows, at_ns = rows[on], at_ns[on]
                 if rows.size:
                     _, transport, messages = each.slots[code % _MAX_SLOTS]
@@ -141,7 +155,7 @@ class Broadcaster:
             due = np.flatnonzero(self.due_ns < until)
         return (np.concatenate(places), Payloads.join(payloads)) if places else None
 
-    def _advance(self, rows: Ints, each: Cycle, now: Time) -> None:
+    def _advance(self, rows: Ints, each: BroadcastCycle, now: Time) -> None:
         """Move aircraft that have just sent to their next slot; one that is late by a period skips the missed
         broadcasts.
         """
@@ -157,7 +171,7 @@ class Broadcaster:
     ) -> Payloads:
         parts = [self._message(kind, rows, now, table) for kind in messages]
         single = transport == Transport.BT4
-        bodies = single_rows(parts[0]) if single else pack_rows(parts)
+        bodies = single_bodies(parts[0]) if single else pack_bodies(parts)
         column = _KINDS + messages[0] if single else transport
         counter = self._counters[rows, column].copy()
         self._counters[rows, column] += 1
@@ -165,7 +179,7 @@ class Broadcaster:
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
         if kind == MessageType.LOCATION:
-            return locations(table[rows], now, self.of_autopilot[rows])
+            return encode_location_messages(table[rows], now, self.autopilot_location[rows])
         if kind == MessageType.SYSTEM:
             bodies = self._system[rows]
             told = table[rows]
@@ -174,7 +188,7 @@ class Broadcaster:
             return bodies
         return self._static[kind][rows]
 
-    def told(self, rows: Ints, now: Time, beliefs: Beliefs) -> list[tuple[Message, Message]]:
+    def identity_messages(self, rows: Ints, now: Time, beliefs: Beliefs) -> list[tuple[Message, Message]]:
         """The Basic ID and System of some aircraft, as they broadcast them now."""
         self._update_takeoff(rows, beliefs.table)
         basic, system = (
@@ -196,32 +210,34 @@ class Broadcaster:
         for row, (lat, lon, alt, _) in zip(rows[moved].tolist(), home[moved].tolist(), strict=True):
             self._takeoff[row] = (lat, lon, alt, 1.0)
             if abs(lat) <= 90.0 and abs(lon) <= 180.0:
-                self._system[row] = rows_of([encode(System(OperatorLocationType.TAKEOFF, lat, lon, alt))])[0]
+                self._system[row] = stack_messages([encode(System(OperatorLocationType.TAKEOFF, lat, lon, alt))])[0]
 
-    def troubles(self, now: Time, beliefs: Beliefs) -> Ints:
-        """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): an index into `TROUBLES`."""
+    def arm_status(self, now: Time, beliefs: Beliefs) -> Ints:
+        """(n,) why each aircraft's Remote ID is not serviceable (14 CFR 89.310(c)): an index into
+        `ARM_STATUS_TEXTS`.
+        """
         told = beliefs.table
-        placed = fresh(told["place_ns"], now, PLACE_NS)
+        placed = is_fresh(told["position_ns"], now, POSITION_TIMEOUT_NS)
         high, timed = ~np.isnan(told["geoid_m"]), utc_us(told, told["boot_ms"]) >= 0
-        rows = np.flatnonzero(self.of_autopilot & fresh(told["own_ns"], now, PLACE_NS))
+        rows = np.flatnonzero(self.autopilot_location & is_fresh(told["location_ns"], now, POSITION_TIMEOUT_NS))
         if rows.size:  # they broadcast the autopilot's own Location
-            lacks = np.isnan(told["own_numbers"][rows])
+            lacks = np.isnan(told["location_numbers"][rows])
             placed[rows], high[rows], timed[rows] = (~lacks[:, NUMBERS.index(name)] for name in _NEEDED)
         sets = [
             self.due_ns == NEVER,
-            ~fresh(told["beat_ns"], now, BEAT_NS),
+            ~is_fresh(told["heartbeat_ns"], now, HEARTBEAT_TIMEOUT_NS),
             ~placed,
-            ~fresh(told["gnss_ns"], now, GNSS_NS) | (told["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
+            ~is_fresh(told["gnss_ns"], now, GNSS_TIMEOUT_NS) | (told["fix"] < mav.GPS_FIX_TYPE_3D_FIX),
             ~high,
             ~timed,
             ~self._fixed & (told["home_ns"] < 0),
         ]
-        return np.select(sets, range(1, len(TROUBLES)), 0)
+        return np.select(sets, range(1, len(ARM_STATUS_TEXTS)), 0)
 
 
 _NEEDED: Final = ("lat_deg", "alt_geo_m", "timestamp_s")
 """What a Location made by the autopilot must contain."""
-TROUBLES: Final = (
+ARM_STATUS_TEXTS: Final = (
     "",
     "no transmitter",
     "autopilot silent",
@@ -240,37 +256,42 @@ def _system(broadcast: Broadcast) -> System:
     return System(OperatorLocationType.FIXED, *broadcast.operator_place)
 
 
-def locations(told: Any, now: Time, of_autopilot: NDArray[np.bool_]) -> Bodies:
-    """(n, 25) Location messages of beliefs (rows of `BELIEF`).
+def encode_location_messages(told: Any, now: Time, autopilot_location: NDArray[np.bool_]) -> Bodies:
+    """(n, 25) Location messages of beliefs (rows of `BELIEF_DTYPE`).
 
-    For rows with `of_autopilot` the autopilot's own Location is used as long as it sends one.
+    For rows with `autopilot_location` the autopilot's own Location is used as long as it sends one.
     """
     numbers, codes = np.empty((len(NUMBERS), len(told))), np.empty((len(CODES), len(told)), dtype=np.uint8)
     _location_values(told, utc_us(told, told["boot_ms"]), now, numbers, codes)
-    if of_autopilot.any():
-        own = of_autopilot & fresh(told["own_ns"], now, PLACE_NS)
-        numbers[:, own], codes[:, own] = told["own_numbers"][own].T, told["own_codes"][own].T
+    if autopilot_location.any():
+        own = autopilot_location & is_fresh(told["location_ns"], now, POSITION_TIMEOUT_NS)
+        numbers[:, own], codes[:, own] = told["location_numbers"][own].T, told["location_codes"][own].T
     return encode_locations(numbers, codes)
 
 
-@kernel
+@compiled
 def _location_values(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64], codes: NDArray[np.uint8]) -> None:
     """Fill the columns of `encode_locations`."""
     for i in range(told.shape[0]):
         row = told[i]
         numbers[:, i] = math.nan
         codes[:, i] = 0
-        lost = row.beat_ns < 0 or now - row.beat_ns > BEAT_NS or row.place_ns < 0 or now - row.place_ns > PLACE_NS
+        lost = (
+            row.heartbeat_ns < 0
+            or now - row.heartbeat_ns > HEARTBEAT_TIMEOUT_NS
+            or row.position_ns < 0
+            or now - row.position_ns > POSITION_TIMEOUT_NS
+        )
         # a failsafe (MAV_STATE_CRITICAL) or worse of an armed aircraft is an emergency; ACTIVE is in the air
         status = _GROUND
         if row.armed == 1 and row.state >= _ACTIVE:
             status = _EMERGENCY if row.state >= _CRITICAL else _AIRBORNE
         codes[0, i] = _FAILURE if lost else status
-        codes[2, i] = _accuracy(_HORIZONTAL, row.place_acc_m)
-        codes[3, i] = _accuracy(_VERTICAL, row.up_acc_m)
-        codes[5, i] = _accuracy(_SPEED, row.speed_acc_mps)
+        codes[2, i] = _accuracy(_HORIZONTAL, row.h_acc_m)
+        codes[3, i] = _accuracy(_VERTICAL, row.v_acc_m)
+        codes[5, i] = _accuracy(_SPEED, row.vel_acc_mps)
         codes[6, i] = 1 if utc[i] >= 0 else 0  # 0.1 s, the resolution: its clock is set by GNSS
-        if row.place_ns < 0:
+        if row.position_ns < 0:
             continue
         numbers[0, i], numbers[1, i] = row.lat_e7 * 1e-7, row.lon_e7 * 1e-7
         numbers[2, i], numbers[4, i] = row.alt_msl_m + row.geoid_m, row.above_home_m
@@ -283,7 +304,7 @@ def _location_values(told: Any, utc: Ints, now: int, numbers: NDArray[np.float64
             numbers[8, i] = (utc[i] % 3_600_000_000) * 1e-6
 
 
-@kernel
+@compiled
 def _accuracy(limits: NDArray[np.float64], error: float) -> int:
     """`values.accuracy_code`; 0 for an unknown error."""
     code = 0

@@ -14,12 +14,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints
-from skyrange.agent.refs import NO_REF
 from skyrange.codec.f3411 import Status, values
-from skyrange.codec.f3411_columns import LocationColumns
-from skyrange.codec.rid_link import RidColumns
-from skyrange.core.compiled import kernel
+from skyrange.codec.f3411.columns import LocationColumns
+from skyrange.codec.remote_id.link_payload import RidColumns
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames.references import NO_REF
+from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 
@@ -27,10 +27,10 @@ Floats = NDArray[np.float64]
 
 STALE_S: Final = 10.0
 """A track is dropped when nothing was received for this long: ten broadcasts of an aircraft that sends at 1 Hz."""
-MOST: Final = 64
+MAX_TRACKS: Final = 64
 """Tracks that a receiver holds at once."""
 
-TRACK: Final = np.dtype(
+TRACK_DTYPE: Final = np.dtype(
     [
         ("heard_ns", "i8"),  # last message of any kind; -1: the slot is free
         ("located_ns", "i8"),  # last Location; -1 none
@@ -40,14 +40,14 @@ TRACK: Final = np.dtype(
         ("ve", "f8"), ("vn", "f8"), ("vu", "f8"),  # m/s; NaN unknown
         ("rssi_dbm", "f8"),  # NaN unknown
         ("status", "i8"), ("transport", "i8"),
-        ("odd", "i8"),  # 1: the last Location held an impossible value
-        ("ref", "i8"), ("serial", "i8"),  # the frame of that Location (`agent.refs`)
+        ("is_impossible", "i8"),  # 1: the last Location held an impossible value
+        ("ref", "i8"), ("serial", "i8"),  # the frame of that Location (`contracts.refs`)
     ]
 )  # fmt: skip
 """One track, in the units of the table."""
 
 
-class Seen(NamedTuple):
+class TrackSnapshot(NamedTuple):
     """The tracks of one receiver at one time: k rows in the order of `slot`."""
 
     slot: Ints
@@ -66,7 +66,7 @@ class Seen(NamedTuple):
     status: Ints
 
 
-class Heard(NamedTuple):
+class ReceivedBroadcasts(NamedTuple):
     """Received broadcasts, one per row, as `TrackTable.update` takes them."""
 
     receiver: Ints
@@ -77,10 +77,10 @@ class Heard(NamedTuple):
     said: LocationColumns
     ref: Ints
     serial: Ints
-    """The frame of the broadcast (`agent.refs.RefBook`)."""
+    """The frame of the broadcast (`contracts.refs.FrameRefTable`)."""
 
 
-@kernel
+@compiled
 def _find_slot(
     rows: Any, r: int, used: int, now: int, stale_ns: int, address: int, named: bool, a: int, b: int, c: int,
     rssi: float,
@@ -122,7 +122,7 @@ def _find_slot(
     return -1, False
 
 
-@kernel
+@compiled
 def _update_tracks(
     rows: Any, used: Ints, counts: Ints, stale_ns: int, receiver: Ints, at_ns: Ints, address: Ints,
     named: NDArray[np.bool_], ids: NDArray[np.uint64], located: NDArray[np.bool_], place: Floats, rssi: Floats,
@@ -148,7 +148,7 @@ def _update_tracks(
             row.located_ns = -1
             row.address = address[i]
             row.id_a = row.id_b = row.id_c = 0
-            row.odd = 0
+            row.is_impossible = 0
         if named[i]:
             row.id_a, row.id_b, row.id_c = ids[i, 0], ids[i, 1], ids[i, 2]
         row.heard_ns = at_ns[i]
@@ -162,7 +162,7 @@ def _update_tracks(
                 row.ve, row.vn = place[i, 3] * math.sin(place[i, 4]), place[i, 3] * math.cos(place[i, 4])
             row.vu = place[i, 5]
             row.status = status[i]
-            row.odd = 1 if odd[i] else 0
+            row.is_impossible = 1 if odd[i] else 0
             row.ref, row.serial = ref[i], serial[i]
             if odd[i]:
                 counts[r, 2] += 1
@@ -173,11 +173,11 @@ class TrackTable:
     receive. Deep-copyable.
     """
 
-    def __init__(self, count: int, origin: Origin, most: int = MOST, stale_s: float = STALE_S) -> None:
-        """`origin`, with its geoid, is the origin of local metres; `most` tracks per receiver."""
+    def __init__(self, count: int, origin: Origin, max_tracks: int = MAX_TRACKS, stale_s: float = STALE_S) -> None:
+        """`origin`, with its geoid, is the origin of local metres; `max_tracks` tracks per receiver."""
         self.origin = origin
         self.stale_ns: Time = from_seconds(stale_s)
-        self.rows: NDArray[Any] = np.zeros((count, most), dtype=TRACK)
+        self.rows: NDArray[Any] = np.zeros((count, max_tracks), dtype=TRACK_DTYPE)
         """(count, most)."""
         self.rows["heard_ns"] = -1
         self.rows["located_ns"] = -1
@@ -187,12 +187,12 @@ class TrackTable:
         self.counts: Ints = np.zeros((count, 3), dtype=np.int64)
         """(count, 3): broadcasts refused for lack of room, tracks displaced by stronger ones, impossible Locations."""
 
-    def update(self, heard: Heard) -> None:
+    def update(self, heard: ReceivedBroadcasts) -> None:
         """Take in broadcasts in their order; malformed rows and those with neither identity nor
         position are skipped.
         """
         said, rid = heard.said, heard.rid
-        keep = np.flatnonzero(rid.good & (said.found | said.has_id))
+        keep = np.flatnonzero(rid.valid & (said.has_location | said.has_id))
         if not keep.size:
             return
         address = np.zeros(len(keep), dtype=np.int64)
@@ -204,7 +204,7 @@ class TrackTable:
         odd = impossible(said)[keep]
         _update_tracks(
             self.rows, self.used, self.counts, self.stale_ns, heard.receiver[keep], heard.at_ns[keep], address,
-            said.has_id[keep], ids.view(np.uint64), said.found[keep], self._local_motion(said, keep), rssi,
+            said.has_id[keep], ids.view(np.uint64), said.has_location[keep], self._local_motion(said, keep), rssi,
             said.status[keep], rid.transport[keep], odd, heard.ref[keep], heard.serial[keep],
         )  # fmt: skip
 
@@ -219,22 +219,24 @@ class TrackTable:
         out[:, 5] = said.vertical_mps[keep]
         return out
 
-    def live(self, receiver: int, now: Time) -> NDArray[np.bool_]:
+    def is_live(self, receiver: int, now: Time) -> NDArray[np.bool_]:
         """(most,) which slots hold a track that is not stale."""
         heard = self.rows["heard_ns"][receiver]
         held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
         return held
 
-    def seen(self, receiver: int, now: Time, odd: bool = False, grounded: bool = True) -> Seen:
-        """The tracks whose position is known; with `odd`, also those with impossible values.
+    def snapshot(
+        self, receiver: int, now: Time, include_impossible: bool = False, grounded: bool = True
+    ) -> TrackSnapshot:
+        """The tracks whose position is known; with `include_impossible`, also those with impossible values.
 
         Without `grounded`, tracks with the status "on the ground" are left out.
         """
         rows = self.rows[receiver]
-        good = self.live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
+        good = self.is_live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
         good &= ~np.isnan(rows["east"])
-        if not odd:
-            good &= rows["odd"] == 0
+        if not include_impossible:
+            good &= rows["is_impossible"] == 0
         if not grounded:
             good &= rows["status"] != Status.GROUND
         slot = np.flatnonzero(good)
@@ -242,18 +244,20 @@ class TrackTable:
         age_s = np.maximum(now - rows["located_ns"], 0) / NS_PER_S
         velocity = np.nan_to_num(np.column_stack((rows["ve"], rows["vn"], rows["vu"])))
         place = np.column_stack((rows["east"], rows["north"], rows["up"])) + velocity * age_s[:, None]
-        return Seen(slot, _texts(rows), rows["address"], place, velocity, age_s, rows["rssi_dbm"], rows["status"])
+        return TrackSnapshot(
+            slot, _texts(rows), rows["address"], place, velocity, age_s, rows["rssi_dbm"], rows["status"]
+        )
 
 
 def impossible(said: LocationColumns) -> NDArray[np.bool_]:
-    """(n,) whether a Location holds impossible values (see `f3411.faults`), including a saturated
+    """(n,) whether a Location holds impossible values (see `f3411.deviations`), including a saturated
     speed (254.25 m/s).
     """
     odd = (np.abs(said.lat_deg) > 90.0) | (np.abs(said.lon_deg) > 180.0)
     odd |= said.status > Status.REMOTE_ID_SYSTEM_FAILURE
     odd |= (said.speed_mps >= values.SPEED_MAX_MPS) | (np.abs(said.vertical_mps) >= values.VERTICAL_MAX_MPS)
     odd |= (said.track_deg >= 360.0) | (said.timestamp_s > values.TIME_MAX_S)
-    return odd & said.found
+    return odd & said.has_location
 
 
 def _texts(rows: NDArray[Any]) -> NDArray[np.bytes_]:

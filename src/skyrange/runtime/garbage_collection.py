@@ -14,7 +14,7 @@ _YOUNG = 20_000  # allocations before a collection of the young generation; Pyth
 
 
 @contextmanager
-def at_ease() -> Iterator[None]:
+def collect_seldom() -> Iterator[None]:
     """Exempt all existing objects from collection, and collect new ones less often; restore both at the end."""
     before = gc.get_threshold()
     nested = gc.get_freeze_count() > 0

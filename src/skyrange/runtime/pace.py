@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable, Sequence
 from typing import cast
 
-from skyrange.agent.contracts import Engine, WallEngine
+from skyrange.contracts.components import Engine, WallEngine
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time, to_seconds
 
 
-def held_to(speed: float, engines: Sequence[Engine]) -> float:
+def resolve_speed(speed: float, engines: Sequence[Engine]) -> float:
     """The speed to which a `Pace` has to hold a run that is asked for `speed`; 0 if an engine does so itself.
 
     If no engine on the wall clock waits, the speed is theirs.
@@ -29,7 +29,7 @@ def held_to(speed: float, engines: Sequence[Engine]) -> float:
     walls = [engine for engine in engines if engine.clock == "wall"]
     if not walls:
         return speed
-    return 0.0 if any(engine.waits for engine in walls) else cast("WallEngine", walls[0]).pace
+    return 0.0 if any(engine.paces_itself for engine in walls) else cast("WallEngine", walls[0]).pace
 
 
 class Pace:

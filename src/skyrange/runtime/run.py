@@ -10,22 +10,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from skyrange.agent.contracts import Observer
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.monitors import MonitorPlacement
+from skyrange.assembly.aircraft import describe_engines
+from skyrange.assembly.build import BuiltScenario, build
+from skyrange.contracts.components import Observer
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.kernel import Kernel
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
-from skyrange.runtime.collector import at_ease
+from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.memory import peak_memory_mb
-from skyrange.runtime.pace import Pace, held_to
-from skyrange.runtime.warm import warm_up
-from skyrange.scenario.aircraft import engines_told
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.wire import Rig, wire
+from skyrange.runtime.pace import Pace, resolve_speed
+from skyrange.runtime.warm_up import warm_up
+from skyrange.scenario.model.scenario import Scenario
 
 OnProgress = Callable[[Time, Time], None]
 """Called with (simulated now, simulated end) between steps; `now` is negative while autopilots boot."""
@@ -40,10 +40,10 @@ class Run:
     `fork` at will, and `finish`; `execute` does all of it.
     """
 
-    def __init__(self, kernel: Kernel, recorder: Recorder, rig: Rig) -> None:
+    def __init__(self, kernel: Kernel, recorder: Recorder, built: BuiltScenario) -> None:
         self.kernel = kernel
         self.recorder = recorder
-        self.rig = rig
+        self.built = built
         self._wall_s = 0.0
         self._finished = False
 
@@ -70,13 +70,13 @@ class Run:
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
         record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
         """
-        rig = wire(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
-        held_to(speed, [mount.engine for mount in rig.wiring.engines])
-        kernel = Kernel(replace(rig.wiring, fuse=fuse))
-        recorder = open_record(rig, out)
-        recorder.listen(rig.oracle)
-        kernel.observe([recorder, *observers])
-        return cls(kernel, recorder, rig)
+        built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
+        resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
+        kernel = Kernel(replace(built.wiring, fuse=fuse))
+        recorder = open_record(built, out)
+        recorder.record_receptions(built.oracle)
+        kernel.set_observers([recorder, *observers])
+        return cls(kernel, recorder, built)
 
     @property
     def now(self) -> Time:
@@ -86,14 +86,17 @@ class Run:
     @property
     def on_wall_clock(self) -> bool:
         """Whether any of its engines has a pace of its own."""
-        return any(mount.engine.clock == "wall" for mount in self.rig.wiring.engines)
+        return any(mount.engine.clock == "wall" for mount in self.built.wiring.engines)
 
     def advance(self, until_s: float) -> None:
         """Run every instant up to `until_s` simulated seconds, as fast as engines on the wall clock allow."""
         began = time.perf_counter()
-        pace, until = Pace(held_to(0.0, [mount.engine for mount in self.rig.wiring.engines])), from_seconds(until_s)
+        pace, until = (
+            Pace(resolve_speed(0.0, [mount.engine for mount in self.built.wiring.engines])),
+            from_seconds(until_s),
+        )
         try:
-            with at_ease():
+            with collect_seldom():
                 while pace.held and self.kernel.now < until:
                     self.kernel.advance(self._next(pace.step_ns, until))
                     if self.kernel.now >= 0:
@@ -106,8 +109,8 @@ class Run:
         """A second run that continues from here into the folder `out`, with a copy of the record so far."""
         recorder = self.recorder.fork(out)
         kernel = self.kernel.fork([recorder])
-        twin = Run(kernel, recorder, self.rig)
-        recorder.listen(twin._oracle())
+        twin = Run(kernel, recorder, self.built)
+        recorder.record_receptions(twin._oracle())
         twin._wall_s = self._wall_s
         return twin
 
@@ -119,14 +122,14 @@ class Run:
         Ctrl-C, or a component's failure, ends it early: the record is complete up to there, its status `interrupted`
         or `failed`, and `ShortfallError` or the component's error is raised.
         """
-        engines = [mount.engine for mount in self.rig.wiring.engines]
-        pace = Pace(held_to(speed, engines))
-        end = self.rig.duration_ns
-        with Interruptible() as interrupt, at_ease():
+        engines = [mount.engine for mount in self.built.wiring.engines]
+        pace = Pace(resolve_speed(speed, engines))
+        end = self.built.duration_ns
+        with Interruptible() as interrupt, collect_seldom():
             began = time.perf_counter()
             try:
-                if not all(engine.waits for engine in engines):
-                    warm_up(self.rig.scenario)  # vehicles outside the range do not wait for a compilation
+                if not all(engine.paces_itself for engine in engines):
+                    warm_up(self.built.scenario)  # vehicles outside the range do not wait for a compilation
                     began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:
                     self.kernel.advance(self._next(pace.step_ns, end))
@@ -171,15 +174,15 @@ class Run:
 
     def _oracle(self) -> Oracle | None:
         """The oracle of this run's kernel: a fork has another than its stem."""
-        name = self.rig.oracle.name if self.rig.oracle is not None else None
-        return None if name is None else cast("Oracle", self.kernel.watcher(name))
+        name = self.built.oracle.name if self.built.oracle is not None else None
+        return None if name is None else cast("Oracle", self.kernel.truth_subscriber(name))
 
     def _end(self) -> None:
         """End the kernel and its programs, and copy the files that these leave into the folder."""
         oracle = self._oracle()
         try:
-            for name, path in self.kernel.leaves().items():
-                self.recorder.keep(name, path)
+            for name, path in self.kernel.kept_files().items():
+                self.recorder.keep_file(name, path)
         finally:
             self.kernel.finish()
             if oracle is not None:
@@ -189,7 +192,7 @@ class Run:
         simulated_s = to_seconds(self.now)
         return {
             "simulated_s": simulated_s,
-            "engines": engines_told(self.rig.wiring.engines),
+            "engines": describe_engines(self.built.wiring.engines),
             "timings": {
                 "wall_s": round(self._wall_s, 3),
                 "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,
@@ -199,19 +202,19 @@ class Run:
         }
 
 
-def open_record(rig: Rig, out: Path | None) -> Recorder:
+def open_record(built: BuiltScenario, out: Path | None) -> Recorder:
     """Open the record of a run in `out`, or in a free folder, with the scenario as flown in it."""
-    scenario, record = rig.scenario, rig.scenario.record
+    scenario, record = built.scenario, built.scenario.record
     while True:
         folder = out if out is not None else free_folder(scenario.name)
         try:
-            recorder = Recorder.open(folder, rig.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+            recorder = Recorder.open(folder, built.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
             break
         except InputError:
             if out is not None or free_folder(scenario.name) == folder:
                 raise  # else another run has taken the folder meanwhile
-    for name, data in rig.attachments.items():
-        recorder.attach(name, data)
+    for name, data in built.attachments.items():
+        recorder.attach_file(name, data)
     return recorder
 
 

@@ -10,22 +10,22 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import World
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import link_name
 from skyrange.core.time import NEVER, Time
-from skyrange.io.viewing import LOOPBACK, Counts, ViewerPorts
+from skyrange.io.mavlink.viewer_ports import LOOPBACK, ViewerCounts, ViewerPorts
 
 FIRST_PORT: Final = 5763
 """The port of ArduPilot's SITL for another ground station, which others try by default."""
 PORT_STEP: Final = 10
 """Difference between the ports of two aircraft, as of two instances of SITL."""
 _FROM_AUTOPILOT: Final = "rev"
-"""The link `autopilot` runs from the proxy to the autopilot (`vehicle.onboard.links`)."""
+"""The link `autopilot` runs from the proxy to the autopilot (`vehicle.onboard_network.onboard_links`)."""
 
 
 class Address(NamedTuple):
@@ -37,7 +37,7 @@ class Address(NamedTuple):
 
 
 class Viewers:
-    """An `agent.contracts.Observer` that serves each aircraft's MAVLink on a TCP port of its own.
+    """An `contracts.components.Observer` that serves each aircraft's MAVLink on a TCP port of its own.
 
     A viewer receives every frame that the link `autopilot` delivers from the autopilot, byte for byte, from the time at
     which it connects; nothing is repeated. What a viewer sends is counted and discarded. Use it as a context manager:
@@ -70,7 +70,7 @@ class Viewers:
         self.close()
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> ViewerCounts:
         """Events at the ports so far."""
         return self._ports.counts
 

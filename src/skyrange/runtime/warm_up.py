@@ -10,12 +10,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
+from skyrange.assembly.build import build
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel
-from skyrange.scenario.autopilots import Autopilots
-from skyrange.scenario.load import load_file
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.wire import wire
+from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_file
 
 WARM_UP_NS: Final[Time] = 30 * NS_PER_S
 """Simulated time that is flown: most aircraft have armed, taken off and flown by then."""
@@ -28,8 +28,8 @@ def warm_up(scenario: Scenario, *, rehearse: bool = True) -> None:
     With `rehearse` also fly the rehearsal: evasion, return, landing, collision.
     """
     for flown in (_all_builtin(scenario), *([load_file(REHEARSAL)] if rehearse else [])):
-        rig = wire(flown)
-        Kernel(rig.wiring).advance(min(rig.duration_ns, WARM_UP_NS))
+        built = build(flown)
+        Kernel(built.wiring).advance(min(built.duration_ns, WARM_UP_NS))
 
 
 def _all_builtin(scenario: Scenario) -> Scenario:

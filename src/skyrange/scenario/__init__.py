@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
-    from skyrange.scenario.attacks import AttackTable, When
-    from skyrange.scenario.autopilots import Autopilots
-    from skyrange.scenario.catalogue import SHIPPED
-    from skyrange.scenario.catalogue import load as load_scenario
-    from skyrange.scenario.detectors import DetectorTable
-    from skyrange.scenario.emit import to_toml
-    from skyrange.scenario.fleet import Fleet, Start, Vehicle
-    from skyrange.scenario.links import Link
-    from skyrange.scenario.load import load_text as load_toml
-    from skyrange.scenario.operators import Operator
-    from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
-    from skyrange.scenario.schema import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
+    from skyrange.scenario.model.attacks import AttackTable, When
+    from skyrange.scenario.model.autopilots import Autopilots
+    from skyrange.scenario.model.detectors import DetectorTable
+    from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
+    from skyrange.scenario.model.links import Link
+    from skyrange.scenario.model.operators import Operator
+    from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
+    from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId
+    from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
+    from skyrange.scenario.shipped import SHIPPED
+    from skyrange.scenario.shipped import load as load_scenario
+    from skyrange.scenario.toml_reader import load_text as load_toml
+    from skyrange.scenario.toml_writer import to_toml
 
 __all__ = [
     "SHIPPED",

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.scenario.faults import spell_path
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.scenario.validation.error_messages import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings"})
 """Keys whose text is the name of a file that the run reads."""
@@ -26,23 +26,23 @@ def read_text(path: Path, who: str) -> str:
         raise InputError.one(who, f"byte {error.start}", hex(error.object[error.start]), "UTF-8 text") from None
 
 
-def check_file(path: Path, where: str) -> Fault | None:
+def check_file(path: Path, where: str) -> Problem | None:
     """What is wrong with a file that should be there, with the nearest name in its folder; None if nothing is."""
     try:
         if path.is_file():
             return None
         if path.exists():
-            return Fault(where, str(path), "a file", "It is a folder." if path.is_dir() else "It is something else.")
+            return Problem(where, str(path), "a file", "It is a folder." if path.is_dir() else "It is something else.")
         siblings = [sibling.name for sibling in path.parent.iterdir()] if path.parent.is_dir() else []
         hint = nearest(path.name, siblings) if len(siblings) <= 1000 else ""
-        return Fault(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
+        return Problem(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
     except (OSError, ValueError) as error:
-        return Fault(where, str(path), f"the name of a file ({error})")
+        return Problem(where, str(path), f"the name of a file ({error})")
 
 
-def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Fault]]:
+def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """`data` with the names of files made absolute from `folder`, and a fault for each that is not there."""
-    faults: list[Fault] = []
+    faults: list[Problem] = []
 
     def visit(part: Any, loc: tuple[str | int, ...]) -> Any:
         if isinstance(part, Mapping):

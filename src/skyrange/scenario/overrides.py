@@ -16,16 +16,16 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.scenario.files import FILE_KEYS
-from skyrange.scenario.operators import operator_names, vehicle_names
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.walk import element_of, model_of, type_below, value_of
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.scenario.model.operators import operator_names, vehicle_names
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.named_files import FILE_KEYS
+from skyrange.scenario.validation.field_path import element_of, model_of, type_below, value_of
 
 _KEY = re.compile(r'"([^"]+)"|([^."]+)')
 
 
-def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
+def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
     """A copy of `data` under every `path=value`, in order.
 
     A file's name is taken relative to the working directory, as the shell would. Raises InputError
@@ -38,12 +38,12 @@ def override(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, A
         path, equals, text = assignment.partition("=")
         keys = _keys(path.strip())
         if not equals or not keys:
-            faults.append(Fault(assignment, "no assignment", "path=value, such as seed=7"))
+            faults.append(Problem(assignment, "no assignment", "path=value, such as seed=7"))
             continue
         try:
             value = parse_value(text.strip())
         except ValueError as error:
-            faults.append(Fault(path, text.strip(), f"a TOML value ({error})", 'Text with spaces goes in "quotes".'))
+            faults.append(Problem(path, text.strip(), f"a TOML value ({error})", 'Text with spaces goes in "quotes".'))
             continue
         if keys[-1] in FILE_KEYS and isinstance(value, str):
             value = str(Path(value).expanduser().absolute())
@@ -83,11 +83,11 @@ def parse_value(text: str) -> Any:
 
 
 class _NoMatchError(Exception):
-    def __init__(self, fault: Fault) -> None:
+    def __init__(self, fault: Problem) -> None:
         self.fault = fault
 
 
-def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], value: Any) -> Fault | None:
+def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], value: Any) -> Problem | None:
     """Set `value` at every place that `keys` matches; the fault if there is none."""
     try:
         matched = False
@@ -97,7 +97,7 @@ def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], va
     except _NoMatchError as error:
         return error.fault
     if not matched:
-        return Fault(".".join(keys), "matches nothing", "a path that leads somewhere in this scenario")
+        return Problem(".".join(keys), "matches nothing", "a path that leads somewhere in this scenario")
     return None
 
 
@@ -114,7 +114,7 @@ def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, .
                 yield part, index
         return
     if not isinstance(part, dict):
-        raise _NoMatchError(Fault(".".join(here), f"{'.'.join(above)} is a value", "a path that ends there"))
+        raise _NoMatchError(Problem(".".join(here), f"{'.'.join(above)} is a value", "a path that ends there"))
     for name in _names(part, annotation, key, here):
         if not rest:
             yield part, name
@@ -135,9 +135,9 @@ def _names(part: Mapping[str, Any], annotation: Any, key: str, here: tuple[str, 
     if key == "*":
         return list(part)
     if model is None and value_of(annotation) is None:
-        raise _NoMatchError(Fault(".".join(here), f"{'.'.join(here[:-1])} is a value", "a path that ends there"))
+        raise _NoMatchError(Problem(".".join(here), f"{'.'.join(here[:-1])} is a value", "a path that ends there"))
     if model is not None and key not in model.model_fields:
-        raise _NoMatchError(Fault(".".join(here), key, "a known key", nearest(key, model.model_fields)))
+        raise _NoMatchError(Problem(".".join(here), key, "a known key", nearest(key, model.model_fields)))
     return [key]
 
 
@@ -152,7 +152,7 @@ def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple
         return [int(key)]
     known = [name for name in ids if name]
     hint = nearest(key, known) or (f"There are {len(part)}: 0 to {len(part) - 1}." if part else "There are none.")
-    raise _NoMatchError(Fault(".".join(here), key, "an id, an index from 0, or *", hint))
+    raise _NoMatchError(Problem(".".join(here), key, "an id, an index from 0, or *", hint))
 
 
 def _ids(part: Sequence[Any], above: tuple[str, ...]) -> list[str]:

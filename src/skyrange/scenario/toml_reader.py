@@ -10,12 +10,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.scenario.buildings import replace_city
-from skyrange.scenario.faults import explain_errors
-from skyrange.scenario.files import locate_files, read_text
-from skyrange.scenario.overrides import override
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.named_files import locate_files, read_text
+from skyrange.scenario.overrides import apply_overrides
+from skyrange.scenario.validation.error_messages import explain_errors
 
 
 def load_file(
@@ -53,13 +53,13 @@ def load_text(
     if buildings is not None:
         data = replace_city(data, buildings)
     overrides = list(overrides)
-    data = override(data, overrides)
+    data = apply_overrides(data, overrides)
     if seed is not None:
         data["seed"] = seed
-    return build(data, f"{who} with --set" if overrides else who, folder)
+    return load_data(data, f"{who} with --set" if overrides else who, folder)
 
 
-def build(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
+def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
     """The scenario that plain data describes. Raises InputError with all faults, those of named files too."""
     data, faults = locate_files(data, Path(folder))
     try:
@@ -81,11 +81,11 @@ def parse_toml(text: str, who: str = "scenario") -> dict[str, Any]:
         raise InputError.one(who, "TOML", "nested too deep", "a scenario") from None
 
 
-def _syntax_fault(message: str, text: str) -> Fault:
+def _syntax_fault(message: str, text: str) -> Problem:
     """Where the parser stopped: it says "… (at line 3, column 5)" or "… (at end of document)"."""
     problem, _, place = message.rpartition(" (at ")
     found = re.match(r"line (\d+), column (\d+)", place)
     lines = text.splitlines() or [""]
     line, column = (int(found[1]), int(found[2])) if found else (len(lines), len(lines[-1]) + 1)
     shown = lines[line - 1].strip() if 0 < line <= len(lines) else ""
-    return Fault(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")
+    return Problem(f"line {line}, column {column}", shown or "(empty)", "valid TOML", f"{problem or message}.")

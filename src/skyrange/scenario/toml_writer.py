@@ -8,7 +8,7 @@ from typing import Any
 
 import tomli_w
 
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
 
 
 def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:

@@ -14,17 +14,17 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
 from skyrange.runtime.run import free_folder
-from skyrange.scenario.catalogue import load as load_scenario
-from skyrange.scenario.schema import Scenario
-from skyrange.scenario.wire import wire
-from skyrange.study.effects import DEPARTED_M, effect_rows, effects_table
-from skyrange.study.pair_folder import ARMS, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
-from skyrange.study.parallel import OnShare, fly_all
-from skyrange.study.separation import NEAR_M
-from skyrange.study.tracing import effects_of, propagation_table, trace
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.measures.separation import NEAR_M
+from skyrange.study.parallel_runs import OnRunProgress, run_all
+from skyrange.study.twins.effects import DEPARTED_M, effect_rows, effects_table
+from skyrange.study.twins.pair_folder import ARMS, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
+from skyrange.study.twins.propagation import effects_of, propagation_table, trace
 
 
 def pair(
@@ -39,7 +39,7 @@ def pair(
     changes: Sequence[str] = (),
     near_m: float = NEAR_M,
     threshold_m: float = DEPARTED_M,
-    on_progress: OnShare | None = None,
+    on_progress: OnRunProgress | None = None,
 ) -> Pair:
     """Run a scenario with its attacks and with all of them muted; the Python equivalent of `skyrange pair`.
 
@@ -60,11 +60,11 @@ def pair(
         what = "all muted" if scenario.attacks else "none"
         raise InputError.one(f"scenario {scenario.name}", "attacks", what, "an attack that acts, to compare with")
     names = [arm for arm in ARMS if sham or arm != "sham"]
-    wire(scenario)  # raises errors in the scenario before a folder is created
+    build(scenario)  # raises errors in the scenario before a folder is created
     folder = _make_folder(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in names]
-    flown = fly_all(
+    flown = run_all(
         [(arm_of(scenario, arm, number), folder / folder_of(arm, number, numbers)) for arm, number in flights],
         jobs,
         on_progress,
@@ -76,20 +76,20 @@ def pair(
         "seeds": numbers,
         "near_m": near_m,
         "threshold_m": threshold_m,
-        "status": "complete" if not any(one.code for one in flown) else "failed",
+        "status": "complete" if not any(one.exit_code for one in flown) else "failed",
         "runs": [
-            {"arm": arm, "seed": number, "folder": folder_of(arm, number, numbers), "error": one.words or None}
+            {"arm": arm, "seed": number, "folder": folder_of(arm, number, numbers), "error": one.message or None}
             for (arm, number), one in zip(flights, flown, strict=True)
         ],
     }
     with atomic_write(folder / MANIFEST) as file:
         file.write(f"{json.dumps(manifest, indent=2)}\n".encode())
-    worst = max(flown, key=lambda one: one.code)
-    if worst.code == ShortfallError.exit_code:
+    worst = max(flown, key=lambda one: one.exit_code)
+    if worst.exit_code == ShortfallError.exit_code:
         raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
-    if worst.code:
+    if worst.exit_code:
         at = flown.index(worst)
-        raise ComponentError(f"run {flights[at][0]}, seed {flights[at][1]}", worst.words)
+        raise ComponentError(f"run {flights[at][0]}, seed {flights[at][1]}", worst.message)
     result = Pair(folder, manifest)
     _write_comparison(result, near_m, threshold_m)
     return result
@@ -130,7 +130,7 @@ def _write_comparison(result: Pair, near_m: float, threshold_m: float) -> None:
                 propagation += sorted([*traced, *effects_of(traced, rows)], key=_time_ns)
     _write(effects_table(effects), result.path / EFFECTS)
     _write(propagation_table(propagation), result.path / PROPAGATION)
-    from skyrange.study.report.comparison import write_comparison
+    from skyrange.study.report.pair.page import write_comparison
 
     write_comparison(result, result.report)
 

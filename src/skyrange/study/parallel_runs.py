@@ -20,21 +20,21 @@ from skyrange.core.compiled import compiled_before
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.scenario.schema import Scenario
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.runs import fly
 
-OnShare = Callable[[int, Time, Time], None]
+OnRunProgress = Callable[[int, Time, Time], None]
 """Callback for progress: (number of the run, current simulated time, simulated end time)."""
 
 _POLL_S = 0.2
 _STEPS = 200  # progress messages per run
 
 
-class Flown(NamedTuple):
+class RunResult(NamedTuple):
     """Result of one run: exit code and message of its error, 0 and "" on success."""
 
-    code: int
-    words: str
+    exit_code: int
+    message: str
 
 
 class _Child(NamedTuple):
@@ -43,9 +43,12 @@ class _Child(NamedTuple):
     inlet: Connection
 
 
-def fly_all(
-    flights: Sequence[tuple[Scenario, Path]], jobs: int = 2, on_progress: OnShare | None = None, report: bool = True
-) -> list[Flown]:
+def run_all(
+    flights: Sequence[tuple[Scenario, Path]],
+    jobs: int = 2,
+    on_progress: OnRunProgress | None = None,
+    report: bool = True,
+) -> list[RunResult]:
     """Run every scenario into its folder, `jobs` at a time; returns the results in order.
 
     If the numeric functions are not compiled yet, the first run starts alone, and the others use what it compiled.
@@ -55,7 +58,7 @@ def fly_all(
         return _run_in_turn(flights, on_progress, report)
     forks = "fork" in multiprocessing.get_all_start_methods()
     context: Any = multiprocessing.get_context("fork" if forks else "spawn")
-    results: list[Flown | None] = [None] * len(flights)
+    results: list[RunResult | None] = [None] * len(flights)
     waiting = list(range(len(flights)))
     children: dict[Connection, _Child] = {}
     flying: set[int] = set()
@@ -85,11 +88,14 @@ def fly_all(
         finally:
             for child in children.values():
                 child.process.terminate()
-    return [Flown(ShortfallError.exit_code, "not flown: interrupted") if one is None else one for one in results]
+    return [RunResult(ShortfallError.exit_code, "not flown: interrupted") if one is None else one for one in results]
 
 
 def _handle_message(
-    children: dict[Connection, _Child], inlet: Connection, results: list[Flown | None], on_progress: OnShare | None
+    children: dict[Connection, _Child],
+    inlet: Connection,
+    results: list[RunResult | None],
+    on_progress: OnRunProgress | None,
 ) -> None:
     """Handle one message of a child: its progress, its result, or the end of its process."""
     child = children[inlet]
@@ -101,9 +107,9 @@ def _handle_message(
         inlet.close()
         if results[child.number] is None:
             words = f"the process of the run ended with code {child.process.exitcode}"
-            results[child.number] = Flown(ComponentError.exit_code, words)
+            results[child.number] = RunResult(ComponentError.exit_code, words)
         return
-    if isinstance(message, Flown):
+    if isinstance(message, RunResult):
         results[child.number] = message
     elif on_progress is not None:
         on_progress(child.number, *message)
@@ -115,30 +121,32 @@ def _interrupt(children: Iterable[_Child]) -> None:
             os.kill(child.process.pid, signal.SIGINT)
 
 
-def _run_in_turn(flights: Sequence[tuple[Scenario, Path]], on_progress: OnShare | None, report: bool) -> list[Flown]:
-    results: list[Flown] = []
+def _run_in_turn(
+    flights: Sequence[tuple[Scenario, Path]], on_progress: OnRunProgress | None, report: bool
+) -> list[RunResult]:
+    results: list[RunResult] = []
     for number, (scenario, folder) in enumerate(flights):
-        if any(one.code == ShortfallError.exit_code for one in results):
-            results.append(Flown(ShortfallError.exit_code, "not flown: interrupted"))
+        if any(one.exit_code == ShortfallError.exit_code for one in results):
+            results.append(RunResult(ShortfallError.exit_code, "not flown: interrupted"))
             continue
         results.append(_run_guarded(scenario, folder, report, _numbered_progress(number, on_progress)))
     return results
 
 
-def _numbered_progress(number: int, on_progress: OnShare | None) -> Callable[[Time, Time], None] | None:
+def _numbered_progress(number: int, on_progress: OnRunProgress | None) -> Callable[[Time, Time], None] | None:
     return None if on_progress is None else lambda now, end: on_progress(number, now, end)
 
 
 def _run_guarded(
     scenario: Scenario, folder: Path, report: bool, on_progress: Callable[[Time, Time], None] | None
-) -> Flown:
+) -> RunResult:
     try:
         fly(scenario, folder, report=report, on_progress=on_progress)
     except SkyrangeError as error:
-        return Flown(error.exit_code, str(error))
+        return RunResult(error.exit_code, str(error))
     except OSError as error:
-        return Flown(ComponentError.exit_code, str(error))
-    return Flown(0, "")
+        return RunResult(ComponentError.exit_code, str(error))
+    return RunResult(0, "")
 
 
 def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bool) -> None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from skyrange.agent.contracts import Observer
-from skyrange.agent.links import AttackPlan, TapPlacement
-from skyrange.agent.monitors import MonitorPlacement
+from skyrange.contracts.components import Observer
+from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.time import Time
 from skyrange.record import RunRecord, load
 from skyrange.runtime.pace import Pace
 from skyrange.runtime.run import OnProgress, Run
 from skyrange.runtime.viewers import Viewers
-from skyrange.scenario.catalogue import load as load_scenario
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load as load_scenario
 
 
 def fly(
@@ -117,7 +117,7 @@ def run(
     `scenario` is a `Scenario`, the name of a shipped scenario, or a TOML file. `out` defaults to the first free folder
     of `runs/<name>`, `runs/<name>-2` … `seed`, `buildings` and `changes` (`path=value`, as for `--set`) apply to names
     and files; a `Scenario` is run unchanged. `taps`, `attacks` and `monitors` are placed on links by name or pattern.
-    `observers` (`agent.contracts.Observer`) see every frame, note, label and tick, and alter nothing. `viewers`
+    `observers` (`contracts.components.Observer`) see every frame, note, label and tick, and alter nothing. `viewers`
     (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is `--allow-motion`:
     together with the scenario's `allow_motion` it lets external vehicles move.
     """

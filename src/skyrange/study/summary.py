@@ -6,9 +6,9 @@ from typing import Any
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
-from skyrange.study.linkstats import link_stats
-from skyrange.study.marks import alarming, said, told_once, undoing
-from skyrange.study.series import EMPTY_TRACK, happenings, truth_tracks
+from skyrange.study.measures.link_statistics import link_statistics
+from skyrange.study.measures.mishaps import describe_mishap, distinct_mishaps, first_mishaps, mishap_kind
+from skyrange.study.measures.time_series import EMPTY_TRACK, read_notes, truth_tracks
 
 
 def summary(record: RunRecord) -> dict[str, Any]:
@@ -22,11 +22,11 @@ def summary(record: RunRecord) -> dict[str, Any]:
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
-    links = link_stats(record)
+    links = link_statistics(record)
     downlinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
     outcomes = record.outcomes
-    events = happenings(record, "events")
-    ends = undoing(events)
+    events = read_notes(record, "events")
+    ends = first_mishaps(events)
     vehicles = []
     for vehicle in manifest.get("vehicles") or []:
         name = vehicle["id"]
@@ -51,12 +51,12 @@ def summary(record: RunRecord) -> dict[str, Any]:
     mishaps = [
         {
             "time_s": row.time_ns / NS_PER_S,
-            "kind": alarming(row),
+            "kind": mishap_kind(row),
             "vehicle": row.about,
             "data": dict(row.data),
-            "words": said(row),
+            "words": describe_mishap(row),
         }
-        for row in told_once(events)
+        for row in distinct_mishaps(events)
     ]
     digests = manifest.get("digests") or {}
     report = record.path / "report.html"

@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.testing.agents import check_agent
-    from skyrange.testing.approval_services import check_approval
-    from skyrange.testing.attacks import check_attack
-    from skyrange.testing.avoidance import check_avoidance
-    from skyrange.testing.engines import check_engine
-    from skyrange.testing.mail import Letter, Postbag
-    from skyrange.testing.media import check_medium
-    from skyrange.testing.monitors import check_monitor
+    from skyrange.testing.checks.agents import check_agent
+    from skyrange.testing.checks.approval_services import check_approval
+    from skyrange.testing.checks.attacks import check_attack
+    from skyrange.testing.checks.avoidance import check_avoidance
+    from skyrange.testing.checks.engines import check_engine
+    from skyrange.testing.checks.media import check_medium
+    from skyrange.testing.checks.monitors import check_monitor
+    from skyrange.testing.checks.taps import check_tap
+    from skyrange.testing.drivers.messages import InputMessage, MessageRecorder
     from skyrange.testing.rules import NonConformance
-    from skyrange.testing.taps import check_tap
 
 __all__ = [
-    "Letter",
+    "InputMessage",
+    "MessageRecorder",
     "NonConformance",
-    "Postbag",
     "check_agent",
     "check_approval",
     "check_attack",

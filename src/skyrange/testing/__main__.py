@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyrange.testing.agents import AGENT
-from skyrange.testing.approval_services import SERVICE
-from skyrange.testing.approvals import APPROVAL
-from skyrange.testing.attacks import ATTACK
-from skyrange.testing.avoidance import AVOIDANCE
-from skyrange.testing.engines import ENGINE
-from skyrange.testing.media import MEDIUM
-from skyrange.testing.monitors import MONITOR
+from skyrange.testing.checks.agents import AGENT
+from skyrange.testing.checks.approval_policies import APPROVAL
+from skyrange.testing.checks.approval_services import SERVICE
+from skyrange.testing.checks.attacks import ATTACK
+from skyrange.testing.checks.avoidance import AVOIDANCE
+from skyrange.testing.checks.engines import ENGINE
+from skyrange.testing.checks.media import MEDIUM
+from skyrange.testing.checks.monitors import MONITOR
+from skyrange.testing.checks.taps import TAP
 from skyrange.testing.rules import RuleBook
-from skyrange.testing.taps import TAP
 
 BOOKS: dict[str, RuleBook[Any]] = {
     "Agents: `check_agent`": AGENT,

@@ -1,6 +1,6 @@
 """Rules of contracts, books of rules, and the error that says which one is broken.
 
-A rule has an id (`agent.pure`), a sentence, and a check: a function of a case that raises `Broken`.
+A rule has an id (`contracts.pure`), a sentence, and a check: a function of a case that raises `Broken`.
 A `RuleBook` holds the rules of one kind of component in the order in which they are checked.
 """
 

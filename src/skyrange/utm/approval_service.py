@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from hashlib import blake2b
 from typing import Any
 
-from skyrange.agent.messages import Arrival, Inbox, Outbox
-from skyrange.agent.settings import Params
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.params import Params
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import APPROVAL, Port, link_name, operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time

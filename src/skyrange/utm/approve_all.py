@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hashlib import blake2b
 
-from skyrange.agent.plugins import NoParams
+from skyrange.contracts.plugins import NoParams
 from skyrange.core.time import Time
-from skyrange.utm.contract import Decision, Intent
-from skyrange.utm.service import policy_plugin
+from skyrange.utm.approval_service import policy_plugin
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 
 
 class ApproveAll:
@@ -15,9 +15,9 @@ class ApproveAll:
 
     kind = "approve-all"
 
-    def decide(self, now: Time, request: Intent) -> Decision:
+    def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         """Accepted, with an OVN that is a digest of the request's content."""
-        return Decision(accepted=True, ovn=blake2b(repr(request).encode(), digest_size=16).hexdigest())
+        return ApprovalDecision(accepted=True, ovn=blake2b(repr(request).encode(), digest_size=16).hexdigest())
 
 
 APPROVE_ALL = policy_plugin(NoParams, lambda params: ApproveAll(), "Accepts every flight plan.")

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_US, Epoch, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import Decision, Intent
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 
 MAX_FRAME_BYTES = 1_048_576
 """Longest frame that is looked at. A leg takes about 1.2 kB, so this holds the longest mission (700 items)."""
@@ -158,7 +158,7 @@ class Request(_Model):
         return self
 
     @classmethod
-    def of(cls, intent: Intent, epoch: Epoch) -> Request:
+    def of(cls, intent: OperationalIntent, epoch: Epoch) -> Request:
         """The message that asks for `intent`."""
         return cls(
             path=PATH + intent.id,
@@ -171,11 +171,11 @@ class Request(_Model):
             ),
         )
 
-    def intent(self, epoch: Epoch) -> Intent:
+    def intent(self, epoch: Epoch) -> OperationalIntent:
         """What is asked for, on the scenario's clock."""
         body = self.body
         volumes = tuple(volume.volume4d(epoch) for volume in body.volumes)
-        return Intent(body.id, body.operator, body.vehicle, volumes, body.priority)
+        return OperationalIntent(body.id, body.operator, body.vehicle, volumes, body.priority)
 
 
 class DecisionBody(_Model):
@@ -202,7 +202,7 @@ class Response(_Model):
     body: DecisionBody | ErrorBody
 
     @classmethod
-    def of(cls, intent_id: str, decision: Decision, epoch: Epoch) -> Response:
+    def of(cls, intent_id: str, decision: ApprovalDecision, epoch: Epoch) -> Response:
         """The message that tells `decision`."""
         return cls(
             status=200,

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from skyrange.agent.contracts import Engine
-from skyrange.agent.plugins import AUTOPILOTS, Plugin
-from skyrange.codec.signing import SigningKey
+from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.contracts.components import Engine
+from skyrange.contracts.plugins import AUTOPILOTS, Plugin
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch

@@ -11,10 +11,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.links import Channel, LinkSpec, Route
-from skyrange.agent.payloads import Payloads
-from skyrange.codec.columns import message_ids
 from skyrange.codec.mavlink import dialect, message_id
+from skyrange.codec.mavlink.message_columns import message_ids
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.links import Channel, LinkSpec, Route
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
@@ -74,7 +74,7 @@ _IS_RID: Final = np.array([number in RID_MESSAGES for number in range(max(RID_ME
 for_remote_id: Final = _ForRemoteId()
 
 
-def routes(vehicle: str) -> list[Route]:
+def onboard_routes(vehicle: str) -> list[Route]:
     """The routes of a vehicle's proxy and companion, which forward frames unaltered."""
     proxy, companion = endpoint(vehicle, "proxy"), endpoint(vehicle, "companion")
     autopilot, log = link_name("autopilot", vehicle), link_name("log", vehicle)
@@ -88,7 +88,7 @@ def routes(vehicle: str) -> list[Route]:
     ]
 
 
-def links(vehicle: str, operator: str) -> list[LinkSpec]:
+def onboard_links(vehicle: str, operator: str) -> list[LinkSpec]:
     """The four links of one vehicle and its operator's ground station, with default channels."""
     ends = {
         "gcs": (endpoint(operator, "gcs"), endpoint(vehicle, "companion")),
@@ -99,7 +99,7 @@ def links(vehicle: str, operator: str) -> list[LinkSpec]:
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]
 
 
-def air_links(vehicle: str) -> list[LinkSpec]:
+def oracle_links(vehicle: str) -> list[LinkSpec]:
     """The two links between one vehicle's companion and the oracle, with default channels."""
     ends = {"rid_up": (endpoint(vehicle, "companion"), ORACLE), "rid_down": (ORACLE, endpoint(vehicle, "companion"))}
     return [LinkSpec(link_name(kind, vehicle), a, b, CHANNELS[kind]) for kind, (a, b) in ends.items()]

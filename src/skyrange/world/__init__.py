@@ -9,7 +9,7 @@ from skyrange.world.wind import Wind
 
 if TYPE_CHECKING:
     from skyrange.world.bodies import Body
-    from skyrange.world.sensors import SensorSpec
+    from skyrange.world.sensing.sensors import SensorSpec
     from skyrange.world.world import World
 
 __all__ = ["AIRFRAMES", "Airframe", "Body", "Rotor", "SensorSpec", "Wind", "World"]
@@ -26,7 +26,7 @@ def __getattr__(name: str) -> object:
 
         return world.World
     if name == "SensorSpec":
-        from skyrange.world import sensors
+        from skyrange.world.sensing import sensors
 
         return sensors.SensorSpec
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS, Airframe
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ def battery_row(airframe: Airframe) -> list[float]:
     ]
 
 
-@kernel
+@compiled
 def resting_v(charge: float) -> float:
     """Voltage of a resting cell, linear between the table's rows."""
     row = RESTING.shape[0] - 2
@@ -68,7 +68,7 @@ def resting_v(charge: float) -> float:
     return volts
 
 
-@kernel
+@compiled
 def discharge(
     step_s: float,
     parameters: Floats,

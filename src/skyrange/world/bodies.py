@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import Time
 from skyrange.world.airframes import AIRFRAMES
-from skyrange.world.wind import Wind, faults_of
+from skyrange.world.wind import Wind, check_wind
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -39,11 +39,11 @@ def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: Cit
     seen: set[str] = set()
     for body in bodies:
         if body.vehicle in seen:
-            faults.append(Fault(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
+            faults.append(Problem(f"{body.vehicle}.vehicle", repr(body.vehicle), "an id not used by another vehicle"))
         seen.add(body.vehicle)
         if body.airframe not in AIRFRAMES:
             faults.append(
-                Fault(
+                Problem(
                     f"{body.vehicle}.airframe",
                     repr(body.airframe),
                     "a known airframe",
@@ -53,19 +53,19 @@ def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: Cit
         for name in ("east_m", "north_m", "up_m", "heading_deg"):
             value = getattr(body, name)
             if not math.isfinite(value):
-                faults.append(Fault(f"{body.vehicle}.{name}", repr(value), "a finite number"))
+                faults.append(Problem(f"{body.vehicle}.{name}", repr(value), "a finite number"))
         if not 0.0 <= body.charge <= 1.0:
-            faults.append(Fault(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
+            faults.append(Problem(f"{body.vehicle}.charge", repr(body.charge), "0 (empty) to 1 (full)"))
         if body.up_m < 0.0:
-            faults.append(Fault(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
+            faults.append(Problem(f"{body.vehicle}.up_m", repr(body.up_m), "0 (on the ground) or more metres"))
         place = (body.east_m, body.north_m, body.up_m)
         building = city.inside(*place) if city is not None and all(map(math.isfinite, place)) else None
         if building is not None:
-            faults.append(Fault(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
+            faults.append(Problem(body.vehicle, f"{place} m", f"a place outside buildings; {building.id} stands there"))
     if not bodies:
-        faults.append(Fault("bodies", "none", "at least one aircraft"))
+        faults.append(Problem("bodies", "none", "at least one aircraft"))
     if quantum_ns <= 0:
-        faults.append(Fault("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
-    faults += faults_of(wind)
+        faults.append(Problem("quantum_ns", repr(quantum_ns), "a positive number of nanoseconds"))
+    faults += check_wind(wind)
     if faults:
         raise InputError("world", faults)

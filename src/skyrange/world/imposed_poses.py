@@ -21,12 +21,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Poses
-from skyrange.core.compiled import kernel
+from skyrange.contracts.components import Floats, Poses
+from skyrange.core.compiled import compiled
 from skyrange.world import multirotor
 from skyrange.world.airframes import GRAVITY_MPS2
-from skyrange.world.multirotor import ALOFT, BROKEN, CRASHED, EVENTS, HARD_MPS, JUMPED, ON_GROUND, TIPPED, TOUCHED
-from skyrange.world.nearness import NEAR_M
+from skyrange.world.collision.broad_phase import NEAR_M
+from skyrange.world.multirotor import (
+    ALOFT,
+    BROKEN,
+    CRASHED,
+    EVENTS,
+    JUMPED,
+    MAX_TOUCHDOWN_MPS,
+    ON_GROUND,
+    TIPPED,
+    TOUCHED,
+)
 
 Ints = NDArray[np.int64]
 Marks = NDArray[np.uint8]
@@ -38,11 +48,11 @@ JUMP_M = 0.5 * NEAR_M
 is hit. The list of near pairs is valid only for ticks in which two aircraft come at most `NEAR_M` closer."""
 STAND_M = 0.02
 """Gear this close to the ground counts as standing: ArduPilot reports heights in whole centimetres."""
-MOST_M = 1e6
+MAX_M = 1e6
 """Limit of a coordinate; a pose beyond it results from wrong units or a wrong origin, as do values beyond the next
 two."""
-MOST_MPS = 1e3
-MOST_RADPS = 1e3
+MAX_MPS = 1e3
+MAX_RADPS = 1e3
 _MAX_STEP_M = 1.0  # after a longer step another floor may be below
 _UNIT = 0.01  # how far from 1 a quaternion's length may be
 
@@ -50,19 +60,19 @@ _POSITION, _VELOCITY, _ATTITUDE, _RATES, _CHANGE, _NUMBERS = 0, 3, 6, 10, 13, 16
 """Columns of the table of poses; CHANGE is the change of velocity since the previous pose, per second."""
 _FINE, _NOT_IMPOSED, _BAD_POSITION, _BAD_VELOCITY, _BAD_ATTITUDE, _BAD_RATES = range(6)
 _WRONG = {
-    _BAD_POSITION: ("position_enu_m", f"finite metres, at most {MOST_M:g}"),
-    _BAD_VELOCITY: ("vel_enu_mps", f"finite m/s, at most {MOST_MPS:g}"),
+    _BAD_POSITION: ("position_enu_m", f"finite metres, at most {MAX_M:g}"),
+    _BAD_VELOCITY: ("vel_enu_mps", f"finite m/s, at most {MAX_MPS:g}"),
     _BAD_ATTITUDE: ("attitude", f"a quaternion of length 1, to {_UNIT:g}"),
-    _BAD_RATES: ("rates_radps", f"finite rad/s, at most {MOST_RADPS:g}"),
+    _BAD_RATES: ("rates_radps", f"finite rad/s, at most {MAX_RADPS:g}"),
 }
 
 
-class Imposed:
+class ImposedPoses:
     """The imposed poses of a world's n bodies. Deep copies continue alike."""
 
     def __init__(self, count: int, step_s: float) -> None:
         self._step_s = step_s
-        self.led: Marks = np.zeros(count, dtype=np.uint8)
+        self.is_imposed: Marks = np.zeros(count, dtype=np.uint8)
         """(n,) 1 if the pose is imposed."""
         self.rows: Ints = np.zeros(0, dtype=np.int64)
         """The rows whose pose is imposed."""
@@ -72,16 +82,16 @@ class Imposed:
         self._pending = np.zeros(count, dtype=np.uint8)
         self._since = np.zeros(count, dtype=np.int64)
 
-    def set_led(self, rows: Ints, led: bool, velocity: Floats) -> None:
+    def set_imposed(self, rows: Ints, is_imposed: bool, velocity: Floats) -> None:
         """Set whether the poses of some bodies are imposed from now on; `velocity` (n, 3) is their current one."""
-        self.led[rows] = led
-        self.rows = np.flatnonzero(self.led)
+        self.is_imposed[rows] = is_imposed
+        self.rows = np.flatnonzero(self.is_imposed)
         self._pending[rows] = 0
         self._since[rows] = 0
         self._poses[rows] = 0.0
         self._poses[rows, _VELOCITY:_ATTITUDE] = velocity[rows]
 
-    def take(self, rows: Ints, poses: Poses, vehicles: Sequence[str]) -> None:
+    def accept(self, rows: Ints, poses: Poses, vehicles: Sequence[str]) -> None:
         """Keep the fresh poses for the next tick. Raises `ValueError` for an invalid pose, and then takes none."""
         fresh = np.ascontiguousarray(poses.fresh, dtype=np.bool_)
         arrays = (poses.position_enu_m, poses.vel_enu_mps, poses.attitude, poses.rates_radps)
@@ -90,7 +100,7 @@ class Imposed:
         wanted = [(len(rows),), *((len(rows), width) for width in (3, 3, 4, 3))]
         if shapes != wanted:
             raise ValueError(f"imposed poses of the shapes {shapes}, expected {wanted}")
-        row, wrong = _find_invalid(rows, self.led, fresh, position, velocity, attitude, rates)
+        row, wrong = _find_invalid(rows, self.is_imposed, fresh, position, velocity, attitude, rates)
         if wrong == _NOT_IMPOSED:
             raise ValueError(f"imposed a pose on {vehicles[rows[row]]}, which the world moves")
         if wrong != _FINE:
@@ -108,7 +118,7 @@ class Imposed:
         return int(follow(self._step_s, self.rows, self._poses, self._pending, self._since, self.jump_m, *state))
 
 
-@kernel
+@compiled
 def _beyond(vector: Floats, most: float) -> bool:
     """Whether any component exceeds `most` or is not a number."""
     beyond = False
@@ -117,10 +127,10 @@ def _beyond(vector: Floats, most: float) -> bool:
     return beyond
 
 
-@kernel
+@compiled
 def _find_invalid(
     rows: Ints,
-    led: Marks,
+    is_imposed: Marks,
     fresh: NDArray[np.bool_],
     position: Floats,
     velocity: Floats,
@@ -131,23 +141,23 @@ def _find_invalid(
     for k in range(rows.shape[0]):
         if not fresh[k]:
             continue
-        if not led[rows[k]]:
+        if not is_imposed[rows[k]]:
             return k, _NOT_IMPOSED
-        if _beyond(position[k], MOST_M):
+        if _beyond(position[k], MAX_M):
             return k, _BAD_POSITION
-        if _beyond(velocity[k], MOST_MPS):
+        if _beyond(velocity[k], MAX_MPS):
             return k, _BAD_VELOCITY
         square = 0.0
         for axis in range(4):
             square += attitude[k, axis] * attitude[k, axis]
         if not abs(math.sqrt(square) - 1.0) <= _UNIT:
             return k, _BAD_ATTITUDE
-        if _beyond(rates[k], MOST_RADPS):
+        if _beyond(rates[k], MAX_RADPS):
             return k, _BAD_RATES
     return 0, _FINE
 
 
-@kernel
+@compiled
 def _accept(
     step_s: float,
     rows: Ints,
@@ -182,7 +192,7 @@ def _accept(
             poses[i, _RATES + axis] = rates[k, axis]
 
 
-@kernel
+@compiled
 def follow(
     step_s: float,
     rows: Ints,
@@ -202,14 +212,15 @@ def follow(
     impact_mps: Floats,
     height: Floats,
     before: Floats,
-    way: Floats,
-    stride: Floats,
+    odometer_m: Floats,
+    max_step2_m2: Floats,
 ) -> int:
     """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns the number of flagged
     events.
 
     `poses` (n, 16), `pending` (n,) 1 where a pose waits, `since` (n,) ticks since the last one, `jump_m` (n,) receives
-    the distance of a jump; the rest as in `multirotor.advance`, whose `stride` grows where one of these moved farther.
+    the distance of a jump; the rest as in `multirotor.advance`, whose `max_step2_m2` grows where one of these moved
+    farther.
     """
     events = 0
     for k in range(rows.shape[0]):
@@ -257,7 +268,7 @@ def follow(
         nx += velocity[i, 0] * step_s
         ny += velocity[i, 1] * step_s
         nz = max(nz + velocity[i, 2] * step_s, ground)  # no body is below the ground
-        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.turned(
+        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.rotate_attitude(
             qw, qx, qy, qz, step_s * rates[i, 0], step_s * rates[i, 1], step_s * rates[i, 2]
         )
 
@@ -273,7 +284,7 @@ def follow(
             impact_mps[i] = math.sqrt(max(fell, falls))  # the pose on the ground may have lost its speed already
             flags[i, EVENTS] |= TOUCHED
             events += 1
-            if impact_mps[i] > HARD_MPS and not flags[i, CRASHED]:
+            if impact_mps[i] > MAX_TOUCHDOWN_MPS and not flags[i, CRASHED]:
                 flags[i, EVENTS] |= BROKEN
                 flags[i, CRASHED] = 1
         if standing and r22 < parameters[airframe[i], multirotor.TIP_COS] and not flags[i, CRASHED]:
@@ -282,8 +293,8 @@ def follow(
             events += 1
 
         dx, dy, dz = nx - px, ny - py, nz - pz
-        way[i] += abs(dx) + abs(dy) + abs(dz)
-        stride[0] = max(stride[0], dx * dx + dy * dy + dz * dz)
+        odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
+        max_step2_m2[0] = max(max_step2_m2[0], dx * dx + dy * dy + dz * dz)
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         if jumped:
             before[i, 0], before[i, 1], before[i, 2] = nx, ny, nz

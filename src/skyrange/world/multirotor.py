@@ -23,7 +23,7 @@ Ground: a plane at the height of the `floor` below each aircraft, hit without bo
 fall; friction removes at most `friction` times it from the sliding speed; the gear removes at most its lever arm times
 it from roll and pitch rates and brings the aircraft level, so a take-off with enough torque does tip over. If the
 aircraft tilts beyond the tip angle on the ground, the propellers strike and break: it has crashed and stays down. The
-same happens after a touchdown faster than `HARD_MPS`.
+same happens after a touchdown faster than `MAX_TOUCHDOWN_MPS`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2, MOTORS, Airframe
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,7 @@ ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
 TOUCHED, TIPPED, BROKEN, JUMPED = 1, 2, 4, 8
 """Bits of EVENTS: a touchdown; tipping over on the ground; a touchdown too hard to survive; an
 imposed pose far away."""
-HARD_MPS = 3.117
+MAX_TOUCHDOWN_MPS = 3.117
 """A faster touchdown breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times 13 inches
 (14 CFR 27.727, 27.725), the most that a rotorcraft's landing gear has to withstand."""
 REARM_M = 0.05  # height to climb before a touchdown counts as another one
@@ -58,8 +58,8 @@ _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per
 
 
 def motor_rows(airframe: Airframe, step_s: float) -> tuple[float, float, float]:
-    """What `spin` reads of a motor: thrust curve, and the lag's share per quantum of `step_s`, speeding up and slowing
-    down.
+    """What `spin_rotors` reads of a motor: thrust curve, and the lag's share per quantum of `step_s`, speeding up and
+    slowing down.
     """
     up, down = -math.expm1(-step_s / airframe.tau_up_s), -math.expm1(-step_s / airframe.tau_down_s)
     return airframe.thrust_expo, up, down
@@ -86,7 +86,7 @@ def parameter_row(airframe: Airframe) -> list[float]:
     ]
 
 
-@kernel
+@compiled
 def _toward(rate: float, target: float, limit: float) -> float:
     """`rate` moved towards `target` by at most `limit`."""
     change = target - rate
@@ -97,8 +97,10 @@ def _toward(rate: float, target: float, limit: float) -> float:
     return rate + change
 
 
-@kernel
-def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands: Floats, rotor_radps: Floats) -> None:
+@compiled
+def spin_rotors(
+    expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands: Floats, rotor_radps: Floats
+) -> None:
     """Rotor speeds of all motors after a quantum; flat arrays, one number per motor. Straight-line code, so it is
     vectorised.
     """
@@ -112,8 +114,8 @@ def spin(expo: Floats, lag_up: Floats, lag_down: Floats, limit: Floats, commands
         rotor_radps[k] = speed if speed >= _NEGLIGIBLE else 0.0
 
 
-@kernel
-def turned(
+@compiled
+def rotate_attitude(
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
     """An attitude rotated by a body vector: the quaternion exponential's series to fourth order, normalised."""
@@ -133,7 +135,7 @@ def turned(
     return nw * norm, nx * norm, ny * norm, nz * norm
 
 
-@kernel
+@compiled
 def _land(
     i: int,
     step_s: float,
@@ -168,7 +170,7 @@ def _land(
         flags[i, EVENTS] |= TOUCHED
         impact_mps[i] = math.sqrt(nvx * nvx + nvy * nvy + nvz * nvz)
         events += 1
-        if impact_mps[i] > HARD_MPS and not flags[i, CRASHED]:
+        if impact_mps[i] > MAX_TOUCHDOWN_MPS and not flags[i, CRASHED]:
             flags[i, EVENTS] |= BROKEN
             broken = True
     impulse = -nvz  # of the ground, per mass
@@ -212,14 +214,14 @@ def _land(
             alive[i, m] = 0
             limit[i, m] = 0.0
     half = 0.5 * step_s
-    attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = turned(
+    attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = rotate_attitude(
         qw, qx, qy, qz, half * (rates[i, 0] + nwx), half * (rates[i, 1] + nwy), half * (rates[i, 2] + nwz)
     )
     rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz
     return events
 
 
-@kernel
+@compiled
 def advance(
     step_s: float,
     parameters: Floats,
@@ -243,9 +245,9 @@ def advance(
     height: Floats,
     work_j: Floats,
     before: Floats,
-    way: Floats,
-    stride: Floats,
-    led: NDArray[np.uint8],
+    odometer_m: Floats,
+    max_step2_m2: Floats,
+    is_imposed: NDArray[np.uint8],
 ) -> int:
     """Move every aircraft by one quantum; returns the number of events it flagged.
 
@@ -255,11 +257,11 @@ def advance(
     `rotor_radps` (n, motors), `position`, `velocity` (n, 3) east-north-up, `attitude` (n, 4) body to local, `rates`
     and `accel` (specific force) (n, 3) forward-left-up, `flags` (n, 4). `impact_mps` (n,) receives the speed of a
     touchdown, `height` (n,) the height above the floor; `work_j` (n,) gains the rotors' work against the air; `before`
-    (n, 3) receives the old positions; `way` (n,) gains an upper bound of the distance moved (the sum over the axes,
-    which needs no root), and `stride` (1,) receives the square of the longest distance that any aircraft moved. Where
-    `led` (n,) is not 0 only the rotors turn: `imposed.follow` moves the body.
+    (n, 3) receives the old positions; `odometer_m` (n,) gains an upper bound of the distance moved (the sum over the
+    axes, which needs no root), and `max_step2_m2` (1,) receives the square of the longest distance that any aircraft
+    moved. Where `is_imposed` (n,) is not 0 only the rotors turn: `imposed_poses.follow` moves the body.
     """
-    spin(
+    spin_rotors(
         expo.reshape(-1),
         lag_up.reshape(-1),
         lag_down.reshape(-1),
@@ -295,7 +297,7 @@ def advance(
             torque_y -= parameters[a, _FORWARD + m] * force
             torque_z -= parameters[a, _SPIN + m] * parameters[a, _ARM] * force
         work_j[i] += parameters[a, _ARM] * cubes * step_s
-        if led[i]:
+        if is_imposed[i]:
             continue
 
         # forces in the body, from the air's velocity across it
@@ -348,7 +350,7 @@ def advance(
             )  # fmt: skip
             height[i] = 0.0
             dx, dy, dz = position[i, 0] - px, position[i, 1] - py, position[i, 2] - pz
-            way[i] += abs(dx) + abs(dy) + abs(dz)
+            odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
             continue
         flags[i, ON_GROUND] = 0
@@ -356,15 +358,15 @@ def advance(
         nx = px + 0.5 * (vx + nvx) * step_s
         ny = py + 0.5 * (vy + nvy) * step_s
         dx, dy, dz = nx - px, ny - py, nz - pz
-        way[i] += abs(dx) + abs(dy) + abs(dz)
+        odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
         longest = max(longest, dx * dx + dy * dy + dz * dz)
         height[i] = nz - ground
         position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
         velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz
         accel[i, 0], accel[i, 1], accel[i, 2] = ax, ay, az
-        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = turned(
+        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = rotate_attitude(
             qw, qx, qy, qz, half * (wx + nwx), half * (wy + nwy), half * (wz + nwz)
         )
         rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz
-    stride[0] = longest
+    max_step2_m2[0] = longest
     return events

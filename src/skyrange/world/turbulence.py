@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.chance import philox
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 Words = NDArray[np.uint64]
@@ -55,7 +55,7 @@ _ROOT3 = math.sqrt(3.0)
 _PER_ROOT2 = math.sqrt(0.5)
 
 
-@kernel
+@compiled
 def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]:
     """σ_u = σ_v and σ_w in m/s, L_u = L_v and L_w in metres, at a height above the ground."""
     feet = min(max(height_m * _FEET, _LOWEST_FT), _HIGHEST_FT)
@@ -65,7 +65,7 @@ def scales(height_m: float, w20_mps: float) -> tuple[float, float, float, float]
     return sigma_w / stretch, sigma_w, feet / (stretch * stretch * stretch * _FEET), feet / _FEET
 
 
-@kernel
+@compiled
 def _normal_pair(word: np.uint64) -> tuple[float, float]:
     """Two independent standard normals from one random word (Box & Muller 1958), within 6.7 sigma."""
     radius = math.sqrt(-2.0 * math.log(((word >> _32) + 1.0) * _UNIT))
@@ -73,7 +73,7 @@ def _normal_pair(word: np.uint64) -> tuple[float, float]:
     return radius * math.cos(angle), radius * math.sin(angle)
 
 
-@kernel
+@compiled
 def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: float) -> tuple[float, float]:
     """One exact step of the chain T·p' = -p + noise, T·q' = -q + p with unit variance of p.
 
@@ -90,7 +90,7 @@ def _step_chain(first: float, second: float, a: float, d: float, n1: float, n2: 
     return a * first + l11 * n1, a * (second + d * first) + l21 * n1 + l22 * n2
 
 
-@kernel
+@compiled
 def gust(
     start: bool,
     step_s: float,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from skyrange.core.errors import Fault
+from skyrange.core.errors import Problem
 
-MOST_MPS = 60.0
+MAX_MPS = 60.0
 """More than any wind in which a multirotor flies."""
 
 
@@ -26,11 +26,11 @@ class Wind:
 CALM = Wind()
 
 
-def faults_of(wind: Wind) -> list[Fault]:
+def check_wind(wind: Wind) -> list[Problem]:
     """What is wrong with the parameters."""
     faults = []
     if len(wind.steady_enu_mps) != 3 or not all(math.isfinite(part) for part in wind.steady_enu_mps):
-        faults.append(Fault("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))
-    if not 0.0 <= wind.turbulence_mps <= MOST_MPS:
-        faults.append(Fault("wind.turbulence_mps", repr(wind.turbulence_mps), f"0 (none) to {MOST_MPS:g} m/s"))
+        faults.append(Problem("wind.steady_enu_mps", repr(wind.steady_enu_mps), "three finite numbers in m/s"))
+    if not 0.0 <= wind.turbulence_mps <= MAX_MPS:
+        faults.append(Problem("wind.turbulence_mps", repr(wind.turbulence_mps), f"0 (none) to {MAX_MPS:g} m/s"))
     return faults

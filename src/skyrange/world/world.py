@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Poses, Sensors, Source
-from skyrange.agent.messages import Note
+from skyrange.contracts.components import Floats, Poses, Sensors, Source
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.world import battery, multirotor, turbulence
 from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.bodies import Body, check_bodies
-from skyrange.world.collisions import Bodies
-from skyrange.world.contacts import Contacts
-from skyrange.world.imposed import Imposed
-from skyrange.world.nearness import shape_row
-from skyrange.world.sensors import IDEAL, Sensing, SensorSpec
+from skyrange.world.collision.broad_phase import shape_row
+from skyrange.world.collision.contact_tracker import ContactTracker
+from skyrange.world.collision.response import CollisionState
+from skyrange.world.imposed_poses import ImposedPoses
+from skyrange.world.sensing.sensors import IDEAL, SensorSpec, SensorSuite
 from skyrange.world.wind import CALM, Wind
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ _NO_CHANCE = Chance(0)
 
 
 class World:
-    """Truth: bodies in wind over flat ground and among buildings (the contract `skyrange.agent.contracts.World`).
+    """Truth: bodies in wind over flat ground and among buildings (the contract `skyrange.contracts.components.World`).
 
     The first `advance` sets the time of the initial state and moves nothing. Deep copies are independent and continue
     identically; the immutable city is shared between them.
@@ -78,8 +78,8 @@ class World:
         self._height = np.zeros(n)
         self._floor = np.zeros(n)
         self._before = self._position.copy()
-        self._way = np.zeros(n)
-        self._stride = np.zeros(1)
+        self._odometer_m = np.zeros(n)
+        self._max_step2_m2 = np.zeros(1)
         self._wind = wind
         self._steady = np.array(wind.steady_enu_mps, dtype=np.float64)
         self._air = np.tile(self._steady, (n, 1))
@@ -96,12 +96,12 @@ class World:
         self._alive = np.ones((n, MOTORS), dtype=np.uint8)
         self._limit = np.zeros((n, MOTORS))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
-        self._imposed = Imposed(n, step_s)
+        self._imposed = ImposedPoses(n, step_s)
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
-        self._contacts = Contacts(self.vehicles, city)
-        self._sensing = Sensing(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
+        self._contact_tracker = ContactTracker(self.vehicles, city)
+        self._sensing = SensorSuite(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
         self._bind()
-        self._contacts.begin(self._bodies)
+        self._contact_tracker.begin(self._bodies)
         self._discharge(0.0)
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
@@ -142,9 +142,9 @@ class World:
             self._height,
             self._work_j,
             self._before,
-            self._way,
-            self._stride,
-            self._imposed.led,
+            self._odometer_m,
+            self._max_step2_m2,
+            self._imposed.is_imposed,
         )
         self._followed: tuple[Any, ...] = (
             self._parameters,
@@ -159,10 +159,10 @@ class World:
             self._impact_mps,
             self._height,
             self._before,
-            self._way,
-            self._stride,
+            self._odometer_m,
+            self._max_step2_m2,
         )
-        self._bodies = Bodies(
+        self._bodies = CollisionState(
             self._before,
             self._position,
             self._velocity,
@@ -173,10 +173,10 @@ class World:
             self._limit,
             self._floor,
             self._alive,
-            self._way,
+            self._odometer_m,
             self._shape,
             self._airframe,
-            self._imposed.led,
+            self._imposed.is_imposed,
             self._flags,
         )
         self._sensing.bind(self._sensed_state(), self._commands, self._power_state())
@@ -198,8 +198,8 @@ class World:
         Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for another;
         `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the speed is its
         last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each aircraft in
-        it (see `contacts`); `event.jump` {distance_m} where an imposed pose was far away. Raises `ValueError` if `now`
-        is before the last tick.
+        it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose was far away. Raises
+        `ValueError` if `now` is before the last tick.
         """
         if self._now is None:
             self._now = self._discharged_ns = now
@@ -227,7 +227,7 @@ class World:
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             self._discharge((end - self._discharged_ns) / NS_PER_S)
             self._discharged_ns = end
-        collided = self._contacts.look(end, self._step_s, float(self._stride[0]), self._bodies)
+        collided = self._contact_tracker.resolve_tick(end, self._step_s, float(self._max_step2_m2[0]), self._bodies)
         if events == 0:
             return collided
         return [*collided, *self._notes()]
@@ -300,7 +300,7 @@ class World:
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
         """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
-        self._imposed.set_led(rows, source is not Source.DYNAMIC, self._velocity)
+        self._imposed.set_imposed(rows, source is not Source.DYNAMIC, self._velocity)
         self._commands[rows] = 0.0
         sources = list(self._sources)
         for row in rows.tolist():
@@ -308,11 +308,12 @@ class World:
         self._sources = tuple(sources)
 
     def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
-        """Set the current pose of bodies that are not dynamic; the next tick continues from there (see `imposed`).
+        """Set the current pose of bodies that are not dynamic; the next tick continues from there (see
+        `imposed_poses`).
 
         Raises `ValueError` for an invalid pose, or a pose of a body that is dynamic; none is taken then.
         """
-        self._imposed.take(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
+        self._imposed.accept(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
 
     def motion(self) -> tuple[Floats, Floats]:
         """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""

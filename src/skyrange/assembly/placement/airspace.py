@@ -13,7 +13,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyrange.gcs.paths import Point
+from skyrange.gcs.plan.paths import Point
 
 APART_M = 10.0
 """Kept from other aircraft's paths seen from above…"""
@@ -31,14 +31,14 @@ class Airspace:
         self._low_m: list[float] = []
         self._high_m: list[float] = []
 
-    def take(self, path: Sequence[Point]) -> None:
+    def add(self, path: Sequence[Point]) -> None:
         """Add a path, corner by corner in metres."""
         lines, low_m, high_m = _legs(path)
         self._lines += lines.tolist()
         self._low_m += low_m.tolist()
         self._high_m += high_m.tolist()
 
-    def around(self, path: Sequence[Point]) -> Neighbours:
+    def neighbours_of(self, path: Sequence[Point]) -> Neighbours:
         """What `path` must keep clear of, wherever it is shifted to at its heights."""
         lines = np.array(self._lines, dtype=object)
         low_m, high_m = np.array(self._low_m), np.array(self._high_m)
@@ -55,7 +55,7 @@ class Neighbours:
     def __init__(self, indices: Sequence[Any], ends: NDArray[np.float64]) -> None:
         self._indices = [(index, leg) for index, leg in zip(indices, ends, strict=True) if len(index)]
 
-    def meet(self, east_m: float, north_m: float) -> bool:
+    def conflict(self, east_m: float, north_m: float) -> bool:
         """Whether the path, shifted so, comes within `APART_M` of one of them."""
         shift = (east_m, north_m)
         return any(

@@ -10,16 +10,16 @@ import math
 from collections.abc import Sequence
 from functools import cache
 
+from skyrange.assembly.placement.airspace import Airspace
+from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.city.city import City
-from skyrange.core.errors import Fault, InputError
-from skyrange.gcs.paths import Point
-from skyrange.gcs.routes import enu_points
-from skyrange.scenario.air import Receiver
-from skyrange.scenario.airspace import Airspace
-from skyrange.scenario.faults import spell_path
-from skyrange.scenario.fleet import Vehicle
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.schema import Scenario
+from skyrange.core.errors import InputError, Problem
+from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.routes import enu_points
+from skyrange.scenario.model.fleet import Vehicle
+from skyrange.scenario.model.radio import Receiver
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.validation.error_messages import spell_path
 
 MARGIN_M = 5.0
 """Kept from walls and roofs: an order above how far a multirotor strays from its path."""
@@ -29,7 +29,7 @@ REACH_M = 600.0
 """How far a mission may be shifted before it is no longer the same mission."""
 
 
-def placed(scenario: Scenario, city: City | None) -> Scenario:
+def apply_placing(scenario: Scenario, city: City | None) -> Scenario:
     """The scenario with every `placing = "clear"` carried out: starts and receivers moved, placing exact.
 
     Vehicles are placed in order; each keeps clear of the exact ones' paths and of those placed before
@@ -44,23 +44,23 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
     order = [(o, v) for o, fleet in enumerate(fleets) for v, _ in enumerate(fleet)]
     order.sort(key=lambda place: fleets[place[0]][place[1]].placing == "clear")  # stable: the exact ones first
     taken = Airspace()
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     for o, v in order:
         vehicle = fleets[o][v]
         where = spell_path(("operators", o, "vehicles", v), scenario)
         try:
-            path = enu_points(flight_plan(datum, vehicle))
+            path = enu_points(make_flight_plan(datum, vehicle))
         except InputError as error:
-            faults += [Fault(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.faults]
+            faults += [Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
         if vehicle.placing == "clear":
-            shift = clear_shift(city, path, taken)
+            shift = find_clear_shift(city, path, taken)
             if shift is None:
                 faults.append(_no_place(where, path[0]))
                 continue
             fleets[o][v] = _shifted(vehicle, shift)
             path = tuple(Point(east + shift[0], north + shift[1], up) for east, north, up in path)
-        taken.take(path)
+        taken.add(path)
     if faults:
         raise InputError("scenario", faults)
     operators = tuple(
@@ -70,7 +70,7 @@ def placed(scenario: Scenario, city: City | None) -> Scenario:
     return scenario.model_copy(update={"operators": operators})
 
 
-def clear_shift(
+def find_clear_shift(
     city: City | None,
     path: Sequence[Point],
     taken: Airspace | None = None,
@@ -83,14 +83,14 @@ def clear_shift(
     is within `margin_m` of the path and nothing of the airspace `taken` is near it. None if nothing within
     `REACH_M` will do.
     """
-    others = None if taken is None else taken.around(path)
+    others = None if taken is None else taken.neighbours_of(path)
     for east_m, north_m in _lattice():
         moved = [Point(e + east_m, n + north_m, up) for e, n, up in path]
         if city is not None and city.obstacles_within(moved[0].east_m, moved[0].north_m, margin_m):
             continue  # the cheap question first
-        if others is not None and others.meet(east_m, north_m):
+        if others is not None and others.conflict(east_m, north_m):
             continue
-        if city is None or city.clear_of(moved, margin_m):
+        if city is None or city.is_clear(moved, margin_m):
             return east_m, north_m
     return None
 
@@ -108,7 +108,7 @@ def _receivers_placed(scenario: Scenario, city: City | None) -> Scenario:
         return scenario
     found = [_outside(receiver, city) for receiver in radio.receivers]
     faults = [
-        Fault(
+        Problem(
             f"radio.receivers.{index}.placing",
             f"clear, from {list(receiver.place)} m",
             f"a place within {REACH_M:g} m that is in no building",
@@ -135,8 +135,8 @@ def _outside(receiver: Receiver, city: City | None) -> Receiver | None:
     return None
 
 
-def _no_place(where: str, start: Point) -> Fault:
-    return Fault(
+def _no_place(where: str, start: Point) -> Problem:
+    return Problem(
         f"{where}.placing",
         f"clear, from ({start.east_m:g}, {start.north_m:g}) m",
         f"a place within {REACH_M:g} m where start and plan keep {MARGIN_M:g} m from buildings",

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from skyrange.core.geodesy import Origin
-from skyrange.gcs import paths, plans
-from skyrange.gcs.plans import FlightPlan
-from skyrange.scenario.fleet import Vehicle
+from skyrange.gcs.plan import paths, plans
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.scenario.model.fleet import Vehicle
 
 
-def flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
+def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
     """The flight plan of `vehicle`, anchored at its start. Raises InputError for a mission file that cannot be read."""
     plan = vehicle.plan
     home_enu_m = (vehicle.start.east_m, vehicle.start.north_m, 0.0)

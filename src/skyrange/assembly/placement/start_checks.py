@@ -5,43 +5,45 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.city.city import City
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
-from skyrange.gcs.checks import check as check_plan
-from skyrange.scenario.faults import spell_path
-from skyrange.scenario.fleet import Vehicle
-from skyrange.scenario.flight import flight_plan
-from skyrange.scenario.schema import Scenario
+from skyrange.gcs.plan.checks import check as check_plan
+from skyrange.scenario.model.fleet import Vehicle
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.validation.error_messages import spell_path
 
 APART_M = 0.5
 """Starts nearer than this are one place: an Iris is 0.5 m across."""
 
 
-def check(scenario: Scenario, city: City | None) -> list[Fault]:
+def check_starts(scenario: Scenario, city: City | None) -> list[Problem]:
     """All faults of a scenario that is placed, in its world; an empty list means that it can start.
 
     Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
     `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…).
     """
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     for o, operator in enumerate(scenario.operators):
         for v, vehicle in enumerate(operator.vehicles):
             where = spell_path(("operators", o, "vehicles", v), scenario)
             if city is not None:
                 faults += _walls(vehicle, city, where)
             try:
-                faults += check_plan(flight_plan(scenario.origin.datum, vehicle), f"{where}.plan")
+                faults += check_plan(make_flight_plan(scenario.origin.datum, vehicle), f"{where}.plan")
             except InputError as error:
-                faults += [Fault(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.faults]
+                faults += [
+                    Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems
+                ]
     return [*faults, *_crowded(scenario)]
 
 
-def _walls(vehicle: Vehicle, city: City, where: str) -> Iterator[Fault]:
+def _walls(vehicle: Vehicle, city: City, where: str) -> Iterator[Problem]:
     start = vehicle.start
     building = city.inside(start.east_m, start.north_m)
     if building is not None:
-        yield Fault(
+        yield Problem(
             f"{where}.start",
             f"({start.east_m:g}, {start.north_m:g}) m",
             f"a place outside buildings; this is inside {building.name or building.id}, {building.height_m:g} m high",
@@ -49,7 +51,7 @@ def _walls(vehicle: Vehicle, city: City, where: str) -> Iterator[Fault]:
         )
 
 
-def _crowded(scenario: Scenario) -> Iterator[Fault]:
+def _crowded(scenario: Scenario) -> Iterator[Problem]:
     """Pairs of starts at one place, found by cells of that size so that a thousand aircraft take no million looks."""
     cells: dict[tuple[int, int], list[tuple[str, float, float]]] = {}
     for o, operator in enumerate(scenario.operators):
@@ -59,7 +61,7 @@ def _crowded(scenario: Scenario) -> Iterator[Fault]:
             around = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
             for name, other_east_m, other_north_m in (one for cell in around for one in cells.get(cell, ())):
                 if math.hypot(east_m - other_east_m, north_m - other_north_m) < APART_M:
-                    yield Fault(
+                    yield Problem(
                         f"{spell_path(('operators', o, 'vehicles', v), scenario)}.start",
                         f"({east_m:g}, {north_m:g}) m",
                         f"at least {APART_M:g} m from every other start; {name} stands there",

@@ -1,1 +1,1 @@
-"""Gnss."""
+"""Attacks on GNSS receivers."""

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from skyrange.agent.contracts import Floats
-from skyrange.agent.settings import Number, Params, refuse
-from skyrange.attack.contract import Attack, AttackKind, Place, Setting
-from skyrange.attack.false_fixes import Rate, Victims, falsify
-from skyrange.core.errors import Fault
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.gnss.false_fixes import Rate, Victims, falsify_fixes
+from skyrange.contracts.components import Floats
+from skyrange.contracts.params import Number, Params, refuse
+from skyrange.core.errors import Problem
 
 GROWING, HELD, RETURNING, BACK = range(4)
 """Phases of a drift."""
@@ -42,12 +42,12 @@ class Drift(Params):
     @model_validator(mode="after")
     def _returns_from_somewhere(self) -> Drift:
         if self.at_largest == "return" and self.largest_m is None:
-            raise refuse(Fault("largest_m", "missing", "the distance from which at_largest = 'return' goes back"))
+            raise refuse(Problem("largest_m", "missing", "the distance from which at_largest = 'return' goes back"))
         return self
 
 
 @dataclass(frozen=True, slots=True)
-class Slide:
+class DriftTrack:
     """A track along `rate_mps`: out, and beyond `largest_m` held there or back to the truth."""
 
     rate_mps: Place
@@ -71,11 +71,11 @@ class Slide:
         return grown_s[:, None] * rate, told[:, None] * rate, phases.astype(np.int64)
 
 
-def make(params: Drift, setting: Setting) -> Attack:
+def make(params: Drift, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not there."""
     largest_m = inf if params.largest_m is None else params.largest_m
-    track = Slide(params.rate_mps, largest_m, params.at_largest == "return", params.velocity == "consistent")
-    return falsify(params.vehicles, track, setting)
+    track = DriftTrack(params.rate_mps, largest_m, params.at_largest == "return", params.velocity == "consistent")
+    return falsify_fixes(params.vehicles, track, context)
 
 
-DRIFT = AttackKind(Drift, make, "GNSS fixes slide away from the truth at a constant rate.")
+DRIFT = AttackPlugin(Drift, make, "GNSS fixes slide away from the truth at a constant rate.")

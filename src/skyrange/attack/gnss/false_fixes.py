@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from skyrange.agent.contracts import Floats, SensorAct, Sensors
-from skyrange.agent.links import Schedule
-from skyrange.agent.settings import Enu, items, refuse
-from skyrange.attack.contract import Attack, Setting
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.attack.contract import Attack, AttackContext
+from skyrange.contracts.components import Floats, SensorAct, Sensors
+from skyrange.contracts.links import Schedule
+from skyrange.contracts.params import Enu, items, refuse
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S, Time
 
 _FIX_2D = 2  # MAVLink GPS_FIX_TYPE: from here on there is a position
@@ -26,7 +26,7 @@ _FIX_2D = 2  # MAVLink GPS_FIX_TYPE: from here on there is a position
 
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
     if len(set(names)) < len(names):
-        raise refuse(Fault("", repr(list(names)), "each aircraft once"))
+        raise refuse(Problem("", repr(list(names)), "each aircraft once"))
     return names
 
 
@@ -44,7 +44,7 @@ def within(least: float, most: float, what: str) -> AfterValidator:
 
     def check(vector: Any) -> Any:
         if not all(least <= component <= most for component in vector):
-            raise refuse(Fault("", repr(list(vector)), f"{what} from {least:g} to {most:g} each"))
+            raise refuse(Problem("", repr(list(vector)), f"{what} from {least:g} to {most:g} each"))
         return vector
 
     return AfterValidator(check)
@@ -68,7 +68,7 @@ class Track(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Sham:
+class ShamTrack:
     """A track's phases, with nothing moved."""
 
     track: Track
@@ -116,14 +116,14 @@ class FalseFixes:
         return acts
 
 
-def falsify(vehicles: Sequence[str], track: Track, setting: Setting) -> Attack:
+def falsify_fixes(vehicles: Sequence[str], track: Track, context: AttackContext) -> Attack:
     """The attack on these vehicles' receivers, or its sham. Raises `InputError` for one that is not in the scenario."""
     strangers = [
-        Fault(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, setting.vehicles))
+        Problem(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, context.vehicles))
         for place, vehicle in enumerate(vehicles)
-        if vehicle not in setting.vehicles
+        if vehicle not in context.vehicles
     ]
     if strangers:
-        raise InputError(setting.id, strangers)
-    told = Sham(track) if setting.sham else track
-    return Attack(faults=[FalseFixes(f"{setting.id}.gnss", vehicles, told, setting.schedule)])
+        raise InputError(context.id, strangers)
+    told = ShamTrack(track) if context.sham else track
+    return Attack(faults=[FalseFixes(f"{context.id}.gnss", vehicles, told, context.schedule)])

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from skyrange.agent.contracts import Floats
-from skyrange.agent.settings import Params
-from skyrange.attack.contract import Attack, AttackKind, Place, Setting
-from skyrange.attack.false_fixes import Offset, Victims, falsify
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.gnss.false_fixes import Offset, Victims, falsify_fixes
+from skyrange.contracts.components import Floats
+from skyrange.contracts.params import Params
 
 
 class Jump(Params):
@@ -24,7 +24,7 @@ class Jump(Params):
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class OffsetTrack:
     """A track that stands at `offset_m`."""
 
     offset_m: Place
@@ -35,9 +35,9 @@ class Step:
         return offsets, np.zeros_like(offsets), np.zeros(len(seconds), dtype=np.int64)
 
 
-def make(params: Jump, setting: Setting) -> Attack:
+def make(params: Jump, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not there."""
-    return falsify(params.vehicles, Step(params.offset_m), setting)
+    return falsify_fixes(params.vehicles, OffsetTrack(params.offset_m), context)
 
 
-JUMP = AttackKind(Jump, make, "GNSS fixes are off by a constant distance, from one fix to the next.")
+JUMP = AttackPlugin(Jump, make, "GNSS fixes are off by a constant distance, from one fix to the next.")

@@ -1,1 +1,1 @@
-"""Remote id."""
+"""Attacks on Remote ID: spoofing, replay and jamming."""

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from math import atan2, degrees, hypot
 from typing import NamedTuple
 
-from skyrange.agent.links import Schedule
 from skyrange.attack.contract import Place
-from skyrange.codec import rid_link
 from skyrange.codec.f3411 import (
     EPOCH_2019_S,
     BasicId,
@@ -24,25 +22,27 @@ from skyrange.codec.f3411 import (
     UaType,
     encode,
 )
-from skyrange.codec.rid_link import RidHeader, Transport
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import RidHeader, Transport
+from skyrange.contracts.links import Schedule
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
-from skyrange.remoteid.profiles import address_of, serial_number
+from skyrange.remoteid.broadcast_profiles import sender_address, serial_number
 
 _HOUR_NS = 3600 * NS_PER_S
 _STOPPED = (0.0, 0.0, 0.0)
 
 
-class Persona(NamedTuple):
+class ClaimedIdentity(NamedTuple):
     """An aircraft that is not there: who it says it is, and the address it sends from."""
 
     uas_id: str
     address: bytes
 
 
-def persona(name: str, uas_id: str = "") -> Persona:
+def claim_identity(name: str, uas_id: str = "") -> ClaimedIdentity:
     """The persona called `name`: address and, unless given, serial number are what a real node of that name has."""
-    return Persona(uas_id or serial_number(name), address_of(name))
+    return ClaimedIdentity(uas_id or serial_number(name), sender_address(name))
 
 
 @dataclass(slots=True)
@@ -53,7 +53,7 @@ class Forger:
     `stands_enu_m` it is a sham: all of them say that they stand on the ground there, where the transmitter is.
     """
 
-    personas: Sequence[Persona]
+    identities: Sequence[ClaimedIdentity]
     places: Sequence[Place]
     velocity_mps: Place
     transports: Sequence[Transport]
@@ -68,14 +68,14 @@ class Forger:
     @property
     def due(self) -> Time:
         """When the next broadcast is to be made."""
-        return self.turn * self.period_ns // len(self.personas)
+        return self.turn * self.period_ns // len(self.identities)
 
     def make(self, now: Time) -> list[bytes]:
         """The `rid_up` payloads of all personas that are due; none before the attack starts."""
         payloads: list[bytes] = []
         while self.due <= now:
             if self.schedule.start_ns <= now:
-                payloads += self._broadcast(now, self.turn % len(self.personas))
+                payloads += self._broadcast(now, self.turn % len(self.identities))
             self.turn += 1
         return payloads
 
@@ -85,11 +85,11 @@ class Forger:
         payloads = []
         for transport in self.transports:
             header = RidHeader(
-                transport, counter=self.counter & 0xFF, address=self.personas[number].address, time_ns=now
+                transport, counter=self.counter & 0xFF, address=self.identities[number].address, time_ns=now
             )
             # Bluetooth 4 carries one message an advertisement, the others packs (F3411-22a, broadcast methods)
             bodies = [encode(basic), encode(location)] if transport == Transport.BT4 else [whole]
-            payloads += [rid_link.pack(header, body) for body in bodies]
+            payloads += [link_payload.pack(header, body) for body in bodies]
         self.counter += 1
         return payloads
 
@@ -121,5 +121,5 @@ class Forger:
             operator_alt_geo_m=ground_m,
             timestamp_s=unix_ns // NS_PER_S - EPOCH_2019_S,
         )
-        who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, self.personas[number].uas_id)
+        who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, self.identities[number].uas_id)
         return who, location, system

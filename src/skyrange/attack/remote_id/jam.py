@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from skyrange.agent.links import Schedule
-from skyrange.agent.settings import Enu, Number, Params
-from skyrange.attack.contract import Attack, AttackKind, Setting
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import Broadcaster, transmitter, up_link
-from skyrange.codec.noise_link import Burst, pack
+from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
+from skyrange.contracts.links import Schedule
+from skyrange.contracts.params import Enu, Number, Params
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
@@ -32,10 +32,10 @@ class Jam(Params):
 
 
 @dataclass(slots=True)
-class Bursts:
+class BurstSchedule:
     """A burst every period, cut where the attack stops."""
 
-    burst: Burst
+    burst: NoiseRequest
     period_ns: Time
     schedule: Schedule
     turn: int = 0
@@ -56,21 +56,23 @@ class Bursts:
         return [pack(self.burst._replace(duration_us=min(self.burst.duration_us, left_us), time_ns=now))]
 
 
-def make(params: Jam, setting: Setting) -> Attack:
+def make(params: Jam, context: AttackContext) -> Attack:
     """The attack."""
     period_ns = round(params.period_ms * NS_PER_MS)
-    burst = Burst(
-        SILENT_CDBM if setting.sham else round(params.power_dbm * 100),
+    burst = NoiseRequest(
+        SILENT_CDBM if context.sham else round(params.power_dbm * 100),
         round(params.centre_mhz * 1000),
         round(params.bandwidth_mhz * 1000),
         max(1, round(period_ns * params.duty) // NS_PER_US),
     )
-    agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), Bursts(burst, period_ns, setting.schedule))
-    radio = transmitter(setting, params.transmitter_m, params.power_dbm)
-    return Attack(agents=[agent], links=[up_link(setting)], radios=[radio])
+    agent = Broadcaster(
+        context.radio, Port(context.radio, context.up), BurstSchedule(burst, period_ns, context.schedule)
+    )
+    radio = transmitter(context, params.transmitter_m, params.power_dbm)
+    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
 
 
-JAM = AttackKind(
+JAM = AttackPlugin(
     Jam,
     make,
     "Noise over the band, so that broadcasts are not heard.",

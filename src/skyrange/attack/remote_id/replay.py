@@ -8,31 +8,31 @@ from dataclasses import dataclass, field
 
 from pydantic import Field
 
-from skyrange.agent.messages import Inbox, Outbox
-from skyrange.agent.settings import Enu, Number, Params
-from skyrange.attack.contract import Attack, AttackKind, Place, Setting
-from skyrange.attack.forgery import persona
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
-from skyrange.codec import rid_link
+from skyrange.attack.remote_id.forgery import claim_identity
 from skyrange.codec.f3411 import (
     BasicId,
     IdType,
     Location,
     MessagePack,
     SelfId,
-    Single,
+    SingleMessage,
     Status,
     UaType,
     encode,
 )
 from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
-from skyrange.codec.rid_link import ANY_CHANNEL, NO_RSSI
+from skyrange.codec.remote_id import link_payload
+from skyrange.codec.remote_id.link_payload import ANY_CHANNEL, NO_RSSI
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.params import Enu, Number, Params
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, from_seconds
 
-MOST = 100_000
+MAX_BROADCASTS = 100_000
 """Broadcasts that the recorder holds; older ones are forgotten."""
 
 
@@ -47,7 +47,7 @@ class Replay(Params):
 
 
 @dataclass(slots=True)
-class Parrot:
+class Replayer:
     """Hears on its `rid_down` link and sends on its `rid_up` link, `delay_ns` later.
 
     With `stands_enu_m` it is a sham: it sends as much and when it would, but says of itself that it stands there.
@@ -61,7 +61,7 @@ class Parrot:
     stands_enu_m: Place | None = None
     service_ns: Time = SERVICE_NS
     ports: Sequence[Port] = field(init=False)
-    heard: deque[tuple[Time, bytes, FrameId]] = field(default_factory=lambda: deque(maxlen=MOST))
+    heard: deque[tuple[Time, bytes, FrameId]] = field(default_factory=lambda: deque(maxlen=MAX_BROADCASTS))
 
     def __post_init__(self) -> None:
         self.ports = [self.up, self.down]
@@ -71,14 +71,14 @@ class Parrot:
         out = Outbox()
         for arrival in inbox:
             try:
-                header, body = rid_link.unpack(arrival.payload)
+                header, body = link_payload.unpack(arrival.payload)
             except DecodeError:
                 continue
             again = header._replace(channel=ANY_CHANNEL, rssi_cdbm=NO_RSSI, time_ns=arrival.at + self.delay_ns)
             if self.stands_enu_m is not None:
-                again = again._replace(address=persona(self.name).address)
+                again = again._replace(address=claim_identity(self.name).address)
                 body = self._harmless(body, self.stands_enu_m)
-            self.heard.append((arrival.at + self.delay_ns, rid_link.pack(again, body), arrival.ref))
+            self.heard.append((arrival.at + self.delay_ns, link_payload.pack(again, body), arrival.ref))
         while self.heard and self.heard[0][0] <= now:
             _, payload, ref = self.heard.popleft()
             out.send(self.up, payload, (ref,))
@@ -91,14 +91,14 @@ class Parrot:
     def _harmless(self, body: bytes, place: Place) -> bytes:
         """A body of the same length: this transmitter's own identity and place, and a greeting for the rest."""
         lat_deg, lon_deg = self.origin.geodetic_of(place[0], place[1])
-        messages: list[Single] = [
+        messages: list[SingleMessage] = [
             Location(
                 status=Status.GROUND,
                 lat_deg=lat_deg,
                 lon_deg=lon_deg,
                 alt_geo_m=self.origin.ellipsoid_of(self.origin.alt_msl_m) + place[2],
             ),
-            BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, persona(self.name).uas_id),
+            BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, claim_identity(self.name).uas_id),
             *[SelfId(0, "standing here")] * 9,
         ]
         if len(body) < PACK_HEADER + SIZE:
@@ -106,21 +106,21 @@ class Parrot:
         return encode(MessagePack(tuple(messages[: (len(body) - PACK_HEADER) // SIZE])))
 
 
-def make(params: Replay, setting: Setting) -> Attack:
+def make(params: Replay, context: AttackContext) -> Attack:
     """The attack."""
-    agent = Parrot(
-        setting.radio,
-        Port(setting.radio, setting.up),
-        Port(setting.radio, setting.down),
+    agent = Replayer(
+        context.radio,
+        Port(context.radio, context.up),
+        Port(context.radio, context.down),
         from_seconds(params.delay_s),
-        setting.origin,
-        params.transmitter_m if setting.sham else None,
+        context.origin,
+        params.transmitter_m if context.sham else None,
     )
-    radio = transmitter(setting, params.transmitter_m, params.power_dbm, listens=True)
-    return Attack(agents=[agent], links=[up_link(setting), down_link(setting)], radios=[radio])
+    radio = transmitter(context, params.transmitter_m, params.power_dbm, listens=True)
+    return Attack(agents=[agent], links=[up_link(context), down_link(context)], radios=[radio])
 
 
-REPLAY = AttackKind(
+REPLAY = AttackPlugin(
     Replay,
     make,
     "Remote ID that was heard is sent again later, from another place.",

@@ -9,17 +9,17 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import TapPlacement
-from skyrange.agent.settings import Enu, Number, Params, Whole, refuse
-from skyrange.agent.verdicts import Inject, Verdict
-from skyrange.attack.contract import ORACLE, Attack, AttackKind, Place, Setting
-from skyrange.attack.forgery import Forger, Persona, persona
-from skyrange.attack.radio import Broadcaster, known_vehicle, transmitter, up_link
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.radio import Broadcaster, check_vehicle, transmitter, up_link
+from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
+from skyrange.contracts.verdicts import Inject, Verdict
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.remoteid.profiles import TRANSPORTS
+from skyrange.remoteid.broadcast_profiles import TRANSPORTS
 
 STREAM = "attack.swarm"
 """Of chance: where the ghosts of a swarm stand."""
@@ -84,19 +84,19 @@ class Spoof(Params):
     def _fits_its_form(self) -> Spoof:
         faults = []
         if self.form == "position" and self.vehicle is None:
-            faults.append(Fault("vehicle", "missing", "the aircraft whose identity form = 'position' takes"))
+            faults.append(Problem("vehicle", "missing", "the aircraft whose identity form = 'position' takes"))
         if self.form != "position" and self.vehicle is not None:
             faults.append(
-                Fault("vehicle", self.vehicle, f"none for form = {self.form!r}", "Name it with on or uas_id.")
+                Problem("vehicle", self.vehicle, f"none for form = {self.form!r}", "Name it with on or uas_id.")
             )
         if self.form != "ghost" and self.uas_id is not None:
-            faults.append(Fault("uas_id", self.uas_id, f"none for form = {self.form!r}, which has its own"))
+            faults.append(Problem("uas_id", self.uas_id, f"none for form = {self.form!r}, which has its own"))
         if self.via == "link" and self.on is None and self.vehicle is None:
-            faults.append(Fault("on", "missing", "the aircraft on whose rid_up link to inject"))
+            faults.append(Problem("on", "missing", "the aircraft on whose rid_up link to inject"))
         if self.via == "radio" and self.on is not None:
-            faults.append(Fault("on", self.on, "none for via = 'radio'", "Set via = 'link'."))
+            faults.append(Problem("on", self.on, "none for via = 'radio'", "Set via = 'link'."))
         if self.via == "link" and self.transmitter_m is not None:
-            faults.append(Fault("transmitter_m", repr(list(self.transmitter_m)), "none for via = 'link'"))
+            faults.append(Problem("transmitter_m", repr(list(self.transmitter_m)), "none for via = 'link'"))
         if faults:
             raise refuse(*faults)
         return self
@@ -133,62 +133,62 @@ class _MakeInjector:
         return Injector(self.src, self.source)
 
 
-def make(params: Spoof, setting: Setting) -> Attack:
+def make(params: Spoof, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not there or have no Remote ID."""
     for name, vehicle in (("vehicle", params.vehicle), ("on", params.on)):
         if vehicle is not None:
-            known_vehicle(setting, name, vehicle)
-    below_m = setting.city.height_at(*params.at[:2]) if setting.city is not None else 0.0
+            check_vehicle(context, name, vehicle)
+    below_m = context.city.height_at(*params.at[:2]) if context.city is not None else 0.0
     place = params.transmitter_m or (params.at[0], params.at[1], below_m + MAST_M)
     forger = Forger(
-        personas=_personas(params, setting),
-        places=_places(params, setting),
+        identities=_identities(params, context),
+        places=_places(params, context),
         velocity_mps=params.velocity_mps,
         transports=[one for name in params.transports for one in TRANSPORTS[name]],
         period_ns=round(NS_PER_S / params.rate_hz),
-        origin=setting.origin,
-        epoch=setting.epoch,
-        schedule=setting.schedule,
-        stands_enu_m=(place[0], place[1], 0.0) if setting.sham else None,
+        origin=context.origin,
+        epoch=context.epoch,
+        schedule=context.schedule,
+        stands_enu_m=(place[0], place[1], 0.0) if context.sham else None,
     )
     shown = {"ghost" if params.form != "position" else f"{params.vehicle} as claimed": params.at}
     if params.form == "swarm":
         shown = {f"ghost {number}": claimed for number, claimed in enumerate(forger.places, start=1)}
     if params.via == "radio":
-        agent = Broadcaster(setting.radio, Port(setting.radio, setting.up), forger)
-        radio = transmitter(setting, place, params.power_dbm)
-        return Attack(agents=[agent], links=[up_link(setting)], radios=[radio], shown=shown)
+        agent = Broadcaster(context.radio, Port(context.radio, context.up), forger)
+        radio = transmitter(context, place, params.power_dbm)
+        return Attack(agents=[agent], links=[up_link(context)], radios=[radio], shown=shown)
     victim = params.on or params.vehicle
     assert victim is not None  # the parameters' own check
     link = link_name("rid_up", victim)
-    if link not in setting.links:
-        raise InputError.one(setting.id, "on", link, "a link of the scenario", nearest(link, setting.links))
+    if link not in context.links:
+        raise InputError.one(context.id, "on", link, "a link of the scenario", nearest(link, context.links))
     companion = endpoint(victim, "companion")
-    return Attack(taps=[TapPlacement(link, "companion", _MakeInjector(companion, forger), setting.id)], shown=shown)
+    return Attack(taps=[TapPlacement(link, "companion", _MakeInjector(companion, forger), context.id)], shown=shown)
 
 
-def _personas(params: Spoof, setting: Setting) -> list[Persona]:
+def _identities(params: Spoof, context: AttackContext) -> list[ClaimedIdentity]:
     if params.form == "swarm":
-        return [persona(f"{setting.id}.{number}") for number in range(params.count)]
-    if setting.sham or params.vehicle is None:
-        return [persona(setting.id, "" if setting.sham else params.uas_id or "")]
-    return [persona(setting.id, setting.vehicles[params.vehicle].uas_id)]
+        return [claim_identity(f"{context.id}.{number}") for number in range(params.count)]
+    if context.sham or params.vehicle is None:
+        return [claim_identity(context.id, "" if context.sham else params.uas_id or "")]
+    return [claim_identity(context.id, context.vehicles[params.vehicle].uas_id)]
 
 
-def _places(params: Spoof, setting: Setting) -> list[Place]:
+def _places(params: Spoof, context: AttackContext) -> list[Place]:
     """The place, or a swarm's places: uniform over the disk about it, at its height."""
     if params.form != "swarm":
         return [params.at]
     places = []
     for number in range(params.count):
-        along, around, *_ = setting.chance.uniform4(STREAM, hash64(setting.id), 0, number)
+        along, around, *_ = context.chance.uniform4(STREAM, hash64(context.id), 0, number)
         away_m = params.radius_m * sqrt(along)
         east_m, north_m = away_m * cos(2 * pi * around), away_m * sin(2 * pi * around)
         places.append((params.at[0] + east_m, params.at[1] + north_m, params.at[2]))
     return places
 
 
-SPOOF = AttackKind(
+SPOOF = AttackPlugin(
     Spoof,
     make,
     "Forged Remote ID: a ghost at a place, a false position of an aircraft, or a swarm of ghosts.",

@@ -1,1 +1,1 @@
-"""Handlers."""
+"""Handlers of the commands: call the library, then print the result."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.cli.console import print_json
+from skyrange.cli.output.console import print_json
 
 
 def bench_fleet(

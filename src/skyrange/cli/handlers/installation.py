@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from skyrange.cli.console import print_json
+from skyrange.cli.output.console import print_json
 from skyrange.core.errors import InputError
 
 
@@ -27,11 +27,11 @@ def doctor(as_json: bool) -> None:
 
 def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -> None:
     """`skyrange install ardupilot`."""
-    from skyrange.cli.progress import transfer
+    from skyrange.cli.output.progress import download_progress
     from skyrange.install.ardupilot import install
-    from skyrange.vehicle.ardupilot.binary import find
+    from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 
-    with transfer("arducopter", quiet=as_json) as on_progress:
+    with download_progress("arducopter", quiet=as_json) as on_progress:
         made = install(version, source.expanduser() if source is not None else None, on_progress)
     binary = made.binary
     facts = {"version": binary.version, "path": str(binary.path), "sha256": binary.sha256, "from": made.origin}
@@ -42,7 +42,7 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
         for key in ("path", "sha256", "from"):
             print(f"{key:<6} {facts[key]}")
     try:
-        first = find()
+        first = find_binary()
     except InputError as error:
         print(f"runs would use another binary, which is not usable: {error}", file=sys.stderr)
     else:

@@ -9,18 +9,18 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.console import print_json, tell_if_cold
-from skyrange.cli.live_viewing import print_viewer_addresses, print_viewer_counts
-from skyrange.cli.outside import print_interlock_notice
-from skyrange.cli.summary import print_summary
+from skyrange.cli.output.console import print_json, tell_if_cold
+from skyrange.cli.output.interlock_notice import print_interlock_notice
+from skyrange.cli.output.live_viewer_notices import print_viewer_addresses, print_viewer_counts
+from skyrange.cli.output.run_summary import print_summary
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from skyrange.runtime.live.addresses import Crossing
-    from skyrange.runtime.live.range import OnLook, Range
+    from skyrange.runtime.live.range import LiveRange, OnUpdate
+    from skyrange.runtime.live.transport.addresses import Crossing
 
 MAX_ROWS = 40
 
@@ -37,25 +37,25 @@ def live(
     options: Mapping[str, Any],
     as_json: bool,
 ) -> None:
-    """`skyrange live`; `options` go to `prepare` as they are."""
+    """`skyrange live`; `options` go to `prepare_range` as they are."""
     from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
-    from skyrange.io.curve_keys import load_range
+    from skyrange.io.zeromq.curve_keys import load_range
     from skyrange.record import load as load_run
-    from skyrange.runtime.live.range import prepare
-    from skyrange.runtime.live.supervisor import fly
-    from skyrange.scenario.catalogue import load
+    from skyrange.runtime.live.range import prepare_range
+    from skyrange.runtime.live.supervisor.supervisor import run_range
+    from skyrange.scenario.shipped import load
     from skyrange.study.report import write_report
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
-    flown = prepare(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
+    flown = prepare_range(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
     print_viewer_addresses(flown)
     failure: ShortfallError | ComponentError | None = None
-    with _show_progress(flown, quiet=as_json) as on_look:
+    with _show_progress(flown, quiet=as_json) as on_update:
         try:
-            fly(flown, on_look)
+            run_range(flown, on_update)
         except (ShortfallError, ComponentError) as error:
             failure = error
     print_viewer_counts(flown)
@@ -87,8 +87,8 @@ def live(
 
 def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
     """`skyrange node`."""
-    from skyrange.io.curve_keys import load_member
-    from skyrange.runtime.live.host import join
+    from skyrange.io.zeromq.curve_keys import load_member
+    from skyrange.runtime.live.node.host_agent import join_range
     from skyrange.runtime.live.range import CONTROL_PORT
 
     own = None if address is None else _host("--address", address)
@@ -96,7 +96,7 @@ def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
     if separator and not (port.isdigit() and 0 < int(port) < 65_536):
         raise InputError.one("node", "--join", remote, "ADDRESS or ADDRESS:PORT")
     at = (_host("--join", host.strip("[]")), int(port) if separator else CONTROL_PORT)
-    join(at, load_member(key), own, wait_s=wait_s, on_word=lambda word: print(word, file=sys.stderr, flush=True))
+    join_range(at, load_member(key), own, wait_s=wait_s, on_word=lambda word: print(word, file=sys.stderr, flush=True))
 
 
 def _host(option: str, text: str) -> str:
@@ -108,7 +108,7 @@ def _host(option: str, text: str) -> str:
 
 def keys(folder: Path, names: Sequence[str]) -> None:
     """`skyrange keys`."""
-    from skyrange.io.curve_keys import RANGE, make_range_keys
+    from skyrange.io.zeromq.curve_keys import RANGE, make_range_keys
 
     made = make_range_keys(folder, names)
     if not made:
@@ -121,13 +121,13 @@ def keys(folder: Path, names: Sequence[str]) -> None:
 def merge(folder: Path, out: Path | None, as_json: bool) -> None:
     """`skyrange merge`."""
     from skyrange.record import load as load_run
-    from skyrange.record.rejoin import rejoin
+    from skyrange.record.live_merge.recovery import recover_run
     from skyrange.study.report import write_report
     from skyrange.study.summary import summary
 
     folder = folder.resolve()  # so that "." has a name
     into = out if out is not None else folder.with_name(f"{folder.name}-merged")
-    rejoin(folder, into)
+    recover_run(folder, into)
     record = load_run(into)
     write_report(record, into / "report.html")
     facts = summary(record)
@@ -138,7 +138,7 @@ def merge(folder: Path, out: Path | None, as_json: bool) -> None:
 
 
 @contextmanager
-def _show_progress(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
+def _show_progress(flown: LiveRange, *, quiet: bool) -> Iterator[OnUpdate | None]:
     """Show the table on a terminal; elsewhere print a line at the start and every ten seconds."""
     if quiet:
         yield None
@@ -151,7 +151,7 @@ def _show_progress(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
     else:
         printed, waited = -2, False
 
-        def tell(now: Range) -> None:
+        def tell(now: LiveRange) -> None:
             nonlocal printed, waited
             if now.waits_for and not waited:
                 waited = True
@@ -161,36 +161,36 @@ def _show_progress(flown: Range, *, quiet: bool) -> Iterator[OnLook | None]:
                 printed = tens
                 states = [member.state for member in now.members.values()]
                 counted = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-                at = f"{max(now.now_s, 0.0):.0f} of {now.rig.scenario.duration_s:.0f} s"
-                print(f"{now.rig.scenario.name}: {at}; {counted}", file=sys.stderr, flush=True)
+                at = f"{max(now.now_s, 0.0):.0f} of {now.built.scenario.duration_s:.0f} s"
+                print(f"{now.built.scenario.name}: {at}; {counted}", file=sys.stderr, flush=True)
 
         yield tell
 
 
 def _format_address(crossing: Crossing) -> str:
-    from skyrange.io.ends import is_loopback
+    from skyrange.io.addresses import is_loopback
 
     host, port = crossing.address
     return f"{crossing.transport} {port}" if is_loopback(host) else f"{crossing.transport} {host}:{port}"
 
 
-def _format_waiting(flown: Range) -> str:
-    where = f"{flown.plan.base}:{flown.control_port}"
+def _format_waiting(flown: LiveRange) -> str:
+    where = f"{flown.deployment.base}:{flown.control_port}"
     return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` there"
 
 
-def _table(flown: Range) -> Table:
+def _table(flown: LiveRange) -> Table:
     """A table with one row per node."""
     from rich.table import Table
 
-    at = f"{max(flown.now_s, 0.0):.0f} of {flown.rig.scenario.duration_s:.0f} s"
-    table = Table(title=f"{flown.rig.scenario.name}: {at}", title_justify="left", title_style="bold")
+    at = f"{max(flown.now_s, 0.0):.0f} of {flown.built.scenario.duration_s:.0f} s"
+    table = Table(title=f"{flown.built.scenario.name}: {at}", title_justify="left", title_style="bold")
     for column in ("node", "listens at", "state"):
         table.add_column(column, no_wrap=column != "listens at")
     for column in ("sent/s", "received/s", "lag", "core"):
         table.add_column(column, justify="right", no_wrap=True)
     seconds = max(flown.now_s, 1.0)
-    endpoints = {node.name: node.endpoints for node in flown.plan.nodes}
+    endpoints = {node.name: node.endpoints for node in flown.deployment.nodes}
     for name, member in list(flown.members.items())[:MAX_ROWS]:
         own = [one for one in flown.crossings if one.listener in endpoints[name]]
         places = ", ".join(_format_address(one) for one in own[:4]) + (" …" if len(own) > 4 else "")
@@ -206,7 +206,7 @@ def _table(flown: Range) -> Table:
         )
     for address in flown.waits_for:
         table.add_row(f"at {address}", "", "awaited", "", "", "", "")
-    for name in sorted(flown.plan.outside):
+    for name in sorted(flown.deployment.outside):
         own = [one for one in flown.crossings if one.listener.startswith(name)]
         table.add_row(name, ", ".join(_format_address(one) for one in own[:4]), "outside", "", "", "", "")
     late = max((to_seconds(int(member.status.get("late_ns", 0))) for member in flown.members.values()), default=0.0)

@@ -6,15 +6,15 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.console import print_json, terminal
-from skyrange.cli.progress import progress
+from skyrange.cli.output.console import print_json, terminal
+from skyrange.cli.output.progress import progress
 from skyrange.core.time import NS_PER_S
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from skyrange.runtime.live.plan import Group
-    from skyrange.runtime.live.range import OnLook, Range
+    from skyrange.runtime.live.deployment import Group
+    from skyrange.runtime.live.range import LiveRange, OnUpdate
 
 
 def live(vehicles: Sequence[int], seconds: float, group: Group | None, port_offset: int, as_json: bool) -> None:
@@ -34,12 +34,12 @@ def live(vehicles: Sequence[int], seconds: float, group: Group | None, port_offs
     for count in vehicles:
         with progress(f"{count} aircraft", quiet=as_json) as tell:
 
-            def look(flown: Range, tell: Any = tell) -> None:
-                end = round(flown.rig.duration_ns)
+            def look(flown: LiveRange, tell: Any = tell) -> None:
+                end = round(flown.built.duration_ns)
                 tell(min(max(round(flown.now_s * NS_PER_S), 0), end), end)
 
-            on_look: OnLook | None = None if tell is None else look
-            ranges.append(measure(count, seconds, group, port_offset, on_look))
+            on_update: OnUpdate | None = None if tell is None else look
+            ranges.append(measure(count, seconds, group, port_offset, on_update))
         if not as_json:
             terminal().print(_range(ranges[-1]))
     if as_json:

@@ -8,19 +8,19 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.console import print_json, terminal
+from skyrange.cli.output.console import print_json, terminal
 
 if TYPE_CHECKING:
-    from skyrange.study.parity import Flown, Parity
-    from skyrange.study.reactions import Compared, Reaction
+    from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
+    from skyrange.study.compare.gnss_reactions import ComparedReaction, Reaction
 
 
 def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange parity flight`."""
-    from skyrange.cli.progress import progress
+    from skyrange.cli.output.progress import progress
     from skyrange.runtime.run import free_folder
-    from skyrange.scenario.catalogue import load
-    from skyrange.study.parity import compare
+    from skyrange.scenario.shipped import load
+    from skyrange.study.compare.autopilot_parity import compare
 
     scenario = load(name, changes)
     folder = out if out is not None else free_folder(f"{scenario.name}-parity")
@@ -31,10 +31,10 @@ def flight(name: str, out: Path | None, changes: Sequence[str], as_json: bool) -
 
 def rates(name: str, other: str, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange parity rates`."""
-    from skyrange.cli.progress import progress
+    from skyrange.cli.output.progress import progress
     from skyrange.runtime.run import free_folder
-    from skyrange.scenario.catalogue import load
-    from skyrange.study.parity import compare_rates
+    from skyrange.scenario.shipped import load
+    from skyrange.study.compare.autopilot_parity import compare_rates
 
     scenario = load(name, changes)
     folder = out if out is not None else free_folder(f"{scenario.name}-rates")
@@ -81,7 +81,7 @@ def _names(happened: str | Sequence[tuple[float, Any]]) -> str:
     return happened if isinstance(happened, str) else ", ".join(str(what) for _, what in happened)
 
 
-def _flight(one: Flown) -> dict[str, Any]:
+def _flight(one: FlightMeasures) -> dict[str, Any]:
     facts = asdict(one)
     del facts["path"]
     return facts | {"measures": {name: _finite(value) for name, value in one.measures.items()}}
@@ -95,9 +95,9 @@ def gnss(out: Path | None, rates: str, as_json: bool) -> None:
     """`skyrange parity gnss`."""
     from rich.table import Table
 
-    from skyrange.cli.progress import progress
+    from skyrange.cli.output.progress import progress
     from skyrange.runtime.run import free_folder
-    from skyrange.study.reactions import TIME_S, agreement, compare, settings
+    from skyrange.study.compare.gnss_reactions import TIME_S, agreement, compare, settings
 
     folder = out if out is not None else free_folder("gnss-reactions")
     with progress("100 false GNSS, twice", quiet=as_json) as on_progress:
@@ -133,7 +133,7 @@ def _seconds(at: float | None) -> str:
     return "" if at is None else f"{at:.1f} s"
 
 
-def _setting(one: Compared) -> dict[str, Any]:
+def _setting(one: ComparedReaction) -> dict[str, Any]:
     return {
         "setting": one.setting.words,
         "kind": one.setting.kind,

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from skyrange.cli.console import print_json, tell_if_cold
+from skyrange.cli.output.console import print_json, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
 
 
@@ -23,12 +23,12 @@ def run(
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
-    from skyrange.cli.outside import print_interlock_notice
-    from skyrange.cli.progress import progress
-    from skyrange.cli.summary import print_summary
-    from skyrange.cli.viewing import open_viewers
-    from skyrange.scenario.catalogue import load
-    from skyrange.study.session import fly
+    from skyrange.cli.output.interlock_notice import print_interlock_notice
+    from skyrange.cli.output.progress import progress
+    from skyrange.cli.output.run_summary import print_summary
+    from skyrange.cli.output.viewer_notices import open_viewers
+    from skyrange.scenario.shipped import load
+    from skyrange.study.runs import fly
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -64,16 +64,16 @@ def pair(
     as_json: bool,
 ) -> None:
     """`skyrange pair`."""
-    from skyrange.cli.pair_table import print_pair
-    from skyrange.cli.progress import together
-    from skyrange.scenario.catalogue import load
-    from skyrange.study.pair_folder import ARMS
+    from skyrange.cli.output.pair_table import print_pair
+    from skyrange.cli.output.progress import parallel_progress
+    from skyrange.scenario.shipped import load
     from skyrange.study.pairing import pair as fly_pair
+    from skyrange.study.twins.pair_folder import ARMS
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
     flights = seeds * (len(ARMS) if sham else len(ARMS) - 1)
-    with together(scenario.name, flights, quiet=as_json) as on_progress:
+    with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
         result = fly_pair(scenario, out, sham=sham, seeds=seeds, jobs=jobs, on_progress=on_progress)
     if as_json:
         effects = result.effects.to_pylist()
@@ -88,7 +88,7 @@ def pair(
 
 def show(folder: Path, as_json: bool) -> None:
     """`skyrange show`."""
-    from skyrange.cli.summary import print_summary
+    from skyrange.cli.output.run_summary import print_summary
     from skyrange.record import load
     from skyrange.study.summary import summary
 
@@ -119,8 +119,8 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
 def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
     """`skyrange export`."""
     from skyrange.record import load
-    from skyrange.study import export as captures
-    from skyrange.study.overheard import has_radio
+    from skyrange.study.captures import packet_captures
+    from skyrange.study.captures.received_broadcasts import has_radio
 
     record = load(folder)
     target = out.expanduser() if out is not None else record.path
@@ -130,9 +130,9 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
         raise InputError.one("--receiver", "with --only mavlink", receivers[0], "Remote ID to be exported")
     result = {}
     if only == "remote_id" or receivers or (only is None and has_radio(record)):
-        result["remote_id"] = captures.remote_id(record, target / captures.REMOTE_ID, receivers)
+        result["remote_id"] = packet_captures.remote_id(record, target / packet_captures.REMOTE_ID, receivers)
     if only != "remote_id":
-        result["mavlink"] = captures.mavlink(record, target / captures.MAVLINK)
+        result["mavlink"] = packet_captures.mavlink(record, target / packet_captures.MAVLINK)
     if as_json:
         print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in result.items()})
         return
@@ -145,9 +145,9 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
 def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     """`skyrange diff`."""
     from skyrange.record import load
-    from skyrange.study.agreement import Agreement, agreement
-    from skyrange.study.diff import Difference
-    from skyrange.study.diff import diff as compare
+    from skyrange.study.compare.agreement import Agreement, agreement
+    from skyrange.study.compare.exact import Difference
+    from skyrange.study.compare.exact import diff as compare
 
     runs = load(a), load(b)
     difference: Agreement | Difference = compare(*runs) if tolerance_s is None else agreement(*runs, tolerance_s)
@@ -159,7 +159,7 @@ def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
 
 def scenarios(as_json: bool) -> None:
     """`skyrange scenarios`."""
-    from skyrange.scenario.catalogue import SHIPPED
+    from skyrange.scenario.shipped import SHIPPED
 
     if as_json:
         print_json([{"name": name, "about": about} for name, about in SHIPPED.items()])
@@ -172,17 +172,17 @@ def scenarios(as_json: bool) -> None:
 def load_plugins(files: Sequence[Path] | None) -> None:
     """`--plugin` of several commands."""
     if files:
-        from skyrange.agent.plugins import load_files
+        from skyrange.contracts.plugins import load_files
 
         load_files(files)
 
 
 def attacks(as_json: bool) -> None:
     """`skyrange attacks`."""
-    from skyrange.agent.plugins import ATTACKS, kinds
-    from skyrange.attack.contract import AttackKind
+    from skyrange.attack.contract import AttackPlugin
+    from skyrange.contracts.plugins import ATTACKS, kinds
 
-    found = {name: AttackKind.find(name) for name in kinds(ATTACKS)}
+    found = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
     if as_json:
         rows = [{"kind": name, "about": one.about, "technique": one.technique} for name, one in found.items()]
         print_json(rows)
@@ -194,6 +194,6 @@ def attacks(as_json: bool) -> None:
 
 def schema() -> None:
     """`skyrange schema`."""
-    from skyrange.scenario.schema import json_schema
+    from skyrange.scenario.model.scenario import json_schema
 
     print_json(json_schema())

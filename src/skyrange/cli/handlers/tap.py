@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from skyrange.cli.console import print_json
+from skyrange.cli.output.console import print_json
 
 
 def tap(
@@ -16,15 +16,15 @@ def tap(
     from pydantic import ValidationError
 
     from skyrange.core.errors import InputError
-    from skyrange.runtime.live.tap import Tapping, loopback
-    from skyrange.runtime.live.tapping import Terms
+    from skyrange.runtime.live.taps.external_tap import TapTerms
+    from skyrange.runtime.live.taps.tap_process import TapProcess, parse_loopback
 
     given: dict[str, Any] = {"link": link, "name": name, "hold_ms": hold_ms, "fail": fail}
     try:
-        terms = Terms.model_validate(given)
+        terms = TapTerms.model_validate(given)
     except ValidationError as error:
         raise InputError.one("tap", "--name", name, "1 to 32 letters, digits, '-' or '_'") from error
-    tapping = Tapping(terms, loopback(listen), run or newest_live_run(), wait_s)
+    tapping = TapProcess(terms, parse_loopback(listen), run or newest_live_run(), wait_s)
     try:
         tapping.serve(lambda line: print(line, file=sys.stderr, flush=True))
     except KeyboardInterrupt:

@@ -1,1 +1,1 @@
-"""Output."""
+"""Output of the commands on the terminal."""

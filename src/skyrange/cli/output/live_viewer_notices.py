@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from skyrange.cli.viewing import open_port_warning, viewer_address_lines, viewer_counts_text
+from skyrange.cli.output.viewer_notices import open_port_warning, viewer_address_lines, viewer_counts_text
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
-    from skyrange.runtime.live.range import Range
+    from skyrange.runtime.live.range import LiveRange
 
 
 def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | None:
@@ -21,26 +21,26 @@ def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | No
     return FIRST_PORT + port_offset if qgc else None
 
 
-def print_viewer_addresses(flown: Range) -> None:
+def print_viewer_addresses(flown: LiveRange) -> None:
     """Print where each aircraft can be watched, if viewers were requested."""
-    from skyrange.io.viewing import LOOPBACK
+    from skyrange.io.mavlink.viewer_ports import LOOPBACK
     from skyrange.runtime.viewers import Address
 
-    lines = open_port_warning(flown.rig.scenario)
+    lines = open_port_warning(flown.built.scenario)
     if flown.watched:
-        fleet = flown.rig.scenario.fleet
+        fleet = flown.built.scenario.fleet
         systems = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in fleet}
         lines += viewer_address_lines([Address(vehicle, LOOPBACK, port) for vehicle, port in flown.watched], systems)
     for line in lines:
         print(line, file=sys.stderr, flush=True)
 
 
-def print_viewer_counts(flown: Range) -> None:
+def print_viewer_counts(flown: LiveRange) -> None:
     """Print what viewers did, if any connected."""
-    from skyrange.io.viewing import Counts
+    from skyrange.io.mavlink.viewer_ports import ViewerCounts
 
     statuses = [member.status for member in flown.members.values() if member.status.get("viewing_viewers")]
     for status in statuses:
         prefix = "viewing_"
         counts = {name.removeprefix(prefix): int(value) for name, value in status.items() if name.startswith(prefix)}
-        print(viewer_counts_text(Counts(**counts)), file=sys.stderr)
+        print(viewer_counts_text(ViewerCounts(**counts)), file=sys.stderr)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from skyrange.cli.console import terminal
-from skyrange.cli.summary import MAX_AIRCRAFT
+from skyrange.cli.output.console import terminal
+from skyrange.cli.output.run_summary import MAX_AIRCRAFT
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from skyrange.study.pair_folder import Pair
+    from skyrange.study.twins.pair_folder import Pair
 
 
 def print_pair(result: Pair) -> None:

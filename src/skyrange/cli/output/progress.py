@@ -10,7 +10,7 @@ from time import monotonic
 from skyrange.core.time import Time, to_seconds
 
 OnProgress = Callable[[Time, Time], None]
-OnShare = Callable[[int, Time, Time], None]
+OnRunProgress = Callable[[int, Time, Time], None]
 OnBytes = Callable[[int, int | None], None]
 
 
@@ -60,7 +60,7 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
 
 
 @contextmanager
-def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None]:
+def parallel_progress(name: str, flights: int, *, quiet: bool) -> Iterator[OnRunProgress | None]:
     """Yield a progress callback for several parallel runs, with one bar or line for all of them."""
     with progress(f"{name}, {flights} runs", quiet=quiet) as show:
         if show is None:
@@ -76,7 +76,7 @@ def together(name: str, flights: int, *, quiet: bool) -> Iterator[OnShare | None
 
 
 @contextmanager
-def transfer(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
+def download_progress(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
     """Yield a progress callback for a download: bytes done, and the total if it is known."""
     if quiet:
         yield None

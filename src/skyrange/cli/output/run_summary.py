@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.console import terminal
+from skyrange.cli.output.console import terminal
 
 if TYPE_CHECKING:
     from rich.console import Console

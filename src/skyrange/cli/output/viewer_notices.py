@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
-    from skyrange.io.viewing import Counts
+    from skyrange.io.mavlink.viewer_ports import ViewerCounts
     from skyrange.runtime.viewers import Address, Viewers
-    from skyrange.scenario.schema import Scenario
+    from skyrange.scenario.model.scenario import Scenario
 
 MAX_LINES = 60
 
@@ -57,7 +57,7 @@ def viewer_address_lines(addresses: Sequence[Address], system_ids: dict[str, int
 
 def open_port_warning(scenario: Scenario) -> list[str]:
     """Lines that warn of autopilots that listen on network ports themselves."""
-    from skyrange.vehicle.spec import AutopilotPlugin
+    from skyrange.vehicle.contract import AutopilotPlugin
 
     ports: list[str] = []
     for kind in scenario.autopilots.options:
@@ -74,7 +74,7 @@ def open_port_warning(scenario: Scenario) -> list[str]:
     ]
 
 
-def viewer_counts_text(counts: Counts) -> str:
+def viewer_counts_text(counts: ViewerCounts) -> str:
     """The number of viewers, and the data that was discarded, as text."""
     text = f"viewers: {counts.viewers} connected; {counts.bytes_ignored:,} bytes that they sent were discarded"
     if counts.frames_lost:

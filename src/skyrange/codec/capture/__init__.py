@@ -1,1 +1,1 @@
-"""Capture."""
+"""Capture files: pcapng blocks, and the packets that go into them."""

@@ -16,7 +16,7 @@ RADIOTAP: Final = 127
 BLE_PHDR: Final = 256
 """Link type: a 10-byte radio header, then a Bluetooth LE packet from its access address on."""
 IPV4: Final = 228
-"""Link type: an IPv4 datagram (`codec.datagrams`) without a link-layer header."""
+"""Link type: an IPv4 datagram (`codec.capture.udp_datagram`) without a link-layer header."""
 
 _BYTE_ORDER: Final = 0x1A2B3C4D
 _SECTION: Final = 0x0A0D0D0A
@@ -57,13 +57,13 @@ def _option(code: int, value: bytes) -> bytes:
     return struct.pack("<HH", code, len(value)) + value + bytes(-len(value) % 4)
 
 
-def head(interfaces: Iterable[tuple[str, int]] = ()) -> bytes:
+def file_header(interfaces: Iterable[tuple[str, int]] = ()) -> bytes:
     """The beginning of a file: the section header, and the first interfaces (name, link type), numbered from 0."""
     section = _block(_SECTION, struct.pack("<IHHq", _BYTE_ORDER, 1, 0, -1))
-    return section + b"".join(interface(name, link_type) for name, link_type in interfaces)
+    return section + b"".join(interface_block(name, link_type) for name, link_type in interfaces)
 
 
-def interface(name: str, link_type: int) -> bytes:
+def interface_block(name: str, link_type: int) -> bytes:
     """The block of the next interface; packets refer to it by its order in the file. Its timestamps
     count nanoseconds.
     """
@@ -71,7 +71,7 @@ def interface(name: str, link_type: int) -> bytes:
     return _block(_INTERFACE, struct.pack("<HHI", link_type, 0, 0) + options)
 
 
-def names(by_address: Mapping[int, str]) -> bytes:
+def name_block(by_address: Mapping[int, str]) -> bytes:
     """A name resolution block for IPv4 addresses, so that readers of the file show names instead of addresses."""
     rows = [
         _option(_NAME_OF_IPV4, address.to_bytes(4, "big") + name.encode() + b"\0")
@@ -80,7 +80,7 @@ def names(by_address: Mapping[int, str]) -> bytes:
     return _block(_NAMES, b"".join(rows) + _option(0, b""))
 
 
-def packet(interface: int, utc_ns: int, data: bytes, comment: str = "") -> bytes:
+def packet_block(interface: int, utc_ns: int, data: bytes, comment: str = "") -> bytes:
     """One packet, captured whole on interface number `interface` at `utc_ns` (nanoseconds of Unix time, 0 or later)."""
     fixed = struct.pack("<IIIII", interface, utc_ns >> 32, utc_ns & 0xFFFFFFFF, len(data), len(data))
     options = _option(_COMMENT, comment.encode()) + _option(0, b"") if comment else b""
@@ -98,7 +98,7 @@ def wifi_frequency_mhz(channel: int) -> int:
     raise ValueError(f"Wi-Fi channel {channel}: 1…14 or 36…177")
 
 
-def radiotap(channel: int, rate_mbps: float, signal_dbm: float | None) -> bytes:
+def radiotap_header(channel: int, rate_mbps: float, signal_dbm: float | None) -> bytes:
     """The radiotap header before an 802.11 frame with its FCS; the signal in whole dB, as the format requires."""
     flags = _OFDM_5 if channel > 14 else _OFDM_2_4
     fields = struct.pack("<BBHH", _FCS_AT_END, round(rate_mbps * 2), wifi_frequency_mhz(channel), flags)
@@ -117,7 +117,7 @@ def ble_rf_channel(index: int) -> int:
     return index + 1 if index <= 10 else index + 2
 
 
-def ble_phdr(channel: int, signal_dbm: float | None, *, coded: bool, auxiliary: bool) -> bytes:
+def ble_radio_header(channel: int, signal_dbm: float | None, *, coded: bool, auxiliary: bool) -> bytes:
     """The header before a BLE packet that was received whole, on channel index `channel`; the signal in whole dB."""
     flags = _DEWHITENED | _REFERENCE_VALID | _CRC_CHECKED | _CRC_VALID
     flags |= _CODED_PHY * coded | _AUXILIARY * auxiliary | _SIGNAL_VALID * (signal_dbm is not None)

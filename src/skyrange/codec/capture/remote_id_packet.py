@@ -8,8 +8,9 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Final
 
-from skyrange.codec import ble, pcapng, wifi
-from skyrange.codec.rid_link import NO_RSSI, RidFrame, RidHeader, Transport
+from skyrange.codec.capture import pcapng
+from skyrange.codec.remote_id import ble, wifi
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, RidHeader, Transport
 
 INTERFACES: Final = (("wifi", pcapng.RADIOTAP), ("ble", pcapng.BLE_PHDR))
 WIFI_RATE_MBPS: Final = 6.0
@@ -17,23 +18,23 @@ WIFI_RATE_MBPS: Final = 6.0
 _WIFI: Final = frozenset((Transport.WIFI_BEACON, Transport.WIFI_NAN))
 
 
-def packet(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0) -> bytes:
+def packet_block(frame: RidFrame, start_utc_ns: int, comment: str = "", first: int = 0) -> bytes:
     """The pcapng block of a received broadcast, at `start_utc_ns` (Unix time of range time 0) plus its reception time.
 
     `first` is the number of its receiver's first interface. The header's channel must be known (not
-    `rid_link.ANY_CHANNEL`). Raises `ValueError` if the transport's frame cannot hold the body, such as a message pack
-    in a Bluetooth 4 advertisement, or if the channel does not exist.
+    `link_payload.ANY_CHANNEL`). Raises `ValueError` if the transport's frame cannot hold the body, such as a message
+    pack in a Bluetooth 4 advertisement, or if the channel does not exist.
     """
     header = frame.header
     signal_dbm = None if header.rssi_cdbm == NO_RSSI else header.rssi_cdbm / 100
     sent = _radio_frame(header.transport, header.counter, header.address, header.time_ns, frame.body)
     if header.transport in _WIFI:
-        radio = pcapng.radiotap(header.channel, WIFI_RATE_MBPS, signal_dbm)
+        radio = pcapng.radiotap_header(header.channel, WIFI_RATE_MBPS, signal_dbm)
     else:
         first += 1
         extended = header.transport == Transport.BT5
-        radio = pcapng.ble_phdr(header.channel, signal_dbm, coded=extended, auxiliary=extended)
-    return pcapng.packet(first, start_utc_ns + header.time_ns, radio + sent, comment)
+        radio = pcapng.ble_radio_header(header.channel, signal_dbm, coded=extended, auxiliary=extended)
+    return pcapng.packet_block(first, start_utc_ns + header.time_ns, radio + sent, comment)
 
 
 @lru_cache(maxsize=1024)
@@ -42,10 +43,10 @@ def _radio_frame(transport: int, counter: int, address: bytes, time_ns: int, bod
     frame = RidFrame(RidHeader(transport, counter=counter, address=address, time_ns=time_ns), body)
     match Transport(transport):
         case Transport.WIFI_BEACON:
-            return wifi.beacon(frame, timestamp_us=max(time_ns // 1000, 0))
+            return wifi.encode_beacon(frame, timestamp_us=max(time_ns // 1000, 0))
         case Transport.WIFI_NAN:
-            return wifi.nan_action(frame)
+            return wifi.encode_nan_action(frame)
         case Transport.BT4:
-            return ble.legacy(frame)
+            return ble.encode_legacy(frame)
         case Transport.BT5:
-            return ble.auxiliary(frame)
+            return ble.encode_auxiliary(frame)

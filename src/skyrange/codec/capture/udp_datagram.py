@@ -14,20 +14,22 @@ _WHOLE: Final = 0x4000
 """Flags: do not fragment, which permits an identification of 0 (RFC 6864)."""
 _TTL: Final = 64
 _PROTOCOL: Final = 17
-MOST: Final = 0xFFFF - _IP.size - _UDP.size
+MAX_PAYLOAD: Final = 0xFFFF - _IP.size - _UDP.size
 
 
-class Socket(NamedTuple):
+class SocketAddress(NamedTuple):
     """One end of a datagram: an IPv4 address as a number, and a UDP port."""
 
     address: int
     port: int
 
 
-def udp(source: Socket, target: Socket, payload: bytes) -> bytes:
-    """The datagram from its IPv4 header on. The UDP checksum is omitted (0). Raises `ValueError` above `MOST` bytes."""
-    if len(payload) > MOST:
-        raise ValueError(f"{len(payload)} bytes, a datagram holds at most {MOST}")
+def encode_datagram(source: SocketAddress, target: SocketAddress, payload: bytes) -> bytes:
+    """The datagram from its IPv4 header on. The UDP checksum is omitted (0). Raises `ValueError` above `MAX_PAYLOAD`
+    bytes.
+    """
+    if len(payload) > MAX_PAYLOAD:
+        raise ValueError(f"{len(payload)} bytes, a datagram holds at most {MAX_PAYLOAD}")
     size = _UDP.size + len(payload)
     fields = [0x45, 0, _IP.size + size, 0, _WHOLE, _TTL, _PROTOCOL, 0, source.address, target.address]
     fields[7] = _checksum(_IP.pack(*fields))

@@ -1,12 +1,12 @@
 """ASTM F3411-22a messages: the content of a Remote ID broadcast, encoded and decoded.
 
-`encode(message)` and `decode(body)` are each other's inverse up to the standard's resolution; `faults(message)` lists
-what the standard does not allow. `codec.f3411_columns` handles the frequent messages for many aircraft at once.
+`encode(message)` and `decode(body)` are each other's inverse up to the standard's resolution; `deviations(message)`
+lists what the standard does not allow. `codec.f3411.columns` handles the frequent messages for many aircraft at once.
 """
 
+from skyrange.codec.f3411.conformance import deviations, is_serial_number
 from skyrange.codec.f3411.decode import decode
-from skyrange.codec.f3411.encode import PACK_MOST, SIZE, encode
-from skyrange.codec.f3411.faults import faults, is_serial_number
+from skyrange.codec.f3411.encode import MAX_PACK_MESSAGES, SIZE, encode
 from skyrange.codec.f3411.messages import (
     EPOCH_2019_S,
     PROTOCOL_VERSION,
@@ -25,7 +25,7 @@ from skyrange.codec.f3411.messages import (
     OperatorLocationType,
     Reserved,
     SelfId,
-    Single,
+    SingleMessage,
     Status,
     System,
     UaType,
@@ -34,7 +34,7 @@ from skyrange.core.errors import DecodeError
 
 __all__ = [
     "EPOCH_2019_S",
-    "PACK_MOST",
+    "MAX_PACK_MESSAGES",
     "PROTOCOL_VERSION",
     "SIZE",
     "AuthType",
@@ -53,12 +53,12 @@ __all__ = [
     "OperatorLocationType",
     "Reserved",
     "SelfId",
-    "Single",
+    "SingleMessage",
     "Status",
     "System",
     "UaType",
     "decode",
+    "deviations",
     "encode",
-    "faults",
     "is_serial_number",
 ]

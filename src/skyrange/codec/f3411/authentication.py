@@ -12,14 +12,14 @@ from skyrange.codec.f3411.encode import PAGE_0_DATA, PAGE_DATA
 from skyrange.codec.f3411.messages import Authentication
 from skyrange.core.errors import DecodeError
 
-MOST_DATA = 255
-MOST_PAGES = 16
+MAX_DATA = 255
+MAX_PAGES = 16
 
 
-def pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication, ...]:
+def split_pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication, ...]:
     """The messages that carry `data` (0…255 bytes, else `ValueError`); `timestamp_s` since `EPOCH_2019_S`."""
-    if len(data) > MOST_DATA:
-        raise ValueError(f"{len(data)} bytes of authentication data, at most {MOST_DATA}")
+    if len(data) > MAX_DATA:
+        raise ValueError(f"{len(data)} bytes of authentication data, at most {MAX_DATA}")
     rest = range(PAGE_0_DATA, len(data), PAGE_DATA)
     first = Authentication(
         auth_type, 0, data[:PAGE_0_DATA].ljust(PAGE_0_DATA, b"\0"), len(rest), len(data), timestamp_s
@@ -30,7 +30,7 @@ def pages(auth_type: int, data: bytes, timestamp_s: int) -> tuple[Authentication
     )
 
 
-def join(messages: Iterable[Authentication]) -> bytes:
+def join_pages(messages: Iterable[Authentication]) -> bytes:
     """The data of all pages, given in any order and possibly repeated; of two versions of a page the last one counts.
 
     Raises `DecodeError` if a page is missing or if the pages cannot hold the length they announce.
@@ -40,8 +40,8 @@ def join(messages: Iterable[Authentication]) -> bytes:
     if first is None:
         raise DecodeError("page 0 is missing")
     last, length = first.last_page or 0, first.length or 0
-    if last >= MOST_PAGES:
-        raise DecodeError(f"last page {last}, at most {MOST_PAGES - 1}")
+    if last >= MAX_PAGES:
+        raise DecodeError(f"last page {last}, at most {MAX_PAGES - 1}")
     missing = [page for page in range(last + 1) if page not in held]
     if missing:
         raise DecodeError(f"pages {missing} of 0…{last} are missing")

@@ -12,10 +12,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.f3411 import PACK_MOST, PROTOCOL_VERSION, SIZE, MessageType, values
+from skyrange.codec.f3411 import MAX_PACK_MESSAGES, PROTOCOL_VERSION, SIZE, MessageType, values
 from skyrange.codec.f3411.encode import PACK_HEADER
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 Codes = NDArray[np.uint8]
@@ -45,9 +45,9 @@ class LocationColumns(NamedTuple):
     `f3411.Location`.
     """
 
-    whole: Flags
+    valid: Flags
     """(n,) whether `f3411.decode` would accept the body."""
-    found: Flags
+    has_location: Flags
     """(n,) whether the body holds a Location; where it does not, floats are NaN and codes 0."""
     lat_deg: Floats
     lon_deg: Floats
@@ -75,20 +75,20 @@ class LocationColumns(NamedTuple):
     """(n,) S20, from the first Basic ID; b"" if there is none."""
 
 
-@kernel
-def _find_messages(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located: Ints, named: Ints) -> None:
+@compiled
+def _find_messages(data: Bytes, starts: Ints, sizes: Ints, valid: Flags, located: Ints, named: Ints) -> None:
     """Write where each body's first Location and first Basic ID begin in `data`; -1 if it has none or is malformed."""
     for row in range(starts.shape[0]):
         start, size = starts[row], sizes[row]
-        whole[row], located[row], named[row] = False, -1, -1
+        valid[row], located[row], named[row] = False, -1, -1
         first, count = int(start), 0
         if size == SIZE and data[start] >> 4 != _PACK:
             count = 1
         elif size >= PACK_HEADER + SIZE and data[start] >> 4 == _PACK and data[start + 1] == SIZE:
             told = int(data[start + 2])
-            if told <= PACK_MOST and size == PACK_HEADER + SIZE * told:
+            if told <= MAX_PACK_MESSAGES and size == PACK_HEADER + SIZE * told:
                 first, count = start + PACK_HEADER, told
-        whole[row] = count > 0
+        valid[row] = count > 0
         for place in range(count - 1, -1, -1):  # backwards, so that the first one is kept
             at = first + SIZE * place
             kind = data[at] >> 4
@@ -98,7 +98,7 @@ def _find_messages(data: Bytes, starts: Ints, sizes: Ints, whole: Flags, located
                 named[row] = at
 
 
-@kernel
+@compiled
 def _word(data: Bytes, at: int, size: int) -> int:
     """An unsigned little-endian integer."""
     word = 0
@@ -107,12 +107,12 @@ def _word(data: Bytes, at: int, size: int) -> int:
     return word
 
 
-@kernel
+@compiled
 def _altitude(raw: int) -> float:
-    return raw * values.ALTITUDE_STEP_M + values.ALTITUDE_LEAST_M if raw != 0 else math.nan
+    return raw * values.ALTITUDE_STEP_M + values.ALTITUDE_MIN_M if raw != 0 else math.nan
 
 
-@kernel
+@compiled
 def _read_values(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes: Codes, names: Bytes) -> None:
     """Fill `numbers`, `codes` (rows in the order of `NUMBERS` and `CODES`, then both types of the Basic ID) and
     `names`.
@@ -126,8 +126,8 @@ def _read_values(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes
             fast, west = (flags & 1) == 1, (flags >> 1 & 1) == 1
             lat, lon = _word(data, at + 5, 4), _word(data, at + 9, 4)
             if lat != 0 or lon != 0:
-                numbers[0, row] = (lat - (lat >> 31 << 32)) / values.DEGREES
-                numbers[1, row] = (lon - (lon >> 31 << 32)) / values.DEGREES
+                numbers[0, row] = (lat - (lat >> 31 << 32)) / values.UNITS_PER_DEGREE
+                numbers[1, row] = (lon - (lon >> 31 << 32)) / values.UNITS_PER_DEGREE
             numbers[2, row] = _altitude(_word(data, at + 15, 2))
             numbers[3, row] = _altitude(_word(data, at + 13, 2))
             numbers[4, row] = _altitude(_word(data, at + 17, 2))
@@ -156,36 +156,36 @@ def _read_values(data: Bytes, located: Ints, named: Ints, numbers: Floats, codes
             codes[7, row], codes[8, row] = data[at + 1] >> 4, data[at + 1] & 15
 
 
-def location_rows(bodies: Payloads) -> LocationColumns:
+def decode_locations(bodies: Payloads) -> LocationColumns:
     """The Location and the first Basic ID of each body, a message or a pack; a malformed body has neither."""
     count = len(bodies)
-    whole = np.empty(count, dtype=np.bool_)
+    valid = np.empty(count, dtype=np.bool_)
     located, named = np.empty((2, count), dtype=np.int64)
-    _find_messages(bodies.data, bodies.starts, bodies.sizes, whole, located, named)
+    _find_messages(bodies.data, bodies.starts, bodies.sizes, valid, located, named)
     numbers, codes = np.empty((9, count)), np.empty((9, count), dtype=np.uint8)
     names = np.empty((count, 20), dtype=np.uint8)
     _read_values(bodies.data, located, named, numbers, codes, names)
     texts = names.view("S20")[:, 0]
-    return LocationColumns._make((whole, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
+    return LocationColumns._make((valid, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
 
 
-@kernel
+@compiled
 def _steps(metres: float) -> int:
     """The 16 bits of an altitude: saturating, 0 for unknown."""
     if math.isnan(metres):
         return 0
-    least, most = values.ALTITUDE_LEAST_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M
-    held: float = min(max(metres, least), most) - values.ALTITUDE_LEAST_M
+    least, most = values.ALTITUDE_MIN_M + values.ALTITUDE_STEP_M, values.ALTITUDE_MAX_M
+    held: float = min(max(metres, least), most) - values.ALTITUDE_MIN_M
     return int(np.rint(held / values.ALTITUDE_STEP_M))
 
 
-@kernel
+@compiled
 def _put_int(out: Bodies, row: int, at: int, size: int, number: int) -> None:
     for place in range(size):
         out[row, at + place] = number >> (8 * place) & 0xFF
 
 
-@kernel
+@compiled
 def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
     """Fill the messages; returns the index of a column (first `numbers`, then `codes`) that cannot
     be encoded, or -1.
@@ -199,7 +199,7 @@ def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
         out[row] = 0
         out[row, 0] = _LOCATION << 4 | PROTOCOL_VERSION
         if not math.isnan(lat) or not math.isnan(lon):
-            lat, lon = np.rint(lat * values.DEGREES), np.rint(lon * values.DEGREES)
+            lat, lon = np.rint(lat * values.UNITS_PER_DEGREE), np.rint(lon * values.UNITS_PER_DEGREE)
             if not -(2.0**31) <= lat < 2.0**31:
                 return 0
             if not -(2.0**31) <= lon < 2.0**31:
@@ -256,23 +256,23 @@ def encode_locations(numbers: Floats, codes: Codes) -> Bodies:
     return out
 
 
-def rows_of(bodies: Sequence[bytes]) -> Bodies:
+def stack_messages(bodies: Sequence[bytes]) -> Bodies:
     """(n, 25) rows from messages encoded one by one (`f3411.encode`); raises `ValueError` for other lengths."""
     if any(len(body) != SIZE for body in bodies):
         raise ValueError(f"a message of another length, expected {SIZE} bytes each")
     return np.frombuffer(b"".join(bodies), dtype=np.uint8).reshape(len(bodies), SIZE)
 
 
-def single_rows(part: Bodies) -> Payloads:
+def single_bodies(part: Bodies) -> Payloads:
     """Bodies of one message each, as Bluetooth 4 carries them."""
     starts = np.arange(len(part), dtype=np.int64) * SIZE
     return Payloads(np.ascontiguousarray(part).reshape(-1), starts, np.full(len(part), SIZE, dtype=np.int64))
 
 
-def pack_rows(parts: Sequence[Bodies]) -> Payloads:
+def pack_bodies(parts: Sequence[Bodies]) -> Payloads:
     """Message packs: pack i holds row i of every part, in the order of the parts (1…9, else `ValueError`)."""
-    if not 1 <= len(parts) <= PACK_MOST:
-        raise ValueError(f"{len(parts)} messages in a pack, expected 1…{PACK_MOST}")
+    if not 1 <= len(parts) <= MAX_PACK_MESSAGES:
+        raise ValueError(f"{len(parts)} messages in a pack, expected 1…{MAX_PACK_MESSAGES}")
     count, size = len(parts[0]), PACK_HEADER + SIZE * len(parts)
     out = np.empty((count, size), dtype=np.uint8)
     out[:, 0] = MessageType.MESSAGE_PACK << 4 | PROTOCOL_VERSION

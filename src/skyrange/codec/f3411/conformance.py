@@ -28,7 +28,7 @@ _SERIAL: Final = re.compile(r"[0-9A-HJ-NP-Z]{4}([1-9A-F])([0-9A-HJ-NP-Z]{1,15})"
 """ANSI/CTA-2063-A: manufacturer's code, length of the rest, serial number; no letters O and I."""
 
 
-def faults(message: Message) -> tuple[str, ...]:
+def deviations(message: Message) -> tuple[str, ...]:
     """One text per deviation, `field value: what the standard says`; empty for a conforming message.
 
     A saturated speed (254.25 m/s, ±62 m/s) is named too: it is allowed, but it means "or more".
@@ -79,7 +79,7 @@ def _beyond(name: str, value: float | None, least: float, most: float) -> list[s
 def _pack(message: MessagePack) -> list[str]:
     found = []
     for place, part in enumerate(message.messages):
-        found += [f"message {place}, {type(part).__name__}: {text}" for text in faults(part)]
+        found += [f"message {place}, {type(part).__name__}: {text}" for text in deviations(part)]
     kinds = [type(part) for part in message.messages]
     for kind, most in ((BasicId, 2), (Location, 1), (SelfId, 1), (System, 1), (OperatorId, 1)):
         if kinds.count(kind) > most:

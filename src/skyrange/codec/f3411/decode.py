@@ -1,7 +1,7 @@
 """Decoder of F3411-22a: 25 bytes → a message, 3 + 25 n bytes → a pack.
 
 Any 25 bytes are a valid message unless their type is that of a pack. Values outside the standard are decoded as they
-are and named by `faults`; a reserved message type becomes `Reserved`. Only a body with an inconsistent length is
+are and named by `deviations`; a reserved message type becomes `Reserved`. Only a body with an inconsistent length is
 refused.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from typing import Final
 
 from skyrange.codec.f3411 import values
-from skyrange.codec.f3411.encode import AUTH_0, LOCATION, PACK_HEADER, PACK_MOST, SIZE, SYSTEM
+from skyrange.codec.f3411.encode import AUTH_0, LOCATION, MAX_PACK_MESSAGES, PACK_HEADER, SIZE, SYSTEM
 from skyrange.codec.f3411.messages import (
     Authentication,
     BasicId,
@@ -22,7 +22,7 @@ from skyrange.codec.f3411.messages import (
     OperatorId,
     Reserved,
     SelfId,
-    Single,
+    SingleMessage,
     System,
 )
 from skyrange.core.errors import DecodeError
@@ -45,15 +45,15 @@ def _pack(body: bytes) -> MessagePack:
     size, count = body[1], body[2]
     if size != SIZE:
         raise DecodeError(f"a pack of messages of {size} bytes, expected {SIZE}")
-    if not 1 <= count <= PACK_MOST:
-        raise DecodeError(f"a pack of {count} messages, expected 1…{PACK_MOST}")
+    if not 1 <= count <= MAX_PACK_MESSAGES:
+        raise DecodeError(f"a pack of {count} messages, expected 1…{MAX_PACK_MESSAGES}")
     if len(body) != PACK_HEADER + SIZE * count:
         raise DecodeError(f"{len(body)} bytes, a pack of {count} messages has {PACK_HEADER + SIZE * count}")
     starts = range(PACK_HEADER, len(body), SIZE)
     return MessagePack(tuple(_single(body[at : at + SIZE]) for at in starts), body[0] & 15)
 
 
-def _single(body: bytes) -> Single:
+def _single(body: bytes) -> SingleMessage:
     decoder = _DECODERS.get(body[0] >> 4)
     version = body[0] & 15
     return decoder(body, version) if decoder else Reserved(body[0] >> 4, body[1:], version)
@@ -69,7 +69,7 @@ def _basic_id(body: bytes, version: int) -> BasicId:
 
 def _location(body: bytes, version: int) -> Location:
     flags, track, speed, vertical, lat, lon, baro, geo, height, first, second, time, third = LOCATION.unpack(body)
-    lat_deg, lon_deg = values.decode_place(lat, lon)
+    lat_deg, lon_deg = values.decode_position(lat, lon)
     return Location(
         flags >> 4, lat_deg, lon_deg, values.decode_altitude(geo), values.decode_altitude(baro),
         values.decode_altitude(height), flags >> 2 & 1, values.decode_speed(speed, flags & 1),
@@ -92,7 +92,7 @@ def _self_id(body: bytes, version: int) -> SelfId:
 
 def _system(body: bytes, version: int) -> System:
     flags, lat, lon, count, radius, ceiling, floor, kinds, altitude, timestamp_s = SYSTEM.unpack(body)
-    lat_deg, lon_deg = values.decode_place(lat, lon)
+    lat_deg, lon_deg = values.decode_position(lat, lon)
     return System(
         flags & 3, lat_deg, lon_deg, values.decode_altitude(altitude), count, float(radius * values.RADIUS_STEP_M),
         values.decode_altitude(ceiling), values.decode_altitude(floor), flags >> 2 & 7, kinds >> 4, kinds & 15,
@@ -104,7 +104,7 @@ def _operator_id(body: bytes, version: int) -> OperatorId:
     return OperatorId(body[1], _text(body[2:22]), version)
 
 
-_DECODERS: Final[dict[int, Callable[[bytes, int], Single]]] = {
+_DECODERS: Final[dict[int, Callable[[bytes, int], SingleMessage]]] = {
     MessageType.BASIC_ID: _basic_id, MessageType.LOCATION: _location, MessageType.AUTHENTICATION: _authentication,
     MessageType.SELF_ID: _self_id, MessageType.SYSTEM: _system, MessageType.OPERATOR_ID: _operator_id,
 }  # fmt: skip

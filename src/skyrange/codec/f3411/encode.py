@@ -21,14 +21,14 @@ from skyrange.codec.f3411.messages import (
     OperatorId,
     Reserved,
     SelfId,
-    Single,
+    SingleMessage,
     System,
 )
 
 SIZE = 25
 """Bytes of a message."""
 PACK_HEADER = 3
-PACK_MOST = 9
+MAX_PACK_MESSAGES = 9
 """Messages in a pack: 228 bytes, the capacity of one Bluetooth 5 or Wi-Fi broadcast (F3411-22a, Message Pack)."""
 PAGE_0_DATA = 17
 PAGE_DATA = 23
@@ -48,18 +48,18 @@ def encode(message: Message) -> bytes:
     given.
     """
     if isinstance(message, MessagePack):
-        return pack_of([_single(part) for part in message.messages], message.version)
+        return encode_pack([_single(part) for part in message.messages], message.version)
     return _single(message)
 
 
-def pack_of(bodies: list[bytes], version: int) -> bytes:
+def encode_pack(bodies: list[bytes], version: int) -> bytes:
     """The pack of 1…9 messages of 25 bytes each."""
-    if not 1 <= len(bodies) <= PACK_MOST:
-        raise ValueError(f"{len(bodies)} messages in a pack, expected 1…{PACK_MOST}")
+    if not 1 <= len(bodies) <= MAX_PACK_MESSAGES:
+        raise ValueError(f"{len(bodies)} messages in a pack, expected 1…{MAX_PACK_MESSAGES}")
     return bytes([_first_byte(MessageType.MESSAGE_PACK, version), SIZE, len(bodies)]) + b"".join(bodies)
 
 
-def _single(message: Single) -> bytes:
+def _single(message: SingleMessage) -> bytes:
     try:
         return _ENCODERS[type(message)](message)
     except (struct.error, OverflowError) as error:
@@ -100,7 +100,7 @@ def _basic_id(message: BasicId) -> bytes:
 def _location(message: Location) -> bytes:
     track, west = values.encode_track(message.track_deg)
     speed, fast = values.encode_speed(message.speed_mps)
-    lat, lon = values.encode_place(message.lat_deg, message.lon_deg)
+    lat, lon = values.encode_position(message.lat_deg, message.lon_deg)
     if message.height_type not in (0, 1):
         raise ValueError(f"height_type {message.height_type}: 0 or 1")
     flags = _nibbles(message.status, message.height_type << 2 | west << 1 | fast, "status and flags")
@@ -136,7 +136,7 @@ def _self_id(message: SelfId) -> bytes:
 
 
 def _system(message: System) -> bytes:
-    lat, lon = values.encode_place(message.operator_lat_deg, message.operator_lon_deg)
+    lat, lon = values.encode_position(message.operator_lat_deg, message.operator_lon_deg)
     if not (0 <= message.operator_location_type <= 3 and 0 <= message.classification <= 7):
         raise ValueError(
             f"operator_location_type {message.operator_location_type} of 0…3,"

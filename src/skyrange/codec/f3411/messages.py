@@ -2,7 +2,7 @@
 
 Altitudes named `alt_geo_m` and `operator_alt_geo_m` are heights above the WGS 84 **ellipsoid**; MAVLink's are above
 mean sea level (`core.geodesy.Origin.ellipsoid_of`, `.msl_of`). Codes are plain `int`s so that a reserved one can be
-carried; the enumerations name the known ones. Nothing is checked here: `faults` names what the standard does not
+carried; the enumerations name the known ones. Nothing is checked here: `deviations` names what the standard does not
 allow, and `encode` refuses what cannot be encoded.
 """
 
@@ -168,7 +168,9 @@ class Location(NamedTuple):
 
 
 class Authentication(NamedTuple):
-    """One page of authentication data; `authentication.pages` makes them, and `authentication.join` joins them."""
+    """One page of authentication data; `authentication.split_pages` makes them, and `authentication.join_pages` joins
+    them.
+    """
 
     auth_type: int
     page: int
@@ -236,16 +238,16 @@ class Reserved(NamedTuple):
     version: int = PROTOCOL_VERSION
 
 
-Single: TypeAlias = BasicId | Location | Authentication | SelfId | System | OperatorId | Reserved
+SingleMessage: TypeAlias = BasicId | Location | Authentication | SelfId | System | OperatorId | Reserved
 """A message of 25 bytes."""
 
 
 class MessagePack(NamedTuple):
     """Several messages in one broadcast, as Bluetooth 5 and Wi-Fi carry them."""
 
-    messages: tuple[Single, ...]
+    messages: tuple[SingleMessage, ...]
     """1…9."""
     version: int = PROTOCOL_VERSION
 
 
-Message: TypeAlias = Single | MessagePack
+Message: TypeAlias = SingleMessage | MessagePack

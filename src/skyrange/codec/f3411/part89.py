@@ -103,7 +103,7 @@ MODULE: Final = (
 """The elements of a Remote ID broadcast module."""
 
 
-def missing(messages: Iterable[Message], elements: tuple[Element, ...] = STANDARD) -> tuple[str, ...]:
+def missing_elements(messages: Iterable[Message], elements: tuple[Element, ...] = STANDARD) -> tuple[str, ...]:
     """The clauses whose element is in none of `messages`; packs are searched."""
     said: list[Message] = []
     for message in messages:

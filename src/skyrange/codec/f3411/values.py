@@ -27,10 +27,10 @@ VERTICAL_MAX_MPS: Final = 62.0
 VERTICAL_UNKNOWN: Final = 126
 """"63 m/s"."""
 ALTITUDE_STEP_M: Final = 0.5
-ALTITUDE_LEAST_M: Final = -1000.0
+ALTITUDE_MIN_M: Final = -1000.0
 """Written as 0, which means unknown."""
 ALTITUDE_MAX_M: Final = 31767.5
-DEGREES: Final = 10_000_000
+UNITS_PER_DEGREE: Final = 10_000_000
 """Latitude and longitude count 1e-7 degrees; both 0 means unknown."""
 TRACK_UNKNOWN: Final = (181, 1)
 """Byte and east/west bit of "361°"."""
@@ -110,31 +110,34 @@ def encode_altitude(altitude_m: float | None) -> int:
     """16 bits; the lowest known altitude is −999.5 m, since −1000 m means unknown."""
     if altitude_m is None:
         return 0
-    held = min(max(_finite(altitude_m, "altitude"), ALTITUDE_LEAST_M + ALTITUDE_STEP_M), ALTITUDE_MAX_M)
-    return round((held - ALTITUDE_LEAST_M) / ALTITUDE_STEP_M)
+    held = min(max(_finite(altitude_m, "altitude"), ALTITUDE_MIN_M + ALTITUDE_STEP_M), ALTITUDE_MAX_M)
+    return round((held - ALTITUDE_MIN_M) / ALTITUDE_STEP_M)
 
 
 def decode_altitude(value: int) -> float | None:
     """Metres."""
-    return None if value == 0 else value * ALTITUDE_STEP_M + ALTITUDE_LEAST_M
+    return None if value == 0 else value * ALTITUDE_STEP_M + ALTITUDE_MIN_M
 
 
-def encode_place(lat_deg: float | None, lon_deg: float | None) -> tuple[int, int]:
+def encode_position(lat_deg: float | None, lon_deg: float | None) -> tuple[int, int]:
     """Two signed integers of 32 bits. A latitude of 95° can be encoded (a sender may claim it), one of 220° cannot."""
     if lat_deg is None or lon_deg is None:
         if lat_deg is not None or lon_deg is not None:
             raise ValueError(f"lat_deg {lat_deg}, lon_deg {lon_deg}: both or neither")
         return 0, 0
-    lat, lon = round(_finite(lat_deg, "lat_deg") * DEGREES), round(_finite(lon_deg, "lon_deg") * DEGREES)
+    lat, lon = (
+        round(_finite(lat_deg, "lat_deg") * UNITS_PER_DEGREE),
+        round(_finite(lon_deg, "lon_deg") * UNITS_PER_DEGREE),
+    )
     for name, value in (("lat_deg", lat), ("lon_deg", lon)):
         if not -(2**31) <= value < 2**31:
-            raise ValueError(f"{name} {value / DEGREES}: does not fit 32 bits of 1e-7 degrees")
+            raise ValueError(f"{name} {value / UNITS_PER_DEGREE}: does not fit 32 bits of 1e-7 degrees")
     return lat, lon
 
 
-def decode_place(lat: int, lon: int) -> tuple[float | None, float | None]:
+def decode_position(lat: int, lon: int) -> tuple[float | None, float | None]:
     """Degrees."""
-    return (None, None) if lat == 0 and lon == 0 else (lat / DEGREES, lon / DEGREES)
+    return (None, None) if lat == 0 and lon == 0 else (lat / UNITS_PER_DEGREE, lon / UNITS_PER_DEGREE)
 
 
 def encode_track(track_deg: float | None) -> tuple[int, int]:

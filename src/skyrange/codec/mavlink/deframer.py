@@ -12,7 +12,16 @@ import re
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from skyrange.codec.wire import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink.frame_layout import (
+    CHECKSUM,
+    HEADER_V1,
+    HEADER_V2,
+    LAYOUTS,
+    MAGIC_V2,
+    SIGNATURE,
+    SIGNED,
+    checksum,
+)
 
 _MAGIC = re.compile(rb"[\xfd\xfe]")
 
@@ -25,7 +34,7 @@ class Piece(NamedTuple):
 
 
 @dataclass(slots=True)
-class Counts:
+class DeframerCounts:
     """Counters of one stream; they do not depend on how the stream was cut into chunks.
 
     `bad_checksums` and `unknown_messages` count positions where a frame could have begun, so bytes in garbage that
@@ -50,7 +59,7 @@ class Deframer:
 
     def __init__(self) -> None:
         self._pending = b""
-        self.counts = Counts()
+        self.counts = DeframerCounts()
 
     def feed(self, data: bytes) -> list[Piece]:
         """The pieces that `data` completes, in stream order; adjacent garbage bytes form one piece."""

@@ -53,11 +53,11 @@ class Layout(NamedTuple):
     unpack: Callable[[bytes], tuple[Any, ...]]
     pack: Callable[..., bytes]
     fields: tuple[Field, ...]
-    plain: tuple[int, ...] | None
+    scalar_order: tuple[int, ...] | None
     """For a message of scalars only: the index of each constructor argument in the unpacked payload."""
-    attributes: Callable[[Any], Any]
+    wire_values: Callable[[Any], Any]
     """Returns the message's values in wire order, arrays nested; a bare value if there is one field."""
-    spread: tuple[Field, ...]
+    array_fields: tuple[Field, ...]
     """For a message with arrays: its fields in wire order."""
 
 
@@ -82,9 +82,9 @@ def _layout(cls: Any) -> Layout:
         unpack=cls.unpacker.unpack,
         pack=cls.unpacker.pack,
         fields=tuple(fields),
-        plain=tuple(field.start for field in fields) if scalars_only else None,
-        attributes=attrgetter(*wire_names),
-        spread=tuple(sorted(fields, key=_start)) if any(field.kind == "array" for field in fields) else (),
+        scalar_order=tuple(field.start for field in fields) if scalars_only else None,
+        wire_values=attrgetter(*wire_names),
+        array_fields=tuple(sorted(fields, key=_start)) if any(field.kind == "array" for field in fields) else (),
     )
 
 

@@ -1,8 +1,8 @@
 """MAVLink frames: decoding, packing, and header fields without decoding.
 
 Writes MAVLink 2 and reads MAVLink 2 and 1, by pymavlink's ardupilotmega dialect. Signatures are accepted on input and
-**not verified**; `codec.signing` verifies them for those who hold a key. Output is unsigned, which is ArduPilot's
-default.
+**not verified**; `codec.mavlink.signing` verifies them for those who hold a key. Output is unsigned, which is
+ArduPilot's default.
 
 Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are tuples. To change a
 message, build another one with its class in `dialect`.
@@ -17,8 +17,7 @@ from typing import Any, TypeAlias, cast
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.codec.deframe import Counts, Deframer, Piece
-from skyrange.codec.wire import (
+from skyrange.codec.mavlink.frame_layout import (
     CHECKSUM,
     HEADER_V1,
     HEADER_V2,
@@ -37,18 +36,15 @@ from skyrange.codec.wire import (
 from skyrange.core.errors import DecodeError
 
 __all__ = [
-    "Counts",
-    "Deframer",
     "Message",
     "Packer",
-    "Piece",
-    "body_of",
     "decode",
-    "describe",
     "dialect",
+    "encode_payload",
+    "message_fields",
     "message_id",
     "message_name",
-    "system_of",
+    "sender_system",
 ]
 
 Message: TypeAlias = Any
@@ -94,14 +90,14 @@ def _decode(payload: bytes) -> Message:
     layout = LAYOUTS.get(number)
     if layout is None:
         raise DecodeError(f"message id {number} is not in the ardupilotmega dialect")
-    cls, crc_extra, full, unpack, _, fields, plain, _, _ = layout
+    cls, crc_extra, full, unpack, _, fields, scalar_order, _, _ = layout
     crc = checksum(payload[1:end], crc_extra)
     if payload[end] | payload[end + 1] << 8 != crc:
         raise DecodeError(f"{cls.msgname} checksum 0x{payload[end] | payload[end + 1] << 8:04x}, expected 0x{crc:04x}")
     body = payload[start:end]
     values = unpack(body if length == full else body[:full].ljust(full, b"\0"))
-    if plain is not None:
-        message = cls(*[values[place] for place in plain])
+    if scalar_order is not None:
+        message = cls(*[values[place] for place in scalar_order])
     else:
         arguments: list[Any] = []
         for _, first, stop, kind in fields:
@@ -144,7 +140,7 @@ class Packer:
         self.component = component
         self.sequence = 0
 
-    def skip(self) -> int:
+    def take_sequence(self) -> int:
         """Take the next sequence number for a frame that is packed elsewhere."""
         sequence = self.sequence
         self.sequence = (sequence + 1) & 0xFF
@@ -154,9 +150,9 @@ class Packer:
         """The frame of `message`, which is not modified; raises `ValueError` naming a field that does not fit."""
         number: int = type(message).id  # not message.id, which is a field of STATUSTEXT, BATTERY_STATUS and others
         layout = LAYOUTS[number]
-        body = body_of(message)
+        body = encode_payload(message)
         body = body.rstrip(b"\0") or b"\0"  # the first byte is always kept (serialization, "payload truncation")
-        sequence = self.skip()
+        sequence = self.take_sequence()
         covered = (
             pack_header_v2(
                 MAGIC_V2, len(body), 0, 0, sequence, self.system, self.component, number & 0xFFFF, number >> 16
@@ -166,20 +162,20 @@ class Packer:
         return covered + checksum(covered[1:], layout.crc_extra).to_bytes(2, "little")
 
 
-def body_of(message: Message) -> bytes:
+def encode_payload(message: Message) -> bytes:
     """The whole payload of `message`, extensions and trailing zeros included; raises `ValueError` for a value that
     does not fit.
     """
     layout = LAYOUTS[type(message).id]
-    values = layout.attributes(message)
-    if layout.spread:
+    values = layout.wire_values(message)
+    if layout.array_fields:
         values = _flat(layout, values)
     elif len(layout.fields) == 1:
         values = (values,)
     try:
         return layout.pack(*values)
     except (struct.error, OverflowError, TypeError) as error:
-        raise ValueError(f"{layout.cls.msgname} {describe(message)}: {error}") from error
+        raise ValueError(f"{layout.cls.msgname} {message_fields(message)}: {error}") from error
 
 
 def _flat(layout: Layout, values: Any) -> list[Any]:
@@ -187,7 +183,7 @@ def _flat(layout: Layout, values: Any) -> list[Any]:
     if len(layout.fields) == 1:
         values = (values,)
     flat: list[Any] = []
-    for (name, start, stop, kind), value in zip(layout.spread, values, strict=True):
+    for (name, start, stop, kind), value in zip(layout.array_fields, values, strict=True):
         if kind == "array":
             if len(value) < stop - start:
                 raise ValueError(f"{layout.cls.msgname} {name}: {len(value)} values, expected {stop - start}")
@@ -197,7 +193,7 @@ def _flat(layout: Layout, values: Any) -> list[Any]:
     return flat
 
 
-def describe(message: Message) -> dict[str, int | float | str]:
+def message_fields(message: Message) -> dict[str, int | float | str]:
     """Field name → value, in the order of the definition; texts as `str`, an array as `name[0]`, `name[1]`, …."""
     row: dict[str, int | float | str] = {}
     for name, _, _, kind in LAYOUTS[type(message).id].fields:
@@ -227,7 +223,7 @@ def message_name(payload: bytes) -> str | None:
     return layout.cls.msgname if layout else None
 
 
-def system_of(payload: bytes) -> int | None:
+def sender_system(payload: bytes) -> int | None:
     """The sender's system id as the header claims; `None` if `payload` cannot be a MAVLink frame."""
     if len(payload) < MIN_FRAME:
         return None

@@ -1,8 +1,8 @@
 """Batch encoding and decoding of MAVLink 2: arrays of messages to columns of frames, and back.
 
-Produces and reads the same bytes as `codec.mavlink` does one by one, from the same tables (`codec.wire.LAYOUTS`);
-tests compare the two. Only MAVLink 2 frames are decoded in batches, signed or not (`codec.signing` verifies
-signatures). All other payloads are left to the single decoder.
+Produces and reads the same bytes as `codec.mavlink` does one by one, from the same tables
+(`codec.mavlink.frame_layout.LAYOUTS`); tests compare the two. Only MAVLink 2 frames are decoded in batches, signed or
+not (`codec.mavlink.signing` verifies signatures). All other payloads are left to the single decoder.
 """
 
 from __future__ import annotations
@@ -13,11 +13,20 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, MIN_FRAME, SIGNATURE, SIGNED
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.frame_layout import (
+    CHECKSUM,
+    HEADER_V2,
+    LAYOUTS,
+    MAGIC_V1,
+    MAGIC_V2,
+    MIN_FRAME,
+    SIGNATURE,
+    SIGNED,
+)
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 
-Table = NDArray[Any]
+MessageTable = NDArray[Any]
 """A structured array: one row per message, fields under pymavlink's names in the units of the wire format."""
 
 _TYPES: Final = {
@@ -53,7 +62,7 @@ _KIND[_IDS] = np.arange(len(_IDS))
 
 
 @cache
-def dtype_of(message_id: int) -> np.dtype[Any]:
+def payload_dtype(message_id: int) -> np.dtype[Any]:
     """The layout of a whole payload, extensions included; text is `S<n>`, arrays are subarrays."""
     cls = LAYOUTS[message_id].cls
     kinds = dict(zip(cls.fieldnames, cls.fieldtypes, strict=True))
@@ -69,7 +78,7 @@ def dtype_of(message_id: int) -> np.dtype[Any]:
     return dtype
 
 
-@kernel
+@compiled
 def _pack(
     raw: NDArray[np.uint8], number: int, extra: int, systems: Ints, component: int, sequences: Ints,
     out: Bytes, starts: Ints, sizes: Ints, at: int, crcs: NDArray[np.uint16],
@@ -106,10 +115,10 @@ def _pack(
     return at
 
 
-def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloads:
+def pack_batches(batches: list[tuple[int, MessageTable, Ints, Ints]], component: int) -> Payloads:
     """Encode several batches of messages as frames, in their order.
 
-    A batch is (message id, rows of `dtype_of` that id, (n,) system ids, (n,) sequence numbers 0…255).
+    A batch is (message id, rows of `payload_dtype` that id, (n,) system ids, (n,) sequence numbers 0…255).
     """
     rows = sum(len(table) for _, table, _, _ in batches)
     room = sum(len(table) * (table.dtype.itemsize + _HEADER + _CHECKSUM) for _, table, _, _ in batches)
@@ -126,9 +135,9 @@ def pack(batches: list[tuple[int, Table, Ints, Ints]], component: int) -> Payloa
     return Payloads(data[:at], starts, sizes)
 
 
-@kernel
+@compiled
 def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16]) -> int:
-    """The kind of the frame in `size` bytes from `at` on; the last three arguments are `TABLES`.
+    """The kind of the frame in `size` bytes from `at` on; the last three arguments are `KIND_TABLES`.
 
     -1 if the bytes are not exactly one valid MAVLink 2 frame.
     """
@@ -152,11 +161,11 @@ def kind_at(data: Bytes, at: int, size: int, kinds: NDArray[np.int32], extras: I
     return -1
 
 
-TABLES: Final = (_KIND, _EXTRA, _CRC)
+KIND_TABLES: Final = (_KIND, _EXTRA, _CRC)
 """The lookup tables that `kind_at` takes after the frame."""
 
 
-@kernel
+@compiled
 def _classify(
     data: Bytes, starts: Ints, sizes: Ints, kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16],
     found: Ints,
@@ -166,7 +175,7 @@ def _classify(
         found[row] = kind_at(data, starts[row], sizes[row], kinds, extras, crcs)
 
 
-@kernel
+@compiled
 def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
     for row in range(starts.shape[0]):
         at = starts[row]
@@ -185,7 +194,7 @@ def message_ids(payloads: Payloads) -> Ints:
     return found
 
 
-@kernel
+@compiled
 def _copy_payloads(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArray[np.uint8]) -> None:
     """Copy the payloads of some frames, padded with zeros, and their (sequence, system, component)."""
     for place in range(rows.shape[0]):
@@ -201,7 +210,7 @@ def _copy_payloads(data: Bytes, starts: Ints, rows: Ints, head: Ints, raw: NDArr
             raw[place, column] = 0
 
 
-class Group(NamedTuple):
+class MessageGroup(NamedTuple):
     """All frames of one message id in a column: their rows, their senders and their decoded values."""
 
     message_id: int
@@ -209,10 +218,10 @@ class Group(NamedTuple):
     sequences: Ints
     systems: Ints
     components: Ints
-    values: Table
+    values: MessageTable
 
 
-class Cell(NamedTuple):
+class MessageColumn(NamedTuple):
     """One column of a message in tables: a scalar field, a text, or one element of an array."""
 
     name: str
@@ -224,52 +233,54 @@ class Cell(NamedTuple):
 
 
 @cache
-def cells_of(message_id: int) -> tuple[Cell, ...]:
+def message_columns(message_id: int) -> tuple[MessageColumn, ...]:
     """The columns of a message, in the order of its fields."""
-    cells: list[Cell] = []
-    dtype = dtype_of(message_id)
+    cells: list[MessageColumn] = []
+    dtype = payload_dtype(message_id)
     for name in LAYOUTS[message_id].cls.fieldnames:
         sub = dtype[name]
         kind = {"S": "text", "f": "float"}.get(sub.base.kind, "int")
         if sub.shape:
-            cells += [Cell(f"{name}[{place}]", name, place, kind) for place in range(sub.shape[0])]
+            cells += [MessageColumn(f"{name}[{place}]", name, place, kind) for place in range(sub.shape[0])]
         else:
-            cells.append(Cell(name, name, None, kind))
+            cells.append(MessageColumn(name, name, None, kind))
     return tuple(cells)
 
 
-def sort(payloads: Payloads) -> Ints:
+def classify_frames(payloads: Payloads) -> Ints:
     """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can decide whether it is a frame, and which."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _classify(payloads.data, payloads.starts, payloads.sizes, *TABLES, found)
+    _classify(payloads.data, payloads.starts, payloads.sizes, *KIND_TABLES, found)
     return found
 
 
-def kind_of(message_id: int) -> int:
+def kind_of_message(message_id: int) -> int:
     """The kind of a message id of the dialect."""
     return int(_KIND[message_id])
 
 
-KINDS: Final = len(_IDS)
+KIND_COUNT: Final = len(_IDS)
 
 
-def id_of_kind(kind: int) -> int:
+def message_id_of_kind(kind: int) -> int:
     """The message id of a kind that `sort` returned."""
     return int(_IDS[kind])
 
 
-def group(payloads: Payloads, kind: int, rows: Ints) -> Group:
+def unpack_group(payloads: Payloads, kind: int, rows: Ints) -> MessageGroup:
     """Decode the messages in `rows`, all of one kind."""
-    number = id_of_kind(kind)
-    dtype = dtype_of(number)
+    number = message_id_of_kind(kind)
+    dtype = payload_dtype(number)
     raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
     head = np.empty((len(rows), 3), dtype=np.int64)
     _copy_payloads(payloads.data, payloads.starts, rows, head, raw)
-    return Group(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
+    return MessageGroup(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
 
 
-def unpack(payloads: Payloads) -> tuple[list[Group], Ints]:
+def unpack_columns(payloads: Payloads) -> tuple[list[MessageGroup], Ints]:
     """Decode all messages, grouped by id in order of id, and return the rows that are in no group (see `sort`)."""
-    kinds = sort(payloads)
-    groups = [group(payloads, kind, np.flatnonzero(kinds == kind)) for kind in np.unique(kinds).tolist() if kind >= 0]
+    kinds = classify_frames(payloads)
+    groups = [
+        unpack_group(payloads, kind, np.flatnonzero(kinds == kind)) for kind in np.unique(kinds).tolist() if kind >= 0
+    ]
     return groups, np.flatnonzero(kinds < 0)

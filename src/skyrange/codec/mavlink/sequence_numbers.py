@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.mavlink import Packer
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.frames import Packer
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 
 
-class RowPacker(Packer):
+class FleetPacker(Packer):
     """A `Packer` whose sequence number is one element of an array that the whole fleet shares."""
 
     __slots__ = ("_row", "sequences")
@@ -30,8 +30,8 @@ class RowPacker(Packer):
         self.sequences[self._row] = value
 
 
-@kernel
-def number(rows: Ints, sequences: Ints, out: Ints) -> None:
+@compiled
+def assign_sequence_numbers(rows: Ints, sequences: Ints, out: Ints) -> None:
     """Assign sequence numbers to frames in the order given: `rows` names the aircraft of each; advances `sequences`."""
     for place in range(rows.shape[0]):
         row = rows[place]

@@ -10,49 +10,49 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.agent.messages import Block, Columns, Departure, Inbox, Outbox, Scalar
-from skyrange.agent.payloads import Payloads
-from skyrange.codec.columns import sort
-from skyrange.codec.mavlink import decode, message_name
-from skyrange.codec.signing import Refusal, Signer, SigningKey
+from skyrange.codec.mavlink.frames import decode, message_name
+from skyrange.codec.mavlink.message_columns import classify_frames
+from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.mailboxes import Block, Columns, Departure, Inbox, Outbox, Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 
-_REASONS: Final = tuple(Refusal)
+_REASONS: Final = tuple(SignatureRefusal)
 
 
-class Connection(NamedTuple):
+class SignedConnection(NamedTuple):
     """A signed connection: its aircraft, its key, and the ports on which the agent receives and sends."""
 
-    about: str
+    vehicle: str
     """The aircraft that notes name."""
     key: SigningKey
-    hears: Port
-    speaks: Port
+    receive_port: Port
+    send_port: Port
 
 
-class SignedMail:
+class SignedConnections:
     """Signs and verifies the frames of all signed connections of one agent. Deep-copyable."""
 
-    def __init__(self, ports: Sequence[Port], connections: Sequence[Connection], link: int, note: str) -> None:
+    def __init__(self, ports: Sequence[Port], connections: Sequence[SignedConnection], link: int, note: str) -> None:
         """`ports` are the agent's; `link` is the link id in its signatures; `note` is the kind of the notes about
         refusals.
         """
         self._connections = tuple(connections)
         self._signers = [Signer(one.key, link) for one in connections]
         self._note = note
-        self._send_ports = {one.speaks: number for number, one in enumerate(connections)}
-        receiving = {one.hears: number for number, one in enumerate(connections)}
+        self._send_ports = {one.send_port: number for number, one in enumerate(connections)}
+        receiving = {one.receive_port: number for number, one in enumerate(connections)}
         self._receive_index = np.array([receiving.get(port, -1) for port in ports], dtype=np.int64)
         self._send_index = np.array([self._send_ports.get(port, -1) for port in ports], dtype=np.int64)
         self._counts = np.zeros((len(self._signers), len(_REASONS)), dtype=np.int64)
         self._started = False
 
-    def start(self, now: Time, about: str | None = None) -> None:
+    def start(self, now: Time, vehicle: str | None = None) -> None:
         """Start signing on all connections, or on those of one aircraft."""
         for one, signer in zip(self._connections, self._signers, strict=True):
-            if about is None or one.about == about:
+            if vehicle is None or one.vehicle == vehicle:
                 signer.start(now)
 
     @property
@@ -60,7 +60,7 @@ class SignedMail:
         """Number of frames that failed verification."""
         return int(self._counts.sum())
 
-    def open(self, now: Time, inbox: Inbox, mail: Columns, out: Outbox) -> Columns:
+    def verify_inbox(self, now: Time, inbox: Inbox, mail: Columns, out: Outbox) -> Columns:
         """Return the received frames without those that fail verification.
 
         Refused frames are counted, and the 1st, 2nd, 4th, 8th … of each reason are noted. A payload that is not a
@@ -71,14 +71,14 @@ class SignedMail:
         mine = mail.payloads.take(rows)
         keep = np.ones(len(mail.payloads), dtype=np.bool_)
         numbers = self._receive_index[mail.places[rows]].tolist()
-        for row, number, kind, frame in zip(rows.tolist(), numbers, sort(mine).tolist(), mine, strict=True):
-            found = self._signers[number].refusal(frame) if kind >= 0 else self._check_other(number, frame)
+        for row, number, kind, frame in zip(rows.tolist(), numbers, classify_frames(mine).tolist(), mine, strict=True):
+            found = self._signers[number].check(frame) if kind >= 0 else self._check_other(number, frame)
             if found is not None:
                 keep[row] = False
                 self._refuse(number, found, frame, inbox, mail.order.item(row), out)
         return mail if keep.all() else mail.take(np.flatnonzero(keep))
 
-    def seal(self, now: Time, out: Outbox) -> None:
+    def sign_outbox(self, now: Time, out: Outbox) -> None:
         """Sign all frames that are sent over signed connections, in the order in which they leave."""
         self._begin(now)
         for place, departure in enumerate(out.departures):
@@ -101,18 +101,18 @@ class SignedMail:
             self._started = True
             self.start(now)
 
-    def _check_other(self, number: int, frame: bytes) -> Refusal | None:
+    def _check_other(self, number: int, frame: bytes) -> SignatureRefusal | None:
         """Verify a payload that batch decoding rejected: MAVLink 1, which is never signed, or not a frame at all."""
         try:
             decode(frame)
         except DecodeError:
             return None
-        return self._signers[number].refusal(frame)
+        return self._signers[number].check(frame)
 
-    def _refuse(self, number: int, why: Refusal, frame: bytes, inbox: Inbox, order: int, out: Outbox) -> None:
+    def _refuse(self, number: int, why: SignatureRefusal, frame: bytes, inbox: Inbox, order: int, out: Outbox) -> None:
         column = _REASONS.index(why)
         self._counts[number, column] += 1
         count = self._counts.item(number, column)
         if count & (count - 1) == 0:  # a flood must not fill the record
             data: dict[str, Scalar] = {"count": count, "reason": str(why), "message": message_name(frame)}
-            out.note(self._note, self._connections[number].about, data, (inbox.arrival(order).ref,))
+            out.note(self._note, self._connections[number].vehicle, data, (inbox.arrival(order).ref,))

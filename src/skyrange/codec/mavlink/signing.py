@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.codec.mavlink import message_id
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink.frames import message_id
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 
 KEY_BYTES: Final = 32
@@ -25,7 +25,7 @@ ZERO_UNIX_NS: Final = 1_420_070_400 * NS_PER_S
 UNIT_NS: Final[Time] = 10 * NS_PER_US
 LAST_TIMESTAMP: Final = 2**48 - 1
 """The largest 48-bit timestamp, reached in 2104."""
-BEHIND: Final = 6_000_000
+MAX_LAG: Final = 6_000_000
 """How far a new stream may lag behind the own timestamp: a minute ("Timestamp Handling", last rule)."""
 MAX_STREAMS: Final = 16
 """MAVLINK_MAX_SIGNING_STREAMS: further streams are refused, which bounds memory."""
@@ -35,14 +35,14 @@ _DIGEST: Final = 6
 _STAMP: Final = 6
 
 
-class Refusal(StrEnum):
+class SignatureRefusal(StrEnum):
     """Why a frame is refused."""
 
     UNSIGNED = "not signed"
     WRONG = "wrong signature"
     REPLAYED = "timestamp not after the last"
     OLD = "timestamp more than a minute behind"
-    CROWDED = "too many streams"
+    TOO_MANY_STREAMS = "too many streams"
 
 
 class SigningKey(NamedTuple):
@@ -54,12 +54,12 @@ class SigningKey(NamedTuple):
     """The timestamp at time 0 of the run."""
 
 
-def secret_of(passphrase: str) -> bytes:
+def secret_from_passphrase(passphrase: str) -> bytes:
     """The 32 bytes that ground stations derive from a passphrase: its SHA-256 ("Secret Key Management")."""
     return sha256(passphrase.encode()).digest()
 
 
-def timestamp_of(unix_ns: int) -> int:
+def signing_timestamp(unix_ns: int) -> int:
     """The timestamp of a moment in UTC, in 10 µs since 2015, clipped to 48 bits."""
     return min(max(unix_ns - ZERO_UNIX_NS, 0) // UNIT_NS, LAST_TIMESTAMP)
 
@@ -69,7 +69,7 @@ def is_signed(frame: bytes) -> bool:
     return frame[0] == MAGIC_V2 and bool(frame[2] & SIGNED)
 
 
-def sign(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
+def sign_frame(frame: bytes, secret: bytes, link: int, timestamp: int) -> bytes:
     """The signed form of an unsigned MAVLink 2 frame of the dialect: flag set, checksum recomputed,
     13 bytes appended.
     """
@@ -109,37 +109,37 @@ class Signer:
         stream (GCS_Signing.cpp `load_signing_key`).
         """
         self.streams.clear()
-        stored = self.timestamp + BEHIND if self.timestamp else 0
+        stored = self.timestamp + MAX_LAG if self.timestamp else 0
         self.timestamp = min(max(stored, self.key.initial + max(now, 0) // UNIT_NS), LAST_TIMESTAMP)
 
     def sign(self, frame: bytes) -> bytes:
         """The signed form of a frame to send."""
         timestamp = self.timestamp & LAST_TIMESTAMP
         self.timestamp += 1
-        return sign(frame, self.key.secret, self.link, timestamp)
+        return sign_frame(frame, self.key.secret, self.link, timestamp)
 
-    def refusal(self, frame: bytes) -> Refusal | None:
+    def check(self, frame: bytes) -> SignatureRefusal | None:
         """Why a whole frame with a correct checksum is refused, or `None`; remembers the timestamp of an accepted
         frame.
 
         MAVLink 1 cannot be signed.
         """
-        found = self._verify(frame) if is_signed(frame) else Refusal.UNSIGNED
+        found = self._verify(frame) if is_signed(frame) else SignatureRefusal.UNSIGNED
         return None if found is not None and message_id(frame) in ACCEPTED_UNSIGNED else found
 
-    def _verify(self, frame: bytes) -> Refusal | None:
+    def _verify(self, frame: bytes) -> SignatureRefusal | None:
         if sha256(self.key.secret + frame[:-_DIGEST]).digest()[:_DIGEST] != frame[-_DIGEST:]:
-            return Refusal.WRONG
+            return SignatureRefusal.WRONG
         stream = (frame[5], frame[6], frame[-SIGNATURE])
         timestamp = int.from_bytes(frame[-_DIGEST - _STAMP : -_DIGEST], "little")
         last = self.streams.get(stream)
         if last is None:
             if len(self.streams) >= MAX_STREAMS:
-                return Refusal.CROWDED
-            if timestamp + BEHIND < self.timestamp:
-                return Refusal.OLD
+                return SignatureRefusal.TOO_MANY_STREAMS
+            if timestamp + MAX_LAG < self.timestamp:
+                return SignatureRefusal.OLD
         elif timestamp <= last:
-            return Refusal.REPLAYED
+            return SignatureRefusal.REPLAYED
         self.streams[stream] = timestamp
         self.timestamp = max(self.timestamp, timestamp)
         return None

@@ -13,12 +13,12 @@ from typing import NoReturn
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
 MAX_ITEMS = 65_534
 """The most that MISSION_COUNT's 16 bits can count, home included."""
-MAX_FAULTS = 50
+MAX_PROBLEMS = 50
 """At most this many problems of one file are listed."""
 
 FRAMES: dict[int, str] = {
@@ -87,34 +87,34 @@ class Mission:
     settings: Mapping[str, object] | None = None
 
 
-class Faults:
+class ProblemCollector:
     """Collects the problems of one file, to raise them all at once."""
 
     def __init__(self, who: str) -> None:
         self.who = who
-        self.found: list[Fault] = []
+        self.found: list[Problem] = []
         self.total = 0
 
     def add(self, where: str, value: object, expected: str, hint: str = "") -> None:
-        """Add a problem; beyond `MAX_FAULTS` problems are only counted."""
+        """Add a problem; beyond `MAX_PROBLEMS` problems are only counted."""
         self.total += 1
-        if len(self.found) < MAX_FAULTS:
-            self.found.append(Fault(where, shown(value), expected, hint))
+        if len(self.found) < MAX_PROBLEMS:
+            self.found.append(Problem(where, quote_value(value), expected, hint))
 
     def stop(self, where: str, value: object, expected: str, hint: str = "") -> NoReturn:
         """Add a problem and raise all of them: reading cannot go on."""
         self.add(where, value, expected, hint)
         raise InputError(self.who, self.found)
 
-    def raise_any(self) -> None:
+    def raise_if_any(self) -> None:
         """Raise `InputError` if any problem was added."""
         if self.total > len(self.found):
-            self.found.append(Fault("further on", f"{self.total - len(self.found)} more faults", "none"))
+            self.found.append(Problem("further on", f"{self.total - len(self.found)} more problems", "none"))
         if self.found:
             raise InputError(self.who, self.found)
 
 
-def shown(value: object) -> str:
+def quote_value(value: object) -> str:
     """A value as problems quote it: at most 60 characters."""
     text = repr(value[:61] if isinstance(value, str | list) else value)
     return text if len(text) <= 60 else text[:59] + "…"
@@ -123,36 +123,41 @@ def shown(value: object) -> str:
 HOME_EXPECTED = "a latitude in -90…90° and a longitude in -180…180°, an altitude within ±2147 km"
 
 
-def may_be_home(lat_deg: float, lon_deg: float, alt_m: float) -> bool:
+def is_valid_home(lat_deg: float, lon_deg: float, alt_m: float) -> bool:
     """Whether HOME_POSITION can hold these values: degrees in range, millimetres in 32 bits."""
     return abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(alt_m) * 1e3 <= _INT32_MAX
 
 
-def checked_item(
-    frame: int, command: int, values: Sequence[float], autocontinue: bool, wheres: Sequence[str], faults: Faults
+def check_item(
+    frame: int,
+    command: int,
+    values: Sequence[float],
+    autocontinue: bool,
+    positions: Sequence[str],
+    problems: ProblemCollector,
 ) -> MissionItem | None:
     """The item with `values` (param1 … param4, x, y, z), or `None` and a problem for each value that is not permitted.
 
-    `wheres` names each value's position in the file. Ranges are MISSION_ITEM_INT's. An unspecified (NaN) x, y or z
+    `positions` names each value's position in the file. Ranges are MISSION_ITEM_INT's. An unspecified (NaN) x, y or z
     becomes 0 where that means "here" or has no meaning: all three for commands without a position, x and y for
     take-off and landing, z for landing.
     """
-    before = faults.total
+    before = problems.total
     open_here = _optional_values(command)
     settled = []
-    for name, value, where in zip(VALUES, values, wheres, strict=True):
+    for name, value, where in zip(VALUES, values, positions, strict=True):
         if math.isnan(value):
             if name in open_here:
                 settled.append(0.0)
                 continue
             if name in ("x", "y", "z"):
-                faults.add(where, value, f"a number: {_meaning(frame, command, name)}")
+                problems.add(where, value, f"a number: {_meaning(frame, command, name)}")
         elif not abs(value) <= _FLOAT32_MAX:
-            faults.add(where, value, "a finite number that fits 32-bit floating point")
+            problems.add(where, value, "a finite number that fits 32-bit floating point")
         elif name in ("x", "y") and abs(value) > (limit := _limit(frame, command, name)):
-            faults.add(where, value, f"{_meaning(frame, command, name)} in -{limit:.10g}…{limit:.10g}")
+            problems.add(where, value, f"{_meaning(frame, command, name)} in -{limit:.10g}…{limit:.10g}")
         settled.append(value)
-    if faults.total > before:
+    if problems.total > before:
         return None
     param1, param2, param3, param4, x, y, z = settled
     return MissionItem(frame, command, param1, param2, param3, param4, x, y, z, autocontinue)
@@ -178,6 +183,6 @@ def _meaning(frame: int, command: int, name: str) -> str:
     return f"{name} in metres"
 
 
-def frame_hint() -> str:
+def expected_frames() -> str:
     """The MAV_FRAME values that a file may use."""
     return "one of " + ", ".join(f"{number} {name[10:]}" for number, name in sorted(FRAMES.items()))

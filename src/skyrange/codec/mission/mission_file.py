@@ -5,15 +5,13 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from skyrange.codec.missions_item import MAX_FILE_BYTES, Mission, MissionItem
-from skyrange.codec.missions_plan import format_plan, parse_plan
-from skyrange.codec.missions_wpl import format_waypoints, parse_waypoints
+from skyrange.codec.mission.items import MAX_FILE_BYTES, Mission
+from skyrange.codec.mission.qgc_plan import parse_plan
+from skyrange.codec.mission.qgc_wpl import parse_waypoints
 from skyrange.core.errors import InputError
 
-__all__ = ["Mission", "MissionItem", "format_plan", "format_waypoints", "parse_plan", "parse_waypoints", "read"]
 
-
-def read(path: str | os.PathLike[str]) -> Mission:
+def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read the mission in the file at `path`; `Mission.source` becomes the path's text.
 
     A file that begins with `QGC WPL` or `{` is read as that format; otherwise the suffix (`.plan`, `.waypoints`,

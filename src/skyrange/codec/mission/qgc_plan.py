@@ -17,17 +17,17 @@ from typing import NoReturn, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.codec.missions_item import (
+from skyrange.codec.mission.items import (
     FRAMES,
     HOME_EXPECTED,
     MAX_ITEMS,
-    Faults,
     Mission,
     MissionItem,
-    checked_item,
-    frame_hint,
-    may_be_home,
-    shown,
+    ProblemCollector,
+    check_item,
+    expected_frames,
+    is_valid_home,
+    quote_value,
 )
 from skyrange.core.errors import InputError
 
@@ -53,22 +53,22 @@ def parse_plan(text: str, name: str) -> Mission:
     expectation of everything wrong.
     """
     plan = _load(text, name)
-    faults = Faults(name)
+    problems = ProblemCollector(name)
     if plan.get("fileType") != "Plan":
-        faults.add("fileType", plan.get("fileType", "missing"), "'Plan'")
+        problems.add("fileType", plan.get("fileType", "missing"), "'Plan'")
     if plan.get("version") != 1:
-        faults.add("version", plan.get("version", "missing"), "1")
-    fence = _optional_object(plan, "geoFence", faults)
-    rally = _optional_object(plan, "rallyPoints", faults)
+        problems.add("version", plan.get("version", "missing"), "1")
+    fence = _optional_object(plan, "geoFence", problems)
+    rally = _optional_object(plan, "rallyPoints", problems)
     mission = plan.get("mission")
     if not isinstance(mission, dict):
-        faults.stop("mission", "missing" if mission is None else mission, "an object")
+        problems.stop("mission", "missing" if mission is None else mission, "an object")
     if mission.get("version") != 2:
-        faults.add("mission.version", mission.get("version", "missing"), "2")
-    home = _home(mission.get("plannedHomePosition"), faults)
-    items = _ItemReader(faults)
+        problems.add("mission.version", mission.get("version", "missing"), "2")
+    home = _home(mission.get("plannedHomePosition"), problems)
+    items = _ItemReader(problems)
     items.read(mission.get("items", "missing"))
-    faults.raise_any()
+    problems.raise_if_any()
     return Mission(
         items=tuple(items.done),
         home=home,
@@ -123,8 +123,8 @@ def _simple(sequence: int, item: MissionItem) -> dict[str, object]:
 class _ItemReader:
     """Reads `mission.items` into a flat list, then resolves the targets of jumps."""
 
-    def __init__(self, faults: Faults) -> None:
-        self.faults = faults
+    def __init__(self, problems: ProblemCollector) -> None:
+        self.problems = problems
         self.done: list[MissionItem] = []
         self._targets: dict[int, list[int]] = {}
         self._embedded_targets: dict[int, list[int]] = {}
@@ -132,7 +132,7 @@ class _ItemReader:
 
     def read(self, entries: object) -> None:
         if not isinstance(entries, list):
-            self.faults.add("mission.items", entries, "a list")
+            self.problems.add("mission.items", entries, "a list")
             return
         for index, entry in enumerate(entries):
             where = f"mission.items[{index}]"
@@ -142,13 +142,13 @@ class _ItemReader:
             elif kind == "ComplexItem":
                 self._complex_item(entry, where)
             elif isinstance(entry, dict):
-                self.faults.add(f"{where}.type", entry.get("type", "missing"), "'SimpleItem' or 'ComplexItem'")
+                self.problems.add(f"{where}.type", entry.get("type", "missing"), "'SimpleItem' or 'ComplexItem'")
             else:
-                self.faults.add(where, entry, "an object")
+                self.problems.add(where, entry, "an object")
             if len(self.done) > MAX_ITEMS:
-                self.faults.add(where, f"more than {MAX_ITEMS} items so far", f"at most {MAX_ITEMS}")
+                self.problems.add(where, f"more than {MAX_ITEMS} items so far", f"at most {MAX_ITEMS}")
                 return
-        if not self.faults.total:
+        if not self.problems.total:
             self._resolve_jumps()
 
     def _complex_item(self, entry: dict[str, object], where: str) -> None:
@@ -156,8 +156,8 @@ class _ItemReader:
         holder, path = (transects, f"{where}.TransectStyleComplexItem") if transects is not None else (entry, where)
         embedded = holder.get("Items") if isinstance(holder, dict) else None
         if not isinstance(embedded, list) or not embedded:
-            kind = shown(entry.get("complexItemType", "unnamed"))
-            self.faults.add(
+            kind = quote_value(entry.get("complexItemType", "unnamed"))
+            self.problems.add(
                 f"{path}.Items",
                 embedded if embedded else f"none in this {kind} item",
                 "a list of embedded mission items",
@@ -166,26 +166,26 @@ class _ItemReader:
             return
         for index, item in enumerate(embedded):
             if not isinstance(item, dict) or item.get("type") != "SimpleItem":
-                self.faults.add(f"{path}.Items[{index}]", item, "a SimpleItem object")
+                self.problems.add(f"{path}.Items[{index}]", item, "a SimpleItem object")
             else:
                 self._simple_item(item, f"{path}.Items[{index}]", self._embedded_targets)
 
     def _simple_item(self, entry: dict[str, object], where: str, targets: dict[int, list[int]]) -> None:
-        faults = self.faults
-        before = faults.total
-        frame = _integer(entry, "frame", where, 255, faults)
-        command = _integer(entry, "command", where, 65_535, faults)
+        problems = self.problems
+        before = problems.total
+        frame = _integer(entry, "frame", where, 255, problems)
+        command = _integer(entry, "command", where, 65_535, problems)
         if frame is not None and frame not in FRAMES:
-            faults.add(f"{where}.frame", frame, frame_hint())
+            problems.add(f"{where}.frame", frame, expected_frames())
         go_on = entry.get("autoContinue", "missing")
         if not isinstance(go_on, bool):
-            faults.add(f"{where}.autoContinue", go_on, "true or false")
-        jump_id = _integer(entry, "doJumpId", where, 2**31 - 1, faults) if "doJumpId" in entry else None
-        values = _values(entry.get("params", "missing"), f"{where}.params", faults)
-        if faults.total > before or frame is None or command is None:
+            problems.add(f"{where}.autoContinue", go_on, "true or false")
+        jump_id = _integer(entry, "doJumpId", where, 2**31 - 1, problems) if "doJumpId" in entry else None
+        values = _values(entry.get("params", "missing"), f"{where}.params", problems)
+        if problems.total > before or frame is None or command is None:
             return
-        wheres = [f"{where}.params[{place}]" for place in range(7)]
-        item = checked_item(frame, command, values, go_on is True, wheres, faults)
+        positions = [f"{where}.params[{place}]" for place in range(7)]
+        item = check_item(frame, command, values, go_on is True, positions, problems)
         if item is None:
             return
         self.done.append(item)
@@ -203,9 +203,9 @@ class _ItemReader:
             wanted = int(item.param1) if item.param1.is_integer() else None
             found = self._targets.get(wanted) or self._embedded_targets.get(wanted) if wanted is not None else None
             if found is None:
-                self.faults.add(where, item.param1, "the doJumpId of an item")
+                self.problems.add(where, item.param1, "the doJumpId of an item")
             elif len(found) > 1:
-                self.faults.add(where, item.param1, f"a doJumpId of one item alone, {len(found)} have this one")
+                self.problems.add(where, item.param1, f"a doJumpId of one item alone, {len(found)} have this one")
             else:
                 self.done[index] = replace(item, param1=float(found[0]))
 
@@ -224,13 +224,13 @@ def _load(text: str, name: str) -> dict[str, object]:
         raise InputError.one(name, "file", str(error), "JSON with finite numbers, null for none") from error
     if not isinstance(document, dict):
         raise InputError.one(name, "file", f"a JSON {type(document).__name__}", "a JSON object with fileType 'Plan'")
-    faults = Faults(name)
+    problems = ProblemCollector(name)
     for link, value, depth in _walk(document):
         if depth > MAX_DEPTH:
-            faults.stop(_path(link)[:60], f"more than {MAX_DEPTH} levels deep", f"at most {MAX_DEPTH} levels")
+            problems.stop(_path(link)[:60], f"more than {MAX_DEPTH} levels deep", f"at most {MAX_DEPTH} levels")
         if isinstance(value, float) and not math.isfinite(value):
-            faults.add(_path(link), value, "a finite number")
-    faults.raise_any()
+            problems.add(_path(link), value, "a finite number")
+    problems.raise_if_any()
     return document
 
 
@@ -263,39 +263,39 @@ def _refuse_constant(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is not a JSON number")
 
 
-def _optional_object(plan: dict[str, object], key: str, faults: Faults) -> dict[str, object] | None:
+def _optional_object(plan: dict[str, object], key: str, problems: ProblemCollector) -> dict[str, object] | None:
     value = plan.get(key)
     if value is not None and not isinstance(value, dict):
-        faults.add(key, value, "an object")
+        problems.add(key, value, "an object")
         return None
     return value
 
 
-def _home(value: object, faults: Faults) -> tuple[float, float, float] | None:
+def _home(value: object, problems: ProblemCollector) -> tuple[float, float, float] | None:
     """The planned home. A plan without one is accepted, although QGroundControl would refuse it."""
     if value is None:
         return None
     where = "mission.plannedHomePosition"
     numbers = [_number(entry) for entry in value] if isinstance(value, list) else []
     if len(numbers) != 3 or None in numbers:
-        faults.add(where, value, f"three numbers: {HOME_EXPECTED}")
+        problems.add(where, value, f"three numbers: {HOME_EXPECTED}")
         return None
     lat, lon, alt = (float(number or 0.0) for number in numbers)
-    if not may_be_home(lat, lon, alt):
-        faults.add(where, value, HOME_EXPECTED)
+    if not is_valid_home(lat, lon, alt):
+        problems.add(where, value, HOME_EXPECTED)
     return lat, lon, alt
 
 
-def _values(params: object, where: str, faults: Faults) -> list[float]:
+def _values(params: object, where: str, problems: ProblemCollector) -> list[float]:
     """The seven numbers of an item, NaN for null."""
     if not isinstance(params, list) or len(params) != 7:
-        faults.add(where, params, "a list of 7 numbers or nulls")
+        problems.add(where, params, "a list of 7 numbers or nulls")
         return []
     values = []
     for place, entry in enumerate(params):
         number = math.nan if entry is None else _number(entry)
         if number is None:
-            faults.add(f"{where}[{place}]", entry, "a number or null")
+            problems.add(f"{where}[{place}]", entry, "a number or null")
         else:
             values.append(number)
     return values
@@ -311,10 +311,10 @@ def _number(value: object) -> float | None:
         return None
 
 
-def _integer(entry: dict[str, object], key: str, where: str, highest: int, faults: Faults) -> int | None:
+def _integer(entry: dict[str, object], key: str, where: str, highest: int, problems: ProblemCollector) -> int | None:
     """An integer in 0…highest (JSON may write it 16.0); otherwise adds a problem and returns `None`."""
     number = _number(entry.get(key))
     if number is None or not number.is_integer() or not 0 <= number <= highest:
-        faults.add(f"{where}.{key}", entry.get(key, "missing"), f"a whole number in 0…{highest}")
+        problems.add(f"{where}.{key}", entry.get(key, "missing"), f"a whole number in 0…{highest}")
         return None
     return int(number)

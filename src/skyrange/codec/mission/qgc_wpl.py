@@ -12,17 +12,17 @@ import re
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from skyrange.codec.missions_item import (
+from skyrange.codec.mission.items import (
     FRAMES,
     GLOBAL_FRAMES,
     HOME_EXPECTED,
     MAX_ITEMS,
-    Faults,
     Mission,
     MissionItem,
-    checked_item,
-    frame_hint,
-    may_be_home,
+    ProblemCollector,
+    check_item,
+    expected_frames,
+    is_valid_home,
 )
 
 HEADER = "QGC WPL 110"
@@ -50,21 +50,21 @@ def parse_waypoints(text: str, name: str) -> Mission:
     `nan` is permitted in parameters 1 to 4. A home of 0, 0 counts as none. Raises `InputError` with line, column,
     value and expectation of everything wrong.
     """
-    faults = Faults(name)
+    problems = ProblemCollector(name)
     lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
     if not lines or lines[0][1].split() != HEADER.split():
         number, line = lines[0] if lines else (1, "")
-        faults.stop(f"line {number}", line, f"`{HEADER}`")
+        problems.stop(f"line {number}", line, f"`{HEADER}`")
     if len(lines) < 2:
-        faults.stop("file", "no items", "the home position as item 0, then the mission's items")
+        problems.stop("file", "no items", "the home position as item 0, then the mission's items")
     if len(lines) - 2 > MAX_ITEMS:
-        faults.stop("file", f"{len(lines) - 2} items", f"at most {MAX_ITEMS}")
-    items = [_item(index, number, line, faults) for index, (number, line) in enumerate(lines[1:])]
+        problems.stop("file", f"{len(lines) - 2} items", f"at most {MAX_ITEMS}")
+    items = [_item(index, number, line, problems) for index, (number, line) in enumerate(lines[1:])]
     home = items[0]
     if home is not None:
-        _check_home(home, lines[1][0], faults)
-    faults.raise_any()
+        _check_home(home, lines[1][0], problems)
+    problems.raise_if_any()
     whole = [item for item in items if item is not None]
     position = (whole[0].x, whole[0].y, whole[0].z)
     return Mission(items=tuple(whole[1:]), home=position if position[:2] != (0.0, 0.0) else None, source=name)
@@ -92,46 +92,46 @@ def format_waypoints(mission: Mission) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _item(index: int, line_number: int, line: str, faults: Faults) -> MissionItem | None:
+def _item(index: int, line_number: int, line: str, problems: ProblemCollector) -> MissionItem | None:
     """The item of one line, or `None` and some problems."""
-    before = faults.total
+    before = problems.total
     cells = line.split()
     if len(cells) != len(COLUMNS):
-        faults.add(f"line {line_number}", f"{len(cells)} columns", f"{len(COLUMNS)}: {', '.join(COLUMNS)}")
+        problems.add(f"line {line_number}", f"{len(cells)} columns", f"{len(COLUMNS)}: {', '.join(COLUMNS)}")
         return None
-    wheres = [f"line {line_number}, column {place} ({column})" for place, column in enumerate(COLUMNS, start=1)]
+    positions = [f"line {line_number}, column {place} ({column})" for place, column in enumerate(COLUMNS, start=1)]
     whole: dict[int, int] = {}
     for place, highest in ((0, MAX_ITEMS), (1, 1), (2, 255), (3, 65_535), (11, 1)):
         if _INTEGER.fullmatch(cells[place]) and int(cells[place]) <= highest:
             whole[place] = int(cells[place])
         else:
-            faults.add(wheres[place], cells[place], f"a whole number in 0…{highest}")
+            problems.add(positions[place], cells[place], f"a whole number in 0…{highest}")
     if whole.get(0, index) != index:
-        faults.add(wheres[0], cells[0], f"{index}: items are numbered from 0 without gaps")
+        problems.add(positions[0], cells[0], f"{index}: items are numbered from 0 without gaps")
     if whole.get(2, 0) not in FRAMES:
-        faults.add(wheres[2], cells[2], frame_hint())
+        problems.add(positions[2], cells[2], expected_frames())
     values = []
     for place in range(4, 11):
         if _NUMBER.fullmatch(cells[place]):
             value = float(cells[place])
             values.append(math.nan if math.isnan(value) else value)
         else:
-            faults.add(wheres[place], cells[place], "a number")
-    if faults.total > before:
+            problems.add(positions[place], cells[place], "a number")
+    if problems.total > before:
         return None
-    return checked_item(whole[2], whole[3], values, whole[11] == 1, wheres[4:11], faults)
+    return check_item(whole[2], whole[3], values, whole[11] == 1, positions[4:11], problems)
 
 
-def _check_home(home: MissionItem, line_number: int, faults: Faults) -> None:
+def _check_home(home: MissionItem, line_number: int, problems: ProblemCollector) -> None:
     """Check that item 0 is a position: Mission Planner writes home with command 0; any other command would never be
     flown.
     """
     if home.command not in (0, dialect.MAV_CMD_NAV_WAYPOINT) or home.frame not in GLOBAL_FRAMES:
-        faults.add(
+        problems.add(
             f"line {line_number}",
             f"command {home.command} in frame {home.frame}",
             "home: a waypoint (command 16) in a global frame",
             "Item 0 of a QGC WPL file is the home position, the mission starts with item 1.",
         )
-    if not may_be_home(home.x, home.y, home.z):
-        faults.add(f"line {line_number}", (home.x, home.y, home.z), HOME_EXPECTED)
+    if not is_valid_home(home.x, home.y, home.z):
+        problems.add(f"line {line_number}", (home.x, home.y, home.z), HOME_EXPECTED)

@@ -16,7 +16,7 @@ import struct
 from typing import Final
 
 from skyrange.codec.f3411 import SIZE
-from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 from skyrange.core.errors import DecodeError
 
 ACCESS_ADDRESS: Final = bytes.fromhex("d6be898e")
@@ -67,7 +67,7 @@ def checksum(pdu: bytes) -> bytes:
     return crc.to_bytes(CRC, "little")
 
 
-def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
+def encode_legacy(frame: RidFrame, *, random: bool = True) -> bytes:
     """ADV_NONCONN_IND for the 1M PHY, with the address, counter and message of `frame`.
 
     Raises `ValueError` unless the body is one message of 25 bytes.
@@ -77,7 +77,7 @@ def legacy(frame: RidFrame, *, random: bool = True) -> bytes:
     return ACCESS_ADDRESS + _pdu_with_crc(ADV_NONCONN_IND, random, _address(frame) + _advertising_data(frame))
 
 
-def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
+def encode_auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes:
     """AUX_ADV_IND for the coded PHY on a secondary channel, with the address, counter and body of `frame`.
 
     `set_id` 0…15 distinguishes the advertising sets of one advertiser. Raises `ValueError` for a body that does not
@@ -92,8 +92,9 @@ def auxiliary(frame: RidFrame, *, set_id: int = 0, random: bool = True) -> bytes
     )
 
 
-def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
-    """ADV_EXT_IND for the coded PHY on a primary channel, which announces when and where `auxiliary(frame)` follows.
+def encode_pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -> bytes:
+    """ADV_EXT_IND for the coded PHY on a primary channel, which announces when and where `encode_auxiliary(frame)`
+    follows.
 
     `channel` is the index 0…36 of the secondary channel. `offset_us` is the time from the start of this packet to the
     start of the announced one, 300…2,457,299 us; it is rounded down to units of 30 us, and from 245,700 us to units of
@@ -108,12 +109,12 @@ def pointer(frame: RidFrame, *, channel: int, offset_us: int, set_id: int = 0) -
     return ACCESS_ADDRESS + bytes([S8]) + _pdu_with_crc(ADV_EXT_IND, False, bytes([len(extended)]) + extended)
 
 
-def parse(packet: bytes, *, coded: bool) -> RidFrame:
+def decode_packet(packet: bytes, *, coded: bool) -> RidFrame:
     """Decode transport, address, counter and body of an advertisement that carries Remote ID.
 
     `coded` says whether a coding indicator follows the access address. Raises `DecodeError` if the CRC is wrong or if
-    the packet is not one that `legacy` or `auxiliary` make. The body is not decoded. A packet holds no channel, signal
-    strength or time.
+    the packet is not one that `encode_legacy` or `encode_auxiliary` make. The body is not decoded. A packet holds no
+    channel, signal strength or time.
     """
     start = len(ACCESS_ADDRESS) + coded
     if len(packet) < start + 2 + CRC:

@@ -15,7 +15,7 @@ The header is 24 bytes, little-endian:
 | 16–23 | time | ns of range time, signed: when the message was made (`rid_up`), or the reception's end (`rid_down`) |
 
 The body is a message of 25 bytes or a message pack; `codec.f3411` decodes it. 802.11 and BLE framing are made at the
-edge of the medium (`codec.wifi`, `codec.ble`).
+edge of the medium (`codec.remote_id.wifi`, `codec.remote_id.ble`).
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 from skyrange.core.errors import DecodeError
 
 MAGIC: Final = 0x1D
@@ -111,9 +111,9 @@ def unpack(payload: bytes) -> RidFrame:
 
 
 class RidColumns(NamedTuple):
-    """Many payloads of `rid_up` or `rid_down`: one row each, in their order, zeros where `good` is false."""
+    """Many payloads of `rid_up` or `rid_down`: one row each, in their order, zeros where `valid` is false."""
 
-    good: NDArray[np.bool_]
+    valid: NDArray[np.bool_]
     """(n,) whether `unpack` would accept the payload."""
     transport: NDArray[np.uint8]
     channel: NDArray[np.uint8]
@@ -123,10 +123,10 @@ class RidColumns(NamedTuple):
     rssi_cdbm: NDArray[np.int16]
     time_ns: Ints
     bodies: Payloads
-    """n bodies in the payloads' own buffer, empty where `good` is false."""
+    """n bodies in the payloads' own buffer, empty where `valid` is false."""
 
 
-@kernel
+@compiled
 def _write_frames(heads: Bytes, data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
     """Copy row i of `heads` (n*24 bytes) and then body i to `places[i]` of `out`."""
     for row in range(starts.shape[0]):
@@ -162,30 +162,30 @@ def pack_rows(
     return Payloads(out, places, sizes)
 
 
-@kernel
-def _read_headers(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, good: NDArray[np.bool_], bodies: Ints) -> None:
+@compiled
+def _read_headers(data: Bytes, starts: Ints, sizes: Ints, heads: Bytes, valid: NDArray[np.bool_], bodies: Ints) -> None:
     """Copy the headers that are good (n, 24), and write (2, n) the starts and sizes of the bodies."""
     for row in range(starts.shape[0]):
         at, size = starts[row], sizes[row]
-        good[row] = (
+        valid[row] = (
             size >= HEADER
             and data[at] == MAGIC
             and _FIRST <= data[at + 1] <= _LAST
             and np.int64(data[at + 12]) | np.int64(data[at + 13]) << 8 == size - HEADER
         )
-        bodies[0, row], bodies[1, row] = (at + HEADER, size - HEADER) if good[row] else (at, 0)
+        bodies[0, row], bodies[1, row] = (at + HEADER, size - HEADER) if valid[row] else (at, 0)
         for offset in range(HEADER):
-            heads[row, offset] = data[at + offset] if good[row] else 0
+            heads[row, offset] = data[at + offset] if valid[row] else 0
 
 
-def read_rows(payloads: Payloads) -> RidColumns:
-    """`unpack` for many payloads; a malformed one is marked in `good` and does not affect the others."""
+def unpack_rows(payloads: Payloads) -> RidColumns:
+    """`unpack` for many payloads; a malformed one is marked in `valid` and does not affect the others."""
     count = len(payloads)
-    heads, good = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
+    heads, valid = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
     bodies = np.empty((2, count), dtype=np.int64)
-    _read_headers(payloads.data, payloads.starts, payloads.sizes, heads, good, bodies)
+    _read_headers(payloads.data, payloads.starts, payloads.sizes, heads, valid, bodies)
     rows: NDArray[Any] = heads.view(_ROW)[:, 0]
     return RidColumns(
-        good, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],
+        valid, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],
         rows["time_ns"], Payloads(payloads.data, bodies[0], bodies[1]),
     )  # fmt: skip

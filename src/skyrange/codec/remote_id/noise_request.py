@@ -27,7 +27,7 @@ _BURST: Final = struct.Struct("<BBhIIIq")
 SIZE: Final = _BURST.size
 
 
-class Burst(NamedTuple):
+class NoiseRequest(NamedTuple):
     """Noise for `duration_us`, starting when the radio receives the request."""
 
     power_cdbm: int
@@ -37,7 +37,7 @@ class Burst(NamedTuple):
     time_ns: int = 0
 
 
-def pack(burst: Burst) -> bytes:
+def pack(burst: NoiseRequest) -> bytes:
     """Encode a request; raises `ValueError` if a field does not fit its bytes or the bandwidth is 0."""
     if burst.bandwidth_khz <= 0:
         raise ValueError(f"bandwidth of {burst.bandwidth_khz} kHz, expected more than 0")
@@ -47,14 +47,14 @@ def pack(burst: Burst) -> bytes:
         raise ValueError(f"{burst}: {error}") from error
 
 
-def unpack(payload: bytes) -> Burst:
+def unpack(payload: bytes) -> NoiseRequest:
     """Decode a request; raises `DecodeError` for anything that `pack` does not produce."""
     if len(payload) != SIZE:
         raise DecodeError(f"{len(payload)} bytes, a burst of noise has {SIZE}")
     magic, _, *fields = _BURST.unpack(payload)
     if magic != MAGIC:
         raise DecodeError(f"first byte 0x{magic:02x}, expected 0x{MAGIC:02x}")
-    burst = Burst(*fields)
+    burst = NoiseRequest(*fields)
     if burst.bandwidth_khz == 0:
         raise DecodeError("a burst of noise without bandwidth")
     return burst

@@ -28,7 +28,7 @@ from skyrange.codec.f3411 import (
     values,
 )
 from skyrange.codec.f3411 import Message as RidMessage
-from skyrange.codec.mavlink import Message, dialect
+from skyrange.codec.mavlink.frames import Message, dialect
 from skyrange.core.errors import DecodeError
 
 TRACK_UNKNOWN_CDEG: Final = 36_100
@@ -52,7 +52,7 @@ def to_mavlink(message: RidMessage, *, target: tuple[int, int] = BROADCAST, id_o
         text = _bytes(message.uas_id, 20)
         return dialect.MAVLink_open_drone_id_basic_id_message(*who, message.id_type, message.ua_type, list(text))
     if isinstance(message, Location):
-        lat, lon = values.encode_place(message.lat_deg, message.lon_deg)
+        lat, lon = values.encode_position(message.lat_deg, message.lon_deg)
         return dialect.MAVLink_open_drone_id_location_message(
             *who, message.status, _track(message.track_deg), _speed(message.speed_mps),
             _vertical(message.vertical_mps), lat, lon, _altitude(message.alt_baro_m), _altitude(message.alt_geo_m),
@@ -69,7 +69,7 @@ def to_mavlink(message: RidMessage, *, target: tuple[int, int] = BROADCAST, id_o
         text = _bytes(message.text, 23)
         return dialect.MAVLink_open_drone_id_self_id_message(*who, message.description_type, text)
     if isinstance(message, System):
-        lat, lon = values.encode_place(message.operator_lat_deg, message.operator_lon_deg)
+        lat, lon = values.encode_position(message.operator_lat_deg, message.operator_lon_deg)
         return dialect.MAVLink_open_drone_id_system_message(
             *who, message.operator_location_type, message.classification, lat, lon, message.area_count,
             round(message.area_radius_m), _altitude(message.area_ceiling_m), _altitude(message.area_floor_m),
@@ -88,7 +88,7 @@ def from_mavlink(message: Message) -> RidMessage:
     """The F3411 message equivalent to an `OPEN_DRONE_ID_*` message.
 
     Raises `DecodeError` for any other message and for an inconsistent pack. Values outside F3411's range (a status of
-    200) are kept, and `f3411.faults` names them; a field that is not a number becomes unknown.
+    200) are kept, and `f3411.deviations` names them; a field that is not a number becomes unknown.
     """
     reader = _READERS.get(type(message).id)
     if reader is None:
@@ -96,9 +96,9 @@ def from_mavlink(message: Message) -> RidMessage:
     return reader(message)
 
 
-def updated(system: System, message: Message) -> System:
+def apply_system_update(system: System, message: Message) -> System:
     """`system` with the newer position and time of an OPEN_DRONE_ID_SYSTEM_UPDATE."""
-    lat_deg, lon_deg = values.decode_place(message.operator_latitude, message.operator_longitude)
+    lat_deg, lon_deg = values.decode_position(message.operator_latitude, message.operator_longitude)
     return system._replace(
         operator_lat_deg=lat_deg,
         operator_lon_deg=lon_deg,
@@ -151,7 +151,7 @@ def _basic_id(message: Any) -> BasicId:
 
 
 def _location(message: Any) -> Location:
-    lat_deg, lon_deg = values.decode_place(message.latitude, message.longitude)
+    lat_deg, lon_deg = values.decode_position(message.latitude, message.longitude)
     return Location(
         message.status, lat_deg, lon_deg, _known(message.altitude_geodetic, ALTITUDE_UNKNOWN_M),
         _known(message.altitude_barometric, ALTITUDE_UNKNOWN_M), _known(message.height, ALTITUDE_UNKNOWN_M),
@@ -176,7 +176,7 @@ def _self_id(message: Any) -> SelfId:
 
 
 def _system(message: Any) -> System:
-    lat_deg, lon_deg = values.decode_place(message.operator_latitude, message.operator_longitude)
+    lat_deg, lon_deg = values.decode_position(message.operator_latitude, message.operator_longitude)
     return System(
         message.operator_location_type, lat_deg, lon_deg, _known(message.operator_altitude_geo, ALTITUDE_UNKNOWN_M),
         message.area_count, float(message.area_radius), _known(message.area_ceiling, ALTITUDE_UNKNOWN_M),

@@ -1,7 +1,8 @@
 """Batch conversion of OPEN_DRONE_ID_LOCATION: MAVLink tables to the columns from which F3411 Locations are encoded.
 
-Gives the same results as `codec.open_drone_id.from_mavlink` does one by one, except that a number that F3411 cannot
-encode (a track of 400°, a status of 200) becomes unknown: a bad value from an autopilot must not stop its transmitter.
+Gives the same results as `codec.remote_id.open_drone_id.from_mavlink` does one by one, except that a number that F3411
+cannot encode (a track of 400°, a status of 200) becomes unknown: a bad value from an autopilot must not stop its
+transmitter.
 """
 
 from __future__ import annotations
@@ -11,10 +12,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.codec.columns import Table
 from skyrange.codec.f3411 import values
-from skyrange.codec.f3411_columns import CODES, NUMBERS, Codes, Flags, Floats
-from skyrange.codec.open_drone_id import (
+from skyrange.codec.f3411.columns import CODES, NUMBERS, Codes, Flags, Floats
+from skyrange.codec.mavlink.message_columns import MessageTable
+from skyrange.codec.remote_id.open_drone_id import (
     ALTITUDE_UNKNOWN_M,
     SPEED_UNKNOWN_CMPS,
     TRACK_UNKNOWN_CDEG,
@@ -32,15 +33,15 @@ _TRACK_MAX_CDEG: Final = 36_000
 _TIME_MAX_S: Final = (values.TIME_UNKNOWN - 1) / values.TIME_STEPS_PER_S
 
 
-def location_columns(table: Table) -> tuple[Floats, Codes]:
-    """(9, n) numbers and (7, n) codes as `f3411_columns.encode_locations` takes them; NaN is unknown.
+def location_columns(table: MessageTable) -> tuple[Floats, Codes]:
+    """(9, n) numbers and (7, n) codes as `f3411.columns.encode_locations` takes them; NaN is unknown.
 
-    `table` (n,): rows of `columns.dtype_of` OPEN_DRONE_ID_LOCATION.
+    `table` (n,): rows of `message_columns.payload_dtype` OPEN_DRONE_ID_LOCATION.
     """
     numbers, codes = np.empty((len(NUMBERS), len(table))), np.empty((len(CODES), len(table)), dtype=np.uint8)
     placed = (table["latitude"] != 0) | (table["longitude"] != 0)
-    numbers[0] = _known(table["latitude"] / values.DEGREES, placed)
-    numbers[1] = _known(table["longitude"] / values.DEGREES, placed)
+    numbers[0] = _known(table["latitude"] / values.UNITS_PER_DEGREE, placed)
+    numbers[1] = _known(table["longitude"] / values.UNITS_PER_DEGREE, placed)
     for row, name in enumerate(_ALTITUDES, start=2):
         metres = _as_float64(table[name])
         numbers[row] = _known(metres, np.isfinite(metres) & (metres != ALTITUDE_UNKNOWN_M))

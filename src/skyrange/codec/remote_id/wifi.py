@@ -15,7 +15,7 @@ from hashlib import sha256
 from typing import Final
 from zlib import crc32
 
-from skyrange.codec.rid_link import RidFrame, RidHeader, Transport
+from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader, Transport
 from skyrange.core.errors import DecodeError
 
 BEACON: Final = 0x80
@@ -61,7 +61,7 @@ _RANDOM_FACTOR: Final = 0xEA
 NAN_INTERVAL_TU: Final = 512
 
 
-def beacon(
+def encode_beacon(
     frame: RidFrame, *, ssid: bytes = b"UAS", timestamp_us: int = 0, interval_tu: int = 100, sequence: int = 0
 ) -> bytes:
     """A Beacon with the address, counter and body of `frame`.
@@ -82,7 +82,7 @@ def beacon(
     )  # fmt: skip
 
 
-def nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
+def encode_nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
     """A NAN service discovery frame with the address, counter and body of `frame` (at most 254 bytes, else
     `ValueError`).
     """
@@ -100,7 +100,7 @@ def nan_action(frame: RidFrame, *, sequence: int = 0) -> bytes:
     )
 
 
-def nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0) -> bytes:
+def encode_nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0) -> bytes:
     """The synchronisation Beacon that a NAN device sends immediately before its action frame, so
     that others find it.
     """
@@ -116,7 +116,7 @@ def nan_sync_beacon(address: bytes, *, timestamp_us: int = 0, sequence: int = 0)
     )  # fmt: skip
 
 
-def parse(frame: bytes) -> RidFrame:
+def decode_frame(frame: bytes) -> RidFrame:
     """Decode transport, address, counter and body of a Beacon or NAN action frame that carries Remote ID.
 
     Raises `DecodeError` if the frame check sequence is wrong, if the frame is of another kind, or if none of its

@@ -1,1 +1,1 @@
-"""Frames."""
+"""Frames: singly, in blocks, their payloads as columns, and references to them."""

@@ -12,13 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.payloads import Ints, Payloads
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
 
-class LaneName(NamedTuple):
+class DirectedLinkName(NamedTuple):
     """One direction of one link: what all frames have in common that its own source sent."""
 
     link: str
@@ -27,36 +27,36 @@ class LaneName(NamedTuple):
     dst: str
 
 
-class Lanes:
+class LinkTable:
     """The directed links of one kernel by number, in order of their names. Immutable, so copies share it."""
 
     __slots__ = ("names", "numbers", "places", "ports")
 
-    def __init__(self, names: Sequence[LaneName], places: Ints) -> None:
+    def __init__(self, names: Sequence[DirectedLinkName], places: Ints) -> None:
         """`places` (n,): the place of each link's receiving port among its owner's `ports`, -1 without an owner."""
         self.names = names
         self.numbers = {(name.link, name.direction, name.src): number for number, name in enumerate(names)}
         self.ports = [Port(name.dst, name.link) for name in names]
         self.places = places
 
-    def __deepcopy__(self, memo: object) -> Lanes:
+    def __deepcopy__(self, memo: object) -> LinkTable:
         return self
 
 
 class FrameBlock:
     """Frames that directed links' own sources sent at `sent_ns`, one row each; `arrived_ns` and `fate` as in `Frame`.
 
-    Row `i` is frame `serial[i]` of directed link `lane[i]`. It carries payload `rows[i]` of `payloads`, or
+    Row `i` is frame `serial[i]` of directed link `link_numbers[i]`. It carries payload `rows[i]` of `payloads`, or
     payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of
-    directed link `parent_lane[i]`; both are None where no row has a parent.
+    directed link `parent_link_numbers[i]`; both are None where no row has a parent.
     """
 
     __slots__ = (
         "arrived_ns",
         "fate",
-        "lane",
-        "lanes",
-        "parent_lane",
+        "link_numbers",
+        "link_table",
+        "parent_link_numbers",
         "parent_serial",
         "payloads",
         "rows",
@@ -66,44 +66,44 @@ class FrameBlock:
 
     def __init__(
         self,
-        lanes: Lanes,
-        lane: Ints,
+        link_table: LinkTable,
+        link_numbers: Ints,
         serial: Ints,
         sent_ns: Time,
         arrived_ns: Time,
         fate: Fate,
         payloads: Payloads,
         rows: Ints | None = None,
-        parent_lane: Ints | None = None,
+        parent_link_numbers: Ints | None = None,
         parent_serial: Ints | None = None,
     ) -> None:
-        self.lanes = lanes
-        self.lane = lane
+        self.link_table = link_table
+        self.link_numbers = link_numbers
         self.serial = serial
         self.sent_ns = sent_ns
         self.arrived_ns = arrived_ns
         self.fate = fate
         self.payloads = payloads
         self.rows = rows
-        self.parent_lane = parent_lane
+        self.parent_link_numbers = parent_link_numbers
         self.parent_serial = parent_serial
 
     def __len__(self) -> int:
-        return len(self.lane)
+        return len(self.link_numbers)
 
     def take(self, rows: Ints | NDArray[np.bool_]) -> FrameBlock:
         """Some of the rows."""
-        parents = self.parent_lane is not None and self.parent_serial is not None
+        parents = self.parent_link_numbers is not None and self.parent_serial is not None
         return FrameBlock(
-            self.lanes,
-            self.lane[rows],
+            self.link_table,
+            self.link_numbers[rows],
             self.serial[rows],
             self.sent_ns,
             self.arrived_ns,
             self.fate,
             self.payloads,
             np.arange(len(self.payloads))[rows] if self.rows is None else self.rows[rows],
-            self.parent_lane[rows] if parents and self.parent_lane is not None else None,
+            self.parent_link_numbers[rows] if parents and self.parent_link_numbers is not None else None,
             self.parent_serial[rows] if parents and self.parent_serial is not None else None,
         )
 
@@ -117,17 +117,17 @@ class FrameBlock:
 
     def id(self, row: int) -> FrameId:
         """The id of one row's frame."""
-        name = self.lanes.names[int(self.lane[row])]
+        name = self.link_table.names[int(self.link_numbers[row])]
         return FrameId(name.link, name.direction, name.src, int(self.serial[row]))
 
     def frames(self) -> Iterator[Frame]:
         """The rows as single frames, with times and fate."""
-        names = self.lanes.names
+        names = self.link_table.names
         for row in range(len(self)):
-            link, direction, src, dst = names[int(self.lane[row])]
+            link, direction, src, dst = names[int(self.link_numbers[row])]
             parent = None
-            if self.parent_lane is not None and self.parent_serial is not None:
-                above = names[int(self.parent_lane[row])]
+            if self.parent_link_numbers is not None and self.parent_serial is not None:
+                above = names[int(self.parent_link_numbers[row])]
                 parent = FrameId(above.link, above.direction, above.src, int(self.parent_serial[row]))
             serial = int(self.serial[row])
             frame = Frame(link, direction, src, serial, src, dst, self.sent_ns, self.payload(row), parent)

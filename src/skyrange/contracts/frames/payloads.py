@@ -7,13 +7,13 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
 
 
-@kernel
+@compiled
 def _gather(data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) -> None:
     """Copy each payload to its place in `out`."""
     for row in range(starts.shape[0]):

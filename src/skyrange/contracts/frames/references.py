@@ -10,16 +10,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from skyrange.agent.blocks import Lanes
-from skyrange.agent.messages import Inbox, Parents
-from skyrange.agent.payloads import Ints
+from skyrange.contracts.frames.blocks import LinkTable
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.mailboxes import Inbox, Parents
 from skyrange.core.ids import FrameId
 
 NO_REF = -1
 """Stands for no frame."""
 
 
-class RefBook:
+class FrameRefTable:
     """The names of the frames that an agent received, numbered in order of first arrival. Deep-copyable."""
 
     __slots__ = ("_names", "_numbers", "_of_link", "_table")
@@ -27,7 +27,7 @@ class RefBook:
     def __init__(self) -> None:
         self._names: list[tuple[str, str, str]] = []
         self._numbers: dict[tuple[str, str, str], int] = {}
-        self._table: Lanes | None = None
+        self._table: LinkTable | None = None
         self._of_link = np.zeros(0, dtype=np.int64)
 
     def read(self, inbox: Inbox, order: Ints) -> tuple[Ints, Ints]:
@@ -40,7 +40,7 @@ class RefBook:
         at = len(singles)
         for block in blocks:
             part = slice(at, at + len(block))
-            numbers[part], serials[part] = self._number_links(block.lanes, block.lane), block.serial
+            numbers[part], serials[part] = self._number_links(block.link_table, block.link_numbers), block.serial
             at += len(block)
         return numbers[order], serials[order]
 
@@ -64,7 +64,7 @@ class RefBook:
             self._names.append(name)
         return found
 
-    def _number_links(self, table: Lanes, links: Ints) -> Ints:
+    def _number_links(self, table: LinkTable, links: Ints) -> Ints:
         if self._table is not table:
             self._table = table
             self._of_link = np.full(len(table.names), NO_REF, dtype=np.int64)

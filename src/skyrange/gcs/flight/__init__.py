@@ -1,1 +1,1 @@
-"""Flight."""
+"""Sequencing of one flight: state machine, procedures, guided targets, submission to the approval."""

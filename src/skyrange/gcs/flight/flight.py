@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from skyrange.core.time import Time
-from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.plan.plans import FlightPlan
 
 
 @dataclass(frozen=True, slots=True)

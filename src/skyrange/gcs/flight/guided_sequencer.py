@@ -13,7 +13,7 @@ from typing import NamedTuple
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.gcs.plans import FlightPlan
+from skyrange.gcs.plan.plans import FlightPlan
 
 RESEND_NS = 2 * NS_PER_S
 """The target is sent again if the aircraft has come no nearer for this long."""
@@ -36,7 +36,7 @@ class Target(NamedTuple):
 
 
 @dataclass(slots=True)
-class Guide:
+class GuidedSequencer:
     """The targets of one guided plan and the index `at` of the current one, -1 during take-off."""
 
     targets: tuple[Target, ...]
@@ -48,7 +48,7 @@ class Guide:
     nearest_m: float = math.inf
 
     @classmethod
-    def of(cls, plan: FlightPlan) -> Guide:
+    def for_plan(cls, plan: FlightPlan) -> GuidedSequencer:
         """The sequencer of a guided plan, before take-off."""
         home, origin = plan.home_enu_m, plan.origin
         lat, lon = origin.geodetic_of(home.east_m, home.north_m)

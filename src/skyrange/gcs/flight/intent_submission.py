@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skyrange.agent.messages import Scalar
+from skyrange.contracts.mailboxes import Scalar
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
-from skyrange.gcs.flights import Flight
-from skyrange.gcs.volumes import volumes
-from skyrange.utm.contract import Intent, intent_id
+from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.plan.volumes import volumes
+from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import Request, encode
 
 ANSWER_TIMEOUT_NS = 1_500 * NS_PER_MS
@@ -21,22 +21,22 @@ MAX_RETRIES = 5
 
 
 @dataclass(slots=True)
-class Filing:
+class IntentSubmission:
     """One intent that awaits its decision; `due` is when it is sent (again)."""
 
-    intent: Intent
+    intent: OperationalIntent
     payload: bytes
     due: Time
     tries: int = 0
 
     @classmethod
-    def of(cls, flight: Flight, depart_ns: Time, epoch: Epoch) -> Filing:
+    def for_flight(cls, flight: Flight, depart_ns: Time, epoch: Epoch) -> IntentSubmission:
         """The submission for a flight that departs at `depart_ns`; due at once."""
         vehicle = flight.vehicle
-        intent = Intent(intent_id(vehicle), operator_of(vehicle), vehicle, volumes(flight.plan, depart_ns))
+        intent = OperationalIntent(intent_id(vehicle), operator_of(vehicle), vehicle, volumes(flight.plan, depart_ns))
         return cls(intent, encode(Request.of(intent, epoch)), depart_ns)
 
-    def try_again(self, now: Time) -> bool:
+    def count_attempt(self, now: Time) -> bool:
         """Count an attempt and return whether to send it now; false once all retries are used up."""
         if self.tries > MAX_RETRIES:
             return False

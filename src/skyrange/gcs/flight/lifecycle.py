@@ -8,7 +8,7 @@ as a whole.
 
 The table rests on three rules. First, only the flight sequencer raises events, and only those that the current state
 accepts. A frame that has no meaning in the current state updates the belief or is counted; it is never an event. An
-event outside the table is therefore a defect of skyrange, and `after` raises an error.
+event outside the table is therefore a defect of skyrange, and `next_state` raises an error.
 Second, waiting is a state and giving up is an event (`GAVE_UP`, with a reason). Each state that waits has a deadline,
 so each flight ends in COMPLETE, FAILED or LEFT. Third, a flight that is given up in the air does not fail at once: the
 aircraft first returns home (ABORTING), as an operator would have it do.
@@ -21,7 +21,7 @@ from enum import StrEnum
 from skyrange.core.errors import ComponentError
 
 
-class State(StrEnum):
+class FlightState(StrEnum):
     """State of a flight, as its ground station sees it."""
 
     PLANNED = "planned"  # nothing was sent yet
@@ -44,7 +44,7 @@ class State(StrEnum):
     LEFT = "left"  # found on the ground after a flight under another station, which alone knew the outcome
 
 
-class Event(StrEnum):
+class FlightEvent(StrEnum):
     """Event that changes the state of a flight."""
 
     BEGUN = "begun"
@@ -71,8 +71,8 @@ class Event(StrEnum):
     GAVE_UP = "gave_up"  # a peer rejected a request, the retries are used up, or a deadline has passed
 
 
-S, E = State, Event
-TABLE: dict[State, dict[Event, State]] = {
+S, E = FlightState, FlightEvent
+TRANSITIONS: dict[FlightState, dict[FlightEvent, FlightState]] = {
     S.PLANNED: {E.BEGUN: S.REQUESTING, E.BEGUN_ANEW: S.LISTENING},
     S.LISTENING: {
         E.FOUND_FLYING: S.FLYING,
@@ -100,11 +100,13 @@ TABLE: dict[State, dict[Event, State]] = {
 }
 """State → event → next state. An event that a state does not list cannot happen in it."""
 
-OVER = frozenset({State.COMPLETE, State.FAILED, State.LEFT})
+ENDED = frozenset({FlightState.COMPLETE, FlightState.FAILED, FlightState.LEFT})
 """States that end a flight."""
-ARMED = frozenset({State.HOLDING, State.STARTING, State.FLYING, State.RETURNING, State.ABORTING})
+ARMED = frozenset(
+    {FlightState.HOLDING, FlightState.STARTING, FlightState.FLYING, FlightState.RETURNING, FlightState.ABORTING}
+)
 """States in which the station believes that the motors run."""
-CARRYING = frozenset({State.UPLOADING, State.VERIFYING})
+TRANSFERRING = frozenset({FlightState.UPLOADING, FlightState.VERIFYING})
 """States in which requests for mission items are answered, late and duplicate ones included."""
 
 
@@ -112,9 +114,9 @@ class LifecycleError(ComponentError):
     """An event was raised in a state that does not accept it: a defect of the ground station."""
 
 
-def after(state: State, event: Event, who: str = "ground station") -> State:
+def next_state(state: FlightState, event: FlightEvent, who: str = "ground station") -> FlightState:
     """The state after `event` in `state`; raises `LifecycleError` if the table has no such transition."""
-    row = TABLE[state]
+    row = TRANSITIONS[state]
     if event not in row:
         known = ", ".join(row) or "no event, because the flight is over"
         problem = f"event {event.value!r} cannot happen in state {state.value!r}"

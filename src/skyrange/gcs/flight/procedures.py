@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.gcs.commands import Command, set_mode
-from skyrange.gcs.lifecycle import Event, State
-from skyrange.gcs.plans import FlightPlan
-from skyrange.gcs.streams import interval_us
+from skyrange.gcs.flight.lifecycle import FlightEvent, FlightState
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.protocols.commands import Command, set_mode
+from skyrange.gcs.telemetry.streams import interval_us
 
 PREPARE_S = 60.0
 """For how long arming and mode changes are retried; ArduCopter's estimator takes up to a minute to settle."""
@@ -24,56 +24,60 @@ FLIGHT_FACTOR = 3.0
 FLIGHT_EXTRA_S = 120.0
 """A flight may last `FLIGHT_FACTOR` times its estimated duration plus this many seconds."""
 
-NOTES: Mapping[Event, str] = MappingProxyType(
+EVENT_NOTES: Mapping[FlightEvent, str] = MappingProxyType(
     {
-        Event.BEGUN: "",
-        Event.BEGUN_ANEW: "",
-        Event.FOUND_FLYING: "decision.resumed",
-        Event.FOUND_GUIDED: "decision.gave_up",
-        Event.FOUND_FLOWN: "decision.left",
-        Event.FOUND_WAITING: "",
-        Event.APPROVED: "decision.approved",
-        Event.REJECTED: "decision.rejected",
-        Event.HEARD: "decision.connected",
-        Event.UPLOADED: "decision.uploaded",
-        Event.NOTHING_TO_UPLOAD: "",
-        Event.VERIFIED: "decision.verified",
-        Event.STREAMS_SET: "decision.streams_set",
-        Event.PREPARED: "decision.prepared",
-        Event.DUE: "",
-        Event.ARMED: "decision.armed",
-        Event.DEPARTED: "decision.departing",
-        Event.STARTED: "decision.started",
-        Event.PLAN_DONE: "decision.plan_done",
-        Event.LANDED: "decision.complete",
-        Event.DISARMED: "decision.disarmed",
-        Event.GAVE_UP: "decision.gave_up",
+        FlightEvent.BEGUN: "",
+        FlightEvent.BEGUN_ANEW: "",
+        FlightEvent.FOUND_FLYING: "decision.resumed",
+        FlightEvent.FOUND_GUIDED: "decision.gave_up",
+        FlightEvent.FOUND_FLOWN: "decision.left",
+        FlightEvent.FOUND_WAITING: "",
+        FlightEvent.APPROVED: "decision.approved",
+        FlightEvent.REJECTED: "decision.rejected",
+        FlightEvent.HEARD: "decision.connected",
+        FlightEvent.UPLOADED: "decision.uploaded",
+        FlightEvent.NOTHING_TO_UPLOAD: "",
+        FlightEvent.VERIFIED: "decision.verified",
+        FlightEvent.STREAMS_SET: "decision.streams_set",
+        FlightEvent.PREPARED: "decision.prepared",
+        FlightEvent.DUE: "",
+        FlightEvent.ARMED: "decision.armed",
+        FlightEvent.DEPARTED: "decision.departing",
+        FlightEvent.STARTED: "decision.started",
+        FlightEvent.PLAN_DONE: "decision.plan_done",
+        FlightEvent.LANDED: "decision.complete",
+        FlightEvent.DISARMED: "decision.disarmed",
+        FlightEvent.GAVE_UP: "decision.gave_up",
     }
 )
 """The kind of note that each event writes to the record; empty if the next state writes its own note."""
 
-DONE: Mapping[State, Event] = MappingProxyType(
-    {State.STREAMING: Event.STREAMS_SET, State.PREPARING: Event.PREPARED, State.STARTING: Event.STARTED}
+COMPLETION_EVENTS: Mapping[FlightState, FlightEvent] = MappingProxyType(
+    {
+        FlightState.STREAMING: FlightEvent.STREAMS_SET,
+        FlightState.PREPARING: FlightEvent.PREPARED,
+        FlightState.STARTING: FlightEvent.STARTED,
+    }
 )
 """The event that is raised when all commands of a state are accepted. ARMING waits for a heartbeat instead."""
 
 
-def commands(state: State, plan: FlightPlan, streams: tuple[tuple[int, float], ...]) -> tuple[Command, ...]:
+def entry_commands(state: FlightState, plan: FlightPlan, streams: tuple[tuple[int, float], ...]) -> tuple[Command, ...]:
     """The commands that are sent on entry to `state`, in order."""
-    if state is State.STREAMING:
+    if state is FlightState.STREAMING:
         return stream_commands(streams)
-    if state is State.PREPARING:
+    if state is FlightState.PREPARING:
         return (set_mode(mav.COPTER_MODE_GUIDED, "GUIDED", PREPARE_S),)
-    if state is State.ARMING:
+    if state is FlightState.ARMING:
         return (Command(mav.MAV_CMD_COMPONENT_ARM_DISARM, (1.0,), "arm", PREPARE_S),)
-    if state is State.STARTING:
+    if state is FlightState.STARTING:
         return _start_commands(plan)
-    if state is State.FLYING and plan.kind == "guided":
+    if state is FlightState.FLYING and plan.kind == "guided":
         speed = (1.0, plan.cruise_mps, -1.0)  # ground speed, throttle unchanged
         return (Command(mav.MAV_CMD_DO_CHANGE_SPEED, speed, "speed", optional=True),)
-    if state is State.RETURNING and plan.end == "land":
+    if state is FlightState.RETURNING and plan.end == "land":
         return (set_mode(mav.COPTER_MODE_LAND, "LAND"),)
-    if state in (State.RETURNING, State.ABORTING):
+    if state in (FlightState.RETURNING, FlightState.ABORTING):
         return (set_mode(mav.COPTER_MODE_RTL, "RTL"),)
     return ()
 
@@ -102,18 +106,18 @@ def stream_commands(streams: tuple[tuple[int, float], ...]) -> tuple[Command, ..
     )
 
 
-def limit_s(state: State, duration_s: float) -> float | None:
+def time_limit_s(state: FlightState, duration_s: float) -> float | None:
     """Time limit of `state` in seconds for a flight estimated at `duration_s`; `None` if retries limit it instead."""
-    if state in (State.CONNECTING, State.LISTENING):
+    if state in (FlightState.CONNECTING, FlightState.LISTENING):
         return 60.0
-    if state is State.ARMING:
+    if state is FlightState.ARMING:
         return PREPARE_S + 10.0
-    if state in (State.FLYING, State.RETURNING, State.ABORTING):
+    if state in (FlightState.FLYING, FlightState.RETURNING, FlightState.ABORTING):
         return duration_s * FLIGHT_FACTOR + FLIGHT_EXTRA_S
     return None
 
 
-def last_leg(plan: FlightPlan) -> int:
+def last_navigation_item(plan: FlightPlan) -> int:
     """Sequence number (home is 0) of a mission's last navigation command; 0 if there is none."""
     last = 0
     for seq, item in enumerate(plan.items, start=1):
@@ -124,23 +128,23 @@ def last_leg(plan: FlightPlan) -> int:
 
 def lands_itself(plan: FlightPlan) -> bool:
     """Whether a mission ends on the ground without a command of the ground station."""
-    last = last_leg(plan)
+    last = last_navigation_item(plan)
     return last > 0 and plan.items[last - 1].command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)
 
 
-def too_early(state: State, plan: FlightPlan, progress: int) -> str:
+def premature_disarm_reason(state: FlightState, plan: FlightPlan, progress: int) -> str:
     """Why disarming in `state` counts as premature; empty if it counts as the landing.
 
     `progress` is the highest mission item number reported, or the index of a guided plan's current target.
     """
-    if state is State.RETURNING:
+    if state is FlightState.RETURNING:
         return ""
-    if state is State.ABORTING:
+    if state is FlightState.ABORTING:
         return "plan given up"
-    if state is not State.FLYING:
+    if state is not FlightState.FLYING:
         return "disarmed before take-off"
     if plan.kind == "guided":
         return f"disarmed before target {progress + 1} of {len(plan.targets_enu_m)}"
-    if lands_itself(plan) and progress >= last_leg(plan):
+    if lands_itself(plan) and progress >= last_navigation_item(plan):
         return ""
     return f"disarmed at item {progress} of {len(plan.items)}"

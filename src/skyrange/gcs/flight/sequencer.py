@@ -1,4 +1,4 @@
-"""Flight sequencer of one aircraft: runs the state machine of `gcs.lifecycle` from plan to landing.
+"""Flight sequencer of one aircraft: runs the state machine of `gcs.flight.lifecycle` from plan to landing.
 
 The sequencer reacts to frames from the aircraft, to decisions of the approval, and to timers. It raises events, the
 table of transitions gives the next state, and on entry to a state the sequencer sends that state's commands. All that
@@ -9,23 +9,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from skyrange.agent.messages import Arrival, Outbox, Scalar
 from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.mailboxes import Arrival, Outbox, Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, from_seconds, to_seconds
-from skyrange.gcs import scripts
-from skyrange.gcs.belief import Belief, Watch
-from skyrange.gcs.commands import Command, Exchange, result_name
-from skyrange.gcs.filing import Filing
-from skyrange.gcs.flights import Flight, FlightOutcome
-from skyrange.gcs.guide import Guide
-from skyrange.gcs.lifecycle import ARMED, CARRYING, OVER, Event, State, after
-from skyrange.gcs.routes import estimated_duration_s
-from skyrange.gcs.streams import Profile, requests
-from skyrange.gcs.transfer import Download, Transfer, Upload
-from skyrange.gcs.wire_items import wire_items
+from skyrange.gcs.flight import procedures
+from skyrange.gcs.flight.flight import Flight, FlightOutcome
+from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
+from skyrange.gcs.flight.intent_submission import IntentSubmission
+from skyrange.gcs.flight.lifecycle import ARMED, ENDED, TRANSFERRING, FlightEvent, FlightState, next_state
+from skyrange.gcs.plan.routes import estimated_duration_s
+from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
+from skyrange.gcs.protocols.mission_items import encode_mission
+from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
+from skyrange.gcs.telemetry.belief import Belief, Watch
+from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
 from skyrange.utm.messages import DecisionBody
 
 STATION_SYSTEM = 255
@@ -36,7 +36,7 @@ HEARTBEAT_NS = NS_PER_S
 """Period of heartbeats; https://mavlink.io/en/services/heartbeat.html: generally 1 Hz."""
 LINK_TIMEOUT_NS = 5 * NS_PER_S
 """Silence after which the link counts as lost (heartbeat.html: four or five missed)."""
-DISARMED_BEATS = 2
+DISARMED_HEARTBEATS = 2
 """Number of consecutive heartbeats that must report it before an armed aircraft counts as disarmed: a single one may
 be an old heartbeat that was delayed."""
 STALE_NS = 3 * NS_PER_S
@@ -46,41 +46,41 @@ An acknowledgement of SET_MESSAGE_INTERVAL does not name the message that it con
 for the acknowledgement of the next command. Only the telemetry that arrives shows whether the streams are set."""
 _FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_RTL, mav.COPTER_MODE_SMART_RTL})
 """Modes that show that a disarmed aircraft has flown: no aircraft is prepared in them."""
-_STREAM_CHECKED = frozenset({State.WAITING, State.HOLDING, State.FLYING})
+_STREAM_CHECKED = frozenset({FlightState.WAITING, FlightState.HOLDING, FlightState.FLYING})
 """States in which the streams must arrive and in which no other required command can be in progress."""
 
-_TIMED = {State.WAITING: Event.DUE, State.HOLDING: Event.DEPARTED}
+_TIMED = {FlightState.WAITING: FlightEvent.DUE, FlightState.HOLDING: FlightEvent.DEPARTED}
 """States that end at a fixed time, with the event that ends them."""
 
 Refs = tuple[FrameId, ...]
 
 
 @dataclass(slots=True)
-class Pilot:
+class FlightSequencer:
     """The flight sequencer of one aircraft. `due` is when `on_time` must be called if no frame arrives before."""
 
     flight: Flight
     port: Port
     approval_port: Port
     epoch: Epoch
-    streams: Profile
+    streams: StreamProfile
     belief: Belief
     packer: Packer
-    state: State = State.PLANNED
+    state: FlightState = FlightState.PLANNED
     outcome: FlightOutcome | None = None
     due: Time = 0
     intent: str = ""
     link_lost: bool = False
-    filing: Filing | None = None
+    submission: IntentSubmission | None = None
     """The intent that awaits the decision of the approval."""
     deadline: Time = NEVER
     transfer: Transfer | None = None
     upload: Upload | None = None
-    exchange: Exchange | None = None
+    exchange: CommandExchange | None = None
     todo: list[Command] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
     """Reasons for rejections of optional commands that are already recorded."""
-    guide: Guide | None = None
+    guided: GuidedSequencer | None = None
     state_causes: Refs = ()
     """Frames that led to the current state: the causes of what a timer triggers in it."""
     reason: str = ""
@@ -110,22 +110,22 @@ class Pilot:
 
     def on_decision(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
         """Handle the approval's decision on this aircraft's intent; later decisions change nothing."""
-        if self.state is not State.REQUESTING:
+        if self.state is not FlightState.REQUESTING:
             return
         if decision.decision == "Accepted":
-            self._raise(Event.APPROVED, now, out, (ref,), {"ovn": decision.ovn})
+            self._raise(FlightEvent.APPROVED, now, out, (ref,), {"ovn": decision.ovn})
         else:
             self.reason = f"approval rejected: {decision.reason}" if decision.reason else "approval rejected"
             data: dict[str, Scalar] = {"reason": decision.reason, "alternatives": len(decision.alternatives)}
-            self._raise(Event.REJECTED, now, out, (ref,), data)
+            self._raise(FlightEvent.REJECTED, now, out, (ref,), data)
         self._reschedule()
 
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what is due."""
-        if self.state is State.PLANNED:
-            self._raise(Event.BEGUN if now <= 0 else Event.BEGUN_ANEW, now, out, ())
-        if self.filing is not None and now >= self.filing.due:
-            self._submit_intent(self.filing, now, out)
+        if self.state is FlightState.PLANNED:
+            self._raise(FlightEvent.BEGUN if now <= 0 else FlightEvent.BEGUN_ANEW, now, out, ())
+        if self.submission is not None and now >= self.submission.due:
+            self._submit_intent(self.submission, now, out)
         if self.transfer is not None and now >= self.transfer.due:
             self._send(self.transfer.on_time(now), out, self.state_causes)
             self._transfer_ended(now, out, self.state_causes)
@@ -133,7 +133,7 @@ class Pilot:
             self._send_command(now, out, self.state_causes)
         if self.state in _TIMED and now >= self._timed_end_ns():
             self._raise(_TIMED[self.state], now, out, self.state_causes)
-        if now >= self.deadline and self.state not in OVER:
+        if now >= self.deadline and self.state not in ENDED:
             self._give_up(f"{self.state.value} for too long", now, out, self.state_causes)
         self._reschedule()
 
@@ -144,40 +144,40 @@ class Pilot:
             self.link_lost = False
             out.note("decision.link_restored", self.flight.vehicle, None, (ref,))
         if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq(), ref):
-            name = result_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
+            name = enum_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
-        if self.state is State.LISTENING:
+        if self.state is FlightState.LISTENING:
             self._on_first_heartbeat(now, out, ref)
-        elif self.state is State.CONNECTING:
-            self._raise(Event.HEARD, now, out, (ref,))
-        elif self.state is State.ARMING and self.belief.armed:
+        elif self.state is FlightState.CONNECTING:
+            self._raise(FlightEvent.HEARD, now, out, (ref,))
+        elif self.state is FlightState.ARMING and self.belief.armed:
             self._drop_commands()  # the acknowledgement of the arm command may have been lost
-            self._raise(Event.ARMED, now, out, (ref,))
-        elif self.state in ARMED and self.belief.disarmed_beats >= DISARMED_BEATS:
+            self._raise(FlightEvent.ARMED, now, out, (ref,))
+        elif self.state in ARMED and self.belief.consecutive_disarmed >= DISARMED_HEARTBEATS:
             self._disarmed(now, out, ref)
 
     def _on_position(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         self.belief.set("position_ns", now)
-        guide = self.guide
-        if guide is not None and self.state is State.STARTING and guide.has_left(message.relative_alt):
+        guided = self.guided
+        if guided is not None and self.state is FlightState.STARTING and guided.has_left(message.relative_alt):
             # the acknowledgement was lost; in the air, ArduCopter answers a repeated take-off command with FAILED
             self._drop_commands()
-            self._raise(Event.STARTED, now, out, (ref,))
-        if guide is None or self.state is not State.FLYING:
+            self._raise(FlightEvent.STARTED, now, out, (ref,))
+        if guided is None or self.state is not FlightState.FLYING:
             return
-        distance_m = guide.distance_m(message.lat, message.lon, message.relative_alt)
-        if guide.is_reached(distance_m):
-            data: dict[str, Scalar] = {"target": guide.at + 1, "of": len(guide.targets)}
+        distance_m = guided.distance_m(message.lat, message.lon, message.relative_alt)
+        if guided.is_reached(distance_m):
+            data: dict[str, Scalar] = {"target": guided.at + 1, "of": len(guided.targets)}
             out.note("decision.target_reached", self.flight.vehicle, data, (ref,))
-            if guide.advance(now):
-                self._send_target(guide, now, out, (ref,))
+            if guided.advance(now):
+                self._send_target(guided, now, out, (ref,))
             else:
-                self._raise(Event.PLAN_DONE, now, out, (ref,))
-        elif guide.is_stuck(now, distance_m):
-            self._send_target(guide, now, out, (ref,))
+                self._raise(FlightEvent.PLAN_DONE, now, out, (ref,))
+        elif guided.is_stuck(now, distance_m):
+            self._send_target(guided, now, out, (ref,))
 
     def _on_current(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if self.belief.on_current(now, message.seq) and self.state is State.FLYING and self.guide is None:
+        if self.belief.on_current(now, message.seq) and self.state is FlightState.FLYING and self.guided is None:
             data: dict[str, Scalar] = {"item": message.seq, "of": len(self.flight.plan.items)}
             out.note("decision.progress", self.flight.vehicle, data, (ref,))
         if message.mission_state == mav.MISSION_STATE_COMPLETE:
@@ -185,11 +185,11 @@ class Pilot:
 
     def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         self.belief.reached(message.seq)
-        if message.seq == scripts.last_leg(self.flight.plan):
+        if message.seq == procedures.last_navigation_item(self.flight.plan):
             self._mission_done(now, out, ref)
 
     def _on_item_request(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if self.upload is not None and self.state in CARRYING and _is_ours(message):
+        if self.upload is not None and self.state in TRANSFERRING and _is_ours(message):
             self._send(self.upload.on_request(now, message.seq), out, (ref,))
 
     def _on_mission_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
@@ -221,59 +221,63 @@ class Pilot:
 
     # --- events and states -------------------------------------------------------------------------
 
-    def _raise(self, event: Event, now: Time, out: Outbox, causes: Refs, data: dict[str, Scalar] | None = None) -> None:
-        self.state = after(self.state, event, self.flight.vehicle)
+    def _raise(
+        self, event: FlightEvent, now: Time, out: Outbox, causes: Refs, data: dict[str, Scalar] | None = None
+    ) -> None:
+        self.state = next_state(self.state, event, self.flight.vehicle)
         self.state_causes = causes
-        limit_s = scripts.limit_s(self.state, estimated_duration_s(self.flight.plan) if self.state in ARMED else 0.0)
-        self.deadline = NEVER if limit_s is None else now + from_seconds(limit_s)
-        kind = scripts.NOTES[event]
+        time_limit_s = procedures.time_limit_s(
+            self.state, estimated_duration_s(self.flight.plan) if self.state in ARMED else 0.0
+        )
+        self.deadline = NEVER if time_limit_s is None else now + from_seconds(time_limit_s)
+        kind = procedures.EVENT_NOTES[event]
         if kind:
             out.note(kind, self.flight.vehicle, data, causes)
         self._enter(now, out, causes)
 
     def _enter(self, now: Time, out: Outbox, causes: Refs) -> None:
         state, plan = self.state, self.flight.plan
-        if state not in CARRYING:
+        if state not in TRANSFERRING:
             self.transfer = self.upload = None
-        if state is not State.REQUESTING:
-            self.filing = None
+        if state is not FlightState.REQUESTING:
+            self.submission = None
         else:
-            self.filing = Filing.of(self.flight, max(now, self._depart_ns()), self.epoch)
-            self.intent = self.filing.intent.id
-            out.note("decision.approval_requested", self.flight.vehicle, self.filing.summary())
-            self._submit_intent(self.filing, now, out)
-        if state is State.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
-            self._raise(Event.HEARD, now, out, causes)
-        elif state is State.UPLOADING:
+            self.submission = IntentSubmission.for_flight(self.flight, max(now, self._depart_ns()), self.epoch)
+            self.intent = self.submission.intent.id
+            out.note("decision.approval_requested", self.flight.vehicle, self.submission.summary())
+            self._submit_intent(self.submission, now, out)
+        if state is FlightState.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
+            self._raise(FlightEvent.HEARD, now, out, causes)
+        elif state is FlightState.UPLOADING:
             if plan.kind == "guided":
-                self.guide = Guide.of(plan)
-                self._raise(Event.NOTHING_TO_UPLOAD, now, out, causes)
+                self.guided = GuidedSequencer.for_plan(plan)
+                self._raise(FlightEvent.NOTHING_TO_UPLOAD, now, out, causes)
             else:
-                self.upload = Upload(wire_items(plan), self.flight.system_id, AUTOPILOT_COMPONENT)
+                self.upload = Upload(encode_mission(plan), self.flight.system_id, AUTOPILOT_COMPONENT)
                 self._transfer(self.upload, now, out, causes)
-        elif state is State.VERIFYING and self.upload is not None:
+        elif state is FlightState.VERIFYING and self.upload is not None:
             download = Download(self.upload.items, self.flight.system_id, AUTOPILOT_COMPONENT)
             self._transfer(download, now, out, causes)
         elif state in _TIMED and now >= self._timed_end_ns():
             self._raise(_TIMED[state], now, out, causes)
-        elif state is State.PREPARING:
+        elif state is FlightState.PREPARING:
             self._mark_telemetry_fresh(now)
-        elif state is State.FLYING:
+        elif state is FlightState.FLYING:
             self.belief.set("farthest_item", 0)
-        elif state in OVER:
+        elif state in ENDED:
             self._finish(now, out, causes)
-        if state is State.STREAMING:
-            self._send(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
-        commands = scripts.commands(state, plan, self.streams.messages)
+        if state is FlightState.STREAMING:
+            self._send(stream_requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, causes)
+        commands = procedures.entry_commands(state, plan, self.streams.messages)
         if commands and self.state is state:
             self.todo = list(commands)
             self._next_command(now, out, causes)
 
     def _finish(self, now: Time, out: Outbox, causes: Refs) -> None:
         self._drop_commands()
-        if self.state is State.LEFT:
+        if self.state is FlightState.LEFT:
             return
-        self.outcome = FlightOutcome(self.state.value, self.reason if self.state is State.FAILED else "", now)
+        self.outcome = FlightOutcome(self.state.value, self.reason if self.state is FlightState.FAILED else "", now)
         reason = self.outcome.reason
         if reason:
             out.note("decision.failed", self.flight.vehicle, {"reason": reason}, causes)
@@ -282,19 +286,19 @@ class Pilot:
     def _give_up(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
         self.reason = f"{self.reason}; {reason}" if self.reason else reason
         self._drop_commands()
-        self._raise(Event.GAVE_UP, now, out, causes, {"reason": reason})
+        self._raise(FlightEvent.GAVE_UP, now, out, causes, {"reason": reason})
 
     def _disarmed(self, now: Time, out: Outbox, ref: FrameId) -> None:
-        progress = self.guide.at if self.guide is not None else self.belief.farthest_item
-        too_early = scripts.too_early(self.state, self.flight.plan, progress)
-        self.reason = self.reason or too_early
-        self._raise(Event.DISARMED if too_early else Event.LANDED, now, out, (ref,))
+        progress = self.guided.at if self.guided is not None else self.belief.farthest_item
+        premature_disarm_reason = procedures.premature_disarm_reason(self.state, self.flight.plan, progress)
+        self.reason = self.reason or premature_disarm_reason
+        self._raise(FlightEvent.DISARMED if premature_disarm_reason else FlightEvent.LANDED, now, out, (ref,))
 
     def _mission_done(self, now: Time, out: Outbox, ref: FrameId) -> None:
         """Handle the end of the last leg; a mission without a landing leaves that to the ground station."""
         plan = self.flight.plan
-        if self.state is State.FLYING and plan.kind == "auto" and not scripts.lands_itself(plan):
-            self._raise(Event.PLAN_DONE, now, out, (ref,))
+        if self.state is FlightState.FLYING and plan.kind == "auto" and not procedures.lands_itself(plan):
+            self._raise(FlightEvent.PLAN_DONE, now, out, (ref,))
 
     # --- restart -------------------------------------------------------------------------------------
 
@@ -302,20 +306,20 @@ class Pilot:
         """Handle the first heartbeat after a restart of the station; an aircraft that is flying goes on flying."""
         if not self.belief.armed:
             flown = self.belief.mode in _FLOWN
-            self._raise(Event.FOUND_FLOWN if flown else Event.FOUND_WAITING, now, out, (ref,))
+            self._raise(FlightEvent.FOUND_FLOWN if flown else FlightEvent.FOUND_WAITING, now, out, (ref,))
         elif self.flight.plan.kind == "guided":
             self.reason = "the station was started anew, and how far the plan had come is not known"
-            self._raise(Event.FOUND_GUIDED, now, out, (ref,), {"reason": self.reason})
+            self._raise(FlightEvent.FOUND_GUIDED, now, out, (ref,), {"reason": self.reason})
         else:
-            self._raise(Event.FOUND_FLYING, now, out, (ref,))
+            self._raise(FlightEvent.FOUND_FLYING, now, out, (ref,))
 
     # --- requests, transfers, commands ----------------------------------------------------------------------
 
-    def _submit_intent(self, filing: Filing, now: Time, out: Outbox) -> None:
-        if filing.try_again(now):
-            out.send(self.approval_port, filing.payload)
+    def _submit_intent(self, submission: IntentSubmission, now: Time, out: Outbox) -> None:
+        if submission.count_attempt(now):
+            out.send(self.approval_port, submission.payload)
         else:
-            self._give_up(f"approval: no answer after {filing.tries} requests", now, out, ())
+            self._give_up(f"approval: no answer after {submission.tries} requests", now, out, ())
 
     def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
         self.transfer = transfer
@@ -329,18 +333,18 @@ class Pilot:
             self._give_up(transfer.result, now, out, causes)
             return
         data: dict[str, Scalar] = {"items": len(transfer.items) - 1, "attempts": transfer.attempts}
-        self._raise(Event.UPLOADED if transfer is self.upload else Event.VERIFIED, now, out, causes, data)
+        self._raise(FlightEvent.UPLOADED if transfer is self.upload else FlightEvent.VERIFIED, now, out, causes, data)
 
     def _next_command(self, now: Time, out: Outbox, causes: Refs) -> None:
         """Start the next command, or raise the state's completion event after the last."""
         if self.todo:
-            self.exchange = Exchange(self.todo.pop(0))
+            self.exchange = CommandExchange(self.todo.pop(0))
             self.exchange.begin(now)
             self.state_causes = causes or self.state_causes
             self._send_command(now, out, causes)
             return
         self.exchange = None
-        event = scripts.DONE.get(self.state)
+        event = procedures.COMPLETION_EVENTS.get(self.state)
         if event is not None:
             self._raise(event, now, out, causes)
 
@@ -370,9 +374,9 @@ class Pilot:
 
     # --- timers ------------------------------------------------------------------------------------------
 
-    def look_at_news(self, now: Time, out: Outbox) -> None:
+    def check_telemetry_age(self, now: Time, out: Outbox) -> None:
         """Detect a lost link and stale telemetry; called with the station's heartbeat for stale beliefs."""
-        if self.state is State.PLANNED or self.state in OVER:
+        if self.state is FlightState.PLANNED or self.state in ENDED:
             return
         belief = self.belief
         silent = now - belief.heard_ns > LINK_TIMEOUT_NS
@@ -380,11 +384,11 @@ class Pilot:
             self.link_lost = True
             out.note("decision.link_lost", self.flight.vehicle, {"silent_s": to_seconds(now - belief.heard_ns)})
         if not silent and self.state in _STREAM_CHECKED and self.exchange is None:
-            reported_ns = belief.position_ns if self.guide else min(belief.position_ns, belief.item_ns)
+            reported_ns = belief.position_ns if self.guided else min(belief.position_ns, belief.item_ns)
             if now - reported_ns > STALE_NS:
                 self._mark_telemetry_fresh(now)  # not again until they are stale again
-                self._send(requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
-                self.todo = list(scripts.stream_commands(self.streams.messages))
+                self._send(stream_requests(self.streams, self.flight.system_id, AUTOPILOT_COMPONENT), out, ())
+                self.todo = list(procedures.stream_commands(self.streams.messages))
                 self._next_command(now, out, ())
         self._reschedule()
 
@@ -393,15 +397,15 @@ class Pilot:
 
     def _timed_end_ns(self) -> Time:
         """When the current state of `_TIMED` ends."""
-        lead_s = scripts.ARM_LEAD_S if self.state is State.WAITING else 0.0
+        lead_s = procedures.ARM_LEAD_S if self.state is FlightState.WAITING else 0.0
         return self._depart_ns() - from_seconds(lead_s)
 
     def _reschedule(self) -> None:
-        if self.state is State.PLANNED:
+        if self.state is FlightState.PLANNED:
             return  # due at once, whatever was received before
         due = self.deadline
-        if self.filing is not None:
-            due = min(due, self.filing.due)
+        if self.submission is not None:
+            due = min(due, self.submission.due)
         if self.transfer is not None:
             due = min(due, self.transfer.due)
         if self.exchange is not None:
@@ -410,13 +414,13 @@ class Pilot:
             due = min(due, self._timed_end_ns())
         self.due = due
         watch = Watch.NONE
-        if self.link_lost or self.state in (State.LISTENING, State.CONNECTING, State.ARMING):
+        if self.link_lost or self.state in (FlightState.LISTENING, FlightState.CONNECTING, FlightState.ARMING):
             watch |= Watch.HEARTBEAT
         if self.state in ARMED and not self.belief.armed:
             watch |= Watch.HEARTBEAT
-        if self.guide is not None and self.state in (State.STARTING, State.FLYING):
+        if self.guided is not None and self.state in (FlightState.STARTING, FlightState.FLYING):
             watch |= Watch.POSITION
-        if self.state is State.FLYING:
+        if self.state is FlightState.FLYING:
             watch |= Watch.COMPLETE
         self.belief.set("watch", watch)
 
@@ -426,8 +430,8 @@ class Pilot:
 
     # --- outputs -----------------------------------------------------------------------------------------
 
-    def _send_target(self, guide: Guide, now: Time, out: Outbox, causes: Refs) -> None:
-        self._send([guide.message(now, self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
+    def _send_target(self, guided: GuidedSequencer, now: Time, out: Outbox, causes: Refs) -> None:
+        self._send([guided.message(now, self.flight.system_id, AUTOPILOT_COMPONENT)], out, causes)
 
     def _send(self, messages: list[Message], out: Outbox, causes: Refs) -> None:
         for message in messages:
@@ -448,16 +452,16 @@ def _is_ours(message: Message) -> bool:
 
 
 _HANDLERS = {
-    mav.MAVLINK_MSG_ID_HEARTBEAT: Pilot._on_heartbeat,
-    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: Pilot._on_position,
-    mav.MAVLINK_MSG_ID_MISSION_CURRENT: Pilot._on_current,
-    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: Pilot._on_reached,
-    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: Pilot._on_item_request,
-    mav.MAVLINK_MSG_ID_MISSION_REQUEST: Pilot._on_item_request,
-    mav.MAVLINK_MSG_ID_MISSION_ACK: Pilot._on_mission_ack,
-    mav.MAVLINK_MSG_ID_MISSION_COUNT: Pilot._on_count,
-    mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: Pilot._on_item,
-    mav.MAVLINK_MSG_ID_COMMAND_ACK: Pilot._on_command_ack,
+    mav.MAVLINK_MSG_ID_HEARTBEAT: FlightSequencer._on_heartbeat,
+    mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: FlightSequencer._on_position,
+    mav.MAVLINK_MSG_ID_MISSION_CURRENT: FlightSequencer._on_current,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED: FlightSequencer._on_reached,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: FlightSequencer._on_item_request,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST: FlightSequencer._on_item_request,
+    mav.MAVLINK_MSG_ID_MISSION_ACK: FlightSequencer._on_mission_ack,
+    mav.MAVLINK_MSG_ID_MISSION_COUNT: FlightSequencer._on_count,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: FlightSequencer._on_item,
+    mav.MAVLINK_MSG_ID_COMMAND_ACK: FlightSequencer._on_command_ack,
 }
 READ = frozenset(_HANDLERS)
 """Ids of the messages that a flight sequencer handles; other telemetry is decoded and stored, bad frames counted."""

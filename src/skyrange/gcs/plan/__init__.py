@@ -1,1 +1,1 @@
-"""Plan."""
+"""Flight plans: construction, checks, route, and airspace volumes."""

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.missions import MissionItem
-from skyrange.core.errors import Fault
-from skyrange.gcs.paths import Point
-from skyrange.gcs.plans import GLOBAL_FRAMES, LOCATED, FlightPlan
-from skyrange.gcs.routes import MAX_LEGS, comes_to_an_end, place, up_m
+from skyrange.codec.mission import MissionItem
+from skyrange.core.errors import Problem
+from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.plans import GLOBAL_FRAMES, LOCATED, FlightPlan
+from skyrange.gcs.plan.routes import MAX_LEGS, comes_to_an_end, place, up_m
 
 MAX_ITEMS = 649
 """Mission items besides home that ArduCopter holds in 16 KiB of storage.
@@ -24,7 +24,7 @@ MAX_RADIUS_M = 100_000.0
 """Greatest distance from home that a plan may reach; farther away the local frame is not valid."""
 
 
-def check(plan: FlightPlan, where: str) -> list[Fault]:
+def check(plan: FlightPlan, where: str) -> list[Problem]:
     """All problems of `plan`; `where` is the key or file that they name. A plan without problems can be flown.
 
     It finds: no items or too many, NaN and infinity, invalid coordinates, positions far from home, points below the
@@ -34,44 +34,46 @@ def check(plan: FlightPlan, where: str) -> list[Fault]:
     faults = list(_check_numbers(plan, where))
     faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
     if not faults and not comes_to_an_end(plan):
-        faults.append(Fault(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
+        faults.append(Problem(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
     return faults
 
 
-def _check_numbers(plan: FlightPlan, where: str) -> Iterator[Fault]:
+def _check_numbers(plan: FlightPlan, where: str) -> Iterator[Problem]:
     if not (math.isfinite(plan.cruise_mps) and plan.cruise_mps > 0.0):
-        yield Fault(f"{where}.cruise_mps", f"{plan.cruise_mps!r}", "a speed above 0 m/s")
+        yield Problem(f"{where}.cruise_mps", f"{plan.cruise_mps!r}", "a speed above 0 m/s")
     if not all(map(math.isfinite, plan.home_enu_m)):
-        yield Fault(f"{where}: home", f"{tuple(plan.home_enu_m)}", "three finite numbers of metres")
+        yield Problem(f"{where}: home", f"{tuple(plan.home_enu_m)}", "three finite numbers of metres")
     elif plan.home_enu_m.up_m < 0.0:
-        yield Fault(f"{where}: home", f"{plan.home_enu_m.up_m:g} m below the ground", "a home at 0 m up or above")
+        yield Problem(f"{where}: home", f"{plan.home_enu_m.up_m:g} m below the ground", "a home at 0 m up or above")
 
 
-def _check_guided(plan: FlightPlan, where: str) -> Iterator[Fault]:
+def _check_guided(plan: FlightPlan, where: str) -> Iterator[Problem]:
     targets = plan.targets_enu_m
     if not 1 <= len(targets) <= MAX_TARGETS:
-        yield Fault(where, f"{len(targets)} targets", f"1 to {MAX_TARGETS}")
+        yield Problem(where, f"{len(targets)} targets", f"1 to {MAX_TARGETS}")
     if not (math.isfinite(plan.acceptance_m) and plan.acceptance_m > 0.0):
-        yield Fault(f"{where}.acceptance_m", f"{plan.acceptance_m!r}", "a radius above 0 m")
+        yield Problem(f"{where}.acceptance_m", f"{plan.acceptance_m!r}", "a radius above 0 m")
     for number, target in enumerate(targets, start=1):
         at = f"{where}: point {number}"
         if not all(map(math.isfinite, target)):
-            yield Fault(at, f"{tuple(target)}", "three finite numbers of metres")
+            yield Problem(at, f"{tuple(target)}", "three finite numbers of metres")
             continue
         yield from _check_height(at, target, plan)
         if number == 1 and target.up_m <= plan.home_enu_m.up_m:
-            yield Fault(at, f"{target.up_m - plan.home_enu_m.up_m:g} m above home", "a height to take off to, above 0")
+            yield Problem(
+                at, f"{target.up_m - plan.home_enu_m.up_m:g} m above home", "a height to take off to, above 0"
+            )
 
 
-def _check_mission(plan: FlightPlan, where: str) -> Iterator[Fault]:
+def _check_mission(plan: FlightPlan, where: str) -> Iterator[Problem]:
     items = plan.items
     if not 1 <= len(items) <= MAX_ITEMS:
-        yield Fault(where, f"{len(items)} mission items", f"1 to {MAX_ITEMS}")
+        yield Problem(where, f"{len(items)} mission items", f"1 to {MAX_ITEMS}")
         return
     navigating = [item for item in items if item.command < mav.MAV_CMD_NAV_LAST]
     if not navigating or navigating[0].command != mav.MAV_CMD_NAV_TAKEOFF:
         first = f"command {navigating[0].command}" if navigating else "none"
-        yield Fault(
+        yield Problem(
             f"{where}: first navigation command", first, "22 (NAV_TAKEOFF), without which AUTO refuses to start"
         )
     here = plan.home_enu_m
@@ -81,7 +83,7 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Fault]:
         if item.command == mav.MAV_CMD_DO_JUMP:
             yield from _check_jump(at, item, len(items))
         elif item.command == mav.MAV_CMD_NAV_LOITER_UNLIM:
-            yield Fault(at, "NAV_LOITER_UNLIM", "a command that ends", "Use NAV_LOITER_TIME with seconds in param1.")
+            yield Problem(at, "NAV_LOITER_UNLIM", "a command that ends", "Use NAV_LOITER_TIME with seconds in param1.")
         elif item.command in LOCATED:
             fault = _check_place(at, item)
             if fault is not None:
@@ -90,41 +92,41 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Fault]:
             if item.command == mav.MAV_CMD_NAV_TAKEOFF:
                 here = here._replace(up_m=up_m(plan, item))
                 if here.up_m <= plan.home_enu_m.up_m:
-                    yield Fault(at, f"{here.up_m - plan.home_enu_m.up_m:g} m above home", "a height above 0")
+                    yield Problem(at, f"{here.up_m - plan.home_enu_m.up_m:g} m above home", "a height above 0")
             elif item.command < mav.MAV_CMD_NAV_LAST:
                 here = place(plan, item, here)
             if item.command != mav.MAV_CMD_NAV_LAND:
                 yield from _check_height(at, here, plan)
 
 
-def _check_params(at: str, item: MissionItem) -> Iterator[Fault]:
+def _check_params(at: str, item: MissionItem) -> Iterator[Problem]:
     for name in ("param1", "param2", "param3", "param4"):
         value = getattr(item, name)
         if math.isinf(value) or (math.isnan(value) and item.command not in LOCATED):
-            yield Fault(f"{at} {name}", f"{value}", "a finite number")
+            yield Problem(f"{at} {name}", f"{value}", "a finite number")
 
 
-def _check_jump(at: str, item: MissionItem, count: int) -> Iterator[Fault]:
+def _check_jump(at: str, item: MissionItem, count: int) -> Iterator[Problem]:
     if math.isfinite(item.param1) and not 1 <= item.param1 <= count:
-        yield Fault(f"{at} param1", f"{item.param1:g}", f"an item from 1 to {count}")
+        yield Problem(f"{at} param1", f"{item.param1:g}", f"an item from 1 to {count}")
     if math.isfinite(item.param2) and item.param2 < 0.0:
-        yield Fault(f"{at} param2", f"{item.param2:g}", "a number of repeats", "A plan without end never completes.")
+        yield Problem(f"{at} param2", f"{item.param2:g}", "a number of repeats", "A plan without end never completes.")
 
 
-def _check_place(at: str, item: MissionItem) -> Fault | None:
+def _check_place(at: str, item: MissionItem) -> Problem | None:
     if item.frame not in GLOBAL_FRAMES:
-        return Fault(at, f"frame {item.frame}", "a global frame: 0, 3, 5, 6, 10 or 11")
+        return Problem(at, f"frame {item.frame}", "a global frame: 0, 3, 5, 6, 10 or 11")
     if not (abs(item.x) <= 90.0 and abs(item.y) <= 180.0):  # also catches NaN
-        return Fault(at, f"latitude {item.x}, longitude {item.y}", "degrees within ±90 and ±180")
+        return Problem(at, f"latitude {item.x}, longitude {item.y}", "degrees within ±90 and ±180")
     if not abs(item.z) < MAX_ALT_M:
-        return Fault(at, f"altitude {item.z}", f"metres within ±{MAX_ALT_M:g}")
+        return Problem(at, f"altitude {item.z}", f"metres within ±{MAX_ALT_M:g}")
     return None
 
 
-def _check_height(at: str, point: Point, plan: FlightPlan) -> Iterator[Fault]:
+def _check_height(at: str, point: Point, plan: FlightPlan) -> Iterator[Problem]:
     if point.up_m < 0.0:
-        yield Fault(at, f"{-point.up_m:.1f} m below the ground", "a point above it")
+        yield Problem(at, f"{-point.up_m:.1f} m below the ground", "a point above it")
     away_m = math.hypot(point.east_m - plan.home_enu_m.east_m, point.north_m - plan.home_enu_m.north_m)
     if away_m > MAX_RADIUS_M:
         hint = "Re-anchor the mission to the aircraft's home."
-        yield Fault(at, f"{away_m / 1000.0:.0f} km from home", f"at most {MAX_RADIUS_M / 1000.0:.0f} km", hint)
+        yield Problem(at, f"{away_m / 1000.0:.0f} km from home", f"at most {MAX_RADIUS_M / 1000.0:.0f} km", hint)

@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from skyrange.codec import missions
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.missions import Mission, MissionItem
+from skyrange.codec.mission import Mission, MissionItem, read_mission
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
-from skyrange.gcs import paths
-from skyrange.gcs.paths import Point
+from skyrange.gcs.plan import paths
+from skyrange.gcs.plan.paths import Point
 
 Kind = Literal["auto", "guided"]
 End = Literal["rtl", "land"]
@@ -63,7 +62,7 @@ class FlightPlan:
     `home_enu_m` is the aircraft's home relative to `origin`. An auto plan has a `mission` (without the home item).
     A guided plan has `targets_enu_m` (relative to the origin, not to home), an acceptance radius `acceptance_m`,
     and the `end` of the flight. `cruise_mps` is the ground speed until the plan itself changes it.
-    `checks.check` finds the problems of a plan.
+    `plan.checks.check` finds the problems of a plan.
     """
 
     kind: Kind
@@ -144,7 +143,7 @@ def from_file(
     for an unreadable file, and for altitudes above mean sea level without a planned home.
     """
     home = Point(*map(float, home_enu_m))
-    mission = missions.read(Path(file))
+    mission = read_mission(Path(file))
     if anchor:
         mission = anchored(mission, origin, home)
     return FlightPlan("auto", name or Path(file).name, origin, home, cruise_mps, mission)

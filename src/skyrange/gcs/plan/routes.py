@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.missions import MissionItem
-from skyrange.gcs import paths
-from skyrange.gcs.paths import Leg, Point, leg
-from skyrange.gcs.plans import MSL_FRAMES, TERRAIN_FRAMES, FlightPlan
+from skyrange.codec.mission import MissionItem
+from skyrange.gcs.plan import paths
+from skyrange.gcs.plan.paths import Leg, Point, leg
+from skyrange.gcs.plan.plans import MSL_FRAMES, TERRAIN_FRAMES, FlightPlan
 
 RTL_ALT_M = 15.0
 """ArduCopter RTL_ALT, default 1500 cm above home (ArduCopter/config.h)."""
@@ -23,7 +23,7 @@ RTL_LOITER_S = 5.0
 CIRCLE_RADIUS_M = 10.0
 """ArduCopter CIRCLE_RADIUS, default 1000 cm: the radius of a LOITER_TURNS that states none."""
 MAX_LEGS = 10_000
-"""Unrolling stops at this number of legs or jumps; `checks.check` rejects such plans."""
+"""Unrolling stops at this number of legs or jumps; `plan.checks.check` rejects such plans."""
 
 _HOLD_COMMANDS = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME, mav.MAV_CMD_NAV_SPLINE_WAYPOINT)
 _MOVE_COMMANDS = (
@@ -37,7 +37,7 @@ _MOVE_COMMANDS = (
 def legs(plan: FlightPlan) -> tuple[Leg, ...]:
     """The plan's legs in the order flown, from home to the landing; at most `MAX_LEGS`.
 
-    The result is meaningful only for a plan in which `checks.check` finds no problem.
+    The result is meaningful only for a plan in which `plan.checks.check` finds no problem.
     """
     return _guided_legs(plan) if plan.kind == "guided" else _auto_legs(plan)[0]
 

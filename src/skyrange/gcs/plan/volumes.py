@@ -16,9 +16,9 @@ from shapely.geometry.polygon import orient
 
 from skyrange.core.time import Time, from_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.gcs.paths import Leg
-from skyrange.gcs.plans import FlightPlan
-from skyrange.gcs.routes import legs
+from skyrange.gcs.plan.paths import Leg
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.routes import legs
 
 
 @dataclass(frozen=True, slots=True)

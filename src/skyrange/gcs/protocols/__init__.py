@@ -1,1 +1,1 @@
-"""Protocols."""
+"""MAVLink command and mission protocols, ground station side."""

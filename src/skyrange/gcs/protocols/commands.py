@@ -39,7 +39,7 @@ class Command(NamedTuple):
 
 
 @dataclass(slots=True)
-class Exchange:
+class CommandExchange:
     """The exchange of one command and its acknowledgement. `due` is when `on_time` must be called next."""
 
     command: Command
@@ -80,10 +80,10 @@ class Exchange:
         if result in _TEMPORARY and now + ASK_AGAIN_NS <= self.persist_until:
             self.retries, self.confirmation, self.due = 0, 0, now + ASK_AGAIN_NS
             return "wait"
-        return f"{self.command.name}: {result_name('MAV_RESULT', 'MAV_RESULT_', result)}"
+        return f"{self.command.name}: {enum_name('MAV_RESULT', 'MAV_RESULT_', result)}"
 
 
-def result_name(enum: str, prefix: str, value: int) -> str:
+def enum_name(enum: str, prefix: str, value: int) -> str:
     """The short name of a MAVLink enum value (`DENIED`), or the number itself if the enum does not define it."""
     entry = mav.enums[enum].get(value)
     return entry.name.removeprefix(prefix) if entry is not None else str(value)

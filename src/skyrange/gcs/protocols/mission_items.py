@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.missions import MissionItem
-from skyrange.gcs.plans import GLOBAL_FRAMES, HOME_FRAMES, LOCATED, MSL_FRAMES, FlightPlan
+from skyrange.codec.mission import MissionItem
+from skyrange.gcs.plan.plans import GLOBAL_FRAMES, HOME_FRAMES, LOCATED, MSL_FRAMES, FlightPlan
 
 ALT_TOLERANCE_M = 0.0101
 """ArduCopter truncates to whole centimetres; the rest allows for 32-bit rounding."""
@@ -35,7 +35,7 @@ _COMPARED_PARAMS: dict[int, tuple[tuple[str, float], ...]] = {
 """By command, the parameters that are compared and the difference that each must stay below."""
 
 
-class WireItem(NamedTuple):
+class MissionItemInt(NamedTuple):
     """A mission item with x and y as MISSION_ITEM_INT encodes them: 1e-7 degrees in global frames. No NaN."""
 
     frame: int
@@ -58,7 +58,7 @@ class WireItem(NamedTuple):
         )  # fmt: skip
 
 
-def wire_items(plan: FlightPlan) -> tuple[WireItem, ...]:
+def encode_mission(plan: FlightPlan) -> tuple[MissionItemInt, ...]:
     """All items of an auto plan as they are uploaded; ArduPilot's item 0 (home) comes first."""
     lat, lon = plan.origin.geodetic_of(plan.home_enu_m.east_m, plan.home_enu_m.north_m)
     alt_m = plan.origin.alt_msl_m + plan.home_enu_m.up_m
@@ -66,15 +66,15 @@ def wire_items(plan: FlightPlan) -> tuple[WireItem, ...]:
     return tuple(_encode(item) for item in (home, *plan.items))
 
 
-def _encode(item: MissionItem) -> WireItem:
+def _encode(item: MissionItem) -> MissionItemInt:
     # An unset (NaN) parameter is sent as 0: ArduCopter rejects most NaN, and stores 0 for unset parameters.
     p1, p2, p3, p4 = (0.0 if math.isnan(value) else value for value in item.values[:4])
     scale = 1e7 if item.frame in GLOBAL_FRAMES and item.command in LOCATED else 1.0
     x, y = round(item.x * scale), round(item.y * scale)
-    return WireItem(item.frame, item.command, p1, p2, p3, p4, x, y, item.z, int(item.autocontinue))
+    return MissionItemInt(item.frame, item.command, p1, p2, p3, p4, x, y, item.z, int(item.autocontinue))
 
 
-def difference(sent: WireItem, got: Message) -> str:
+def describe_difference(sent: MissionItemInt, got: Message) -> str:
     """How the MISSION_ITEM_INT `got` differs from the item that was `sent`; empty if they are the same item."""
     if got.command != sent.command:
         return f"command is {got.command}, sent {sent.command}"

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NEVER, NS_PER_MS, Time
-from skyrange.gcs.commands import result_name
-from skyrange.gcs.wire_items import WireItem, difference
+from skyrange.gcs.protocols.commands import enum_name
+from skyrange.gcs.protocols.mission_items import MissionItemInt, describe_difference
 
 TIMEOUT_NS = 1_500 * NS_PER_MS
 """mavlink.io "Timeouts and retries": default."""
@@ -41,7 +41,7 @@ class Transfer:
     `result` is empty during the transfer, `"done"` after success, else the reason for which it was given up.
     """
 
-    items: tuple[WireItem, ...]
+    items: tuple[MissionItemInt, ...]
     system: int
     component: int
     due: Time = NEVER
@@ -71,7 +71,7 @@ class Transfer:
 
     def _reject(self, now: Time, kind: int) -> None:
         """Handle a negative MISSION_ACK."""
-        reason = result_name("MAV_MISSION_RESULT", "MAV_MISSION_", kind)
+        reason = enum_name("MAV_MISSION_RESULT", "MAV_MISSION_", kind)
         if kind in _TEMPORARY and self.attempts < MAX_ATTEMPTS:
             self.retries = MAX_RETRIES  # the next `on_time` restarts the transfer, once frames in flight have arrived
             self.due = now + TIMEOUT_NS
@@ -176,7 +176,7 @@ class Download(Transfer):
         """Handle a MISSION_ITEM_INT: request the next item, or finish. Items that were not requested are ignored."""
         if self.result or item.seq != self.requested:
             return []
-        problem = difference(self.items[item.seq], item) if item.seq != _HOME_SEQ else ""
+        problem = describe_difference(self.items[item.seq], item) if item.seq != _HOME_SEQ else ""
         if problem:
             self._end(f"read-back differs at item {item.seq}: {problem}")
             return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]

@@ -19,8 +19,8 @@ _ROW: Final = np.dtype(
         ("heard_ns", "i8"),  # when its last heartbeat was received
         ("armed", "i8"),  # 0, 1, or -1 before the first heartbeat
         ("mode", "i8"),  # -1 before the first heartbeat
-        ("beat_seq", "i8"),
-        ("disarmed_beats", "i8"),
+        ("heartbeat_seq", "i8"),
+        ("consecutive_disarmed", "i8"),
         ("position_ns", "i8"),
         ("item_ns", "i8"),
         ("item", "i8"),  # -1 before the first MISSION_CURRENT
@@ -43,17 +43,17 @@ class Watch(IntFlag):
     """MISSION_CURRENT that reports the mission as complete."""
 
 
-class Beliefs:
-    """The beliefs of a station about all its aircraft, by index; `gcs.reading` updates them in columns."""
+class BeliefTable:
+    """The beliefs of a station about all its aircraft, by index; `gcs.telemetry.receiver` updates them in columns."""
 
     def __init__(self, count: int) -> None:
         self.table: NDArray[Any] = np.zeros(count, dtype=_ROW)
-        for name in ("armed", "mode", "item", "beat_seq"):
+        for name in ("armed", "mode", "item", "heartbeat_seq"):
             self.table[name] = -1
         for name in ("heard_ns", "position_ns", "item_ns", "read_ns"):
             self.table[name] = -NEVER
 
-    def old(self, now: Time, silent_ns: Time, stale_ns: Time) -> NDArray[np.int64]:
+    def stale_rows(self, now: Time, silent_ns: Time, stale_ns: Time) -> NDArray[np.int64]:
         """Indices of aircraft whose last heartbeat is older than `silent_ns`, or position or item than `stale_ns`."""
         table = self.table
         reported = np.minimum(table["position_ns"], table["item_ns"])
@@ -65,14 +65,14 @@ class Beliefs:
 
 
 class Belief:
-    """One aircraft as its telemetry reports it: a view of its row in `Beliefs`.
+    """One aircraft as its telemetry reports it: a view of its row in `BeliefTable`.
 
     A time of `-NEVER`, or `None`, means that no message has reported the value yet.
     """
 
     __slots__ = ("_place", "_table", "mode_ref")
 
-    def __init__(self, beliefs: Beliefs, place: int) -> None:
+    def __init__(self, beliefs: BeliefTable, place: int) -> None:
         self._table = beliefs.table
         self._place = place
         self.mode_ref: FrameId | None = None
@@ -108,9 +108,9 @@ class Belief:
         return None if reported < 0 else reported
 
     @property
-    def disarmed_beats(self) -> int:
+    def consecutive_disarmed(self) -> int:
         """Number of consecutive heartbeats that reported the aircraft as disarmed; duplicates count once."""
-        return self._get("disarmed_beats")
+        return self._get("consecutive_disarmed")
 
     @property
     def position_ns(self) -> Time:
@@ -147,10 +147,10 @@ class Belief:
         self.set("heard_ns", now)
         armed = bool(base_mode & _ARMED)
         if armed:
-            self.set("disarmed_beats", 0)
-        elif sequence != self._get("beat_seq"):
-            self.set("disarmed_beats", self.disarmed_beats + 1)
-        self.set("beat_seq", sequence)
+            self.set("consecutive_disarmed", 0)
+        elif sequence != self._get("heartbeat_seq"):
+            self.set("consecutive_disarmed", self.consecutive_disarmed + 1)
+        self.set("heartbeat_seq", sequence)
         changed = mode != self.mode
         if changed or armed != self.armed:
             self.set("mode", mode)

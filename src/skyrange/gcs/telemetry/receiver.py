@@ -13,29 +13,29 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.codec.columns import KINDS, TABLES, dtype_of, kind_at, kind_of
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import HEADER_V2, LAYOUTS
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.frame_layout import HEADER_V2, LAYOUTS
+from skyrange.codec.mavlink.message_columns import KIND_COUNT, KIND_TABLES, kind_at, kind_of_message, payload_dtype
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
-from skyrange.gcs.belief import Beliefs, Watch
+from skyrange.gcs.telemetry.belief import BeliefTable, Watch
 
 
 def _offset(message_id: int, name: str) -> int:
     """Offset in bytes of a field in the payload of a message."""
-    fields = dtype_of(message_id).fields
+    fields = payload_dtype(message_id).fields
     assert fields is not None
     return int(fields[name][1])
 
 
 _HEADER: Final = int(HEADER_V2)
 _WIDEST: Final = max(layout.size for layout in LAYOUTS.values())
-_HEARTBEAT: Final = kind_of(mav.MAVLINK_MSG_ID_HEARTBEAT)
+_HEARTBEAT: Final = kind_of_message(mav.MAVLINK_MSG_ID_HEARTBEAT)
 _BASE_MODE: Final = _offset(mav.MAVLINK_MSG_ID_HEARTBEAT, "base_mode")
 _CUSTOM_MODE: Final = _offset(mav.MAVLINK_MSG_ID_HEARTBEAT, "custom_mode")
-_POSITION: Final = kind_of(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-_CURRENT: Final = kind_of(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
+_POSITION: Final = kind_of_message(mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
+_CURRENT: Final = kind_of_message(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
 _ITEM: Final = _offset(mav.MAVLINK_MSG_ID_MISSION_CURRENT, "seq")
 _STATE: Final = _offset(mav.MAVLINK_MSG_ID_MISSION_CURRENT, "mission_state")
 _COMPLETE: Final = int(mav.MISSION_STATE_COMPLETE)
@@ -45,7 +45,7 @@ _WATCH_POSITION: Final = int(Watch.POSITION)
 _WATCH_COMPLETE: Final = int(Watch.COMPLETE)
 
 
-@kernel
+@compiled
 def _refresh_belief(now: int, belief: Any, kind: int, sequence: int, reported: Bytes) -> bool:
     """Refresh a belief from a payload; returns whether the flight sequencer has to read the message instead."""
     if kind == _HEARTBEAT:
@@ -57,10 +57,10 @@ def _refresh_belief(now: int, belief: Any, kind: int, sequence: int, reported: B
             return True
         belief.heard_ns = now
         if armed == 1:
-            belief.disarmed_beats = 0
-        elif sequence != belief.beat_seq:
-            belief.disarmed_beats += 1
-        belief.beat_seq = sequence
+            belief.consecutive_disarmed = 0
+        elif sequence != belief.heartbeat_seq:
+            belief.consecutive_disarmed += 1
+        belief.heartbeat_seq = sequence
     elif kind == _POSITION:
         if belief.watch & _WATCH_POSITION:
             return True
@@ -74,7 +74,7 @@ def _refresh_belief(now: int, belief: Any, kind: int, sequence: int, reported: B
     return False
 
 
-@kernel
+@compiled
 def _read(
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, begin: int, systems: Ints, component: int,
     kinds: NDArray[np.int32], extras: Ints, crcs: NDArray[np.uint16], role: Ints, slots: Ints,
@@ -111,20 +111,20 @@ def _read(
     return int(starts.shape[0])
 
 
-class Reader:
+class TelemetryReceiver:
     """Processes the telemetry that a station receives, in columns. Deep-copyable."""
 
-    def __init__(self, beliefs: Beliefs, systems: Sequence[int], component: int, read: Collection[int]) -> None:
+    def __init__(self, beliefs: BeliefTable, systems: Sequence[int], component: int, read: Collection[int]) -> None:
         """`systems` are MAVLink system ids by aircraft index; `read` are the ids of messages that sequencers handle."""
         self._beliefs = beliefs
         self._systems = np.array(systems, dtype=np.int64)
         self._component = component
         # 0: stored only; 1: for the sequencer; 2: for the sequencer unless it only refreshes the belief
-        self._role = np.zeros(KINDS, dtype=np.int64)
+        self._role = np.zeros(KIND_COUNT, dtype=np.int64)
         for message_id in read:
-            self._role[kind_of(message_id)] = 1
+            self._role[kind_of_message(message_id)] = 1
         self._role[[_HEARTBEAT, _POSITION, _CURRENT]] = 2
-        self._slots = np.full(KINDS, -1, dtype=np.int64)
+        self._slots = np.full(KIND_COUNT, -1, dtype=np.int64)
         self._latest = np.zeros((0, len(systems), _WIDEST), dtype=np.uint8)
         self._received = np.zeros((0, len(systems)), dtype=np.bool_)
 
@@ -135,7 +135,7 @@ class Reader:
         while True:
             done = _read(
                 now, payloads.data, payloads.starts, payloads.sizes, places, done, self._systems, self._component,
-                *TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
+                *KIND_TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
             )  # fmt: skip
             if done == len(payloads):
                 return np.flatnonzero(left)
@@ -143,15 +143,15 @@ class Reader:
 
     def _add_slot(self, payloads: Payloads, row: int) -> None:
         start, size = payloads.starts.item(row), payloads.sizes.item(row)
-        self._slots[kind_at(payloads.data, start, size, *TABLES)] = len(self._latest)
+        self._slots[kind_at(payloads.data, start, size, *KIND_TABLES)] = len(self._latest)
         count = self._latest.shape[1]
         self._latest = np.concatenate([self._latest, np.zeros((1, count, _WIDEST), dtype=np.uint8)])
         self._received = np.concatenate([self._received, np.zeros((1, count), dtype=np.bool_)])
 
     def latest(self, place: int, message_id: int) -> Any:
         """The latest message of a kind as a record of its fields, or `None` if there was none."""
-        slot = self._slots[kind_of(message_id)]
+        slot = self._slots[kind_of_message(message_id)]
         if slot < 0 or not self._received[slot, place]:
             return None
-        dtype = dtype_of(message_id)
+        dtype = payload_dtype(message_id)
         return self._latest[slot, place, : dtype.itemsize].copy().view(dtype)[0]

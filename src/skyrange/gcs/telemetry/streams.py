@@ -15,7 +15,7 @@ from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 
 
-class Profile(NamedTuple):
+class StreamProfile(NamedTuple):
     """What is requested: (message id, rate in Hz) and (MAV_DATA_STREAM, rate in Hz)."""
 
     messages: tuple[tuple[int, float], ...]
@@ -32,7 +32,7 @@ LIGHT: Mapping[int, float] = MappingProxyType(
 )
 """7 frames per second; with HEARTBEAT these make the light load of 8 telemetry frames per aircraft and second."""
 
-OPERATOR: Final = Profile(
+OPERATOR: Final = StreamProfile(
     ((mav.MAVLINK_MSG_ID_HOME_POSITION, 1.0), (mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 1.0)),
     (
         (mav.MAV_DATA_STREAM_RAW_SENSORS, 2),
@@ -47,7 +47,9 @@ OPERATOR: Final = Profile(
 """What a QGroundControl session requests from ArduPilot (`APMFirmwarePlugin::initializeStreamRates`, defaults of
 APMMavlinkStreamRate.SettingsGroup.json). The builtin autopilot in flight answers with about 105 frames per second."""
 
-PROFILES: Mapping[str, Profile] = MappingProxyType({"light": Profile(tuple(LIGHT.items())), "operator": OPERATOR})
+PROFILES: Mapping[str, StreamProfile] = MappingProxyType(
+    {"light": StreamProfile(tuple(LIGHT.items())), "operator": OPERATOR}
+)
 """Stream profiles by the name that a scenario uses."""
 
 
@@ -56,7 +58,7 @@ def interval_us(rate_hz: float) -> int:
     return round(1_000_000 / rate_hz)
 
 
-def requests(profile: Profile, system: int, component: int) -> list[Message]:
+def stream_requests(profile: StreamProfile, system: int, component: int) -> list[Message]:
     """One REQUEST_DATA_STREAM message for each data stream of a profile."""
     return [
         mav.MAVLink_request_data_stream_message(system, component, stream, rate_hz, 1)

@@ -1,1 +1,1 @@
-"""Ardupilot."""
+"""ArduPilot SITL processes: serial ports and lockstep exchanges."""

@@ -16,8 +16,8 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
-from skyrange.io.sitl import HEAD, SIZES, LockstepSitl
+from skyrange.core.compiled import compiled
+from skyrange.io.ardupilot.sitl import HEAD, SIZES, LockstepSitl
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -45,7 +45,7 @@ _recvfrom: Any = types.ExternalFunction(
 )
 
 
-class Exchanges:
+class BatchExchange:
     """Exchanges with processes that have all answered once; a row is a process's place in `sitls`."""
 
     def __init__(self, sitls: Sequence[LockstepSitl], most: int = 1) -> None:
@@ -151,7 +151,7 @@ def _segments() -> bool:
     return True
 
 
-@kernel
+@compiled
 def _send(
     rows: Ints,
     counts: Ints,
@@ -174,7 +174,7 @@ def _send(
             _sendto(sockets[row], text[turn, row].ctypes, lengths[turn, row], 0, peers[row].ctypes, _ADDRESS)
 
 
-@kernel
+@compiled
 def _fill_envelope(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, parts: Ints, control: Ints) -> None:
     """Fill the `msghdr` with some lines for a peer; all but the last are padded to the longest."""
     size = 0
@@ -192,7 +192,7 @@ def _fill_envelope(lines: Bytes, lengths: Ints, peer: Bytes, envelope: Ints, par
     envelope[4], envelope[5] = control.ctypes.data, 8 * len(control)
 
 
-@kernel
+@compiled
 def _take(
     rows: Ints,
     wanted: Ints,
@@ -229,7 +229,7 @@ def _take(
     return whole
 
 
-@kernel
+@compiled
 def _is_servos(heard: Bytes, size: int) -> bool:
     magic = np.int64(heard[0]) | np.int64(heard[1]) << 8
     for kind in range(len(_MAGICS)):
@@ -238,7 +238,7 @@ def _is_servos(heard: Bytes, size: int) -> bool:
     return False
 
 
-@kernel
+@compiled
 def _is_same(sender: Bytes, peer: Bytes) -> bool:
     same = True
     for place in range(_PLACE):

@@ -22,8 +22,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic
 
-from skyrange.core.errors import ComponentError, Fault, InputError
-from skyrange.io.programs import Program
+from skyrange.core.errors import ComponentError, InputError, Problem
+from skyrange.io.processes.program import Program
 
 LOOPBACK = "127.0.0.1"
 _RC_PORTS = range(20_000, 30_000)
@@ -253,7 +253,7 @@ class LockstepSitl(Sitl):
         self._physics.close()
 
 
-class Switchboard:
+class SerialPoller:
     """Poller of the serial ports of many processes: one system call for all of them."""
 
     def __init__(self) -> None:
@@ -268,7 +268,7 @@ class Switchboard:
         self._ports[port.fileno()] = (who, place)
         self._poll.register(port.fileno(), select.EPOLLIN)
 
-    def speaking(self, wait_s: float = 0.0) -> list[tuple[int, int]]:
+    def poll_ready(self, wait_s: float = 0.0) -> list[tuple[int, int]]:
         """(who, place) of the ports with data, or that have closed, in order; waits at most `wait_s` for the first."""
         heard = self._poll.poll(wait_s)
         return sorted(self._ports[number] for number, _ in heard if number in self._ports)
@@ -289,7 +289,7 @@ def check_free(ports: Sequence[int], where: str) -> None:
     for port in ports:
         # below, SITL counts from its first port (UARTDriver.cpp `_tcp_start_connection`)
         if not 1024 <= port <= 65_535:
-            faults.append(Fault(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
+            faults.append(Problem(where, f"port {port}", "ports from 1024 to 65535, for all of them"))
             continue
         try:
             with socket.socket() as tried:
@@ -297,7 +297,7 @@ def check_free(ports: Sequence[int], where: str) -> None:
                 tried.bind(("", port))
                 tried.listen()
         except OSError as error:
-            faults.append(Fault(where, f"port {port}: {error.strerror}", "one that is free"))
+            faults.append(Problem(where, f"port {port}: {error.strerror}", "one that is free"))
     if faults:
         raise InputError("ardupilot", faults)
 

@@ -1,1 +1,1 @@
-"""Http."""
+"""HTTP: the transports of the approval link."""

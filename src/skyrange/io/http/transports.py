@@ -16,13 +16,13 @@ import aiohttp
 from aiohttp import web
 from yarl import URL
 
-from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import DecodeError
-from skyrange.io import http_frames
-from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
-from skyrange.io.http_door import LimitedServer
-from skyrange.io.http_frames import JSON_TYPE, MAX_BYTES
-from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
+from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
+from skyrange.io.http import frames as http_frames
+from skyrange.io.http.frames import JSON_TYPE, MAX_BYTES
+from skyrange.io.http.limited_server import LimitedServer
+from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
 
 ANSWER_S = 10.0
 """How long a request waits for its response; a ground station has repeated it six times by then."""
@@ -64,7 +64,7 @@ class _OpenRequest:
     answer: asyncio.Future[http_frames.Response]
 
 
-class HttpServerEnd:
+class HttpServerTransport:
     """The approval's side: received requests become frames, response frames answer them."""
 
     def __init__(
@@ -93,17 +93,17 @@ class HttpServerEnd:
         on_note: OnNote = ignore_note,
         answer_s: float = ANSWER_S,
         patience_s: float = PATIENCE_S,
-    ) -> HttpServerEnd:
+    ) -> HttpServerTransport:
         """Listen at `local` (port 0: any free one), for clients with `token` as their bearer token (RFC 6750).
 
         Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without a token.
         """
-        must_be_guarded("HTTP", local, token is not None, _REMEDY)
+        check_guarded("HTTP", local, token is not None, _REMEDY)
         end = cls(on_piece, token, on_note, answer_s, patience_s)
         try:
             server = await asyncio.get_running_loop().create_server(end._limited, *local)
         except OSError as error:
-            raise naming(local, error) from error
+            raise with_address(local, error) from error
         end._server = server
         end._address = server.sockets[0].getsockname()[:2]
         return end
@@ -231,7 +231,7 @@ class HttpServerEnd:
         return (None, frame, path) if len(frame) <= MAX_BYTES else (_error(413, "too long"), b"", path)
 
 
-class HttpClientEnd:
+class HttpClientTransport:
     """A ground station's side: request frames become requests, their responses become frames."""
 
     def __init__(self, on_piece: OnPiece, on_note: OnNote, base: URL, session: aiohttp.ClientSession) -> None:
@@ -253,12 +253,12 @@ class HttpClientEnd:
         token: str | None = None,
         on_note: OnNote = ignore_note,
         answer_s: float = CLIENT_S,
-    ) -> HttpClientEnd:
+    ) -> HttpClientTransport:
         """A client for requests to `remote`, which need not be there yet: each request connects by itself.
 
         Raises `InputError` with an address beyond loopback without a token.
         """
-        must_be_guarded("HTTP", remote, token is not None, _REMEDY)
+        check_guarded("HTTP", remote, token is not None, _REMEDY)
         headers = {"Accept": JSON_TYPE, "Accept-Encoding": "identity", "Content-Type": JSON_TYPE}
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
@@ -269,7 +269,7 @@ class HttpClientEnd:
             cookie_jar=aiohttp.DummyCookieJar(),
             auto_decompress=False,
         )
-        base = URL(f"http://{text(remote)}")
+        base = URL(f"http://{format_address(remote)}")
         return cls(on_piece, on_note, base, session)
 
     @property
@@ -312,7 +312,7 @@ class HttpClientEnd:
             self.counts.lost += 1
             if worth_noting(self.counts.lost):
                 reason = str(error) or type(error).__name__
-                self._on_note("lost", f"{text(self.address)}: {reason}, {self.counts.lost} so far")
+                self._on_note("lost", f"{format_address(self.address)}: {reason}, {self.counts.lost} so far")
 
     def _receive(self, status: int, where: str | None, path: str, body: bytes | None) -> None:
         try:

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from time import monotonic, sleep
 from typing import Any, Final, Literal
 
-from skyrange.codec.deframe import Deframer, Piece
+from skyrange.codec.mavlink.deframer import Deframer, Piece
 from skyrange.core.errors import InputError, nearest
 
 Kind = Literal["tcp", "udpin", "udpout", "serial"]
-FORMS: Final = {
+ADDRESS_FORMS: Final = {
     "tcp": "tcp:ADDRESS:PORT",
     "udpin": "udpin:ADDRESS:PORT",
     "udpout": "udpout:ADDRESS:PORT",
@@ -46,19 +46,19 @@ class Address:
 
     @classmethod
     def of(cls, text: str, where: str = "address") -> Address:
-        """Parse an address in one of `FORMS`; raises `InputError` for any other text."""
+        """Parse an address in one of `ADDRESS_FORMS`; raises `InputError` for any other text."""
         word, _, rest = text.partition(":")
-        kind = next((one for one in FORMS if one == word), None)
+        kind = next((one for one in ADDRESS_FORMS if one == word), None)
         if kind is None:
-            forms = ", ".join(FORMS.values())
-            raise InputError.one("wire", where, text, f"one of {forms}", nearest(word, FORMS))
+            forms = ", ".join(ADDRESS_FORMS.values())
+            raise InputError.one("wire", where, text, f"one of {forms}", nearest(word, ADDRESS_FORMS))
         host, _, number = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
         most = MAX_BAUD if kind == "serial" else 65_535
         if not host or not (number.isascii() and number.isdigit() and len(number) < 8 and 1 <= int(number) <= most):
-            raise InputError.one("wire", where, text, FORMS[kind])
+            raise InputError.one("wire", where, text, ADDRESS_FORMS[kind])
         if kind != "serial" and not _is_address(host):
-            raise InputError.one("wire", where, text, f"{FORMS[kind]} with an IP address, or localhost")
+            raise InputError.one("wire", where, text, f"{ADDRESS_FORMS[kind]} with an IP address, or localhost")
         return cls(kind, host, int(number))  # type: ignore[arg-type]
 
     def __str__(self) -> str:
@@ -77,8 +77,8 @@ def _is_address(host: str) -> bool:
     return True
 
 
-class Wire(ABC):
-    """One connection, made by `wire_to`, and opened by the first `read`."""
+class MavlinkConnection(ABC):
+    """One connection, made by `make_connection`, and opened by the first `read`."""
 
     def __init__(self, address: Address) -> None:
         self.address = address
@@ -166,7 +166,7 @@ class Wire(ABC):
         self.trouble, self._rest, self._deframer = why, b"", Deframer()
 
 
-class _Socket(Wire):
+class _Socket(MavlinkConnection):
     """The part common to connections over sockets."""
 
     _socket: socket.socket | None = None
@@ -302,7 +302,7 @@ class _UdpIn(_Udp):
         return len(data)
 
 
-class _Serial(Wire):
+class _Serial(MavlinkConnection):
     """A serial device, through pyserial."""
 
     _port: Any = None
@@ -334,10 +334,10 @@ class _Serial(Wire):
         return 0
 
 
-_KINDS: Final[dict[str, type[Wire]]] = {"tcp": _Tcp, "udpin": _UdpIn, "udpout": _UdpOut, "serial": _Serial}
+_KINDS: Final[dict[str, type[MavlinkConnection]]] = {"tcp": _Tcp, "udpin": _UdpIn, "udpout": _UdpOut, "serial": _Serial}
 
 
-def wire_to(address: Address) -> Wire:
+def make_connection(address: Address) -> MavlinkConnection:
     """A connection to `address`, not opened yet. Raises `InputError` if it is a serial device without pyserial."""
     if address.kind == "serial":
         try:
@@ -353,7 +353,7 @@ def wire_to(address: Address) -> Wire:
     return _KINDS[address.kind](address)
 
 
-def rest(seconds: float) -> None:
+def sleep_for(seconds: float) -> None:
     """Sleep for so much wall time."""
     sleep(max(seconds, 0.0))
 

@@ -11,7 +11,7 @@ import socket
 from collections.abc import Callable
 from typing import cast
 
-from skyrange.codec.deframe import Counts, Deframer, Piece
+from skyrange.codec.mavlink.deframer import Deframer, DeframerCounts, Piece
 
 LOOPBACK = "127.0.0.1"
 MAX_UNSENT_BYTES = 1 << 18
@@ -23,7 +23,7 @@ Address = tuple[str, int]
 OnPiece = Callable[[Piece], None]
 
 
-class UdpEnd(asyncio.DatagramProtocol):
+class UdpTransport(asyncio.DatagramProtocol):
     """One side of a link over UDP.
 
     Without a `remote` it answers the peer that sent MAVLink last, as a ground station's listening port does. With one
@@ -39,14 +39,16 @@ class UdpEnd(asyncio.DatagramProtocol):
         self._deframer = Deframer()
 
     @classmethod
-    async def open(cls, on_piece: OnPiece, local: Address = (LOOPBACK, 0), remote: Address | None = None) -> UdpEnd:
+    async def open(
+        cls, on_piece: OnPiece, local: Address = (LOOPBACK, 0), remote: Address | None = None
+    ) -> UdpTransport:
         """Bind to `local` (port 0: any free one). Raises `OSError` if it is taken."""
         loop = asyncio.get_running_loop()
         _, end = await loop.create_datagram_endpoint(lambda: cls(on_piece, remote), local_addr=local)
         return end
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> DeframerCounts:
         """Frames and garbage so far."""
         return self._deframer.counts
 
@@ -83,7 +85,7 @@ class UdpEnd(asyncio.DatagramProtocol):
             self._transport.close()
 
 
-class TcpEnd(asyncio.Protocol):
+class TcpTransport(asyncio.Protocol):
     """One side of a link over TCP, made by `connect` or by a server's `accept`."""
 
     def __init__(self, on_piece: OnPiece) -> None:
@@ -94,14 +96,14 @@ class TcpEnd(asyncio.Protocol):
         """Done when the peer has gone; what it left unfinished has been delivered by then."""
 
     @classmethod
-    async def connect(cls, on_piece: OnPiece, remote: Address) -> TcpEnd:
+    async def connect(cls, on_piece: OnPiece, remote: Address) -> TcpTransport:
         """Connect to `remote`. Raises `OSError` if nobody listens."""
         loop = asyncio.get_running_loop()
         _, end = await loop.create_connection(lambda: cls(on_piece), *remote)
         return end
 
     @property
-    def counts(self) -> Counts:
+    def counts(self) -> DeframerCounts:
         """Frames and garbage so far."""
         return self._deframer.counts
 
@@ -141,7 +143,7 @@ class TcpEnd(asyncio.Protocol):
             self._transport.close()
 
 
-async def serve_tcp(
+async def listen_tcp(
     accept: Callable[[], asyncio.BaseProtocol], local: Address = (LOOPBACK, 0)
 ) -> tuple[asyncio.Server, Address]:
     """Listen at `local`; `accept` makes a protocol for each connection. Returns the server and its address."""

@@ -13,8 +13,8 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from skyrange.core.errors import Fault, InputError
-from skyrange.io.programs import make_room
+from skyrange.core.errors import InputError, Problem
+from skyrange.io.processes.program import raise_file_limit
 
 LOOPBACK = "127.0.0.1"
 MAX_VIEWERS = 8
@@ -26,7 +26,7 @@ HIGHEST_PORT = 65_535
 
 
 @dataclass(slots=True)
-class Counts:
+class ViewerCounts:
     """Events at all ports so far."""
 
     viewers: int = 0
@@ -51,8 +51,8 @@ class ViewerPorts:
 
     def __init__(self, ports: Sequence[int]) -> None:
         """Listen at `ports`, 0 for any that is free. Raises `InputError` if one cannot be had; then none is held."""
-        make_room(2 * len(ports), "viewers")  # a listener and a viewer for each
-        self.counts = Counts()
+        raise_file_limit(2 * len(ports), "viewers")  # a listener and a viewer for each
+        self.counts = ViewerCounts()
         self._selector = selectors.DefaultSelector()
         self._listeners: list[socket.socket] = []
         self._viewers: list[list[_Viewer]] = [[] for _ in ports]
@@ -162,11 +162,11 @@ def _listening(port: int) -> socket.socket:
     return listener
 
 
-def _why(port: int, error: Exception) -> Fault:
+def _why(port: int, error: Exception) -> Problem:
     hint = "--viewer-port moves all of them"
     if isinstance(error, OverflowError):
-        return Fault("port", str(port), f"at most {HIGHEST_PORT}, for the last aircraft too", hint)
+        return Problem("port", str(port), f"at most {HIGHEST_PORT}, for the last aircraft too", hint)
     assert isinstance(error, OSError)
     if error.errno == errno.EADDRINUSE:
-        return Fault("port", f"{port} is taken", "one that is free", hint)
-    return Fault("port", f"{port}: {error.strerror or error}", "one that can be listened at", hint)
+        return Problem("port", f"{port} is taken", "one that is free", hint)
+    return Problem("port", f"{port}: {error.strerror or error}", "one that can be listened at", hint)

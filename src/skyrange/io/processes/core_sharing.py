@@ -14,14 +14,14 @@ import os
 import sys
 from time import monotonic
 
-from skyrange.io.programs import Program
+from skyrange.io.processes.program import Program
 
 _SHARED_S = 0.001
 """If the core comes back later than this, a third program has used it: the shortest time slice of Linux is longer."""
 _SEPARATE_S = 1.0
 
 
-class Pair:
+class CoreSharing:
     """One program and this thread. On systems other than Linux it does nothing."""
 
     def __init__(self, program: Program) -> None:
@@ -32,7 +32,7 @@ class Pair:
         if sys.platform == "linux":
             self._core_now = getattr(ctypes.CDLL(None), "sched_getcpu", None)
 
-    def give_way(self) -> None:
+    def yield_core(self) -> None:
         """Let the program compute: call it after sending work, before waiting for the answer."""
         if self._core_now is None:
             return

@@ -31,7 +31,7 @@ _FILES_BESIDE = 256
 """Files that everything else may open later, beside those asked for."""
 
 
-def make_room(files: int, who: str) -> None:
+def raise_file_limit(files: int, who: str) -> None:
     """Raise the limit of open files so that `files` more can be opened; `ComponentError` if the system forbids it."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     needed = len(os.listdir("/dev/fd")) + files + _FILES_BESIDE
@@ -125,10 +125,10 @@ class Program:
         kept = [line for line in text.splitlines() if line.strip()]
         return "\n".join(kept[-lines:])
 
-    def hold(self, held: bool) -> None:
-        """Stop the process (SIGSTOP) if `held`, else continue it (SIGCONT). Does nothing once it has ended."""
+    def set_stopped(self, stopped: bool) -> None:
+        """Stop the process (SIGSTOP) if `stopped`, else continue it (SIGCONT). Does nothing once it has ended."""
         if self.running:
-            self._process.send_signal(signal.SIGSTOP if held else signal.SIGCONT)
+            self._process.send_signal(signal.SIGSTOP if stopped else signal.SIGCONT)
 
     def keep_to(self, cores: set[int]) -> None:
         """Run its main thread on these processor cores from now on, as far as the system allows it (Linux)."""
@@ -141,14 +141,14 @@ class Program:
         self._end()
 
 
-class Leash:
+class Watchdog:
     """Stops programs on the machine's clock while this process does not serve them: their time must not pass alone.
 
     The thread that serves them may compile, or wait for a disk; so another thread watches.
     """
 
     def __init__(self, programs: Sequence[Program], after_s: float) -> None:
-        """Watch from now on, and stop `programs` when no `tug` has come for `after_s`."""
+        """Watch from now on, and stop `programs` when no `kick` has come for `after_s`."""
         self._programs = tuple(programs)
         self._after_s = after_s
         self._lock = threading.Lock()
@@ -158,7 +158,7 @@ class Leash:
         self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
         self._thread.start()
 
-    def tug(self) -> bool:
+    def kick(self) -> bool:
         """Restart the timeout. True if the programs have been stopped meanwhile: the caller has to continue them."""
         with self._lock:
             self._kicked_s = time.monotonic()
@@ -176,7 +176,7 @@ class Leash:
                 if not self._stopped and time.monotonic() - self._kicked_s > self._after_s:
                     self._stopped = True
                     for program in self._programs:
-                        program.hold(True)
+                        program.set_stopped(True)
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:

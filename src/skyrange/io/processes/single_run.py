@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from skyrange.core.errors import ComponentError
-from skyrange.io.programs import OUTPUT, Program
+from skyrange.io.processes.program import OUTPUT, Program
 
 MAX_BYTES: Final = 1 << 20
 """No more of the output is read."""
@@ -16,14 +16,14 @@ MAX_BYTES: Final = 1 << 20
 _LOOK_S: Final = 0.005
 
 
-class Answer(NamedTuple):
+class ProgramOutput(NamedTuple):
     """How a program ended ("exit 0", "signal SIGSEGV"), and its output, standard error included."""
 
     ended: str
     text: str
 
 
-def ask(program: Path, *arguments: str, deadline_s: float, who: str = "") -> Answer:
+def run_once(program: Path, *arguments: str, deadline_s: float, who: str = "") -> ProgramOutput:
     """Run `program` with `arguments` in an empty folder, which is removed afterwards; its output.
 
     Raises `ComponentError` in the name of `who` (the program, if not given) if it cannot be started, or has not ended
@@ -46,7 +46,7 @@ def ask(program: Path, *arguments: str, deadline_s: float, who: str = "") -> Ans
         finally:
             child.kill()
         with (folder / OUTPUT).open("rb") as output:
-            return Answer(child.ended, output.read(MAX_BYTES).decode("utf-8", "replace"))
+            return ProgramOutput(child.ended, output.read(MAX_BYTES).decode("utf-8", "replace"))
 
 
 def _why(program: Path, error: BaseException | None) -> tuple[str, str]:

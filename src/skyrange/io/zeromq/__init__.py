@@ -1,1 +1,1 @@
-"""Zeromq."""
+"""ZeroMQ: transport, context and CURVE keys."""

@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import zmq
 
-from skyrange.codec.deframe import Piece
+from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
-from skyrange.io.curve_keys import Keys
-from skyrange.io.ends import OnNote, ignore_note, must_be_guarded, naming, text, worth_noting
-from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
-from skyrange.io.zmq_room import AT_ONCE, ZmqContext, watch_socket
+from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
+from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
+from skyrange.io.zeromq.context import AT_ONCE, ZmqContext, watch_socket
+from skyrange.io.zeromq.curve_keys import Keys
 
 MAX_BYTES = 65_536
 QUEUE = 1_024
@@ -81,7 +81,7 @@ class Counts:
     """Connections that were refused: no ZeroMQ, no key, or a wrong one."""
 
 
-class ZmqEnd:
+class ZmqTransport:
     """One side of one link over ZeroMQ, made by `bind` or `connect` in a running event loop."""
 
     def __init__(
@@ -95,10 +95,10 @@ class ZmqEnd:
         queue: int,
     ) -> None:
         """Called by `bind` and `connect`."""
-        must_be_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
+        check_guarded("ZeroMQ", address, keys is not None, "Give both sides keys (`skyrange keys`).")
         if keys is not None and not binds and len(keys.peers) != 1:
             raise InputError.one(
-                "ZeroMQ", text(address), f"{len(keys.peers)} peers' keys", "that of the peer that binds there"
+                "ZeroMQ", format_address(address), f"{len(keys.peers)} peers' keys", "that of the peer that binds there"
             )
         self.counts = Counts()
         self._on_piece = on_piece
@@ -119,7 +119,7 @@ class ZmqEnd:
         self._monitor = self._socket.get_monitor_socket(_WATCHED)
         try:
             self._configure(keys, address, queue)
-            endpoint = f"tcp://{text(address)}"
+            endpoint = f"tcp://{format_address(address)}"
             if binds:
                 self._socket.bind(endpoint)
             else:
@@ -129,7 +129,7 @@ class ZmqEnd:
             self._socket.close(linger=0)
             self._context.release(self._domain)
             number = error.errno or 0
-            raise naming(address, OSError(number, zmq.strerror(number))) from error
+            raise with_address(address, OSError(number, zmq.strerror(number))) from error
         self._address = self._bound() if binds else address
         loop = self._context.loop
         self._stops = (
@@ -148,7 +148,7 @@ class ZmqEnd:
         on_note: OnNote = ignore_note,
         max_bytes: int = MAX_BYTES,
         queue: int = QUEUE,
-    ) -> ZmqEnd:
+    ) -> ZmqTransport:
         """Wait at `local`, an IP address (port 0: any free one), for a peer with one of `keys.peers`.
 
         Raises `OSError` with an address that cannot be had, `InputError` with one beyond loopback without keys.
@@ -166,7 +166,7 @@ class ZmqEnd:
         on_note: OnNote = ignore_note,
         max_bytes: int = MAX_BYTES,
         queue: int = QUEUE,
-    ) -> ZmqEnd:
+    ) -> ZmqTransport:
         """Connect to `remote`, now or when a peer is there, and again whenever the connection was lost.
 
         Otherwise as `bind`; `keys.peers` holds the key of the peer that binds there, and no other.
@@ -287,7 +287,7 @@ class ZmqEnd:
                 # throws away what came before a disconnection and is not read yet
                 with contextlib.suppress(zmq.Again):  # a full queue speaks for itself
                     self._socket.send(b"", zmq.NOBLOCK)
-            self._on_note("connected", f"{text(self._address)}: connection {self.counts.connections}")
+            self._on_note("connected", f"{format_address(self._address)}: connection {self.counts.connections}")
         elif kind == zmq.Event.DISCONNECTED:
             self._on_disconnected()
         else:
@@ -304,12 +304,12 @@ class ZmqEnd:
             self._let_in -= 1
             if not self._let_in:
                 self._peers.clear()
-                self._on_note("disconnected", f"{text(self._address)}: the peer has gone")
+                self._on_note("disconnected", f"{format_address(self._address)}: the peer has gone")
             return
         counts = self.counts
         counts.refused += 1
         if worth_noting(counts.refused):
-            self._on_note("refused", f"{text(self._address)}: {self._refusal}, {counts.refused} so far")
+            self._on_note("refused", f"{format_address(self._address)}: {self._refusal}, {counts.refused} so far")
         self._refusal = _NO_ZMQ
 
     # --- options of the socket -------------------------------------------------------------------

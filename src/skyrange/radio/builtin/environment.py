@@ -7,7 +7,7 @@ from typing import Final
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class RadioEnvironment:
     """Parameters of the builtin medium that belong to a place and not to a radio."""
 
     horizon_m: float = 1_000.0
@@ -21,9 +21,9 @@ class Surroundings:
     """Mean power of the background traffic at any antenna; it is exponentially distributed."""
 
 
-OPEN_AIR: Final = Surroundings()
-QUIET_CITY: Final = Surroundings(city_busy=0.2)
+OPEN_GROUND: Final = RadioEnvironment()
+QUIET_CITY: Final = RadioEnvironment(city_busy=0.2)
 """Most access points see 2.4 GHz utilisation of 20 % or more (Biswas et al., "Large-scale Measurements of Wireless
 Network Behavior", SIGCOMM 2015: ten thousand access points); its power is an assumption."""
-LOUD_CITY: Final = Surroundings(city_busy=0.5, city_dbm=-80.0)
+LOUD_CITY: Final = RadioEnvironment(city_busy=0.5, city_dbm=-80.0)
 """The busiest tenth of these access points see more than 50 %."""

@@ -16,44 +16,44 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.agent.air import Listening, Turn, Waveform
-from skyrange.core.compiled import kernel
+from skyrange.contracts.medium import ScanSchedule, ScanStep, Waveform
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
-from skyrange.radio.spectrum import ADVERTISING, WIFI_CHANNELS
-from skyrange.radio.table import ALWAYS
+from skyrange.radio.builtin.state import ALWAYS
+from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, WIFI_CHANNELS
 
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 
 
-def on_wifi(channel: int = 6) -> Listening:
+def wifi_chain(channel: int = 6) -> ScanSchedule:
     """A chain that stays on one Wi-Fi channel."""
-    return Listening((Turn(channel, _WIFI),))
+    return ScanSchedule((ScanStep(channel, _WIFI),))
 
 
-def on_bluetooth(window_ns: Time, interval_ns: Time, coded: bool = True) -> Listening:
+def bluetooth_chain(window_ns: Time, interval_ns: Time, coded: bool = True) -> ScanSchedule:
     """A chain that scans the advertising channels by turns, one interval each; with `coded`, 1M and Coded by turns
     too.
     """
     kinds = (Waveform.BLE_1M, Waveform.BLE_CODED) if coded else (Waveform.BLE_1M,)
-    turns = tuple(Turn(channel, (kind,)) for channel in ADVERTISING for kind in kinds)
-    return Listening(turns, interval_ns, window_ns)
+    turns = tuple(ScanStep(channel, (kind,)) for channel in ADVERTISING_CHANNELS for kind in kinds)
+    return ScanSchedule(turns, interval_ns, window_ns)
 
 
-def hopping(dwell_ns: Time, rest_ns: Time = 0) -> Listening:
+def wifi_scan_chain(dwell_ns: Time, rest_ns: Time = 0) -> ScanSchedule:
     """A chain that scans all Wi-Fi channels and then pauses."""
-    return Listening(tuple(Turn(channel, _WIFI) for channel in WIFI_CHANNELS), dwell_ns, dwell_ns, rest_ns)
+    return ScanSchedule(tuple(ScanStep(channel, _WIFI) for channel in WIFI_CHANNELS), dwell_ns, dwell_ns, rest_ns)
 
 
-COMPANION: Final = (on_wifi(6), on_bluetooth(30 * NS_PER_MS, 30 * NS_PER_MS))
-SNIFFER: Final = (on_wifi(6),)
-HOPPER: Final = (hopping(200 * NS_PER_MS), on_bluetooth(30 * NS_PER_MS, 30 * NS_PER_MS))
+COMPANION: Final = (wifi_chain(6), bluetooth_chain(30 * NS_PER_MS, 30 * NS_PER_MS))
+SNIFFER: Final = (wifi_chain(6),)
+HOPPER: Final = (wifi_scan_chain(200 * NS_PER_MS), bluetooth_chain(30 * NS_PER_MS, 30 * NS_PER_MS))
 PHONE: Final = (
-    hopping(110 * NS_PER_MS, 30 * NS_PER_S - 13 * 110 * NS_PER_MS),
-    on_bluetooth(100 * NS_PER_MS, 100 * NS_PER_MS),
+    wifi_scan_chain(110 * NS_PER_MS, 30 * NS_PER_S - 13 * 110 * NS_PER_MS),
+    bluetooth_chain(100 * NS_PER_MS, 100 * NS_PER_MS),
 )
-PHONE_IDLE: Final = (on_bluetooth(140 * NS_PER_MS, 1400 * NS_PER_MS),)
+PHONE_IDLE: Final = (bluetooth_chain(140 * NS_PER_MS, 1400 * NS_PER_MS),)
 
-PROFILES: Final[dict[str, tuple[Listening, ...]]] = {
+PROFILES: Final[dict[str, tuple[ScanSchedule, ...]]] = {
     "companion": COMPANION,
     "sniffer": SNIFFER,
     "hopper": HOPPER,
@@ -64,8 +64,8 @@ PROFILES: Final[dict[str, tuple[Listening, ...]]] = {
 """Receivers by the names that scenarios use."""
 
 
-@kernel
-def turn_at(turns: int, dwell: int, window: int, rest: int, phase: int, time_ns: int) -> tuple[int, int]:
+@compiled
+def listening_turn(turns: int, dwell: int, window: int, rest: int, phase: int, time_ns: int) -> tuple[int, int]:
     """The turn in which a chain is listening, -1 if it is not, and until when. Scalars only, because it is called
     often.
     """

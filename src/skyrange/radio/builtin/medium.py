@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.air import (
+from skyrange.contracts.medium import (
     ANY_CHANNEL,
     EmitterTable,
-    Fate,
     Floats,
     Heard,
     Ints,
@@ -22,23 +21,25 @@ from skyrange.agent.air import (
     RadioSpec,
     RadioTable,
     Sent,
+    TransmissionFate,
     TxBatch,
     Waveform,
 )
 from skyrange.core.chance import Chance
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, Time
-from skyrange.radio import access, table
-from skyrange.radio.access import WINDOW, gets_on_air, next_waiting
-from skyrange.radio.check import check
-from skyrange.radio.judge import judge, next_end
-from skyrange.radio.launch import free_slot, launch
-from skyrange.radio.link import Setting, sort
-from skyrange.radio.sightlines import Skyline, skyline
-from skyrange.radio.spectrum import ADVERTISING, DATA_CHANNELS
-from skyrange.radio.surroundings import OPEN_AIR, Surroundings
-from skyrange.radio.table import Air, Radios
-from skyrange.radio.waveforms import LEAST_BYTES, MOST_BYTES, airtime_ns
+from skyrange.radio.builtin import channel_access
+from skyrange.radio.builtin import state as medium_state
+from skyrange.radio.builtin.channel_access import CW_MIN, next_access, try_access
+from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
+from skyrange.radio.builtin.reception_decision import decide_receptions, next_completion
+from skyrange.radio.builtin.state import MediumState, Radios
+from skyrange.radio.builtin.transmission import free_slot, start_transmission
+from skyrange.radio.builtin.validation import check_radios
+from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, DATA_CHANNELS
+from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES, airtime_ns
+from skyrange.radio.propagation.link_budget import MediumParams, index_positions
+from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -51,28 +52,35 @@ _NOTHING = OnAir(Sent(*(_NONE,) * 6), Heard(_NONE, _NONE, _NONE, _NONE, np.zeros
 _NO_TIME = np.iinfo(np.int64).max
 
 
-@kernel
+@compiled
 def _run(
-    setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, emitters: Ints,
-    emitted: Floats, until: int,
-) -> int:  # fmt: skip
+    params: MediumParams,
+    obstacles: Obstacles,
+    radios: Radios,
+    pos: Floats,
+    vel: Floats,
+    state: MediumState,
+    emitters: Ints,
+    emitted: Floats,
+    until: int,
+) -> int:
     """Process events in order of time up to `until`; at one instant ends of bursts precede starts."""
     while True:
-        w, s = next_waiting(air), next_end(air)
-        start = air.wait[table.PLAN, w] if w >= 0 else _NO_TIME
-        end = air.slot[table.END, s] if s >= 0 else _NO_TIME
+        w, s = next_access(state), next_completion(state)
+        start = state.wait[medium_state.PLANNED, w] if w >= 0 else _NO_TIME
+        end = state.slot[medium_state.END, s] if s >= 0 else _NO_TIME
         if min(start, end) > until:
             return _DONE
         if end <= start:
-            if air.counts[1] + air.slot[table.COUNT, s] > air.heard.shape[1]:
+            if state.counts[1] + state.slot[medium_state.COUNT, s] > state.heard.shape[1]:
                 return _HEARD
-            judge(setting, sky, radios, pos, vel, air, s, emitters, emitted)
+            decide_receptions(params, obstacles, radios, pos, vel, state, s, emitters, emitted)
         else:
-            free = free_slot(air)
+            free = free_slot(state)
             if free < 0:
                 return _SLOTS
-            if gets_on_air(setting, sky, radios, pos, vel, air, w, emitters, emitted):
-                launch(setting, sky, radios, pos, vel, air, w, start, free)
+            if try_access(params, obstacles, radios, pos, vel, state, w, emitters, emitted):
+                start_transmission(params, obstacles, radios, pos, vel, state, w, start, free)
 
 
 class BuiltinMedium(MediumBase):
@@ -86,7 +94,7 @@ class BuiltinMedium(MediumBase):
         radios: Sequence[RadioSpec],
         chance: Chance,
         city: City | None = None,
-        surroundings: Surroundings = OPEN_AIR,
+        surroundings: RadioEnvironment = OPEN_GROUND,
         every_pair: bool = False,
     ) -> None:
         """`every_pair` also reports frames that were not decoded.
@@ -94,16 +102,20 @@ class BuiltinMedium(MediumBase):
         Raises `InputError` with every problem of the radios at once: duplicate names, a position that is not finite or
         inside a building, an antenna, a channel or a power that does not exist.
         """
-        check(radios, city, surroundings)
+        check_radios(radios, city, surroundings)
         self.radios: Sequence[RadioSpec] = tuple(sorted(radios, key=lambda radio: radio.name))
         self._chance = chance
-        self._sky = skyline(city.walls()) if city is not None else skyline()
-        self._radios = table.radios_of(self.radios, chance)
-        self._setting = Setting(
-            np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF), float(surroundings.horizon_m), surroundings.chance,
-            float(surroundings.city_busy), 10.0 ** (0.1 * surroundings.city_dbm), every_pair,
-        )  # fmt: skip
-        self._air = table.still_air(len(self.radios))
+        self._obstacles = obstacle_index(city.walls()) if city is not None else obstacle_index()
+        self._radios = medium_state.radio_arrays(self.radios, chance)
+        self._params = MediumParams(
+            np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
+            float(surroundings.horizon_m),
+            surroundings.chance,
+            float(surroundings.city_busy),
+            10.0 ** (0.1 * surroundings.city_dbm),
+            every_pair,
+        )
+        self._state = medium_state.empty_state(len(self.radios))
         self._emitters = np.zeros((3, 0), dtype=np.int64)
         self._emitted = np.zeros((3, 0))
         self._until: Time | None = None
@@ -114,24 +126,28 @@ class BuiltinMedium(MediumBase):
         """Share what is declared and never changes; copy what is on the air."""
         twin = object.__new__(type(self))
         twin.__dict__.update(self.__dict__)
-        twin._air = self._air._replace(**{name: array.copy() for name, array in self._air._asdict().items()})
+        twin._state = self._state._replace(**{name: array.copy() for name, array in self._state._asdict().items()})
         twin._refused = copy.copy(self._refused)
         return twin
 
     @property
     def losses(self) -> Ints:
-        """(radios, outcomes): counts of each `Outcome` at each receiver.
+        """(radios, outcomes): counts of each `ReceptionOutcome` at each receiver.
 
         Bursts that would not arrive even in free space are not counted, and ADV_EXT_IND packets only if they were not
         decoded.
         """
-        return self._air.losses
+        return self._state.losses
 
     @property
     def quiet(self) -> bool:
         """Whether nothing waits or is on the air."""
-        waiting = int(self._air.counts[0])
-        return waiting == 0 and not self._refused and not (self._air.slot[table.STATE] == table.ON_AIR).any()
+        waiting = int(self._state.counts[0])
+        return (
+            waiting == 0
+            and not self._refused
+            and not (self._state.slot[medium_state.STATE] == medium_state.ON_AIR).any()
+        )
 
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames; those that cannot exist (size, channel, waveform, power) are REFUSED in the next result."""
@@ -147,10 +163,10 @@ class BuiltinMedium(MediumBase):
         kind = np.where(known, kind, 0)
         wifi = kind < 2
         power = np.where(
-            np.isnan(requests.power_dbm), self._radios.sends_dbm[radio, np.where(wifi, 0, 1)], requests.power_dbm
+            np.isnan(requests.power_dbm), self._radios.tx_power_dbm[radio, np.where(wifi, 0, 1)], requests.power_dbm
         )
         channel = np.where(wifi & (requests.channel == ANY_CHANNEL), 6, requests.channel)
-        good = known & (requests.size_bytes >= LEAST_BYTES[kind]) & (requests.size_bytes <= MOST_BYTES[kind])
+        good = known & (requests.size_bytes >= MIN_BYTES[kind]) & (requests.size_bytes <= MAX_BYTES[kind])
         good &= np.isfinite(power) & (power <= 60.0) & (requests.key >= 0)
         good &= ~wifi | ((channel >= 1) & (channel <= 13))
         for row in np.flatnonzero(~good).tolist():
@@ -160,48 +176,76 @@ class BuiltinMedium(MediumBase):
         nth = _rank(radio[order], at[order])
         draws = self._chance.uniforms("radio.access", self._radios.who[radio[order]], at[order], nth.view(np.uint64))
         count = len(order)
-        self._air = table.with_room(self._air, waiting=int(self._air.counts[0]) + 4 * count)
+        self._state = medium_state.grow(self._state, waiting=int(self._state.counts[0]) + 4 * count)
         on_wifi = wifi[order]
         chosen, times = order[on_wifi], at[order[on_wifi]]
-        slots = (draws[on_wifi, 0] * (WINDOW[kind[chosen]] + 1)).astype(np.int64)
+        slots = (draws[on_wifi, 0] * (CW_MIN[kind[chosen]] + 1)).astype(np.int64)
         rows_of = (
-            requests.key[chosen], radio[chosen], kind[chosen], channel[chosen], table.WHOLE, nth[on_wifi],
-            requests.size_bytes[chosen], times, times, table.QUEUED, times, -1, slots, times + access.PATIENCE_NS,
-        )  # fmt: skip
-        begin, end = int(self._air.counts[0]), int(self._air.counts[0]) + len(chosen)
+            requests.key[chosen],
+            radio[chosen],
+            kind[chosen],
+            channel[chosen],
+            medium_state.STANDALONE,
+            nth[on_wifi],
+            requests.size_bytes[chosen],
+            times,
+            times,
+            medium_state.QUEUED,
+            times,
+            -1,
+            slots,
+            times + channel_access.MAX_WAIT_NS,
+        )
+        begin, end = int(self._state.counts[0]), int(self._state.counts[0]) + len(chosen)
         for place, column in enumerate(rows_of):
-            self._air.wait[place, begin:end] = column
-        self._air.wait_dbm[begin:end] = power[chosen]
-        self._air.counts[0] = end
+            self._state.wait[place, begin:end] = column
+        self._state.wait_dbm[begin:end] = power[chosen]
+        self._state.counts[0] = end
         for k in np.flatnonzero(~on_wifi).tolist():
             row = int(order[k])
             self._advertise(
-                int(requests.key[row]), int(radio[row]), int(kind[row]), int(at[row]), int(requests.size_bytes[row]),
-                float(power[row]), int(nth[k]), draws[k].tolist(),
-            )  # fmt: skip
+                int(requests.key[row]),
+                int(radio[row]),
+                int(kind[row]),
+                int(at[row]),
+                int(requests.size_bytes[row]),
+                float(power[row]),
+                int(nth[k]),
+                draws[k].tolist(),
+            )
 
     def _advertise(
         self, key: int, radio: int, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
     ) -> None:
         """Queue the bursts of one advertising event."""
         extended = kind == Waveform.BLE_CODED
-        role, bytes_ = (table.POINTER, _POINTER_BYTES) if extended else (table.WHOLE, size)
-        plan = at + int(draw[1] * access.ADV_DELAY_NS)
-        rest = (table.QUEUED, at, -1, 0, NEVER)
-        for turn, channel_ in enumerate(ADVERTISING):
+        role, bytes_ = (medium_state.ADV_EXT_IND, _POINTER_BYTES) if extended else (medium_state.STANDALONE, size)
+        plan = at + int(draw[1] * channel_access.ADV_DELAY_NS)
+        rest = (medium_state.QUEUED, at, -1, 0, NEVER)
+        for turn, channel_ in enumerate(ADVERTISING_CHANNELS):
             self._wait(dbm, (key, radio, kind, channel_, role, 4 * nth + turn, bytes_, at, plan, *rest))
             end = plan + airtime_ns(kind, bytes_)
-            plan = end + access.ADV_GAP_NS
+            plan = end + channel_access.ADV_GAP_NS
         if extended:
             data = int(draw[2] * DATA_CHANNELS)
-            followed = (key, radio, kind, data, table.FOLLOWED, 4 * nth + 3, size, at, end + access.POINTER_GAP_NS)
+            followed = (
+                key,
+                radio,
+                kind,
+                data,
+                medium_state.AUX_ADV_IND,
+                4 * nth + 3,
+                size,
+                at,
+                end + channel_access.AUX_GAP_NS,
+            )
             self._wait(dbm, (*followed, *rest))
 
     def _wait(self, dbm: float, row: tuple[int, ...]) -> None:
-        count = int(self._air.counts[0])
-        self._air.wait[:, count] = row
-        self._air.wait_dbm[count] = dbm
-        self._air.counts[0] = count + 1
+        count = int(self._state.counts[0])
+        self._state.wait[:, count] = row
+        self._state.wait_dbm[count] = dbm
+        self._state.counts[0] = count + 1
 
     def emit(self, now: Time, sources: EmitterTable) -> None:
         """Make noise from `now` on. Raises `ValueError` for a source without width, or with values that are not
@@ -231,31 +275,36 @@ class BuiltinMedium(MediumBase):
         if self.quiet:
             return _NOTHING
         if self._sorted is not pos:
-            sort(self._air.head, self._air.follow, pos)
+            index_positions(self._state.head, self._state.follow, pos)
             self._sorted = pos
-        air = table.with_room(self._air, sent=int(self._air.counts[0]) + self._air.slot.shape[1] + 8)
+        state = medium_state.grow(self._state, sent=int(self._state.counts[0]) + self._state.slot.shape[1] + 8)
         while True:
-            done = _run(self._setting, self._sky, self._radios, pos, vel, air, self._emitters, self._emitted, until)
+            done = _run(
+                self._params, self._obstacles, self._radios, pos, vel, state, self._emitters, self._emitted, until
+            )
             if done == _DONE:
                 break
             if done == _SLOTS:
-                slots = 2 * air.slot.shape[1]
-                air = table.with_room(air, slots=slots, sent=int(air.counts.sum()) + slots)
+                slots = 2 * state.slot.shape[1]
+                state = medium_state.grow(state, slots=slots, sent=int(state.counts.sum()) + slots)
             else:
-                air = table.with_room(air, heard=int(air.counts[1]) + len(self.radios))
-        self._air = air
+                state = medium_state.grow(state, heard=int(state.counts[1]) + len(self.radios))
+        self._state = state
         return self._answer()
 
     def _answer(self) -> OnAir:
-        air = self._air
-        _, heard, sent = air.counts.tolist()
-        air.counts[1:] = 0
-        rows = air.heard[:, :heard]
+        state = self._state
+        _, heard, sent = state.counts.tolist()
+        state.counts[1:] = 0
+        rows = state.heard[:, :heard]
         order = np.lexsort((rows[1], rows[0], rows[3]))
-        rows, levels = rows[:, order], air.heard_db[:, :heard][:, order]
-        told = air.sent[:, :sent].copy()
+        rows, levels = rows[:, order], state.heard_db[:, :heard][:, order]
+        told = state.sent[:, :sent].copy()
         if self._refused:
-            refused = [(key, radio, channel, at, at, int(Fate.REFUSED)) for key, radio, channel, at in self._refused]
+            refused = [
+                (key, radio, channel, at, at, int(TransmissionFate.REFUSED))
+                for key, radio, channel, at in self._refused
+            ]
             told = np.concatenate((np.array(refused, dtype=np.int64).T, told), axis=1)
             self._refused = []
         return OnAir(Sent(*told), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
@@ -269,7 +318,7 @@ def _rank(radio: Ints, at: Ints) -> Ints:
     return places - np.maximum.accumulate(np.where(new, places, 0))
 
 
-def placed(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
+def fixed_positions(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:
     """The table of radios with a fixed position; NaN in the rows of the others, for their owner to fill in."""
     pos = np.array([radio.place_enu_m or (math.nan,) * 3 for radio in radios], dtype=np.float64).reshape(-1, 3)
     return RadioTable(from_ns, pos, np.zeros_like(pos))

@@ -12,90 +12,90 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.agent.air import Floats, Ints, Outcome
+from skyrange.contracts.medium import Floats, Ints, ReceptionOutcome
 from skyrange.core.chance import uniform4
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
-from skyrange.radio.access import BURST_NS, city_mw
-from skyrange.radio.fading import way_of
-from skyrange.radio.link import SILENT, Setting, arriving_dbm
-from skyrange.radio.sightlines import Skyline
-from skyrange.radio.spectrum import centre_mhz, share_within
-from skyrange.radio.table import (
+from skyrange.radio.builtin.channel_access import BACKGROUND_INTERVAL_NS, background_power_mw
+from skyrange.radio.builtin.state import (
+    ADV_EXT_IND,
     CHANNEL,
     COUNT,
     END,
     FREE,
-    HEARING,
     KEY,
-    MISSED,
+    LOCKED_ELSEWHERE,
     NTH,
     ON_AIR,
     OVER,
-    POINTER,
     POINTERS,
     RADIO,
     ROLE,
     SIZE,
     START,
     STATE,
-    WAVE,
-    Air,
+    TUNED,
+    WAVEFORM,
+    MediumState,
     Radios,
 )
-from skyrange.radio.waveforms import WIDTH_MHZ, frame_bits, is_wifi, survival
+from skyrange.radio.phy.channels import centre_mhz, filter_overlap
+from skyrange.radio.phy.waveforms import WIDTH_MHZ, bits_success_probability, frame_bits, is_wifi
+from skyrange.radio.propagation.fading import directed_pair_of
+from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, received_power_dbm
+from skyrange.radio.propagation.obstruction import Obstacles
 
 _DECODE: Final = np.uint64(hash64("radio.decode"))
-_DECODED, _WEAK, _COLLIDED, _BUSY, _SENDING, _ELSEWHERE = (int(outcome) for outcome in Outcome)
+_DECODED, _WEAK, _COLLIDED, _BUSY, _SENDING, _ELSEWHERE = (int(outcome) for outcome in ReceptionOutcome)
 _MIN_INTERFERENCE: Final = 1e-3
 """Interference below this share of the receiver's noise is neglected."""
 
 
-@kernel
-def next_end(air: Air) -> int:
+@compiled
+def next_completion(state: MediumState) -> int:
     """The slot of the burst that ends next, -1 if nothing is on the air; ties by sender, then by the sender's own
     order.
     """
     best = -1
-    for s in range(air.slot.shape[1]):
-        if air.slot[STATE, s] != ON_AIR:
+    for s in range(state.slot.shape[1]):
+        if state.slot[STATE, s] != ON_AIR:
             continue
         if best >= 0:
-            first = air.slot[END, s] - air.slot[END, best]
+            first = state.slot[END, s] - state.slot[END, best]
             if first == 0:
-                first = air.slot[RADIO, s] - air.slot[RADIO, best]
+                first = state.slot[RADIO, s] - state.slot[RADIO, best]
             if first == 0:
-                first = air.slot[NTH, s] - air.slot[NTH, best]
+                first = state.slot[NTH, s] - state.slot[NTH, best]
             if first == 0:
-                first = air.slot[ROLE, s] - air.slot[ROLE, best]
+                first = state.slot[ROLE, s] - state.slot[ROLE, best]
             if first >= 0:
                 continue
         best = s
     return best
 
 
-@kernel
-def _before(air: Air, s: int, other: int) -> bool:
+@compiled
+def _before(state: MediumState, s: int, other: int) -> bool:
     """Whether a burst precedes another in the order in which powers are added."""
-    if air.slot[START, s] != air.slot[START, other]:
-        return bool(air.slot[START, s] < air.slot[START, other])
-    if air.slot[RADIO, s] != air.slot[RADIO, other]:
-        return bool(air.slot[RADIO, s] < air.slot[RADIO, other])
-    return bool(air.slot[NTH, s] < air.slot[NTH, other])
+    if state.slot[START, s] != state.slot[START, other]:
+        return bool(state.slot[START, s] < state.slot[START, other])
+    if state.slot[RADIO, s] != state.slot[RADIO, other]:
+        return bool(state.slot[RADIO, s] < state.slot[RADIO, other])
+    return bool(state.slot[NTH, s] < state.slot[NTH, other])
 
 
-@kernel
-def _overlapping(air: Air, s: int) -> Ints:
+@compiled
+def _overlapping(state: MediumState, s: int) -> Ints:
     """Slots of the bursts that overlap one in time, in the order of addition."""
-    found = np.empty(air.slot.shape[1], dtype=np.int64)
+    found = np.empty(state.slot.shape[1], dtype=np.int64)
     count = 0
-    for other in range(air.slot.shape[1]):
-        if other == s or air.slot[STATE, other] == FREE:
+    for other in range(state.slot.shape[1]):
+        if other == s or state.slot[STATE, other] == FREE:
             continue
-        if air.slot[START, other] >= air.slot[END, s] or air.slot[END, other] <= air.slot[START, s]:
+        if state.slot[START, other] >= state.slot[END, s] or state.slot[END, other] <= state.slot[START, s]:
             continue
         place = count
-        while place > 0 and _before(air, other, found[place - 1]):
+        while place > 0 and _before(state, other, found[place - 1]):
             found[place] = found[place - 1]
             place -= 1
         found[place] = other
@@ -103,8 +103,8 @@ def _overlapping(air: Air, s: int) -> Ints:
     return found[:count]
 
 
-@kernel
-def survives(
+@compiled
+def frame_success_probability(
     kind: int, bits: float, start: int, end: int, signal: float, noise: float, begins: Ints, ends: Ints, mw: Floats,
     count: int,
 ) -> tuple[float, float]:  # fmt: skip
@@ -112,7 +112,7 @@ def survives(
     lowest SNIR among them.
     """
     if count == 0:
-        return survival(kind, signal / noise, bits), signal / noise
+        return bits_success_probability(kind, signal / noise, bits), signal / noise
     cuts = np.empty(2 * count + 2, dtype=np.int64)
     cuts[0], cuts[1] = start, end
     for k in range(count):
@@ -128,81 +128,97 @@ def survives(
                 total += mw[k]
         ratio = signal / total
         worst = min(worst, ratio)
-        chance *= survival(kind, ratio, bits * (cuts[c + 1] - cuts[c]) / (end - start))
+        chance *= bits_success_probability(kind, ratio, bits * (cuts[c + 1] - cuts[c]) / (end - start))
     return chance, worst
 
 
-@kernel
-def _release(air: Air, s: int) -> None:
+@compiled
+def _release(state: MediumState, s: int) -> None:
     """End a burst; free the slots of those that overlap nothing that is still on the air."""
-    air.slot[STATE, s] = OVER
+    state.slot[STATE, s] = OVER
     earliest = np.iinfo(np.int64).max
-    for other in range(air.slot.shape[1]):
-        if air.slot[STATE, other] == ON_AIR:
-            earliest = min(earliest, air.slot[START, other])
-    for other in range(air.slot.shape[1]):
-        if air.slot[STATE, other] == OVER and air.slot[END, other] <= earliest:
-            air.slot[STATE, other] = FREE
+    for other in range(state.slot.shape[1]):
+        if state.slot[STATE, other] == ON_AIR:
+            earliest = min(earliest, state.slot[START, other])
+    for other in range(state.slot.shape[1]):
+        if state.slot[STATE, other] == OVER and state.slot[END, other] <= earliest:
+            state.slot[STATE, other] = FREE
 
 
-@kernel
-def judge(
-    setting: Setting, sky: Skyline, radios: Radios, pos: Floats, vel: Floats, air: Air, s: int, emitters: Ints,
+@compiled
+def decide_receptions(
+    params: MediumParams,
+    obstacles: Obstacles,
+    radios: Radios,
+    pos: Floats,
+    vel: Floats,
+    state: MediumState,
+    s: int,
+    emitters: Ints,
     emitted: Floats,
-) -> None:  # fmt: skip
+) -> None:
     """Decide the outcome at every receiver of the burst in slot `s`, write the receptions, and release the burst."""
-    key, sender, kind, channel = air.slot[KEY, s], air.slot[RADIO, s], air.slot[WAVE, s], air.slot[CHANNEL, s]
-    start, end, reached = air.slot[START, s], air.slot[END, s], air.slot[COUNT, s]
+    key, sender, kind, channel = (
+        state.slot[KEY, s],
+        state.slot[RADIO, s],
+        state.slot[WAVEFORM, s],
+        state.slot[CHANNEL, s],
+    )
+    start, end, reached = state.slot[START, s], state.slot[END, s], state.slot[COUNT, s]
     centre, width = centre_mhz(kind, channel), WIDTH_MHZ[kind]
-    bits = float(frame_bits(kind, air.slot[SIZE, s]))
-    others = _overlapping(air, s)
+    bits = float(frame_bits(kind, state.slot[SIZE, s]))
+    others = _overlapping(state, s)
     if others.shape[0]:
         for k in range(reached):
-            air.mark[air.row[s, k]] = k + 1
+            state.mark[state.row[s, k]] = k + 1
         for o in range(others.shape[0]):
-            air.other[o, :reached] = 0.0
+            state.other[o, :reached] = 0.0
             slot = others[o]
-            share = share_within(
-                centre_mhz(air.slot[WAVE, slot], air.slot[CHANNEL, slot]),
-                WIDTH_MHZ[air.slot[WAVE, slot]],
+            share = filter_overlap(
+                centre_mhz(state.slot[WAVEFORM, slot], state.slot[CHANNEL, slot]),
+                WIDTH_MHZ[state.slot[WAVEFORM, slot]],
                 centre,
                 width,
             )
             if share > 0.0:
-                for k in range(air.slot[COUNT, slot]):
-                    place = air.mark[air.row[slot, k]]
+                for k in range(state.slot[COUNT, slot]):
+                    place = state.mark[state.row[slot, k]]
                     if place > 0:
-                        air.other[o, place - 1] = share * air.mw[slot, k]
+                        state.other[o, place - 1] = share * state.mw[slot, k]
         for k in range(reached):
-            air.mark[air.row[s, k]] = 0
-    pieces = (end - 1) // BURST_NS - start // BURST_NS + 1 if setting.busy > 0.0 else 0
+            state.mark[state.row[s, k]] = 0
+    pieces = (
+        (end - 1) // BACKGROUND_INTERVAL_NS - start // BACKGROUND_INTERVAL_NS + 1
+        if params.background_share > 0.0
+        else 0
+    )
     room = others.shape[0] + emitters.shape[1] + pieces
     begins, ends, mw = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty(room)
     for k in range(reached):
-        if not air.flag[s, k] & HEARING:
+        if not state.flag[s, k] & TUNED:
             continue
-        r, dbm, signal = air.row[s, k], air.dbm[s, k], air.mw[s, k]
+        r, dbm, signal = state.row[s, k], state.dbm[s, k], state.mw[s, k]
         noise = radios.noise_mw[r, kind]
         sending = False
         count = 0
         for o in range(others.shape[0]):
             slot = others[o]
-            if air.slot[RADIO, slot] == r and is_wifi(air.slot[WAVE, slot]) == is_wifi(kind):
+            if state.slot[RADIO, slot] == r and is_wifi(state.slot[WAVEFORM, slot]) == is_wifi(kind):
                 sending = True
-            if air.other[o, k] > 0.0:
-                begins[count], ends[count] = air.slot[START, slot], air.slot[END, slot]
-                mw[count] = air.other[o, k]
+            if state.other[o, k] > 0.0:
+                begins[count], ends[count] = state.slot[START, slot], state.slot[END, slot]
+                mw[count] = state.other[o, k]
                 count += 1
         for e in range(emitters.shape[1]):
-            share = share_within(emitted[0, e], emitted[1, e], centre, width)
+            share = filter_overlap(emitted[0, e], emitted[1, e], centre, width)
             if share <= 0.0 or emitters[1, e] >= end or emitters[2, e] <= start or emitters[0, e] == r:
                 continue
             floor = radios.noise_dbm[r, kind] - 10.0 - 10.0 * math.log10(share)
-            power = arriving_dbm(
-                setting,
-                sky,
+            power = received_power_dbm(
+                params,
+                obstacles,
                 radios.who,
-                radios.aerial,
+                radios.antenna,
                 pos,
                 vel,
                 emitters[0, e],
@@ -212,43 +228,47 @@ def judge(
                 start,
                 floor,
             )
-            if power > SILENT:
+            if power > NO_SIGNAL:
                 begins[count], ends[count] = emitters[1, e], emitters[2, e]
                 mw[count] = share * 10.0 ** (0.1 * power)
                 count += 1
         for piece in range(pieces):
-            number = start // BURST_NS + piece
-            power = city_mw(setting, radios.who[r], number, centre, width)
+            number = start // BACKGROUND_INTERVAL_NS + piece
+            power = background_power_mw(params, radios.who[r], number, centre, width)
             if power > _MIN_INTERFERENCE * noise:
-                begins[count], ends[count], mw[count] = number * BURST_NS, (number + 1) * BURST_NS, power
+                begins[count], ends[count], mw[count] = (
+                    number * BACKGROUND_INTERVAL_NS,
+                    (number + 1) * BACKGROUND_INTERVAL_NS,
+                    power,
+                )
                 count += 1
-        chance, worst = survives(kind, bits, start, end, signal, noise, begins, ends, mw, count)
+        chance, worst = frame_success_probability(kind, bits, start, end, signal, noise, begins, ends, mw, count)
         if sending:
             outcome = _SENDING
-        elif air.flag[s, k] & MISSED:
+        elif state.flag[s, k] & LOCKED_ELSEWHERE:
             outcome = _BUSY
         else:
-            nth = air.slot[NTH, s] * 8 + air.slot[ROLE, s]
-            way = way_of(radios.who[sender], radios.who[r])
-            draw, _, _, _ = uniform4(setting.seed, _DECODE, way, np.uint64(start), np.uint64(nth))
+            nth = state.slot[NTH, s] * 8 + state.slot[ROLE, s]
+            way = directed_pair_of(radios.who[sender], radios.who[r])
+            draw, _, _, _ = uniform4(params.seed, _DECODE, way, np.uint64(start), np.uint64(nth))
             if draw < chance:
                 outcome = _DECODED
             else:
-                alone = survival(kind, signal / noise, bits) if count else chance
+                alone = bits_success_probability(kind, signal / noise, bits) if count else chance
                 outcome = _COLLIDED if draw < alone else _WEAK
-        if air.slot[ROLE, s] == POINTER and outcome == _DECODED:
-            air.pointers[r, air.pointed[r] % POINTERS] = key
-            air.pointed[r] += 1
+        if state.slot[ROLE, s] == ADV_EXT_IND and outcome == _DECODED:
+            state.pointers[r, state.pointer_count[r] % POINTERS] = key
+            state.pointer_count[r] += 1
             continue  # only the announced packet counts as received
-        air.losses[r, outcome] += 1
-        if outcome == _DECODED or setting.every_pair:
-            row = air.counts[1]
-            air.heard[0, row], air.heard[1, row], air.heard[2, row] = key, r, channel
-            air.heard[3, row], air.heard[4, row] = end, outcome
-            air.heard_db[0, row], air.heard_db[1, row] = dbm, 10.0 * math.log10(worst)
-            air.counts[1] = row + 1
-    row = air.counts[2]
-    air.sent[0, row], air.sent[1, row], air.sent[2, row] = key, sender, channel
-    air.sent[3, row], air.sent[4, row], air.sent[5, row] = start, end, 0
-    air.counts[2] = row + 1
-    _release(air, s)
+        state.losses[r, outcome] += 1
+        if outcome == _DECODED or params.every_pair:
+            row = state.counts[1]
+            state.heard[0, row], state.heard[1, row], state.heard[2, row] = key, r, channel
+            state.heard[3, row], state.heard[4, row] = end, outcome
+            state.heard_db[0, row], state.heard_db[1, row] = dbm, 10.0 * math.log10(worst)
+            state.counts[1] = row + 1
+    row = state.counts[2]
+    state.sent[0, row], state.sent[1, row], state.sent[2, row] = key, sender, channel
+    state.sent[3, row], state.sent[4, row], state.sent[5, row] = start, end, 0
+    state.counts[2] = row + 1
+    _release(state, s)

@@ -10,12 +10,12 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.air import Floats, Ints, Outcome, RadioSpec
+from skyrange.contracts.medium import Floats, Ints, RadioSpec, ReceptionOutcome
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER
-from skyrange.radio.propagation import dipole_dbi, noise_dbm
-from skyrange.radio.waveforms import WIDTH_MHZ
+from skyrange.radio.phy.waveforms import WIDTH_MHZ
+from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
 
 WIFI, BLUETOOTH = 0, 1
 """Bands: a radio has at most one receive chain in each, and sends one frame at a time in each."""
@@ -23,15 +23,17 @@ POINTERS: Final = 16
 """How many announced extended advertisements a receiver can follow at once."""
 ANTENNAS: Final = ("isotropic", "dipole")
 
-# rows of `Air.wait`: bursts that are to be sent, one column each
-KEY, RADIO, WAVE, CHANNEL, ROLE, NTH, SIZE, ASKED, PLAN, STAGE, RESUME, SLOTS, DRAWN, LAST = range(14)
+# rows of `MediumState.wait`: bursts that are to be sent, one column each
+KEY, RADIO, WAVEFORM, CHANNEL, ROLE, NTH, SIZE, OFFERED, PLANNED, STAGE, RESUME, SLOTS_LEFT, BACKOFF, DEADLINE = range(
+    14
+)
 WAIT_ROWS: Final = 14
 QUEUED, CONTENDING, GIVING_UP = range(3)
 """Stages of a waiting burst."""
-WHOLE, POINTER, FOLLOWED = range(3)
+STANDALONE, ADV_EXT_IND, AUX_ADV_IND = range(3)
 """Roles: a self-contained frame, an ADV_EXT_IND that announces another packet, the packet that is announced."""
 
-# rows of `Air.slot`, after those up to SIZE: bursts on the air and over
+# rows of `MediumState.slot`, after those up to SIZE: bursts on the air and over
 START, END, STATE, COUNT = 7, 8, 9, 10
 SLOT_ROWS: Final = 11
 FREE, ON_AIR, OVER = range(3)
@@ -41,7 +43,7 @@ FIRST, TURNS, DWELL, WINDOW, REST, PHASE = range(6)
 ALWAYS: Final = NEVER // 4
 """Dwell of a chain that never changes its channel."""
 
-HEARING, MISSED = 1, 2
+TUNED, LOCKED_ELSEWHERE = 1, 2
 """Flags: the receiver is tuned to the burst; it was locked on another one."""
 
 
@@ -49,9 +51,9 @@ class Radios(NamedTuple):
     """n radios as declared; chains are by band."""
 
     who: NDArray[np.uint64]
-    aerial: Floats
+    antenna: Floats
     """(n, 2): index of the pattern, and gain in dBi."""
-    sends_dbm: Floats
+    tx_power_dbm: Floats
     """(n, 2) transmit power by band."""
     noise_dbm: Floats
     """(n, waveforms) noise in the width of each waveform."""
@@ -66,7 +68,7 @@ class Radios(NamedTuple):
     """The highest gain and the lowest noise figure of all radios."""
 
 
-class Air(NamedTuple):
+class MediumState(NamedTuple):
     """State of the medium: w waiting bursts, s slots of bursts on the air or just over, n radios."""
 
     wait: Ints
@@ -88,8 +90,8 @@ class Air(NamedTuple):
     busy_until: Ints
     """(n, 14): until when a radio senses a Wi-Fi channel as busy."""
     pointers: Ints
-    """(n, POINTERS): keys of the ADV_EXT_INDs decoded last; column `pointed % POINTERS` is overwritten next."""
-    pointed: Ints
+    """(n, POINTERS): keys of the ADV_EXT_INDs decoded last; column `pointer_count % POINTERS` is overwritten next."""
+    pointer_count: Ints
     losses: Ints
     """(n, outcomes)"""
     head: Ints
@@ -109,7 +111,7 @@ class Air(NamedTuple):
     """Numbers of waiting bursts, rows of `heard`, and rows of `sent`."""
 
 
-def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
+def radio_arrays(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
     """The arrays of some radios, in their order."""
     n = len(specs)
     shape = (n, 2)
@@ -133,8 +135,8 @@ def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
     peaks = [spec.gain_dbi + (float(dipole_dbi(0.0)) if spec.antenna == "dipole" else 0.0) for spec in specs]
     return Radios(
         who=np.array([hash64(spec.name) for spec in specs], dtype=np.uint64),
-        aerial=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
-        sends_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
+        antenna=np.array([(ANTENNAS.index(spec.antenna), spec.gain_dbi) for spec in specs]).reshape(shape),
+        tx_power_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
         noise_dbm=noise,
         noise_mw=10.0 ** (0.1 * noise),
         chain=chains,
@@ -145,7 +147,7 @@ def radios_of(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
     )
 
 
-def still_air(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> Air:
+def empty_state(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> MediumState:
     """The state with nothing waiting or on the air among `n` radios, with room for some."""
     buckets = 1
     while buckets < 2 * n:
@@ -154,12 +156,13 @@ def still_air(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> Ai
     def ints(*shape: int) -> Any:
         return np.zeros(shape, dtype=np.int64)
 
-    return Air(
+    return MediumState(
         wait=ints(WAIT_ROWS, waiting), wait_dbm=np.zeros(waiting), slot=ints(SLOT_ROWS, slots),
         slot_dbm=np.zeros(slots), row=np.zeros((slots, n), dtype=np.int32), dbm=np.zeros((slots, n)),
         mw=np.zeros((slots, n)), flag=np.zeros((slots, n), dtype=np.uint8), lock_until=ints(n, 2) - NEVER,
         lock_dbm=np.zeros((n, 2)), sending_until=ints(n, 2) - NEVER, busy_until=ints(n, 14) - NEVER,
-        pointers=ints(n, POINTERS) - 1, pointed=ints(n), losses=ints(n, len(Outcome)), head=ints(buckets) - 1,
+        pointers=ints(n, POINTERS) - 1, pointer_count=ints(n), losses=ints(n, len(ReceptionOutcome)),
+        head=ints(buckets) - 1,
         follow=ints(n) - 1, mark=np.zeros(n, dtype=np.int32), other=np.zeros((slots, n)), heard=ints(5, rows),
         heard_db=np.zeros((2, rows)), sent=ints(6, rows), counts=ints(3),
     )  # fmt: skip
@@ -171,25 +174,25 @@ _LISTS = ("row", "dbm", "mw", "flag", "other")
 _HEARD = ("heard", "heard_db")
 
 
-def _widened(air: Air, names: Sequence[str], axis: int, size: int) -> dict[str, Any]:
+def _widened(state: MediumState, names: Sequence[str], axis: int, size: int) -> dict[str, Any]:
     wide = {}
     for name in names:
-        array = getattr(air, name)
+        array = getattr(state, name)
         shape = list(array.shape)
         shape[axis] = size - shape[axis]
         wide[name] = np.concatenate((array, np.zeros(shape, dtype=array.dtype)), axis=axis)
     return wide
 
 
-def with_room(air: Air, waiting: int = 0, slots: int = 0, heard: int = 0, sent: int = 0) -> Air:
+def grow(state: MediumState, waiting: int = 0, slots: int = 0, heard: int = 0, sent: int = 0) -> MediumState:
     """The same state with room for at least so many of each."""
     wide: dict[str, Any] = {}
-    if waiting > air.wait_dbm.shape[0]:
-        wide |= _widened(air, _WAIT, -1, max(waiting, 2 * air.wait_dbm.shape[0]))
-    if slots > air.slot_dbm.shape[0]:
-        wide |= _widened(air, _SLOTS, -1, slots) | _widened(air, _LISTS, 0, slots)
-    if heard > air.heard.shape[1]:
-        wide |= _widened(air, _HEARD, -1, max(heard, 2 * air.heard.shape[1]))
-    if sent > air.sent.shape[1]:
-        wide |= _widened(air, ("sent",), -1, max(sent, 2 * air.sent.shape[1]))
-    return air._replace(**wide) if wide else air
+    if waiting > state.wait_dbm.shape[0]:
+        wide |= _widened(state, _WAIT, -1, max(waiting, 2 * state.wait_dbm.shape[0]))
+    if slots > state.slot_dbm.shape[0]:
+        wide |= _widened(state, _SLOTS, -1, slots) | _widened(state, _LISTS, 0, slots)
+    if heard > state.heard.shape[1]:
+        wide |= _widened(state, _HEARD, -1, max(heard, 2 * state.heard.shape[1]))
+    if sent > state.sent.shape[1]:
+        wide |= _widened(state, ("sent",), -1, max(sent, 2 * state.sent.shape[1]))
+    return state._replace(**wide) if wide else state

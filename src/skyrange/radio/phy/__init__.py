@@ -1,1 +1,1 @@
-"""Phy."""
+"""Physical layer: waveforms, channels, and the framing of Remote ID transports."""

@@ -6,15 +6,15 @@ its mask (802.11-2020 15.4.5.5: at least 30 dB down) is not modelled.
 
 from __future__ import annotations
 
-from skyrange.core.compiled import kernel
-from skyrange.radio.waveforms import is_wifi
+from skyrange.core.compiled import compiled
+from skyrange.radio.phy.waveforms import is_wifi
 
 WIFI_CHANNELS = range(1, 14)
-ADVERTISING = (37, 38, 39)
+ADVERTISING_CHANNELS = (37, 38, 39)
 DATA_CHANNELS = 37
 
 
-@kernel
+@compiled
 def centre_mhz(waveform: int, channel: int) -> float:
     """Centre of a Wi-Fi channel (802.11-2020 15.4.4.3) or BLE channel index (Core vol. 6 part B 1.4.1)."""
     if is_wifi(waveform):
@@ -28,8 +28,8 @@ def centre_mhz(waveform: int, channel: int) -> float:
     return 2404.0 + 2.0 * channel if channel < 11 else 2406.0 + 2.0 * channel
 
 
-@kernel
-def share_within(centre: float, width: float, receiver_centre: float, receiver_width: float) -> float:
+@compiled
+def filter_overlap(centre: float, width: float, receiver_centre: float, receiver_width: float) -> float:
     """The share 0…1 of a signal's power that passes a receiver's filter; all arguments in MHz."""
     low = max(centre - 0.5 * width, receiver_centre - 0.5 * receiver_width)
     high = min(centre + 0.5 * width, receiver_centre + 0.5 * receiver_width)

@@ -25,32 +25,32 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.agent.air import Waveform
-from skyrange.core.compiled import kernel
+from skyrange.contracts.medium import Waveform
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_US, Time
 
 DSSS, OFDM, BLE, CODED = (int(w) for w in Waveform)
 
 WIDTH_MHZ: Final = np.array([22.0, 20.0, 1.0, 1.0])
 """By waveform: width of the signal and of its receiver's filter."""
-LEAST_SNIR_DB: Final = np.array([-8.1, 1.8, 8.3, 1.3])
+MIN_SNIR_DB: Final = np.array([-8.1, 1.8, 8.3, 1.3])
 """By waveform: below this fewer than 1 in 100 frames of 30 bytes survive (checked by a test)."""
 LOCK_SNIR_DB: Final = np.array([-6.2, 2.3, 10.3, 2.0])
 """By waveform: from this on a receiver detects the preamble and locks on the frame; about half survive there."""
-MOST_BYTES: Final = np.array([2346, 2346, 37, 255])
+MAX_BYTES: Final = np.array([2346, 2346, 37, 255])
 """By waveform: longest frame. 802.11-2020 table 9-25 (2304 and headers); Core vol. 6 part B 2.3.1, 2.3.4."""
-LEAST_BYTES: Final = np.array([14, 14, 6, 6])
+MIN_BYTES: Final = np.array([14, 14, 6, 6])
 
 _HEAD_BITS: Final = np.array([48, 24, 40, 40])
 
 
-@kernel
+@compiled
 def is_wifi(waveform: int) -> bool:
     """Whether a waveform is one of 802.11."""
     return waveform < 2
 
 
-@kernel
+@compiled
 def airtime_ns(waveform: int, size_bytes: int) -> Time:
     """Duration of a frame on the air, including its preamble."""
     if waveform == DSSS:
@@ -64,13 +64,13 @@ def airtime_ns(waveform: int, size_bytes: int) -> Time:
     return int(us * NS_PER_US)
 
 
-@kernel
+@compiled
 def frame_bits(waveform: int, size_bytes: int) -> int:
     """Number of bits that must be right: those of the frame and of its header."""
     return int(8 * size_bytes + _HEAD_BITS[waveform])
 
 
-@kernel
+@compiled
 def bit_error(waveform: int, snir: float) -> float:
     """The probability 0…0.5 that a bit is wrong after decoding; `snir` is a ratio of powers."""
     if waveform == DSSS:
@@ -92,12 +92,14 @@ def bit_error(waveform: int, snir: float) -> float:
     return min(0.5 * bound * d * d * d * d * d * d, 0.5)
 
 
-@kernel
-def survival(waveform: int, snir: float, bits: float) -> float:
+@compiled
+def bits_success_probability(waveform: int, snir: float, bits: float) -> float:
     """The probability that all of `bits` are right (a share of a frame has a fractional number of bits)."""
     return math.exp(bits * math.log1p(-bit_error(waveform, snir)))
 
 
 def packet_error(waveform: Waveform, snir_db: float, size_bytes: int) -> float:
     """The probability that a frame of `size_bytes` is lost at a constant `snir_db`."""
-    return 1.0 - survival(int(waveform), 10.0 ** (snir_db / 10.0), float(frame_bits(int(waveform), size_bytes)))
+    return 1.0 - bits_success_probability(
+        int(waveform), 10.0 ** (snir_db / 10.0), float(frame_bits(int(waveform), size_bytes))
+    )

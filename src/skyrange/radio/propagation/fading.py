@@ -21,69 +21,69 @@ from typing import Final
 import numpy as np
 
 from skyrange.core.chance import uniform4
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 
-SIGHT_M: Final = 10.0
-HIDDEN_M: Final = 13.0
-HIDDEN_SIGMA_DB: Final = 8.0
+LOS_DECORRELATION_M: Final = 10.0
+NLOS_DECORRELATION_M: Final = 13.0
+NLOS_SIGMA_DB: Final = 8.0
 RICIAN_K: Final = 15.85
-SLOWEST_MPS: Final = 0.5
+MIN_SPEED_MPS: Final = 0.5
 _CELL: Final = 0.63
 _SHADOW: Final = np.uint64(hash64("radio.shadow"))
 _FADE: Final = np.uint64(hash64("radio.fade"))
 _MIX: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
-@kernel
+@compiled
 def pair_of(a: np.uint64, b: np.uint64) -> np.uint64:
     """The address of a pair of radios, the same from both ends."""
     return ((a ^ b) * _MIX) ^ (a + b)
 
 
-@kernel
-def way_of(sender: np.uint64, receiver: np.uint64) -> np.uint64:
+@compiled
+def directed_pair_of(sender: np.uint64, receiver: np.uint64) -> np.uint64:
     """The address of one direction between two radios."""
     return (sender * _MIX) ^ receiver
 
 
-@kernel
+@compiled
 def cell_of(x: float, y: float, z: float, side: float) -> np.uint64:
     """The address of the cell that holds a position."""
     bits = (math.floor(x / side) & 0x1FFFFF) | ((math.floor(y / side) & 0x1FFFFF) << 21)
     return np.uint64(bits | ((math.floor(z / side) & 0x1FFFFF) << 42))
 
 
-@kernel
-def normal(u: float, v: float) -> float:
+@compiled
+def standard_normal(u: float, v: float) -> float:
     """A standard normal number from two uniform ones (Box & Muller, 1958)."""
     return math.sqrt(-2.0 * math.log(1.0 - u)) * math.cos(2.0 * math.pi * v)
 
 
-@kernel
+@compiled
 def shadow_db(
     seed: np.uint64, pair: np.uint64, low_cell: np.uint64, high_cell: np.uint64, lower_height_m: float, hidden: bool
 ) -> float:
     """Shadowing of a pair whose ends are in two cells; the first cell is that of the radio with the lower hash."""
-    sigma = HIDDEN_SIGMA_DB if hidden else max(5.0 * math.exp(-0.01 * lower_height_m), 2.0)
+    sigma = NLOS_SIGMA_DB if hidden else max(5.0 * math.exp(-0.01 * lower_height_m), 2.0)
     u, v, _, _ = uniform4(seed, _SHADOW, np.uint64(pair), np.uint64(low_cell), np.uint64(high_cell))
-    return sigma * normal(u, v)
+    return sigma * standard_normal(u, v)
 
 
-@kernel
+@compiled
 def cell_side_m(hidden: bool) -> float:
     """Side of a shadowing cell in metres."""
-    return (HIDDEN_M if hidden else SIGHT_M) / _CELL
+    return (NLOS_DECORRELATION_M if hidden else LOS_DECORRELATION_M) / _CELL
 
 
-@kernel
+@compiled
 def coherence_ns(speed_mps: float, wavelength: float) -> int:
     """Length of a fading bin in nanoseconds."""
-    exact = 0.423 * wavelength / max(speed_mps, SLOWEST_MPS) * 1e9
+    exact = 0.423 * wavelength / max(speed_mps, MIN_SPEED_MPS) * 1e9
     return 1 << math.floor(math.log2(exact))
 
 
-@kernel
+@compiled
 def fade_db(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, centre_mhz: float, hidden: bool) -> float:
     """Fading of a pair at a time on a frequency, in dB; its mean power is 1."""
     when = np.uint64((time_ns // bin_ns) * bin_ns)

@@ -8,41 +8,41 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.air import Floats, Ints
-from skyrange.core.compiled import kernel
-from skyrange.radio.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
-from skyrange.radio.propagation import dipole_dbi, open_db, wavelength_m
-from skyrange.radio.sightlines import BEYOND, Skyline, obstruction_db
+from skyrange.contracts.medium import Floats, Ints
+from skyrange.core.compiled import compiled
+from skyrange.radio.propagation.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
+from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, obstruction_db
+from skyrange.radio.propagation.path_loss import dipole_dbi, open_ground_db, wavelength_m
 
-SILENT: Final = -math.inf
-HIDDEN_DB: Final = 6.0
+NO_SIGNAL: Final = -math.inf
+NLOS_LOSS_DB: Final = 6.0
 """A path counts as without line of sight from this loss on: an edge exactly on the line costs 6 dB."""
-BUCKET_M: Final = 400.0
+BUCKET_SIDE_M: Final = 400.0
 
 
-class Setting(NamedTuple):
+class MediumParams(NamedTuple):
     """Parameters of the whole medium, as kernels take them."""
 
     seed: np.uint64
     horizon_m: float
-    chance: bool
+    randomness: bool
     """Whether there is shadowing and fading."""
-    busy: float
+    background_share: float
     """Background traffic: share of time, and its mean power at any receiver."""
-    busy_mw: float
+    background_mean_mw: float
     every_pair: bool
 
 
-@kernel
-def budget_dbm(
+@compiled
+def median_power_dbm(
     power_dbm: float, distance: float, az: float, bz: float, wavelength: float, pattern_a: float, gain_a: float,
     pattern_b: float, gain_b: float,
 ) -> float:  # fmt: skip
-    """Median power at the receiver's input without obstructions. Scalars only, as in `luck_db`, because it is called
-    often.
+    """Median power at the receiver's input without obstructions. Scalars only, as in `random_gain_db`, because it is
+    called often.
     """
     sine = (bz - az) / distance if distance > 0.0 else 0.0
-    mean = power_dbm + gain_a + gain_b - open_db(distance, az, bz, wavelength)
+    mean = power_dbm + gain_a + gain_b - open_ground_db(distance, az, bz, wavelength)
     if pattern_a == 1.0:
         mean += dipole_dbi(sine)
     if pattern_b == 1.0:
@@ -50,13 +50,13 @@ def budget_dbm(
     return mean
 
 
-@kernel
-def luck_db(
+@compiled
+def random_gain_db(
     seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
     bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int, loss_db: float,
 ) -> float:  # fmt: skip
     """What shadowing and fading add for two radios at two positions, in dB."""
-    hidden = loss_db >= HIDDEN_DB
+    hidden = loss_db >= NLOS_LOSS_DB
     pair = pair_of(who_a, who_b)
     side = cell_side_m(hidden)
     near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
@@ -66,64 +66,74 @@ def luck_db(
     return shadow + fade_db(seed, pair, time_ns, coherence_ns(speed_mps, wavelength), centre, hidden)
 
 
-@kernel
-def arriving_dbm(
-    setting: Setting, sky: Skyline, who: NDArray[np.uint64], aerial: Floats, pos: Floats, vel: Floats, sender: int,
-    receiver: int, power_dbm: float, centre: float, time_ns: int, floor_dbm: float,
-) -> float:  # fmt: skip
-    """Power at the receiver's input; `SILENT` if its median is below `floor_dbm`, or if a radio has no position."""
+@compiled
+def received_power_dbm(
+    params: MediumParams,
+    obstacles: Obstacles,
+    who: NDArray[np.uint64],
+    antenna: Floats,
+    pos: Floats,
+    vel: Floats,
+    sender: int,
+    receiver: int,
+    power_dbm: float,
+    centre: float,
+    time_ns: int,
+    floor_dbm: float,
+) -> float:
+    """Power at the receiver's input; `NO_SIGNAL` if its median is below `floor_dbm`, or if a radio has no position."""
     ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    if not distance <= setting.horizon_m:  # true for NaN as well
-        return SILENT
+    if not distance <= params.horizon_m:  # true for NaN as well
+        return NO_SIGNAL
     wavelength = wavelength_m(centre)
-    mean = budget_dbm(
-        power_dbm, distance, az, bz, wavelength, aerial[sender, 0], aerial[sender, 1], aerial[receiver, 0],
-        aerial[receiver, 1],
+    mean = median_power_dbm(
+        power_dbm, distance, az, bz, wavelength, antenna[sender, 0], antenna[sender, 1], antenna[receiver, 0],
+        antenna[receiver, 1],
     )  # fmt: skip
     if mean < floor_dbm:
-        return SILENT
-    loss = obstruction_db(sky, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
-    if loss == BEYOND:
-        return SILENT
+        return NO_SIGNAL
+    loss = obstruction_db(obstacles, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
+    if loss == BLOCKED:
+        return NO_SIGNAL
     mean -= loss
-    if setting.chance:
+    if params.randomness:
         ux = vel[receiver, 0] - vel[sender, 0]
         uy = vel[receiver, 1] - vel[sender, 1]
         uz = vel[receiver, 2] - vel[sender, 2]
         speed = math.sqrt(ux * ux + uy * uy + uz * uz)
-        mean += luck_db(
-            setting.seed, who[sender], who[receiver], ax, ay, az, bx, by, bz, speed, wavelength, centre, time_ns, loss
+        mean += random_gain_db(
+            params.seed, who[sender], who[receiver], ax, ay, az, bx, by, bz, speed, wavelength, centre, time_ns, loss
         )
     return mean
 
 
-@kernel
-def reach_m(best_dbi: float, power_dbm: float, floor_dbm: float, centre: float) -> float:
+@compiled
+def max_range_m(best_dbi: float, power_dbm: float, floor_dbm: float, centre: float) -> float:
     """The distance at which a signal falls to a floor in free space between the best antennas."""
     budget = power_dbm + 2.0 * max(best_dbi, 0.0) - floor_dbm
     return float(wavelength_m(centre) / (4.0 * math.pi) * 10.0 ** (0.05 * budget))
 
 
-@kernel
-def bucket(column: int, row: int, mask: int) -> int:
+@compiled
+def bucket_of(column: int, row: int, mask: int) -> int:
     """The hash bucket that lists the radios of a square of the plane."""
     return (column * 73856093 ^ row * 19349663) & mask
 
 
-@kernel
-def sort(head: Ints, follow: Ints, pos: Floats) -> None:
+@compiled
+def index_positions(head: Ints, follow: Ints, pos: Floats) -> None:
     """List all radios by position: the first of each bucket in `head` (a power of two of them), the
     next in `follow`.
     """
     head[:] = -1
     mask = head.shape[0] - 1
     for i in range(pos.shape[0] - 1, -1, -1):
-        x, y = pos[i, 0] / BUCKET_M, pos[i, 1] / BUCKET_M
+        x, y = pos[i, 0] / BUCKET_SIDE_M, pos[i, 1] / BUCKET_SIDE_M
         if not (abs(x) < 1e9 and abs(y) < 1e9):
             continue
-        place = bucket(math.floor(x), math.floor(y), mask)
+        place = bucket_of(math.floor(x), math.floor(y), mask)
         follow[i] = head[place]
         head[place] = i

@@ -1,10 +1,10 @@
 """Obstruction by buildings: geometric lines of sight, and diffraction where a line is blocked.
 
-The line is traced through the grid of `city.walls` cell by cell; buildings below it are skipped. On an unobstructed
-line, a roof just below it still causes the loss of P.526's knife edge. On an obstructed line, the signal arrives over
-the roofs and round both sides, each path as Bullington's single equivalent edge (ITU-R P.526-15 4.5.1; its terrain
-correction, up to 10 dB, is left out), and the powers add (5.1, "finite-width screen"). A path round a side counts only
-past one or two buildings, and only if both its legs are unobstructed.
+The line is traced through the grid of `city.wall_index` cell by cell; buildings below it are skipped. On an
+unobstructed line, a roof just below it still causes the loss of P.526's knife edge. On an obstructed line, the signal
+arrives over the roofs and round both sides, each path as Bullington's single equivalent edge (ITU-R P.526-15 4.5.1;
+its terrain correction, up to 10 dB, is left out), and the powers add (5.1, "finite-width screen"). A path round a side
+counts only past one or two buildings, and only if both its legs are unobstructed.
 
 Not modelled: walls beside an unobstructed line, reflections, transmission through buildings, courtyards (taken as
 solid).
@@ -18,30 +18,30 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.city.walls import NO_WALLS, Walls
-from skyrange.core.compiled import kernel
-from skyrange.radio.propagation import NO_EDGE, bullington_nu, edge_db
+from skyrange.city.wall_index import NO_WALLS, WallIndex
+from skyrange.core.compiled import compiled
+from skyrange.radio.propagation.path_loss import CLEAR_NU, bullington_nu, knife_edge_db
 
-NEAR_M: Final = 4.0
+ROOF_MARGIN_M: Final = 4.0
 """How far below a line a roof is considered: 0.78 of the Fresnel radius of 2 km at 2.4 GHz is 4.3 m, at 1 km 3.1 m."""
-END_M: Final = 1.0
+MIN_EDGE_DISTANCE_M: Final = 1.0
 """Edges count as at least this far from either antenna."""
-ROW: Final = 2
+MAX_BUILDINGS_ROUND: Final = 2
 """The most buildings in a row that a signal passes round the sides; past more of them it arrives
 over the roofs only."""
-BEYOND: Final = math.inf
+BLOCKED: Final = math.inf
 _LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
 _NEGLIGIBLE_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal paths together are 4.8 dB above one of them
 
 
-class Skyline(NamedTuple):
+class Obstacles(NamedTuple):
     """A city's walls with an index for lines: the grid of `walls`, but each building only in the cells it covers."""
 
     box: NDArray[np.float64]
     edges: NDArray[np.float64]
     first: NDArray[np.int64]
-    """As in `Walls`."""
+    """As in `WallIndex`."""
     cells: NDArray[np.int64]
     """(c + 1,): start of each cell's buildings in `inside`."""
     inside: NDArray[np.int32]
@@ -54,25 +54,25 @@ class Skyline(NamedTuple):
     rows: int
 
 
-def skyline(walls: Walls = NO_WALLS) -> Skyline:
+def obstacle_index(walls: WallIndex = NO_WALLS) -> Obstacles:
     """Build the index of some walls."""
-    west, south, side = walls.frame.tolist()
-    shared = (walls.box, walls.edges, walls.first, *_index(walls))
-    return Skyline(*shared, west, south, side, walls.columns, walls.rows)
+    west, south, side = walls.grid.tolist()
+    shared = (walls.box, walls.edges, walls.edge_start, *_index(walls))
+    return Obstacles(*shared, west, south, side, walls.columns, walls.rows)
 
 
-@kernel
-def _index(walls: Walls) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
+@compiled
+def _index(walls: WallIndex) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
     """Each cell's buildings and their highest roof: counted first, then filled from last to first."""
     count = walls.columns * walls.rows
     cells, tops = np.zeros(count + 1, dtype=np.int64), np.full(count, -math.inf)
     inside = np.empty(0, dtype=np.int32)
     for turn in range(2):
         for b in range(walls.box.shape[0] - 1, -1, -1):
-            column0 = int((walls.box[b, 0] - walls.frame[0]) / walls.frame[2])
-            column1 = int((walls.box[b, 2] - walls.frame[0]) / walls.frame[2])
-            row0 = int((walls.box[b, 1] - walls.frame[1]) / walls.frame[2])
-            row1 = int((walls.box[b, 3] - walls.frame[1]) / walls.frame[2])
+            column0 = int((walls.box[b, 0] - walls.grid[0]) / walls.grid[2])
+            column1 = int((walls.box[b, 2] - walls.grid[0]) / walls.grid[2])
+            row0 = int((walls.box[b, 1] - walls.grid[1]) / walls.grid[2])
+            row1 = int((walls.box[b, 3] - walls.grid[1]) / walls.grid[2])
             for row in range(row0, row1 + 1):
                 for column in range(column0, column1 + 1):
                     cell = row * walls.columns + column
@@ -89,7 +89,7 @@ def _index(walls: Walls) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[
     return cells, inside, tops
 
 
-class Walk(NamedTuple):
+class GridTraversal(NamedTuple):
     """State of a line's traversal of the grid (Amanatides & Woo, Eurographics 1987)."""
 
     column: int
@@ -107,10 +107,10 @@ class Walk(NamedTuple):
     """Shares of the line at which it enters and leaves the grid; it misses the grid unless begin is below end."""
 
 
-@kernel
+@compiled
 def _start_traversal(
     west: float, south: float, side: float, columns: int, rows: int, ax: float, ay: float, dx: float, dy: float
-) -> Walk:
+) -> GridTraversal:
     """Begin the traversal of the grid along a line."""
     x, y = (ax - west) / side, (ay - south) / side
     wx, wy = dx / side, dy / side
@@ -132,49 +132,59 @@ def _start_traversal(
         next_x, each_x = (column + (1.0 if wx > 0.0 else 0.0) - x) / wx, abs(1.0 / wx)
     if wy != 0.0:
         next_y, each_y = (row + (1.0 if wy > 0.0 else 0.0) - y) / wy, abs(1.0 / wy)
-    return Walk(column, row, 1 if wx > 0.0 else -1, 1 if wy > 0.0 else -1, next_x, next_y, each_x, each_y, begin, end)
+    return GridTraversal(
+        column, row, 1 if wx > 0.0 else -1, 1 if wy > 0.0 else -1, next_x, next_y, each_x, each_y, begin, end
+    )
 
 
-@kernel
+@compiled
 def _inverse(way: float) -> float:
     """1 / way, and a large number for 0, so that the slab test gives the right result."""
     return 1.0 / way if abs(way) > 1e-9 else 1e9
 
 
-class Cut(NamedTuple):
+class TraceResult(NamedTuple):
     """What a line meets: the steepest slopes from both ends over and round its obstacles, and the nearest roof below
     it.
     """
 
-    cut: int
-    """How many buildings obstruct the line, as far as it was traced; with more than `ROW` there is no path round the
-    sides."""
+    blocking: int
+    """How many buildings obstruct the line, as far as it was traced; with more than `MAX_BUILDINGS_ROUND` there is no
+    path round the sides."""
     up_a: float
     up_b: float
     left_a: float
     left_b: float
     right_a: float
     right_b: float
-    graze: float
+    grazing_nu: float
     """ν of the roof that comes nearest to the line without obstructing it."""
 
 
-@kernel
-def trace(
-    sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float, enough: float
-) -> Cut:
-    """Trace a line from A to B until it is certainly blocked: until products of two slopes exceed `enough`.
+@compiled
+def trace_line(
+    obstacles: Obstacles,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    wavelength: float,
+    stop_threshold: float,
+) -> TraceResult:
+    """Trace a line from A to B until it is certainly blocked: until products of two slopes exceed `stop_threshold`.
 
     One long function on purpose: a call that passes arrays on costs more than the work it would do here.
     """
-    box, edges, first, cells, inside, tops, west, south, side, columns, rows = sky
+    box, edges, first, cells, inside, tops, west, south, side, columns, rows = obstacles
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
-    graze = NO_EDGE
+    grazing_nu = CLEAR_NU
     up_a = up_b = left_a = left_b = right_a = right_b = 0.0
-    cut = 0
-    if columns == 0 or distance < 2.0 * END_M:
-        return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
+    blocking = 0
+    if columns == 0 or distance < 2.0 * MIN_EDGE_DISTANCE_M:
+        return TraceResult(blocking, up_a, up_b, left_a, left_b, right_a, right_b, grazing_nu)
     per_x, per_y = _inverse(dx), _inverse(dy)
     last = before = first_cut = second_cut = -1
     column, row, east, north, next_x, next_y, each_x, each_y, way, end = _start_traversal(
@@ -183,7 +193,7 @@ def trace(
     while way < end and 0 <= column < columns and 0 <= row < rows:
         leaving = min(next_x, next_y, end)
         cell = row * columns + column
-        lowest = az + min(way * dz, leaving * dz) - NEAR_M
+        lowest = az + min(way * dz, leaving * dz) - ROOF_MARGIN_M
         way = leaving
         if next_x < next_y:
             next_x, column = next_x + each_x, column + east
@@ -201,7 +211,7 @@ def trace(
             low, high = max(0.0, min(one, two)), min(1.0, max(one, two))
             one, two = (box[b, 1] - ay) * per_y, (box[b, 3] - ay) * per_y
             low, high = max(low, min(one, two)), min(high, max(one, two))
-            if not low <= high or top < az + min(low * dz, high * dz) - NEAR_M:
+            if not low <= high or top < az + min(low * dz, high * dz) - ROOF_MARGIN_M:
                 continue
             enters, leaves = 2.0, -1.0
             for e in range(first[b], first[b + 1]):
@@ -216,98 +226,124 @@ def trace(
             higher = False
             for turn in range(2):
                 share = enters if turn == 0 else leaves
-                x = min(max(share * distance, END_M), distance - END_M)
+                x = min(max(share * distance, MIN_EDGE_DISTANCE_M), distance - MIN_EDGE_DISTANCE_M)
                 over = top - (az + share * dz)
                 up_a, up_b = max(up_a, over / x), max(up_b, over / (distance - x))
                 if over > 0.0:
                     higher = True
                 else:
-                    graze = max(graze, over * math.sqrt(2.0 * distance / (wavelength * x * (distance - x))))
+                    grazing_nu = max(grazing_nu, over * math.sqrt(2.0 * distance / (wavelength * x * (distance - x))))
             if not higher:
                 continue
             if b not in (first_cut, second_cut):
-                cut += 1
+                blocking += 1
                 first_cut, second_cut = b, first_cut
             for e in range(first[b], first[b + 1]):
                 px, py = edges[e, 0] - ax, edges[e, 1] - ay
-                x = min(max((px * dx + py * dy) / distance, END_M), distance - END_M)
+                x = min(max((px * dx + py * dy) / distance, MIN_EDGE_DISTANCE_M), distance - MIN_EDGE_DISTANCE_M)
                 aside = (dx * py - dy * px) / distance
                 left_a, left_b = max(left_a, aside / x), max(left_b, aside / (distance - x))
                 right_a, right_b = max(right_a, -aside / x), max(right_b, -aside / (distance - x))
-            if up_a * up_b > enough and (cut > ROW or min(left_a * left_b, right_a * right_b) > enough):
-                return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
-    return Cut(cut, up_a, up_b, left_a, left_b, right_a, right_b, graze)
+            if up_a * up_b > stop_threshold and (
+                blocking > MAX_BUILDINGS_ROUND or min(left_a * left_b, right_a * right_b) > stop_threshold
+            ):
+                return TraceResult(blocking, up_a, up_b, left_a, left_b, right_a, right_b, grazing_nu)
+    return TraceResult(blocking, up_a, up_b, left_a, left_b, right_a, right_b, grazing_nu)
 
 
-@kernel
-def clear(sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> bool:
+@compiled
+def has_line_of_sight(obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> bool:
     """Whether a line meets no building."""
-    return trace(sky, ax, ay, az, bx, by, bz, 1.0, -1.0).cut == 0
+    return trace_line(obstacles, ax, ay, az, bx, by, bz, 1.0, -1.0).blocking == 0
 
 
-@kernel
+@compiled
 def _side_path_db(
-    sky: Skyline, a: float, b: float, side: float, ends: tuple[float, ...], distance: float, wavelength: float
+    obstacles: Obstacles, a: float, b: float, side: float, ends: tuple[float, ...], distance: float, wavelength: float
 ) -> float:
-    """Loss of the path round one side (+1 left, -1 right) if its legs are unobstructed; `BEYOND` if not."""
+    """Loss of the path round one side (+1 left, -1 right) if its legs are unobstructed; `BLOCKED` if not."""
     along = distance * b / (a + b)
     aside = a * along + 0.5  # half a metre off the corner, so that the legs clear the building
     ax, ay, az, dx, dy, dz = ends
     x = ax + (dx * along - side * dy * aside) / distance
     y = ay + (dy * along + side * dx * aside) / distance
     z = az + dz * along / distance
-    if clear(sky, ax, ay, az, x, y, z) and clear(sky, x, y, z, ax + dx, ay + dy, az + dz):
-        return edge_db(bullington_nu(a, b, distance, wavelength))
-    return BEYOND
+    if has_line_of_sight(obstacles, ax, ay, az, x, y, z) and has_line_of_sight(
+        obstacles, x, y, z, ax + dx, ay + dy, az + dz
+    ):
+        return knife_edge_db(bullington_nu(a, b, distance, wavelength))
+    return BLOCKED
 
 
-@kernel
+@compiled
 def obstruction_db(
-    sky: Skyline, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float, margin_db: float
+    obstacles: Obstacles,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    wavelength: float,
+    margin_db: float,
 ) -> float:
-    """Loss by buildings between two positions, on top of `propagation.open_db`; `BEYOND` if more than `margin_db`.
+    """Loss by buildings between two positions, on top of `path_loss.open_ground_db`; `BLOCKED` if more than
+    `margin_db`.
 
     0 without any building near the line, 0 to 6 dB with a roof close below it, more if the line is obstructed.
     """
-    stop = enough(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
-    met = trace(sky, ax, ay, az, bx, by, bz, wavelength, stop)
-    return cost_db(sky, met, ax, ay, az, bx, by, bz, wavelength, margin_db)
+    stop = stop_threshold(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
+    met = trace_line(obstacles, ax, ay, az, bx, by, bz, wavelength, stop)
+    return traced_loss_db(obstacles, met, ax, ay, az, bx, by, bz, wavelength, margin_db)
 
 
-@kernel
-def enough(margin: float, ax: float, ay: float, bx: float, by: float, wavelength: float) -> float:
-    """The product of two slopes at which `trace` may stop: from there on every path costs more than the margin.
+@compiled
+def stop_threshold(margin: float, ax: float, ay: float, bx: float, by: float, wavelength: float) -> float:
+    """The product of two slopes at which `trace_line` may stop: from there on every path costs more than the margin.
 
     `margin` is a ratio of field strengths. J(ν) is at least 6.9 + 20·log10(2·(ν - 0.1)).
     """
     limit = 0.1 + _LIMIT * margin
-    return limit * limit * wavelength / (2.0 * max(math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)), END_M))
+    return (
+        limit
+        * limit
+        * wavelength
+        / (2.0 * max(math.sqrt((bx - ax) * (bx - ax) + (by - ay) * (by - ay)), MIN_EDGE_DISTANCE_M))
+    )
 
 
-@kernel
-def cost_db(
-    sky: Skyline, met: Cut, ax: float, ay: float, az: float, bx: float, by: float, bz: float, wavelength: float,
+@compiled
+def traced_loss_db(
+    obstacles: Obstacles,
+    met: TraceResult,
+    ax: float,
+    ay: float,
+    az: float,
+    bx: float,
+    by: float,
+    bz: float,
+    wavelength: float,
     margin_db: float,
-) -> float:  # fmt: skip
+) -> float:
     """The loss along a line that was traced; see `obstruction_db`."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
-    if met.cut == 0:
-        loss = edge_db(met.graze)
-        return float(loss) if loss <= margin_db else BEYOND
+    if met.blocking == 0:
+        loss = knife_edge_db(met.grazing_nu)
+        return float(loss) if loss <= margin_db else BLOCKED
     most = margin_db + _SUM_DB
-    over = edge_db(bullington_nu(met.up_a, met.up_b, distance, wavelength))
-    left = right = BEYOND
-    if met.cut <= ROW:
-        left = edge_db(bullington_nu(met.left_a, met.left_b, distance, wavelength))
-        right = edge_db(bullington_nu(met.right_a, met.right_b, distance, wavelength))
+    over = knife_edge_db(bullington_nu(met.up_a, met.up_b, distance, wavelength))
+    left = right = BLOCKED
+    if met.blocking <= MAX_BUILDINGS_ROUND:
+        left = knife_edge_db(bullington_nu(met.left_a, met.left_b, distance, wavelength))
+        right = knife_edge_db(bullington_nu(met.right_a, met.right_b, distance, wavelength))
     if min(over, min(left, right)) > most:
-        return BEYOND
+        return BLOCKED
     ends = (ax, ay, az, dx, dy, dz)
     power = 10.0 ** (-0.1 * over)
     if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(sky, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
     if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(sky, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
+        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
     loss = -10.0 * math.log10(power)
-    return float(loss) if loss <= margin_db else BEYOND
+    return float(loss) if loss <= margin_db else BLOCKED

@@ -5,56 +5,56 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 SPEED_OF_LIGHT_MPS: Final = 299_792_458.0
-NEAREST_M: Final = 0.5
+MIN_DISTANCE_M: Final = 0.5
 """The shortest distance between antennas: the far-field formulas do not hold below it."""
-LEAST_HEIGHT_M: Final = 0.5
+MIN_HEIGHT_M: Final = 0.5
 """Ground reflection is computed for at least this antenna height."""
 NULL_DB: Final = -20.0
 """Gain of a dipole along its axis: the feed and mount of a real one fill the null."""
-NO_EDGE: Final = -0.78
+CLEAR_NU: Final = -0.78
 """Below this ν, an edge causes no loss."""
 THERMAL_DBM_PER_MHZ: Final = -113.98
 """k·290 K·1 MHz."""
 
 
-@kernel
+@compiled
 def wavelength_m(frequency_mhz: float) -> float:
     """Wavelength in metres of a frequency in MHz."""
     return SPEED_OF_LIGHT_MPS / (frequency_mhz * 1e6)
 
 
-@kernel
+@compiled
 def free_space_db(distance_m: float, wavelength: float) -> float:
     """Basic transmission loss in free space, 20·log10(4πd/λ) (ITU-R P.525-4, eq. 3)."""
-    return 20.0 * math.log10(4.0 * math.pi * max(distance_m, NEAREST_M) / wavelength)
+    return 20.0 * math.log10(4.0 * math.pi * max(distance_m, MIN_DISTANCE_M) / wavelength)
 
 
-@kernel
-def open_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
+@compiled
+def open_ground_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
     """Median loss over unobstructed ground: free space up to the distance 4·h1·h2/λ, 40 dB per decade beyond.
 
     ITU-R P.1411-12 4.1.1 (line of sight in the street, UHF): its median L_bp + 6 + 20·log10(d/R_bp), or 40·log10
     beyond R_bp; this is the envelope of a direct and a ground-reflected ray. High up, R_bp is beyond the range.
     """
-    breakpoint_m = 4.0 * max(height_a_m, LEAST_HEIGHT_M) * max(height_b_m, LEAST_HEIGHT_M) / wavelength
+    breakpoint_m = 4.0 * max(height_a_m, MIN_HEIGHT_M) * max(height_b_m, MIN_HEIGHT_M) / wavelength
     loss = free_space_db(distance_m, wavelength)
     if distance_m > breakpoint_m:
         loss += 20.0 * math.log10(distance_m / breakpoint_m)
     return loss
 
 
-@kernel
-def edge_db(nu: float) -> float:
+@compiled
+def knife_edge_db(nu: float) -> float:
     """Loss J(ν) behind a knife edge (ITU-R P.526-15, eq. 31), 0 where ν is below -0.78."""
-    if nu <= NO_EDGE:
+    if nu <= CLEAR_NU:
         return 0.0
     return 6.9 + 20.0 * math.log10(math.sqrt((nu - 0.1) * (nu - 0.1) + 1.0) + nu - 0.1)
 
 
-@kernel
+@compiled
 def bullington_nu(slope_a: float, slope_b: float, distance_m: float, wavelength: float) -> float:
     """ν of the single edge equivalent to many: where the steepest lines from both ends meet (P.526-15 4.5.1).
 
@@ -66,7 +66,7 @@ def bullington_nu(slope_a: float, slope_b: float, distance_m: float, wavelength:
     return math.sqrt(2.0 * distance_m * slope_a * slope_b / wavelength)
 
 
-@kernel
+@compiled
 def dipole_dbi(sine_of_elevation: float) -> float:
     """Gain of a vertical half-wave dipole, 2.15 dBi horizontally (Balanis, "Antenna Theory", 4-84), at least
     `NULL_DB`.
@@ -78,7 +78,7 @@ def dipole_dbi(sine_of_elevation: float) -> float:
     return max(2.15 + 10.0 * math.log10(max(field * field / level, 1e-9)), NULL_DB)
 
 
-@kernel
+@compiled
 def noise_dbm(noise_figure_db: float, width_mhz: float) -> float:
     """Thermal noise of a receiver at 290 K."""
     return THERMAL_DBM_PER_MHZ + noise_figure_db + 10.0 * math.log10(width_mhz)

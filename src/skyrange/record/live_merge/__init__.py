@@ -1,1 +1,1 @@
-"""Live merge."""
+"""Merging of the records of a live range's nodes into one record."""

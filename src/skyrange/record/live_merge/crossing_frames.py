@@ -8,12 +8,12 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.agent.frames import Fate
+from skyrange.contracts.frames.frame import Fate
 from skyrange.core.time import NEVER, NS_PER_S, Time
-from skyrange.record.matching import TOLERANCE_NS, LaneMatching, Sent
-from skyrange.record.order import interleaved
-from skyrange.record.parts import FRAME_COLUMNS, INCOMING, Part
-from skyrange.record.renames import UNRECORDED, LinkDirection
+from skyrange.record.live_merge.frame_ids import UNRECORDED, LinkDirection
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS, FrameMatcher, SentFrame
+from skyrange.record.live_merge.node_record import FRAME_COLUMNS, INCOMING, NodeRecord
+from skyrange.record.read.time_order import merge_sorted
 
 OUTSIDE = "outside"
 """The sender of a frame that was received but that no node of the range sent."""
@@ -41,7 +41,7 @@ ROWS = pa.schema(
 
 
 @dataclass(frozen=True, slots=True)
-class Border:
+class DirectionSpec:
     """One direction of a link, as the header declares it."""
 
     src: str
@@ -51,7 +51,7 @@ class Border:
     """Longest time that the channel may delay a frame."""
 
 
-def borders(header: Mapping[str, Any]) -> dict[LinkDirection, Border]:
+def direction_specs(header: Mapping[str, Any]) -> dict[LinkDirection, DirectionSpec]:
     """Both directions of every link that the header declares, by (link, direction)."""
     found = {}
     for link in header.get("links") or ():
@@ -67,14 +67,14 @@ def borders(header: Mapping[str, Any]) -> dict[LinkDirection, Border]:
         if reliable and channel.get("loss"):
             grace += _RETRANSMITTED_NS
         for direction, src, dst in (("fwd", link["a"], link["b"]), ("rev", link["b"], link["a"])):
-            found[link["name"], direction] = Border(src, dst, reliable, grace)
+            found[link["name"], direction] = DirectionSpec(src, dst, reliable, grace)
     return found
 
 
-class Spans:
+class RecordingSpans:
     """Time spans in which each endpoint was recorded."""
 
-    def __init__(self, parts: Sequence[Part]) -> None:
+    def __init__(self, parts: Sequence[NodeRecord]) -> None:
         """`parts` are in order of time; a complete part lasted until the end of the run."""
         self._spans: dict[str, list[tuple[Time, Time]]] = {}
         end = max((part.last_ns for part in parts), default=-NEVER)
@@ -98,14 +98,16 @@ class Spans:
         return any(start <= at <= until for start, until in self._spans.get(endpoint, ()))
 
 
-class Crossings:
+class CrossingMatcher:
     """Matches frames that crossed between nodes, and gives each part the true ids of the frames it received."""
 
-    def __init__(self, parts: Sequence[Part], lanes: Mapping[LinkDirection, Border], spans: Spans) -> None:
+    def __init__(
+        self, parts: Sequence[NodeRecord], directions: Mapping[LinkDirection, DirectionSpec], spans: RecordingSpans
+    ) -> None:
         self._parts = {part.number: part for part in parts}
-        self._lanes = lanes
+        self._lanes = directions
         self._spans = spans
-        self._matching: dict[LinkDirection, LaneMatching[tuple[Any, ...]]] = {}
+        self._matching: dict[LinkDirection, FrameMatcher[tuple[Any, ...]]] = {}
         self._unknown_counts: dict[tuple[LinkDirection, str], int] = {}
         self._out: list[tuple[Any, ...]] = []
         self.counts = {"matched": 0, "ambiguous": 0, "outside": 0, "unrecorded": 0, "lost": 0, "in_flight": 0}
@@ -116,7 +118,7 @@ class Crossings:
         """All frames that crossed, nearly in order of sending, with the columns of `ROWS`."""
         swept = -NEVER
         streams = [part.frames(crossing=True) for part in self._parts.values()]
-        for table in interleaved(streams, "key_ns", ("how", "part", "order")):
+        for table in merge_sorted(streams, "key_ns", ("how", "part", "order")):
             columns = {name: table.column(name).to_pylist() for name in table.column_names}
             rows = zip(*(columns[name] for name in _ROW), strict=True)
             marks = zip(columns["key_ns"], columns["how"], columns["order"], columns["left_ns"], strict=True)
@@ -129,52 +131,52 @@ class Crossings:
                 else:
                     self._add_sent(row, order, left)
             yield self._take_batch()
-        for lane, matching in self._matching.items():
-            for frame, overtaken in matching.rest():
-                self._add_missing(lane, frame, overtaken)
+        for direction_key, matching in self._matching.items():
+            for frame, overtaken in matching.remaining():
+                self._add_missing(direction_key, frame, overtaken)
             self.counts["ambiguous"] += matching.ambiguous
         yield self._take_batch()
 
     def _add_sent(self, row: tuple[Any, ...], order: int, left: Time) -> None:
-        lane = row[:2]
-        matching = self._matching.get(lane)
+        direction_key = row[:2]
+        matching = self._matching.get(direction_key)
         if matching is None:
-            matching = self._matching[lane] = LaneMatching(self._lanes[lane].reliable)
+            matching = self._matching[direction_key] = FrameMatcher(self._lanes[direction_key].reliable)
         number = (row[_INDEX["part"]] << 48) | order  # parts are numbered in order of time
-        frame = Sent(number, row[_INDEX["sent_ns"]], left, row[_INDEX["payload"]], row)
-        if frame.sent_ns <= self._spans.end(self._lanes[lane].dst) + TOLERANCE_NS:
-            matching.sent(frame)
+        frame = SentFrame(number, row[_INDEX["sent_ns"]], left, row[_INDEX["payload"]], row)
+        if frame.sent_ns <= self._spans.end(self._lanes[direction_key].dst) + TOLERANCE_NS:
+            matching.add_sent(frame)
         else:
-            self._add_missing(lane, frame, False)
+            self._add_missing(direction_key, frame, False)
 
     def _add_received(self, row: tuple[Any, ...]) -> None:
-        lane = row[:2]
+        direction_key = row[:2]
         at = row[_INDEX["sent_ns"]]
-        matching = self._matching.get(lane)
-        found = matching.received(at, row[_INDEX["payload"]]) if matching is not None else None
+        matching = self._matching.get(direction_key)
+        found = matching.match_received(at, row[_INDEX["payload"]]) if matching is not None else None
         if found is None:
-            src = self._lanes[lane].src
+            src = self._lanes[direction_key].src
             known = src not in self._spans or self._spans.recorded(src, at - TOLERANCE_NS)
             sender = OUTSIDE if known else UNRECORDED
-            serial = self._unknown_counts.get((lane, sender), 0)
-            self._unknown_counts[lane, sender] = serial + 1
+            serial = self._unknown_counts.get((direction_key, sender), 0)
+            self._unknown_counts[direction_key, sender] = serial + 1
             self.counts["outside" if known else "unrecorded"] += 1
             self._emit(row, sender=sender, serial=serial)
         else:
             self.counts["matched"] += 1
             sender, serial = found.row[_INDEX["sender"]], found.row[_INDEX["serial"]]
             self._emit(found.row, arrived_ns=row[_INDEX["arrived_ns"]], fate=row[_INDEX["fate"]])
-        self._parts[row[_INDEX["part"]]].renames.put(lane, row[_INDEX["serial"]], sender, serial)
+        self._parts[row[_INDEX["part"]]].id_map.add(direction_key, row[_INDEX["serial"]], sender, serial)
 
     def _sweep(self, now: Time) -> None:
-        for lane, matching in self._matching.items():
+        for direction_key, matching in self._matching.items():
             for frame in matching.expired(now - TOLERANCE_NS):
-                self._add_missing(lane, frame, False)
+                self._add_missing(direction_key, frame, False)
 
-    def _add_missing(self, lane: LinkDirection, frame: Sent[tuple[Any, ...]], overtaken: bool) -> None:
-        border = self._lanes[lane]
-        lost = self._spans.recorded(border.dst, frame.left_ns) and (
-            overtaken or self._spans.recorded(border.dst, frame.left_ns + border.grace_ns)
+    def _add_missing(self, direction_key: LinkDirection, frame: SentFrame[tuple[Any, ...]], overtaken: bool) -> None:
+        spec = self._lanes[direction_key]
+        lost = self._spans.recorded(spec.dst, frame.left_ns) and (
+            overtaken or self._spans.recorded(spec.dst, frame.left_ns + spec.grace_ns)
         )
         fate = Fate.LOST if lost else Fate.IN_FLIGHT
         self.counts[str(fate)] += 1

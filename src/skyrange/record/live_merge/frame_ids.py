@@ -31,7 +31,7 @@ class _SerialRanges:
         self._shifts: list[int] = []
         self._exceptions: dict[int, tuple[str, int]] = {}  # serials not added in ascending order
 
-    def put(self, serial: int, sender: str, true: int) -> None:
+    def add(self, serial: int, sender: str, true: int) -> None:
         shift = true - serial
         if self._ends and serial < self._ends[-1]:
             self._exceptions[serial] = (sender, true)
@@ -52,23 +52,25 @@ class _SerialRanges:
         return self._senders[place], serial + self._shifts[place]
 
 
-class Renames:
+class FrameIdMap:
     """Map from the frame ids in one node's record to the true ids."""
 
-    def __init__(self, incoming: Mapping[LinkDirection, str], shifts: Mapping[tuple[str, str, str], int]) -> None:
+    def __init__(
+        self, incoming: Mapping[LinkDirection, str], serial_offsets: Mapping[tuple[str, str, str], int]
+    ) -> None:
         """`incoming` has the source endpoint of each link direction that leads here from another node.
 
-        `shifts` are added to the serials of (link, direction, sender): a restarted node counts from 0 again.
+        `serial_offsets` are added to the serials of (link, direction, sender): a restarted node counts from 0 again.
         """
         self._incoming = incoming
-        self._shifts = shifts
+        self._shifts = serial_offsets
         self._ranges: dict[LinkDirection, _SerialRanges] = {lane: _SerialRanges() for lane in incoming}
 
-    def put(self, lane: LinkDirection, serial: int, sender: str, true: int) -> None:
+    def add(self, lane: LinkDirection, serial: int, sender: str, true: int) -> None:
         """Note that the frame with the provisional `serial` is frame number `true` of `sender`."""
-        self._ranges[lane].put(serial, sender, true)
+        self._ranges[lane].add(serial, sender, true)
 
-    def of(self, id_: FrameId) -> FrameId:
+    def resolve(self, id_: FrameId) -> FrameId:
         """The true id; its sender is `UNRECORDED` if the frame itself is not in the record."""
         link, direction, sender, serial = id_
         if self._incoming.get((link, direction)) == sender:
@@ -76,6 +78,6 @@ class Renames:
         shift = self._shifts.get((link, direction, sender), 0)
         return FrameId(link, direction, sender, serial + shift) if shift else id_
 
-    def text(self, id_: str) -> FrameId:
+    def resolve_text(self, id_: str) -> FrameId:
         """The true id for an id given as text."""
-        return self.of(FrameId.parse(id_))
+        return self.resolve(FrameId.parse(id_))

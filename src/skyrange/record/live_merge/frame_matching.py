@@ -16,16 +16,16 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 TOLERANCE_NS = 5 * NS_PER_MS
 """Largest difference between the clocks of two nodes after correction by their offsets."""
-WINDOW_NS = 10 * NS_PER_S
+DATAGRAM_WINDOW_NS = 10 * NS_PER_S
 """A datagram that has not arrived within this time counts as lost."""
-PATIENCE_NS = 300 * NS_PER_S
+RELIABLE_WINDOW_NS = 300 * NS_PER_S
 """The candidates for a frame on a reliable link, whose retransmission timeouts double up to a minute each."""
 
 Row = TypeVar("Row")
 
 
 @dataclass(frozen=True, slots=True)
-class Sent(Generic[Row]):
+class SentFrame(Generic[Row]):
     """A frame that left its node. `order` numbers frames as they leave; a delayed frame has `left_ns` > `sent_ns`."""
 
     order: int
@@ -36,11 +36,11 @@ class Sent(Generic[Row]):
     """Data of the caller, returned with the match."""
 
 
-class LaneMatching(Generic[Row]):
+class FrameMatcher(Generic[Row]):
     """The frames of one link direction that left and are not matched yet.
 
     Calls must be in order of time, where a frame received at `at` counts as `at + TOLERANCE_NS`, so that everything
-    sent by then is known. Memory holds unmatched frames that left within `WINDOW_NS` (`PATIENCE_NS`).
+    sent by then is known. Memory holds unmatched frames that left within `DATAGRAM_WINDOW_NS` (`RELIABLE_WINDOW_NS`).
     """
 
     def __init__(self, reliable: bool) -> None:
@@ -48,14 +48,14 @@ class LaneMatching(Generic[Row]):
         self.ambiguous = 0
         """Number of matches for which there was more than one candidate."""
         self._reliable = reliable
-        self._pending: dict[bytes, list[Sent[Row]]] = {}
+        self._pending: dict[bytes, list[SentFrame[Row]]] = {}
         self._latest = -1
 
-    def sent(self, frame: Sent[Row]) -> None:
+    def add_sent(self, frame: SentFrame[Row]) -> None:
         """Add a frame that left."""
         self._pending.setdefault(frame.payload, []).append(frame)
 
-    def received(self, at: Time, payload: bytes) -> Sent[Row] | None:
+    def match_received(self, at: Time, payload: bytes) -> SentFrame[Row] | None:
         """Match bytes received at `at`; returns and removes the frame that was sent, or `None` if none fits."""
         candidates = self._pending.get(payload)
         fitting = [
@@ -72,7 +72,7 @@ class LaneMatching(Generic[Row]):
         self._latest = max(self._latest, found.order)
         return found
 
-    def expired(self, now: Time) -> list[Sent[Row]]:
+    def expired(self, now: Time) -> list[SentFrame[Row]]:
         """Remove and return the frames that can no longer arrive at `now`."""
         gone = [frame for candidates in self._pending.values() for frame in candidates if self._stale(frame, now)]
         for payload in {frame.payload for frame in gone}:
@@ -83,13 +83,13 @@ class LaneMatching(Generic[Row]):
                 del self._pending[payload]
         return gone
 
-    def rest(self) -> list[tuple[Sent[Row], bool]]:
+    def remaining(self) -> list[tuple[SentFrame[Row], bool]]:
         """The frames still pending at the end, each with whether it was overtaken on a reliable link and so is lost."""
         return [(frame, self._overtaken(frame)) for candidates in self._pending.values() for frame in candidates]
 
-    def _overtaken(self, frame: Sent[Row]) -> bool:
+    def _overtaken(self, frame: SentFrame[Row]) -> bool:
         return self._reliable and frame.order < self._latest
 
-    def _stale(self, frame: Sent[Row], now: Time) -> bool:
+    def _stale(self, frame: SentFrame[Row], now: Time) -> bool:
         waits = self._reliable and frame.order > self._latest
-        return now - frame.left_ns > (PATIENCE_NS if waits else WINDOW_NS)
+        return now - frame.left_ns > (RELIABLE_WINDOW_NS if waits else DATAGRAM_WINDOW_NS)

@@ -14,18 +14,18 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.ids import FrameId
-from skyrange.record.crossings import ROWS, Crossings, Spans, borders
-from skyrange.record.order import in_order, interleaved
-from skyrange.record.parts import INCOMING, Part
-from skyrange.record.recorder import Recorder
-from skyrange.record.renames import Renames
+from skyrange.record.live_merge.crossing_frames import ROWS, CrossingMatcher, RecordingSpans, direction_specs
+from skyrange.record.live_merge.frame_ids import FrameIdMap
+from skyrange.record.live_merge.node_record import INCOMING, NodeRecord
+from skyrange.record.read.time_order import merge_sorted, sort_by_time
 from skyrange.record.spool import SPOOL, Spool, read_spool
+from skyrange.record.write.recorder import Recorder
 
 _CROSSED = "crossed"
 """The spool stream for frames that crossed between nodes; it is deleted before the record is closed."""
@@ -61,7 +61,7 @@ def merge(
     recorder = Recorder.open(into, header, truth_hz=truth_hz, sensors_hz=sensors_hz)
     try:
         for name, path in files:
-            recorder.keep(name, path)
+            recorder.keep_file(name, path)
         found = gather(parts, recorder, header)
     except SkyrangeError:
         recorder.close("failed", extra)
@@ -74,70 +74,70 @@ def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any
 
     Returns the manifest entries `nodes` and `crossings` for `Recorder.close`. Otherwise like `merge`.
     """
-    lanes = borders(header)
-    parts = [Part.open(number, folder) for number, folder in enumerate(folders)]
+    directions = direction_specs(header)
+    parts = [NodeRecord.open(number, folder) for number, folder in enumerate(folders)]
     for part in parts:
-        part.survey({lane: (border.src, border.dst) for lane, border in lanes.items()})
+        part.scan({lane: (spec.src, spec.dst) for lane, spec in directions.items()})
     entries = [part.manifest_entry() for part in parts]
     parts = [replace(part, number=number) for number, part in enumerate(sorted(parts, key=_start_and_number))]
     _continue_serials(parts)
-    crossings = Crossings(parts, lanes, Spans(parts))
+    crossings = CrossingMatcher(parts, directions, RecordingSpans(parts))
     for part in parts:
         for name, path in part.files():
             if not (recorder.path / name).exists():
-                recorder.keep(name, path)
+                recorder.keep_file(name, path)
     spool = Spool(recorder.path)
     for batch in crossings.rows():
         if batch.num_rows:
             spool.append(_CROSSED, batch)
     spool.end_segment()
-    renames = [part.renames for part in parts]
-    for frame in _frames(parts, recorder.path, renames):
+    id_maps = [part.id_map for part in parts]
+    for frame in _frames(parts, recorder.path, id_maps):
         recorder.on_frame(frame)
     for table in ("decisions", "events"):
-        for now, source, note in _notes(parts, table, renames):
+        for now, source, note in _notes(parts, table, id_maps):
             recorder.on_note(now, source, note)
-    for label in _labels(parts, renames):
+    for label in _labels(parts, id_maps):
         recorder.on_label(label)
     for now, detector, alert in _alerts(parts):
         recorder.on_alert(now, detector, alert)
     for table in ("truth", "sensors", "receptions"):
         for rows in _interleaved(parts, table):
-            named = _with_true_ids(rows, renames) if table == "receptions" else rows
+            named = _with_true_ids(rows, id_maps) if table == "receptions" else rows
             for batch in named.drop_columns(["part", "row"]).combine_chunks().to_batches():
                 recorder.on_rows(table, batch)
     (recorder.path / SPOOL / f"{_CROSSED}-0000.arrows").unlink(missing_ok=True)
     return {"nodes": entries, "crossings": crossings.counts}
 
 
-def _start_and_number(part: Part) -> tuple[int, int]:
+def _start_and_number(part: NodeRecord) -> tuple[int, int]:
     return part.first_ns, part.number
 
 
-def _continue_serials(parts: Sequence[Part]) -> None:
+def _continue_serials(parts: Sequence[NodeRecord]) -> None:
     """Let the serials of a restarted node continue where those of its earlier part ended."""
-    heights: dict[tuple[str, str, str], int] = {}
+    next_serials: dict[tuple[str, str, str], int] = {}
     for part in parts:
-        part.shifts = {flow: heights[flow] for flow in part.heights if flow in heights}
-        for flow, height in part.heights.items():
-            heights[flow] = heights.get(flow, 0) + height
-        incoming = {lane: source for lane, (how, source) in part.lanes.items() if how == INCOMING}
-        part.renames = Renames(incoming, part.shifts)
+        part.serial_offsets = {flow: next_serials[flow] for flow in part.next_serials if flow in next_serials}
+        for flow, next_serial in part.next_serials.items():
+            next_serials[flow] = next_serials.get(flow, 0) + next_serial
+        incoming = {lane: source for lane, (how, source) in part.directions.items() if how == INCOMING}
+        part.id_map = FrameIdMap(incoming, part.serial_offsets)
 
 
-def _frames(parts: Sequence[Part], folder: Path, renames: Sequence[Renames]) -> Iterator[Frame]:
+def _frames(parts: Sequence[NodeRecord], folder: Path, id_maps: Sequence[FrameIdMap]) -> Iterator[Frame]:
     """All frames in order of sending, with their true ids."""
 
     def crossed() -> Iterator[pa.Table]:
         return (pa.Table.from_batches([batch]) for batch in read_spool(folder, _CROSSED))
 
     streams = [_select_columns(part.frames(crossing=False)) for part in parts]
-    streams.append(in_order(crossed, "sent_ns", _FRAME_TIES))
-    for table in interleaved(streams, "sent_ns", _FRAME_TIES):
+    streams.append(sort_by_time(crossed, "sent_ns", _FRAME_TIES))
+    for table in merge_sorted(streams, "sent_ns", _FRAME_TIES):
         columns = [table.column(name).to_pylist() for name in ROWS.names]
         for row in zip(*columns, strict=True):
             link, direction, sender, serial, src, dst, sent, arrived, fate, parent, causes, payload, part = row
-            names = renames[part]
+            names = id_maps[part]
             frame = Frame(
                 link,
                 direction,
@@ -147,8 +147,8 @@ def _frames(parts: Sequence[Part], folder: Path, renames: Sequence[Renames]) -> 
                 dst,
                 sent,
                 payload,
-                None if parent is None else names.text(parent),
-                tuple(map(names.text, causes)) if causes else (),
+                None if parent is None else names.resolve_text(parent),
+                tuple(map(names.resolve_text, causes)) if causes else (),
             )
             frame.fate = Fate(fate)
             if arrived is not None:
@@ -160,38 +160,38 @@ def _select_columns(tables: Iterator[pa.Table]) -> Iterator[pa.Table]:
     return (table.select(ROWS.names).cast(ROWS) for table in tables)
 
 
-def _interleaved(parts: Sequence[Part], table: str) -> Iterator[pa.Table]:
+def _interleaved(parts: Sequence[NodeRecord], table: str) -> Iterator[pa.Table]:
     """A table's rows in order of time; rows of one time keep the order of their part."""
     streams = [part.read(table) for part in parts]
     if table in ("decisions", "events"):
-        return interleaved(streams, "time_ns", ("source", "part", "row"))
-    return interleaved(streams, "at_ns" if table == "labels" else "time_ns", ("part", "row"))
+        return merge_sorted(streams, "time_ns", ("source", "part", "row"))
+    return merge_sorted(streams, "at_ns" if table == "labels" else "time_ns", ("part", "row"))
 
 
-def _notes(parts: Sequence[Part], table: str, renames: Sequence[Renames]) -> Iterator[tuple[int, str, Note]]:
+def _notes(parts: Sequence[NodeRecord], table: str, id_maps: Sequence[FrameIdMap]) -> Iterator[tuple[int, str, Note]]:
     for rows in _interleaved(parts, table):
         for row in rows.to_pylist():
-            causes = tuple(map(renames[row["part"]].text, row["causes"] or ()))
+            causes = tuple(map(id_maps[row["part"]].resolve_text, row["causes"] or ()))
             yield row["time_ns"], row["source"], Note(row["kind"], row["about"], json.loads(row["data"]), causes)
 
 
-def _labels(parts: Sequence[Part], renames: Sequence[Renames]) -> Iterator[Label]:
+def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Iterator[Label]:
     for rows in _interleaved(parts, "labels"):
         for row in rows.to_pylist():
-            names = renames[row["part"]]
-            child = None if row["child"] is None else names.text(row["child"])
-            acted_on = names.text(row["frame"])
+            names = id_maps[row["part"]]
+            child = None if row["child"] is None else names.resolve_text(row["child"])
+            acted_on = names.resolve_text(row["frame"])
             yield Label(row["at_ns"], row["attack"], row["actor"], row["action"], acted_on, child, row["until_ns"])
 
 
-def _alerts(parts: Sequence[Part]) -> Iterator[tuple[int, str, Alert]]:
+def _alerts(parts: Sequence[NodeRecord]) -> Iterator[tuple[int, str, Alert]]:
     for rows in _interleaved(parts, "alerts"):
         for row in rows.to_pylist():
             alert = Alert(row["at_ns"], row["subject"], row["kind"], row["score"], json.loads(row["data"]))
             yield row["time_ns"], row["detector"], alert
 
 
-def _with_true_ids(rows: pa.Table, renames: Sequence[Renames]) -> pa.Table:
+def _with_true_ids(rows: pa.Table, id_maps: Sequence[FrameIdMap]) -> pa.Table:
     """Receptions with the true senders and serials of the received frames."""
     columns = [rows.column(name).to_pylist() for name in ("part", *_FRAME_TIES)]
     known: dict[tuple[Any, ...], FrameId] = {}
@@ -199,7 +199,7 @@ def _with_true_ids(rows: pa.Table, renames: Sequence[Renames]) -> pa.Table:
     for key in zip(*columns, strict=True):
         id_ = known.get(key)
         if id_ is None:
-            id_ = known[key] = renames[key[0]].of(FrameId(*key[1:]))
+            id_ = known[key] = id_maps[key[0]].resolve(FrameId(*key[1:]))
         true.append(id_)
     for name in ("sender", "serial"):
         place = rows.column_names.index(name)

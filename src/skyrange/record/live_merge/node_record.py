@@ -12,26 +12,26 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate
+from skyrange.contracts.frames.frame import Fate
 from skyrange.core.errors import InputError
 from skyrange.core.files import DRAFT
 from skyrange.core.time import NEVER, Time
 from skyrange.record.folder import PARTS
+from skyrange.record.live_merge.frame_ids import FrameIdMap, LinkDirection
+from skyrange.record.live_merge.frame_matching import TOLERANCE_NS
 from skyrange.record.manifest import MANIFEST
-from skyrange.record.matching import TOLERANCE_NS
-from skyrange.record.order import in_order
-from skyrange.record.renames import LinkDirection, Renames
-from skyrange.record.run import load
+from skyrange.record.read.run import load
+from skyrange.record.read.tables import Tables
+from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import SPOOL
-from skyrange.record.tables import Tables
 
 FRAME_COLUMNS = (
     "link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate", "parent", "causes",
 )  # fmt: skip
 """The columns that are read of a frame, besides its payload."""
 
-KEPT, HANDED, INCOMING = 0, 1, 2
+LOCAL, OUTGOING, INCOMING = 0, 1, 2
 """A frame within its node; a frame sent to another node; a frame received from another node."""
 
 _TIMES = {name: ["time_ns"] for name in TABLES} | {
@@ -46,7 +46,7 @@ Flow = tuple[str, str, str]
 
 
 @dataclass(slots=True)
-class Part:
+class NodeRecord:
     """One node's record; `status` is complete, interrupted, failed, killed or missing."""
 
     number: int
@@ -62,16 +62,16 @@ class Part:
     problems: list[str] = field(default_factory=list)
     first_ns: Time = NEVER
     last_ns: Time = -NEVER
-    lanes: dict[LinkDirection, tuple[int, str]] = field(default_factory=dict)
-    """The link directions between this node and others: `HANDED` or `INCOMING`, and the source endpoint."""
-    heights: dict[Flow, int] = field(default_factory=dict)
+    directions: dict[LinkDirection, tuple[int, str]] = field(default_factory=dict)
+    """The link directions between this node and others: `OUTGOING` or `INCOMING`, and the source endpoint."""
+    next_serials: dict[Flow, int] = field(default_factory=dict)
     """Per flow that the node numbered, one more than the greatest serial."""
-    shifts: dict[Flow, int] = field(default_factory=dict)
+    serial_offsets: dict[Flow, int] = field(default_factory=dict)
     """Per flow, the number to add to serials if an earlier part of the node has the same flow."""
-    renames: Renames = field(default_factory=lambda: Renames({}, {}))
+    id_map: FrameIdMap = field(default_factory=lambda: FrameIdMap({}, {}))
 
     @classmethod
-    def open(cls, number: int, folder: Path) -> Part:
+    def open(cls, number: int, folder: Path) -> NodeRecord:
         """The part in `folder`; if it cannot be read, its status is `missing` and it has no rows."""
         try:
             record = load(folder)
@@ -93,11 +93,11 @@ class Part:
             record.tables,
         )
 
-    def survey(self, sources: Mapping[LinkDirection, tuple[str, str]]) -> None:
+    def scan(self, sources: Mapping[LinkDirection, tuple[str, str]]) -> None:
         """Scan the part for row counts, first and last times, border and serials; `sources` has each lane's ends."""
         for lane, (src, dst) in sources.items():
             if (src in self.endpoints) != (dst in self.endpoints):
-                self.lanes[lane] = (HANDED if src in self.endpoints else INCOMING, src)
+                self.directions[lane] = (OUTGOING if src in self.endpoints else INCOMING, src)
         for name in TABLES:
             if name in ("payloads", "telemetry") or self.tables is None:
                 continue
@@ -118,8 +118,8 @@ class Part:
                     self.last_ns = max(self.last_ns, found["max"] + self.offset_ns)
         if "serial" in batch.column_names:
             for flow, serials in _flows(batch):
-                if self.lanes.get(flow[:2]) != (INCOMING, flow[2]):
-                    self.heights[flow] = max(self.heights.get(flow, 0), int(serials.max()) + 1)
+                if self.directions.get(flow[:2]) != (INCOMING, flow[2]):
+                    self.next_serials[flow] = max(self.next_serials.get(flow, 0), int(serials.max()) + 1)
         return int(batch.num_rows)
 
     def _raw(self, name: str, columns: Sequence[str] | None) -> Iterator[pa.Table]:
@@ -140,7 +140,7 @@ class Part:
         """A table other than frames in order of time, with the columns `part` and `row` (its number in the part)."""
         key = _TIMES[name][0]
         if self.rows.get(name):
-            yield from in_order(lambda: self._numbered(name), key, ("row",))
+            yield from sort_by_time(lambda: self._numbered(name), key, ("row",))
 
     def frames(self, crossing: bool) -> Iterator[pa.Table]:
         """The frames that crossed the node's border, or those that did not.
@@ -148,11 +148,11 @@ class Part:
         Serials continue those of earlier parts. Columns are `FRAME_COLUMNS`, `payload`, `part`, `row`. Frames that
         stayed within the node are in order of sending. Frames that crossed are in the order in which they are matched:
         by `key_ns`, which for a received frame is late enough that everything sent by then is known, then by `how`
-        (`HANDED` or `INCOMING`) and `order` (of leaving or of arrival). `left_ns` is approximately when a frame left.
+        (`OUTGOING` or `INCOMING`) and `order` (of leaving or of arrival). `left_ns` is approximately when a frame left.
         """
         if self.rows.get("frames"):
             key = ("key_ns", ("how", "order")) if crossing else ("sent_ns", ("link", "direction", "sender", "serial"))
-            yield from in_order(lambda: self._classify_frames(crossing), *key)
+            yield from sort_by_time(lambda: self._classify_frames(crossing), *key)
 
     def _classify_frames(self, crossing: bool) -> Iterator[pa.Table]:
         left = -NEVER
@@ -161,13 +161,13 @@ class Part:
             serial = table.column("serial").to_numpy().copy()
             handed = np.asarray(pc.equal(table.column("fate"), str(Fate.IN_FLIGHT)))
             for (link, direction, sender), rows in _flows(table, which="rows"):
-                lane, source = self.lanes.get((link, direction), (KEPT, ""))
-                if lane == HANDED:
-                    how[rows[handed[rows]]] = HANDED
+                lane, source = self.directions.get((link, direction), (LOCAL, ""))
+                if lane == OUTGOING:
+                    how[rows[handed[rows]]] = OUTGOING
                 elif lane == INCOMING and sender == source:
                     how[rows] = INCOMING
                     continue
-                serial[rows] += self.shifts.get((link, direction, sender), 0)
+                serial[rows] += self.serial_offsets.get((link, direction, sender), 0)
             table = table.set_column(table.column_names.index("serial"), "serial", pa.array(serial))
             # rows are written as frames leave, so a frame left no earlier than any frame written before it was sent
             lefts = np.maximum.accumulate(np.append(left, table.column("sent_ns").to_numpy()))
@@ -180,7 +180,7 @@ class Part:
                     .append_column("order", pa.array(np.where(incoming, serial, table.column("row").to_numpy())))
                     .append_column("key_ns", pc.add(table.column("sent_ns"), pa.array(incoming * TOLERANCE_NS)))
                 )
-            yield table.filter(pa.array((how != KEPT) == crossing))
+            yield table.filter(pa.array((how != LOCAL) == crossing))
 
     def _numbered(self, name: str) -> Iterator[pa.Table]:
         rows = 0
@@ -197,7 +197,7 @@ class Part:
     def files(self) -> Iterator[tuple[str, Path]]:
         """The files besides the tables, with their names in the folder."""
         if self.tables is not None:
-            yield from attached(self.folder)
+            yield from attached_files(self.folder)
 
     def manifest_entry(self) -> dict[str, Any]:
         """The part's entry in the manifest of the merged run."""
@@ -205,7 +205,7 @@ class Part:
         return entry | ({"problems": self.problems} if self.problems else {})
 
 
-def attached(folder: Path) -> Iterator[tuple[str, Path]]:
+def attached_files(folder: Path) -> Iterator[tuple[str, Path]]:
     """The files of a run or a part that are not the record's own, with their names in the folder."""
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)

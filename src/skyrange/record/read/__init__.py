@@ -1,1 +1,1 @@
-"""Read."""
+"""Reading of a record, from its spool or from its Parquet files."""

@@ -16,10 +16,10 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
 from skyrange.record.manifest import RUNNING, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.read.tables import Tables
+from skyrange.record.read.telemetry import derive_telemetry
 from skyrange.record.schema import TABLES
 from skyrange.record.spool import SPOOL
-from skyrange.record.tables import Tables
-from skyrange.record.telemetry import telemetry
 
 
 class RecordedFrame(NamedTuple):
@@ -73,7 +73,7 @@ class RunRecord:
         """
         _check(name)
         if name == "telemetry" and self.tables.spooled:
-            table = telemetry(self.tables)
+            table = derive_telemetry(self.tables)
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
 

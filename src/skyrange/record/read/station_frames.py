@@ -14,15 +14,24 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate
-from skyrange.agent.payloads import Ints, Payloads
-from skyrange.codec.columns import Cell, Group, cells_of, dtype_of, group, id_of_kind, kind_of, sort
-from skyrange.codec.mavlink import body_of, decode
-from skyrange.codec.wire import LAYOUTS
+from skyrange.codec.mavlink import decode, encode_payload
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import (
+    MessageColumn,
+    MessageGroup,
+    classify_frames,
+    kind_of_message,
+    message_columns,
+    message_id_of_kind,
+    payload_dtype,
+    unpack_group,
+)
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import endpoint, operator_of
-from skyrange.record.order import in_order
-from skyrange.record.tables import Tables
+from skyrange.record.read.tables import Tables
+from skyrange.record.read.time_order import sort_by_time
 
 _COLUMNS = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "fate")
 _KIND = "gcs:"
@@ -32,7 +41,7 @@ BLOCK_ROWS = 16_384
 
 
 @dataclass(slots=True)
-class Seen:
+class StationFrames:
     """Frames at ground stations, one row each, in order of time."""
 
     time_ns: Ints
@@ -42,7 +51,8 @@ class Seen:
     received: NDArray[np.bool_]
     payloads: Payloads
     kinds: Ints
-    """The message kind of each row (`codec.columns.sort`), -1 for bytes that are not a message."""
+    """The message kind of each row (`codec.mavlink.message_columns.classify_frames`), -1 for bytes that are not a
+    message."""
     singles: dict[int, tuple[int, int, int, bytes]] = field(default_factory=dict)
     """Rows that only `decode` can read (MAVLink 1): sequence, system, component, complete payload."""
 
@@ -55,18 +65,18 @@ class Seen:
         number = np.array([names.index(operator_of(owner)) for owner in self.owners], dtype=np.int64)
         return names, number[self.owner]
 
-    def groups(self, chosen: NDArray[np.bool_]) -> Iterator[Group]:
+    def groups(self, chosen: NDArray[np.bool_]) -> Iterator[MessageGroup]:
         """The messages of the `chosen` rows, grouped by message id."""
         for kind in np.unique(self.kinds[chosen]).tolist():
             if kind < 0:
                 continue
             rows = np.flatnonzero((self.kinds == kind) & chosen)
             singles = [place for place, row in enumerate(rows.tolist()) if row in self.singles] if self.singles else []
-            found = group(self.payloads, kind, rows)
+            found = unpack_group(self.payloads, kind, rows)
             for place in singles:
                 sequence, system, component, body = self.singles[int(rows[place])]
                 found.sequences[place], found.systems[place], found.components[place] = sequence, system, component
-                found.values[place] = np.frombuffer(body, dtype=dtype_of(found.message_id))[0]
+                found.values[place] = np.frombuffer(body, dtype=payload_dtype(found.message_id))[0]
             yield found
 
 
@@ -96,27 +106,27 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
         yield rows.filter(pc.or_(received, sent))
 
 
-def _decode_frames(rows: pa.Table) -> Seen:
+def _decode_frames(rows: pa.Table) -> StationFrames:
     vehicles = rows.column("vehicle").combine_chunks().dictionary_encode()
     if isinstance(vehicles, pa.ChunkedArray):
         vehicles = vehicles.combine_chunks()
     payloads = payload_column(rows.column("payload"))
-    found = Seen(
+    found = StationFrames(
         rows.column("time_ns").to_numpy(),
         vehicles.dictionary.to_pylist(),
         vehicles.indices.to_numpy(zero_copy_only=False).astype(np.int64),
         rows.column("received").to_numpy(),
         payloads,
-        sort(payloads),
+        classify_frames(payloads),
     )
     for row in np.flatnonzero(found.kinds < 0).tolist():
         try:
             message = decode(payloads[row])
         except DecodeError:
             continue
-        found.kinds[row] = kind_of(message.get_msgId())
+        found.kinds[row] = kind_of_message(message.get_msgId())
         head = (message.get_seq(), message.get_srcSystem(), message.get_srcComponent())
-        found.singles[row] = (*head, body_of(message))
+        found.singles[row] = (*head, encode_payload(message))
     return found
 
 
@@ -132,7 +142,7 @@ def payload_column(column: pa.ChunkedArray) -> Payloads:
 
 
 @dataclass(slots=True)
-class Survey:
+class MessageSurvey:
     """The messages that each operator's ground station received: operator → message ids."""
 
     operators: dict[str, set[int]] = field(default_factory=dict)
@@ -145,7 +155,7 @@ class Survey:
         ids = self.operators.get(operator, set()) if operator is not None else set().union(*self.operators.values())
         union: dict[str, str] = {}
         for message_id in sorted(ids, key=name_of):
-            for cell in cells_of(message_id):
+            for cell in message_columns(message_id):
                 union[cell.name] = max(union.get(cell.name, "int"), cell.kind, key=_RANK.__getitem__)
         return union
 
@@ -154,7 +164,7 @@ class Survey:
         return {
             (name_of(message_id), cell.name): LAYOUTS[message_id].cls.fieldunits_by_name.get(cell.field, "")
             for message_id in set().union(*self.operators.values())
-            for cell in cells_of(message_id)
+            for cell in message_columns(message_id)
         }
 
 
@@ -166,22 +176,22 @@ def name_of(message_id: int) -> str:
     return str(LAYOUTS[message_id].cls.msgname)
 
 
-def survey(tables: Tables) -> Survey:
+def survey_messages(tables: Tables) -> MessageSurvey:
     """Determine the messages that occur, in one pass over all frames."""
-    found = Survey()
+    found = MessageSurvey()
     for batch in _station_frames(tables):
         block = _decode_frames(batch.filter(batch.column("received")))
         names, number = block.operators()
         for operator, name in enumerate(names):
             kinds = np.unique(block.kinds[(number == operator) & (block.kinds >= 0)])
             if len(kinds):
-                found.operators.setdefault(name, set()).update(id_of_kind(kind) for kind in kinds.tolist())
+                found.operators.setdefault(name, set()).update(message_id_of_kind(kind) for kind in kinds.tolist())
     return found
 
 
-def seen(tables: Tables) -> Iterator[Seen]:
+def read_station_frames(tables: Tables) -> Iterator[StationFrames]:
     """Blocks of frames received and sent by ground stations, in order of time, then of link, direction and frame."""
-    for ordered in in_order(lambda: _station_frames(tables), "time_ns", ("link", "direction", "sender", "serial")):
+    for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ("link", "direction", "sender", "serial")):
         for start in range(0, ordered.num_rows, BLOCK_ROWS):
             yield _decode_frames(ordered.slice(start, BLOCK_ROWS))
 
@@ -191,14 +201,14 @@ def text_of(raw: bytes) -> str:
     return raw.split(b"\0", 1)[0].decode("ascii", "replace")
 
 
-def numbers(found: Group, cell: Cell) -> NDArray[np.float64]:
+def numeric_column(found: MessageGroup, cell: MessageColumn) -> NDArray[np.float64]:
     """One numeric column of a group of messages."""
     column = found.values[cell.field]
     picked: NDArray[np.float64] = (column if cell.element is None else column[:, cell.element]).astype(np.float64)
     return picked
 
 
-def texts(found: Group, cell: Cell) -> list[str]:
+def text_column(found: MessageGroup, cell: MessageColumn) -> list[str]:
     """One column of a group of messages as text."""
     column = found.values[cell.field] if cell.element is None else found.values[cell.field][:, cell.element]
     return [text_of(value) if isinstance(value, bytes) else str(value) for value in column.tolist()]

@@ -21,7 +21,7 @@ BATCH_ROWS = 65_536
 """Number of rows read at once from a Parquet file."""
 
 
-def readable(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
+def decode_spooled(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
     """A spooled batch in the form for readers: names as plain strings, parents' ids joined, metadata of the schema."""
     spooled = batch.schema.names
     arrays = [
@@ -45,7 +45,7 @@ _JOINED = {"parent": _join_parent_ids}
 class Tables:
     """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
 
-    `telemetry` is not recorded but derived from frames (`skyrange.record.stations`) and stored as Parquet.
+    `telemetry` is not recorded but derived from frames (`skyrange.record.read.station_frames`) and stored as Parquet.
     """
 
     folder: Path
@@ -69,14 +69,14 @@ class Tables:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
         if self.spooled:
             for batch in read_spool(self.folder, name):
-                yield readable(batch, schema)
+                yield decode_spooled(batch, schema)
             return
         path = self._parquet(name)
         if not path.exists():
             return
         with self._name_damaged_file(path), pq.ParquetFile(path) as file:
             for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
-                yield readable(batch, schema)
+                yield decode_spooled(batch, schema)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """The whole table, in memory."""
@@ -157,7 +157,7 @@ class _PayloadWindow:
         return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
 
-def concat(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
+def combine_batches(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
     """Batches combined into tables of at least `rows` rows; the last may have fewer."""
     held: list[pa.RecordBatch] = []
     count = 0
@@ -171,7 +171,7 @@ def concat(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
         yield pa.Table.from_batches(held)
 
 
-def encodings(schema: pa.Schema) -> dict[str, object]:
+def parquet_options(schema: pa.Schema) -> dict[str, object]:
     """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position."""
     names = [field.name for field in schema if _column(schema, field.name).type == NAME]
     layout: dict[str, str] = {}

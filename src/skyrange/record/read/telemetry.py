@@ -8,16 +8,24 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.codec.columns import cells_of
+from skyrange.codec.mavlink.message_columns import message_columns
+from skyrange.record.read.station_frames import (
+    MessageSurvey,
+    StationFrames,
+    name_of,
+    numeric_column,
+    read_station_frames,
+    survey_messages,
+    text_column,
+)
+from skyrange.record.read.tables import Tables
 from skyrange.record.schema import BAD_DATA, arrow_schema, telemetry_columns
-from skyrange.record.stations import Seen, Survey, name_of, numbers, seen, survey, texts
-from skyrange.record.tables import Tables
 
 
-class Received:
+class ReceivedMessages:
     """The received rows of a block as columns: message names, and by field the values and a mask of absent ones."""
 
-    def __init__(self, block: Seen, kinds: dict[str, str]) -> None:
+    def __init__(self, block: StationFrames, kinds: dict[str, str]) -> None:
         """`kinds` gives the type of each column: "int", "float" or "text"."""
         self.rows = np.flatnonzero(block.received)
         count = len(self.rows)
@@ -34,13 +42,13 @@ class Received:
             self.messages.append(name_of(group.message_id))
             self.system[places] = group.systems
             self.component[places] = group.components
-            for cell in cells_of(group.message_id):
+            for cell in message_columns(group.message_id):
                 text = kinds[cell.name] == "text"
                 if cell.name not in self.values:
                     empty: Any = np.full(count, None, dtype=object) if text else np.zeros(count)
                     self.values[cell.name] = (empty, np.ones(count, dtype=np.bool_))
                 values, absent = self.values[cell.name]
-                values[places] = texts(group, cell) if text else numbers(group, cell)
+                values[places] = text_column(group, cell) if text else numeric_column(group, cell)
                 absent[places] = False
 
     def vehicles(self) -> pa.Array:
@@ -55,7 +63,7 @@ class Received:
 class TelemetryBuilder:
     """Builds rows of `telemetry` with the columns that a survey of the messages found."""
 
-    def __init__(self, found: Survey) -> None:
+    def __init__(self, found: MessageSurvey) -> None:
         """The schema contains the fields of all operators."""
         self.kinds = found.cells()
         fields = [(name, kind == "text") for name, kind in self.kinds.items()]
@@ -64,7 +72,7 @@ class TelemetryBuilder:
         fixed = len(columns) - len(fields)
         self._fields = [(name, columns[fixed + place].name) for place, (name, _) in enumerate(fields)]
 
-    def batch(self, block: Received) -> pa.RecordBatch:
+    def batch(self, block: ReceivedMessages) -> pa.RecordBatch:
         """The rows of one block."""
         names, number = block.block.operators()
         arrays: dict[str, pa.Array] = {
@@ -87,8 +95,8 @@ class TelemetryBuilder:
         return pa.RecordBatch.from_arrays([arrays[name] for name in self.schema.names], schema=self.schema)
 
 
-def telemetry(tables: Tables) -> pa.Table:
+def derive_telemetry(tables: Tables) -> pa.Table:
     """The whole `telemetry` table, derived now, for a run that did not end."""
-    builder = TelemetryBuilder(survey(tables))
-    batches = (builder.batch(Received(block, builder.kinds)) for block in seen(tables))
+    builder = TelemetryBuilder(survey_messages(tables))
+    batches = (builder.batch(ReceivedMessages(block, builder.kinds)) for block in read_station_frames(tables))
     return pa.Table.from_batches(batches, schema=builder.schema)

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NEVER
 
-REACH_ROWS = 131_072
+STRAGGLER_ROWS = 131_072
 """A row is a straggler if a row with a later key was recorded at least this many rows before it."""
 
 
-def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
+def sort_by_time(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
     """The rows of all tables in ascending order of `key` (int64, not null), then of the columns `ties`.
 
-    `tables` starts one pass over the rows and is called twice. Memory: at most about `REACH_ROWS` rows, one batch,
+    `tables` starts one pass over the rows and is called twice. Memory: at most about `STRAGGLER_ROWS` rows, one batch,
     and the stragglers.
     """
     sorting = [(name, "ascending") for name in (key, *ties)]
@@ -43,7 +43,7 @@ def in_order(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[
         highest = max(highest, int(keys.max()) if len(keys) else -NEVER)
         recent.append((len(keys), highest))
         recent_rows += len(keys)
-        while recent_rows - recent[0][0] >= REACH_ROWS:
+        while recent_rows - recent[0][0] >= STRAGGLER_ROWS:
             rows, mark = recent.popleft()
             recent_rows -= rows
     later = np.array([*floors[1:], NEVER], dtype=np.int64)
@@ -74,7 +74,7 @@ def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
     return keys
 
 
-def interleaved(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
+def merge_sorted(streams: Sequence[Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
     """Merge several streams, each sorted by `key` and `ties`, into one stream sorted likewise.
 
     Memory: about two tables of each stream. All streams must have the same columns.

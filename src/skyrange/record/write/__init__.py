@@ -1,1 +1,1 @@
-"""Write."""
+"""Writing of a record: observers, encoding of rows, and conversion to the final files."""

@@ -16,12 +16,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.time import Epoch
+from skyrange.record.read.station_frames import read_station_frames, survey_messages
+from skyrange.record.read.tables import Tables, combine_batches, parquet_options
+from skyrange.record.read.telemetry import ReceivedMessages, TelemetryBuilder
 from skyrange.record.schema import OPTIONAL, TABLES
-from skyrange.record.spool import cannot_write
-from skyrange.record.stationfiles import StationFiles
-from skyrange.record.stations import seen, survey
-from skyrange.record.tables import Tables, concat, encodings
-from skyrange.record.telemetry import Received, TelemetryBuilder
+from skyrange.record.spool import write_error
+from skyrange.record.write.operator_files import OperatorFiles
 
 FINAL = ".final"
 """The folder that holds finished files until all are finished."""
@@ -52,7 +52,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
             if path.is_file():
                 path.replace(folder / path.relative_to(final))
     except (OSError, pa.ArrowException) as error:
-        raise cannot_write(final, error) from error
+        raise write_error(final, error) from error
     finally:
         shutil.rmtree(final, ignore_errors=True)
     return counts
@@ -71,8 +71,8 @@ def epoch_of(manifest: Mapping[str, Any]) -> Epoch:
 
 def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], group: int = GROUP_ROWS) -> int:
     rows = 0
-    with pq.ParquetWriter(path, schema, **encodings(schema)) as writer:
-        for table in concat(batches, group):
+    with pq.ParquetWriter(path, schema, **parquet_options(schema)) as writer:
+        for table in combine_batches(batches, group):
             writer.write_table(table, row_group_size=group)
             rows += table.num_rows
     return rows
@@ -80,11 +80,11 @@ def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], gro
 
 def _write_station_data(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
     """Write telemetry, CSV files and tlogs in one pass over the frames at the ground stations."""
-    found = survey(tables)
+    found = survey_messages(tables)
     builder = TelemetryBuilder(found)
     operators = [str(row["id"]) for row in manifest.get("operators") or []]
     networks = {str(row["id"]): int(row.get("network", 0)) for row in manifest.get("vehicles") or []}
-    with StationFiles(final / "operators", operators, found, epoch_of(manifest), networks) as files:
+    with OperatorFiles(final / "operators", operators, found, epoch_of(manifest), networks) as files:
         return _write(
             final / "telemetry.parquet",
             builder.schema,
@@ -93,9 +93,9 @@ def _write_station_data(final: Path, tables: Tables, manifest: Mapping[str, Any]
         )
 
 
-def _telemetry_batches(tables: Tables, builder: TelemetryBuilder, files: StationFiles) -> Iterator[pa.RecordBatch]:
-    for block in seen(tables):
-        files.heard(block)
-        rows = Received(block, builder.kinds)
-        files.received(rows)
+def _telemetry_batches(tables: Tables, builder: TelemetryBuilder, files: OperatorFiles) -> Iterator[pa.RecordBatch]:
+    for block in read_station_frames(tables):
+        files.write_tlogs(block)
+        rows = ReceivedMessages(block, builder.kinds)
+        files.write_csv(rows)
         yield builder.batch(rows)

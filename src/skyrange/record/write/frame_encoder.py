@@ -15,12 +15,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.agent.blocks import FrameBlock, Lanes
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.payloads import Ints, Payloads
+from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, hash64
 from skyrange.record.digests import Words
-from skyrange.record.payloads import PayloadNumbers
+from skyrange.record.write.payloads import PayloadDeduplicator
 
 _FATES = {fate: number for number, fate in enumerate(Fate)}
 _FLOW = attrgetter("link", "direction", "sender", "src", "dst")
@@ -93,7 +93,7 @@ class FrameEncoder:
 
     def __init__(self, window_bytes: int) -> None:
         """`window_bytes` of distinct payloads are de-duplicated together and kept in memory."""
-        self._payloads = PayloadNumbers(window_bytes)
+        self._payloads = PayloadDeduplicator(window_bytes)
         self._flows = _Numbers()  # (link, direction, sender, src, dst)
         self._origins = _Numbers()  # (link, direction, sender) of parents
         self._names = _Numbers()  # (name,)
@@ -102,7 +102,7 @@ class FrameEncoder:
         self._origin_hashes = np.zeros(0, dtype=np.uint64)
         self._id_prefixes = pa.array([], pa.string())  # of each origin, the text of an id before its serial
         self._dictionary = pa.array([], pa.string())
-        self._lanes: Lanes | None = None
+        self._lanes: LinkTable | None = None
         self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # flow and origin of each lane; -1 if unused
 
     def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
@@ -162,12 +162,12 @@ class FrameEncoder:
         words[:, 9] = 0
         for row, ids in causes.items():
             words[row, 9] = hash64("\n".join(ids))
-        return EncodedFrames(batch, self._payloads.fresh(), words, int(table.sent.max()))
+        return EncodedFrames(batch, self._payloads.take_new(), words, int(table.sent.max()))
 
     def _frame_columns(self, frames: Sequence[Frame]) -> _Columns:
         rows = len(frames)
         payloads = Payloads.of([f.payload for f in frames])
-        payload_id, hashes = self._payloads.number(payloads)
+        payload_id, hashes = self._payloads.assign_ids(payloads)
         parents = [f.parent for f in frames]
         origins = self._origins
         return _Columns(
@@ -188,12 +188,12 @@ class FrameEncoder:
         """`numbered` caches what the hops of one block share: window, ids and hashes by column of payloads."""
         carried = [self._number_block(block, numbered) for block in blocks]
         rows = np.array([len(block) for block in blocks])
-        lanes = blocks[0].lanes
-        above = np.concatenate([_or_none(block.parent_lane, len(block)) for block in blocks])
+        lanes = blocks[0].link_table
+        above = np.concatenate([_or_none(block.parent_link_numbers, len(block)) for block in blocks])
         origin, children = np.full(len(above), -1, dtype=np.int64), above >= 0
         origin[children] = self._look_up(lanes, above[children], 1)
         return _Columns(
-            flow=self._look_up(lanes, np.concatenate([block.lane for block in blocks]), 0),
+            flow=self._look_up(lanes, np.concatenate([block.link_numbers for block in blocks]), 0),
             serial=np.concatenate([block.serial for block in blocks]),
             sent=np.repeat([block.sent_ns for block in blocks], rows),
             arrived=np.repeat([block.arrived_ns for block in blocks], rows),
@@ -212,7 +212,7 @@ class FrameEncoder:
         known = numbered.get(id(payloads))
         if known is None or known[0] != self._payloads.start:
             window = self._payloads.start
-            known = (window, *self._payloads.number(payloads))
+            known = (window, *self._payloads.assign_ids(payloads))
             if self._payloads.start == window:  # otherwise the next hop's rows must be numbered in the new window
                 numbered[id(payloads)] = known
         _, ids, words = known
@@ -220,7 +220,7 @@ class FrameEncoder:
             return ids, words, payloads.sizes
         return ids[block.rows], words[block.rows], payloads.sizes[block.rows]
 
-    def _look_up(self, lanes: Lanes, lane: Ints, which: int) -> Ints:
+    def _look_up(self, lanes: LinkTable, lane: Ints, which: int) -> Ints:
         """The number of each row's flow (`which` 0) or origin (1); lanes that are new get one."""
         if lanes is not self._lanes:
             self._lanes = lanes
@@ -261,9 +261,9 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(np.cumsum(offsets, dtype=np.int32)), pa.array(flat, pa.string()))
 
 
-def _lanes_of(seen: Frame | FrameBlock) -> Lanes | None:
+def _lanes_of(seen: Frame | FrameBlock) -> LinkTable | None:
     """The key by which consecutive blocks are encoded together; `None` for a single frame."""
-    return None if isinstance(seen, Frame) else seen.lanes
+    return None if isinstance(seen, Frame) else seen.link_table
 
 
 def _or_none(column: Ints | None, rows: int) -> Ints:

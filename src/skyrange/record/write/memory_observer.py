@@ -8,20 +8,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import World
-from skyrange.agent.frames import Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests
-from skyrange.record.frames import FrameEncoder
 from skyrange.record.notes import OUTCOME, outcome
-from skyrange.record.ticks import TruthTick, truth_words
+from skyrange.record.write.frame_encoder import FrameEncoder
+from skyrange.record.write.ticks import TruthTick, truth_words
 
 
-class Noted(NamedTuple):
+class TimedNote(NamedTuple):
     """A note with its time and source."""
 
     time_ns: Time
@@ -38,7 +38,8 @@ class Raised(NamedTuple):
 
 
 class MemoryObserver:
-    """An `agent.contracts.Observer` that keeps frames, notes, labels, alerts and truth in the order of observation.
+    """An `contracts.components.Observer` that keeps frames, notes, labels, alerts and truth in the order of
+    observation.
 
     Its digests equal those of a `Recorder` with the same truth period. Copies are independent; they share the frames,
     which do not change after they were observed.
@@ -48,7 +49,7 @@ class MemoryObserver:
         """Keep truth every `truth_period_ns` of simulated time."""
         self.truth_period_ns = truth_period_ns
         self.frames: list[Frame] = []
-        self.notes: list[Noted] = []
+        self.notes: list[TimedNote] = []
         self.labels: list[Label] = []
         self.alerts: list[Raised] = []
         self.truth: list[TruthTick] = []
@@ -64,7 +65,7 @@ class MemoryObserver:
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """A decision or an event was noted."""
-        self.notes.append(Noted(now, source, note))
+        self.notes.append(TimedNote(now, source, note))
 
     def on_label(self, label: Label) -> None:
         """A hostile act was labelled."""

@@ -21,18 +21,18 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import csv
 
-from skyrange.agent.payloads import Bytes, Ints
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.payloads import Bytes, Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import ID_PATTERN, operator_of
 from skyrange.core.time import Epoch
-from skyrange.record.stations import Seen, Survey
-from skyrange.record.telemetry import Received
+from skyrange.record.read.station_frames import MessageSurvey, StationFrames
+from skyrange.record.read.telemetry import ReceivedMessages
 
 _FIXED = ("time_s", "utc", "vehicle", "system_id", "component_id", "message")
 _STAMP_BYTES = 8
 
 
-@kernel
+@compiled
 def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: Ints, out: Bytes) -> None:
     """Write each payload to `out`, preceded by its time, most significant byte first."""
     at = 0
@@ -45,11 +45,11 @@ def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: In
         at += sizes[row]
 
 
-class StationFiles:
+class OperatorFiles:
     """The CSV file and tlogs of every operator, open for writing; a context manager."""
 
     def __init__(
-        self, folder: Path, operators: Sequence[str], found: Survey, epoch: Epoch, networks: Mapping[str, int]
+        self, folder: Path, operators: Sequence[str], found: MessageSurvey, epoch: Epoch, networks: Mapping[str, int]
     ) -> None:
         """The files are created in `folder`; `networks` is the MAVLink network number of each vehicle.
 
@@ -84,7 +84,7 @@ class StationFiles:
             name = f"{operator}.net{network}.tlog" if network else f"{operator}.tlog"
             self._tlog[operator, network] = self._open_files.enter_context((self._folder / name).open("wb"))
 
-    def received(self, block: Received) -> None:
+    def write_csv(self, block: ReceivedMessages) -> None:
         """Write the received messages to the CSV files."""
         names, number = block.block.operators()
         number = number[block.rows]
@@ -93,7 +93,7 @@ class StationFiles:
             if operator in self._csv and len(chosen):
                 self._write_csv(operator, block, chosen)
 
-    def _write_csv(self, operator: str, block: Received, chosen: Ints) -> None:
+    def _write_csv(self, operator: str, block: ReceivedMessages, chosen: Ints) -> None:
         time_ns = block.block.time_ns[block.rows[chosen]]
         bad = block.message[chosen] == 0
         taken = pa.array(chosen)
@@ -129,7 +129,7 @@ class StationFiles:
         millis = (time_ns // 1_000 + self._epoch.utc_us(0)) // 1_000
         return [f"{text}Z" for text in np.datetime_as_string(millis.astype("datetime64[ms]")).tolist()]
 
-    def heard(self, block: Seen) -> None:
+    def write_tlogs(self, block: StationFrames) -> None:
         """Write the frames sent and received to the tlogs, without bytes that are not a frame."""
         owner = [(operator_of(vehicle), self._networks.get(vehicle, 0)) for vehicle in block.owners]
         for key in set(owner) & set(self._tlog):
@@ -140,7 +140,7 @@ class StationFiles:
             _interleave(stamps, frames.data, frames.starts, frames.sizes, out)
             self._tlog[key].write(out.tobytes())
 
-    def __enter__(self) -> StationFiles:
+    def __enter__(self) -> OperatorFiles:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:

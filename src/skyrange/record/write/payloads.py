@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Bytes, Ints, Payloads
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.payloads import Bytes, Ints, Payloads
+from skyrange.core.compiled import compiled
 from skyrange.record.digests import Words, hash_bytes
 from skyrange.record.schema import PAYLOAD_WINDOW
 
@@ -23,7 +23,7 @@ _WINDOW: Final = PAYLOAD_WINDOW
 PAYLOAD_SPOOL = pa.schema([("payload_id", pa.int64()), ("payload", pa.binary())])
 
 
-@kernel
+@compiled
 def _assign_ids(
     data: Bytes, starts: Ints, sizes: Ints, begin: int, window_bytes: int,
     slots: NDArray[np.int32], hashes: Words, store: Bytes, ends: Ints, state: Ints, ids: Ints, words: Words,
@@ -75,7 +75,7 @@ def _assign_ids(
     return int(starts.shape[0])
 
 
-class PayloadNumbers:
+class PayloadDeduplicator:
     """Numbers the payloads of the current window and collects new ones until they are fetched.
 
     A window ends after `PAYLOAD_WINDOW` payloads or `window_bytes`. Both count payloads alone, so ids do not depend
@@ -95,7 +95,7 @@ class PayloadNumbers:
         self._fetched = 0
         self._pending: list[tuple[int, Bytes, Ints]] = []  # not fetched yet: first id, bytes, end offsets
 
-    def number(self, payloads: Payloads) -> tuple[Ints, Words]:
+    def assign_ids(self, payloads: Payloads) -> tuple[Ints, Words]:
         """Ids (n,) and hashes (n, 2) of payloads; payloads that are new in this window get the next ids."""
         rows = len(payloads)
         ids = np.empty(rows, dtype=np.int64)
@@ -135,7 +135,7 @@ class PayloadNumbers:
             self._pending.append((self.start + self._fetched, self._store[first : first + int(ends[-1])].copy(), ends))
             self._fetched = count
 
-    def fresh(self) -> pa.RecordBatch:
+    def take_new(self) -> pa.RecordBatch:
         """Rows of the payloads that are new since the last call."""
         self._collect_new()
         left, self._pending = self._pending, []

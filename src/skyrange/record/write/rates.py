@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import gcd
 
-from skyrange.core.errors import Fault, InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 
 
@@ -12,7 +12,7 @@ def check_rates(truth_hz: float, sensors_hz: float) -> None:
     """Raise `InputError` for a rate outside 0 to 1000 Hz."""
     rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
     expected = "a rate in Hz from 0 (not recorded) to 1000"
-    faults = [Fault(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    faults = [Problem(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
     if faults:
         raise InputError("recorder", faults)
 

@@ -8,15 +8,15 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.agent.air import Outcome, Receptions
-from skyrange.codec.rid_link import Transport
+from skyrange.codec.remote_id.link_payload import Transport
+from skyrange.contracts.medium import ReceptionOutcome, Receptions
 
-_OUTCOMES: Final = pa.array([outcome.name.lower() for outcome in Outcome], pa.string())
+_OUTCOMES: Final = pa.array([outcome.name.lower() for outcome in ReceptionOutcome], pa.string())
 _TRANSPORTS: Final = pa.array(["other", *(transport.name.lower() for transport in Transport)], pa.string())
 """Names by number; `Transport` counts from 1."""
 
 
-class Air(Protocol):
+class ReceptionSource(Protocol):
     """Source of receptions: the owner of a radio medium."""
 
     def drain_receptions(self) -> Receptions | None:

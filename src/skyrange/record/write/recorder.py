@@ -18,20 +18,17 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import World
-from skyrange.agent.frames import Frame
-from skyrange.agent.messages import Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, Time, to_seconds
-from skyrange.record.air import Air, reception_batch
 from skyrange.record.digests import Digests
-from skyrange.record.finalise import epoch_of, finalise
-from skyrange.record.folder import make_folder, put_file, unmake_folder, unwritable
-from skyrange.record.frames import FrameEncoder
-from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, here, write_manifest
+from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
+from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, write_manifest
 from skyrange.record.notes import (
     OUTCOME,
     AlertRow,
@@ -46,15 +43,18 @@ from skyrange.record.notes import (
     table_of,
     vehicle_ids,
 )
-from skyrange.record.rates import check_rates, common_period_ns, period_ns
 from skyrange.record.schema import FORMAT
-from skyrange.record.spool import SPOOL, Spool, cannot_write
-from skyrange.record.ticks import (
+from skyrange.record.spool import SPOOL, Spool, write_error
+from skyrange.record.write.finalisation import epoch_of, finalise
+from skyrange.record.write.frame_encoder import FrameEncoder
+from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
+from skyrange.record.write.receptions import ReceptionSource, reception_batch
+from skyrange.record.write.ticks import (
     SensorTick,
     TruthTick,
     sensor_batch,
     sensor_values,
-    ticks_of,
+    split_ticks,
     truth_batch,
     truth_words,
 )
@@ -79,7 +79,7 @@ class _State:
 
 
 class Recorder:
-    """An `agent.contracts.Observer` that writes the run's folder.
+    """An `contracts.components.Observer` that writes the run's folder.
 
     Frames are kept by reference until the next flush, because they do not change after they were observed. After a
     failed write (`ComponentError`) further observations are dropped, and `close` leaves the record in its spool,
@@ -117,7 +117,7 @@ class Recorder:
         self._truth: list[TruthTick] = []
         self._sensors: list[SensorTick] = []
         self._tick_bytes = 0
-        self._air: Air | None = None
+        self._reception_source: ReceptionSource | None = None
 
     @classmethod
     def open(
@@ -145,16 +145,16 @@ class Recorder:
         except ValueError as error:
             raise InputError.one("header", "start_utc", repr(header["start_utc"]), "ISO 8601") from error
         rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz}
-        manifest = {"format": FORMAT, "status": RUNNING, **here(), **header, "record": rates}
+        manifest = {"format": FORMAT, "status": RUNNING, **describe_platform(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}
         made = make_folder(folder)
         try:
             write_manifest(folder, manifest)
         except OSError as error:
-            unmake_folder(folder, made)
-            raise unwritable(folder, error) from error
+            remove_folder(folder, made)
+            raise unwritable_error(folder, error) from error
         except (TypeError, ValueError) as error:
-            unmake_folder(folder, made)
+            remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
         state = _State(
             FrameEncoder(spool_bytes),
@@ -165,11 +165,11 @@ class Recorder:
         )
         return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
 
-    def listen(self, air: Air | None) -> None:
-        """Record the receptions of `air`, fetched at each flush from now on."""
-        self._air = air
+    def record_receptions(self, source: ReceptionSource | None) -> None:
+        """Record the receptions of `source`, fetched at each flush from now on."""
+        self._reception_source = source
 
-    def attach(self, name: str, data: bytes) -> None:
+    def attach_file(self, name: str, data: bytes) -> None:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
 
         `name` is a relative path of plain names. Raises `InputError` for a path that leaves the folder or that the
@@ -181,17 +181,17 @@ class Recorder:
             put_file(self.path, name, data)
         except InputError:
             self._write_failed = self._closed = True
-            unmake_folder(self.path, self._made)
+            remove_folder(self.path, self._made)
             raise
 
-    def keep(self, name: str, path: Path) -> None:
+    def keep_file(self, name: str, path: Path) -> None:
         """Copy a program's output file into the folder under `name`; `ComponentError` if writing fails."""
         target = self.path / name
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, target)
         except OSError as error:
-            raise cannot_write(target, error) from error
+            raise write_error(target, error) from error
 
     # ---------------------------------------------------------------- observations
 
@@ -262,7 +262,7 @@ class Recorder:
         if self._write_failed or not batch.num_rows:
             return
         if table == "truth":
-            state.digests.add_truth(truth_words(ticks_of(batch)))
+            state.digests.add_truth(truth_words(split_ticks(batch)))
         state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
         self._append(table, batch)
 
@@ -295,7 +295,7 @@ class Recorder:
             self._append("truth", truth_batch(self._truth))
         if self._sensors:
             self._append("sensors", sensor_batch(self._sensors))
-        receptions = self._air.drain_receptions() if self._air is not None else None
+        receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
         if receptions is not None:
             self._append("receptions", reception_batch(receptions))
         for table, rows in self._notes.items():
@@ -348,8 +348,8 @@ class Recorder:
         try:
             shutil.copytree(self.path, folder, dirs_exist_ok=True)
         except (OSError, shutil.Error) as error:
-            unmake_folder(folder, made)
-            raise unwritable(folder, error) from error
+            remove_folder(folder, made)
+            raise unwritable_error(folder, error) from error
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         spool = Spool(folder, self._spool.segment)
         return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
@@ -386,7 +386,7 @@ class Recorder:
             self._manifest |= self._final_entries(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:
-            raise cannot_write(self.path / MANIFEST, error) from error
+            raise write_error(self.path / MANIFEST, error) from error
         except ComponentError:
             self._note_spooled(extra or {})
             raise

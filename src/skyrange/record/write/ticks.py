@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Sensors
+from skyrange.contracts.components import Sensors
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Words
@@ -66,7 +66,7 @@ def truth_batch(ticks: Sequence[TruthTick]) -> pa.RecordBatch:
     return pa.RecordBatch.from_arrays(arrays, names=["time_ns", "vehicle", "source", *names])
 
 
-def ticks_of(batch: pa.RecordBatch) -> list[TruthTick]:
+def split_ticks(batch: pa.RecordBatch) -> list[TruthTick]:
     """Rows of truth split into ticks by their time; `batch` must have at least one row."""
     times = batch.column("time_ns").to_numpy()
     bounds = [0, *(np.flatnonzero(np.diff(times)) + 1).tolist(), len(times)]

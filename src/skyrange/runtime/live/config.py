@@ -7,10 +7,10 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from skyrange.io.mavlink_sockets import Address
-from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.passes import Credentials
-from skyrange.runtime.live.viewing import Watched
+from skyrange.io.mavlink.transports import Address
+from skyrange.runtime.live.node.viewers import Watched
+from skyrange.runtime.live.transport.addresses import Crossing
+from skyrange.runtime.live.transport.credentials import Credentials
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ from fnmatch import fnmatchcase
 from ipaddress import ip_address
 from typing import Final, Literal
 
-from skyrange.agent.links import LinkSpec
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.contracts.links import LinkSpec
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import APPROVAL, owner_of
-from skyrange.vehicle.onboard import ORACLE
+from skyrange.vehicle.onboard_network import ORACLE
 
 WORLD: Final = "world"
 """The node with world, oracle, autopilots and attackers' radios."""
@@ -34,7 +34,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Deployment:
     """All processes of a range, the world's first, the components outside the range, and the machine of each."""
 
     nodes: tuple[Node, ...]
@@ -82,7 +82,7 @@ def assign_components(
     group: Group | None = None,
     outside: Sequence[str] = (),
     hosts: Mapping[str, str] | None = None,
-) -> Plan:
+) -> Deployment:
     """Assign the ends of all links to processes, each of which is on one of `hosts` (see `scenario.hosts`).
 
     `outside` are components (`blue.gcs`, `blue/b1.companion`) for which no process is started: their sockets are left
@@ -92,10 +92,12 @@ def assign_components(
     parts = {end: component_of(end) for end in ends}
     components = sorted({WORLD, *parts.values()})
     movable = [part for part in components if part != WORLD]
-    faults = [Fault("external", name, "a component", nearest(name, movable)) for name in outside if name not in movable]
+    faults = [
+        Problem("external", name, "a component", nearest(name, movable)) for name in outside if name not in movable
+    ]
     where, wrong = _placed(components, hosts or {})
     if group == "one" and len(set(where.values())) > 1:
-        faults.append(Fault("group", "one", "as many processes as hosts at least", "Choose --group host."))
+        faults.append(Problem("group", "one", "as many processes as hosts at least", "Choose --group host."))
     if faults or wrong:
         raise InputError("live", [*faults, *wrong])
     kind = group or usual_group(len(components))
@@ -105,7 +107,7 @@ def assign_components(
         if part not in outside:
             dealt.setdefault((_node_of(part, kind, where), where[part]), set()).add(end)
     nodes = tuple(Node(name, frozenset(own), host) for (name, host), own in dealt.items())
-    return Plan(nodes, frozenset(outside), where)
+    return Deployment(nodes, frozenset(outside), where)
 
 
 def component_of(endpoint: str) -> str:
@@ -116,13 +118,13 @@ def component_of(endpoint: str) -> str:
     return endpoint if role in ("gcs", "companion", "proxy", "approval") else WORLD
 
 
-def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[str, str], list[Fault]]:
+def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[str, str], list[Problem]]:
     """The address of each component, and what is wrong with `hosts`."""
     faults = []
     base = LOOPBACK
     for pattern, address in hosts.items():
         if not any(fnmatchcase(part, pattern) for part in components):
-            faults.append(Fault("hosts", pattern, "a component of the scenario", nearest(pattern, components)))
+            faults.append(Problem("hosts", pattern, "a component of the scenario", nearest(pattern, components)))
         if fnmatchcase(WORLD, pattern):
             base = address
     where = {}
@@ -131,7 +133,7 @@ def _placed(components: Sequence[str], hosts: Mapping[str, str]) -> tuple[dict[s
         where[part] = fitting[-1] if fitting else base
     if ip_address(base).is_loopback and not all(ip_address(one).is_loopback for one in where.values()):
         hint = 'Say at which address the others reach this machine: hosts.world = "ADDRESS".'
-        faults.append(Fault("hosts.world", base, "an address that other machines reach", hint))
+        faults.append(Problem("hosts.world", base, "an address that other machines reach", hint))
     return where, faults
 
 

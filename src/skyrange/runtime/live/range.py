@@ -7,20 +7,20 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from skyrange.assembly.build import BuiltScenario, build
 from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
-from skyrange.io.curve_keys import Keys
+from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
-from skyrange.runtime.live.addresses import Crossing, crossings
-from skyrange.runtime.live.control import Message
-from skyrange.runtime.live.namespaces import Namespaces, namespaces
-from skyrange.runtime.live.plan import Group, Plan, assign_components, component_of
+from skyrange.runtime.live.deployment import Deployment, Group, assign_components, component_of
+from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
+from skyrange.runtime.live.supervisor.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.system import Process, RealSystem, System
-from skyrange.runtime.live.viewing import Watched, assign_viewer_ports
+from skyrange.runtime.live.transport.addresses import Crossing, crossings
+from skyrange.runtime.live.transport.control import Message
 from skyrange.runtime.run import open_record
-from skyrange.scenario.schema import OnDeath, Scenario
-from skyrange.scenario.wire import Rig, wire
+from skyrange.scenario.model.scenario import OnDeath, Scenario
 
 State = Literal["starting", "here", "bound", "ready", "flying", "done", "dead"]
 MAX_STARTS = 4
@@ -57,11 +57,11 @@ class SupervisedNode:
 
 
 @dataclass(slots=True)
-class Range:
+class LiveRange:
     """A live range: what was asked for, and the state of everything."""
 
-    rig: Rig
-    plan: Plan
+    built: BuiltScenario
+    deployment: Deployment
     crossings: list[Crossing]
     recorder: Recorder
     """Of the whole range; it is told everything at the end."""
@@ -97,7 +97,7 @@ class Range:
     @property
     def joining(self) -> tuple[str, ...]:
         """The addresses of the machines that have to join."""
-        return tuple(one for one in self.plan.others if self.spaces is None or one not in self.spaces.names)
+        return tuple(one for one in self.deployment.others if self.spaces is None or one not in self.spaces.names)
 
     @property
     def now_s(self) -> float:
@@ -105,12 +105,12 @@ class Range:
         return (self.system.clock.monotonic_ns() - self.zero_ns) / NS_PER_S if self.zero_ns else -1.0
 
 
-OnLook = Callable[[Range], None]
+OnUpdate = Callable[[LiveRange], None]
 CONTROL_PORT = 14500
 """Where other machines join, + the port offset."""
 
 
-def prepare(
+def prepare_range(
     scenario: Scenario,
     out: Path | None = None,
     *,
@@ -123,7 +123,7 @@ def prepare(
     motion: bool = False,
     viewer_port: int | None = None,
     system: System | None = None,
-) -> Range:
+) -> LiveRange:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
     `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
@@ -131,8 +131,8 @@ def prepare(
     Raises `InputError` with all that is wrong, before anything is written.
     """
     machine = system or RealSystem()
-    rig = wire(scenario, motion=motion)
-    links = rig.wiring.links
+    built = build(scenario, motion=motion)
+    links = built.wiring.links
     if netns and scenario.hosts:
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")
     components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
@@ -145,8 +145,8 @@ def prepare(
     here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
     machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0
-    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in rig.scenario.fleet]
+    fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in built.scenario.fleet]
     seen = assign_viewer_ports(fleet, viewer_port) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
-    record = open_record(rig, out)
-    return Range(rig, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)
+    record = open_record(built, out)
+    return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)

@@ -11,17 +11,17 @@ from collections.abc import Coroutine, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from skyrange.io.curve_keys import Keys
-from skyrange.io.mavlink_sockets import Address, OnPiece
-from skyrange.runtime.live.addresses import Crossing, check_free
+from skyrange.io.mavlink.transports import Address, OnPiece
+from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.clock import Clock, MonotonicClock
-from skyrange.runtime.live.control import ControlClient, ControlServer, ZmqControlClient, ZmqControlServer
-from skyrange.runtime.live.ends import Transport, connect, listen
-from skyrange.runtime.live.launch import start_node
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import Credentials
-from skyrange.runtime.warm import warm_up
-from skyrange.scenario.schema import Scenario
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.supervisor.launch import start_node
+from skyrange.runtime.live.transport.addresses import Crossing, check_free
+from skyrange.runtime.live.transport.control import ControlClient, ControlServer, ZmqControlClient, ZmqControlServer
+from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.runtime.live.transport.links import Transport, connect, listen
+from skyrange.runtime.warm_up import warm_up
+from skyrange.scenario.model.scenario import Scenario
 
 T = TypeVar("T")
 

@@ -7,13 +7,13 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
-from skyrange.agent.plugins import ATTACKS
-from skyrange.agent.settings import Enu, Params
-from skyrange.attack.contract import AttackKind
+from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.triggers import Near
-from skyrange.core.errors import Fault, nearest
-from skyrange.scenario.base import Id, Model, Number, items, wrong
-from skyrange.scenario.plugins import known, normalized
+from skyrange.contracts.params import Enu, Params
+from skyrange.contracts.plugins import ATTACKS
+from skyrange.core.errors import Problem, nearest
+from skyrange.scenario.model.base import Id, Model, Number, items, wrong
+from skyrange.scenario.validation.plugin_params import known, normalized
 
 
 def _place_or_name(value: Any) -> Any:
@@ -77,7 +77,7 @@ class AttackTable(Model):
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         """The parameters that its kind makes of them, with every default; untouched where the kind is unknown."""
-        return normalized(AttackKind.find(info.data["kind"]), params) if "kind" in info.data else params
+        return normalized(AttackPlugin.find(info.data["kind"]), params) if "kind" in info.data else params
 
     @field_validator("stop_s")
     @classmethod
@@ -93,12 +93,12 @@ class AttackTable(Model):
         return self.plugin.params.model_validate(self.params)
 
     @property
-    def plugin(self) -> AttackKind:
+    def plugin(self) -> AttackPlugin:
         """The plugin of its kind."""
-        return AttackKind.find(self.kind)
+        return AttackPlugin.find(self.kind)
 
 
-def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Fault]:
+def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Problem]:
     """Aircraft in triggers and anchors that the scenario does not have."""
     for index, attack in enumerate(attacks):
         named = [("anchor", attack.anchor)] if attack.anchor is not None else []
@@ -106,4 +106,4 @@ def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str
             named += zip(("when.vehicle", "when.of"), attack.when.vehicles, strict=False)
         for key, name in named:
             if name not in vehicles:
-                yield Fault(f"attacks.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))
+                yield Problem(f"attacks.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))

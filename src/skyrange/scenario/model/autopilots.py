@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from skyrange.agent.plugins import AUTOPILOTS, kinds
-from skyrange.agent.settings import Params
-from skyrange.core.errors import Fault, nearest
-from skyrange.scenario.base import Model, Number, refuse
-from skyrange.scenario.faults import input_error
-from skyrange.scenario.plugins import checked, params_of
-from skyrange.vehicle.spec import AutopilotPlugin
+from skyrange.contracts.params import Params
+from skyrange.contracts.plugins import AUTOPILOTS, kinds
+from skyrange.core.errors import Problem, nearest
+from skyrange.scenario.model.base import Model, Number, refuse
+from skyrange.scenario.validation.error_messages import input_error
+from skyrange.scenario.validation.plugin_params import checked, params_of
+from skyrange.vehicle.contract import AutopilotPlugin
 
 
 class Autopilots(Model):
@@ -38,7 +38,7 @@ class Autopilots(Model):
     def _of_their_kinds(self) -> Autopilots:
         for kind in self.options:
             if kind not in kinds(AUTOPILOTS):
-                raise refuse(Fault(f"options.{kind}", kind, "an autopilot", nearest(kind, kinds(AUTOPILOTS))))
+                raise refuse(Problem(f"options.{kind}", kind, "an autopilot", nearest(kind, kinds(AUTOPILOTS))))
             checked(AutopilotPlugin.find(kind), self.options[kind], f"options.{kind}")
         return self
 

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
-from skyrange.agent.settings import Number, Whole, items, refuse
-from skyrange.core.errors import Fault
+from skyrange.contracts.params import Number, Whole, items, refuse
+from skyrange.core.errors import Problem
 from skyrange.core.ids import ID_PATTERN
-from skyrange.scenario.faults import input_error
+from skyrange.scenario.validation.error_messages import input_error
 
 __all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "refuse", "wrong"]
 
@@ -32,7 +32,7 @@ class Model(BaseModel):
             raise input_error(type(self).__name__, error, type(self), data, self.cross_check) from None
 
     @classmethod
-    def cross_check(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Problem]:
         """Faults between the parts of `data`, a table this model is to be built from; none unless it says so."""
         return []
 
@@ -55,4 +55,4 @@ Id = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
 
 def wrong(value: object, expected: str, hint: str = "", where: str = "") -> PydanticCustomError:
     """`refuse` for a single fault."""
-    return refuse(Fault(where, value if isinstance(value, str) else repr(value), expected, hint))
+    return refuse(Problem(where, value if isinstance(value, str) else repr(value), expected, hint))

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from skyrange.agent.detectors import DetectorPlugin
-from skyrange.agent.plugins import DETECTORS
-from skyrange.agent.settings import Params
-from skyrange.scenario.base import Id, Model
-from skyrange.scenario.plugins import known, normalized
+from skyrange.contracts.detectors import DetectorPlugin
+from skyrange.contracts.params import Params
+from skyrange.contracts.plugins import DETECTORS
+from skyrange.scenario.model.base import Id, Model
+from skyrange.scenario.validation.plugin_params import known, normalized
 
 
 class DetectorTable(Model):

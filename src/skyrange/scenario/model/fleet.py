@@ -7,12 +7,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from skyrange.agent.plugins import AUTOPILOTS
-from skyrange.core.errors import Fault, nearest
-from skyrange.scenario.air import AnyAvoidance, RemoteId
-from skyrange.scenario.base import Id, Model, Number, Whole, items, refuse, wrong
-from skyrange.scenario.plan import Plan
-from skyrange.scenario.plugins import known
+from skyrange.contracts.plugins import AUTOPILOTS
+from skyrange.core.errors import Problem, nearest
+from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.plan import Plan
+from skyrange.scenario.model.radio import AnyAvoidance, RemoteId
+from skyrange.scenario.validation.plugin_params import known
 from skyrange.world.airframes import AIRFRAMES
 
 MAX_SYSTEM_ID = 250
@@ -175,10 +175,10 @@ class Fleet(Model):
         faults = []
         last_s = self.depart_s + self.every_s * (self.count - 1)
         if last_s > LATEST_S:
-            faults.append(Fault("every_s", f"the last departs at {last_s:g} s", f"at most {LATEST_S} s"))
+            faults.append(Problem("every_s", f"the last departs at {last_s:g} s", f"at most {LATEST_S} s"))
         far_m = max(max(abs(start.east_m), abs(start.north_m)) for start in self.starts())
         if far_m > REACH_M:
-            faults.append(Fault("spacing_m", f"the farthest starts {far_m:g} m away", f"at most {REACH_M} m"))
+            faults.append(Problem("spacing_m", f"the farthest starts {far_m:g} m away", f"at most {REACH_M} m"))
         if faults:
             raise refuse(*faults)
         return self

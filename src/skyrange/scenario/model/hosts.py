@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from skyrange.scenario.base import wrong
+from skyrange.scenario.model.base import wrong
 
 
 def _address(text: str) -> str:

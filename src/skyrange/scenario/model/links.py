@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from skyrange.agent.links import Channel
+from skyrange.contracts.links import Channel
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
-from skyrange.scenario.base import Model, Number, Whole
-from skyrange.scenario.operators import Operator
+from skyrange.scenario.model.base import Model, Number, Whole
+from skyrange.scenario.model.operators import Operator
 
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
 """Kinds of link that every aircraft has one of."""

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
-from skyrange.agent.plugins import APPROVALS
+from skyrange.contracts.plugins import APPROVALS
 from skyrange.core.errors import nearest
-from skyrange.scenario.base import Id, Model, wrong
-from skyrange.scenario.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
-from skyrange.scenario.plugins import known
+from skyrange.scenario.model.base import Id, Model, wrong
+from skyrange.scenario.model.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
+from skyrange.scenario.validation.plugin_params import known
 
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
@@ -31,7 +31,9 @@ def _is_hex(text: str) -> bool:
 
 
 def _known_streams(name: str) -> str:
-    from skyrange.gcs.streams import PROFILES  # what it needs is slow to import, and the default needs no check
+    from skyrange.gcs.telemetry.streams import (
+        PROFILES,  # what it needs is slow to import, and the default needs no check
+    )
 
     if name not in PROFILES:
         raise wrong(name, " or ".join(map(repr, PROFILES)), nearest(name, PROFILES))

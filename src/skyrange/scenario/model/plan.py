@@ -11,8 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from skyrange.core.errors import Fault
-from skyrange.scenario.base import FileName, Model, Number, items, refuse, wrong
+from skyrange.core.errors import Problem
+from skyrange.scenario.model.base import FileName, Model, Number, items, refuse, wrong
 
 Point = Annotated[tuple[Number, ...], Field(min_length=2, max_length=3)]
 
@@ -44,10 +44,12 @@ class Path(Model):
         faults = []
         for index, point in enumerate(self.points):
             if len(point) == 3 and not 0 < point[2] <= 10_000:
-                faults.append(Fault(f"points.{index}", repr(list(point)), "an up_m more than 0 and at most 10000 m"))
+                faults.append(Problem(f"points.{index}", repr(list(point)), "an up_m more than 0 and at most 10000 m"))
             elif len(point) == 2 and self.alt_m is None:
                 faults.append(
-                    Fault(f"points.{index}", repr(list(point)), "[east_m, north_m, up_m]", "Or give the path an alt_m.")
+                    Problem(
+                        f"points.{index}", repr(list(point)), "[east_m, north_m, up_m]", "Or give the path an alt_m."
+                    )
                 )
         if faults:
             raise refuse(*faults)
@@ -105,14 +107,14 @@ class Plan(Model):
             return self
         faults = []
         if self.mode != "auto":
-            faults.append(Fault("mode", self.mode, "auto: a mission file is flown by the autopilot"))
+            faults.append(Problem("mode", self.mode, "auto: a mission file is flown by the autopilot"))
         if self.end is not None:
-            faults.append(Fault("end", self.end, "no end: the mission file says how it ends"))
+            faults.append(Problem("end", self.end, "no end: the mission file says how it ends"))
         if self.speed_mps is not None:
             hint = "Or set the autopilot's parameter WPNAV_SPEED, in cm/s."
-            faults.append(Fault("speed_mps", repr(self.speed_mps), "no speed: the mission file sets its own", hint))
+            faults.append(Problem("speed_mps", repr(self.speed_mps), "no speed: the mission file sets its own", hint))
         if not self.file.lower().endswith(FILE_SUFFIXES):
-            faults.append(Fault("file", self.file, f"a name that ends in {', '.join(FILE_SUFFIXES)}"))
+            faults.append(Problem("file", self.file, f"a name that ends in {', '.join(FILE_SUFFIXES)}"))
         if faults:
             raise refuse(*faults)
         if self.anchor is None:

@@ -6,17 +6,17 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator
 
-from skyrange.agent.plugins import AVOIDANCE, MEDIA
-from skyrange.agent.settings import Enu, Params
+from skyrange.contracts.params import Enu, Params
+from skyrange.contracts.plugins import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
-from skyrange.remoteid.profiles import TRANSPORTS
-from skyrange.scenario.base import Id, Model, Number, wrong
-from skyrange.scenario.plugins import checked, known, normalized
+from skyrange.remoteid.broadcast_profiles import TRANSPORTS
+from skyrange.scenario.model.base import Id, Model, Number, wrong
+from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
-"""Kinds of receivers, rows of `radio.receivers.PROFILES`."""
+"""Kinds of receivers, rows of `radio.builtin.listening.PROFILES`."""
 
 
 class Receiver(Model):

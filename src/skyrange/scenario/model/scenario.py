@@ -9,24 +9,24 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_validator, model_validator
 
-from skyrange.agent.links import Channel
-from skyrange.agent.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA, kinds
-from skyrange.agent.settings import Params
-from skyrange.core.errors import Fault, nearest
+from skyrange.contracts.links import Channel
+from skyrange.contracts.params import Params
+from skyrange.contracts.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA, kinds
+from skyrange.core.errors import Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
-from skyrange.scenario.air import Avoidance, Radio, Receiver, RemoteId
-from skyrange.scenario.attacks import AttackTable, When
-from skyrange.scenario.autopilots import Autopilots
-from skyrange.scenario.base import FileName, Model, Number, Whole, items, refuse, wrong
-from skyrange.scenario.detectors import DetectorTable
-from skyrange.scenario.fleet import Fleet, Start, Vehicle
-from skyrange.scenario.hosts import Hosts
-from skyrange.scenario.links import Link, resolve_channel
-from skyrange.scenario.operators import Operator, name_operators
-from skyrange.scenario.plan import Path, Plan, Square, mission_file, path, square
-from skyrange.scenario.plugins import checked, describe, describe_by_kind, normalized, params_of
-from skyrange.scenario.whole import cross_check
+from skyrange.scenario.model.attacks import AttackTable, When
+from skyrange.scenario.model.autopilots import Autopilots
+from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
+from skyrange.scenario.model.hosts import Hosts
+from skyrange.scenario.model.links import Link, resolve_channel
+from skyrange.scenario.model.operators import Operator, name_operators
+from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
+from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId
+from skyrange.scenario.validation.cross_checks import cross_check
+from skyrange.scenario.validation.plugin_params import checked, describe, describe_by_kind, normalized, params_of
 from skyrange.utm.contract import ApprovalPlugin
 from skyrange.world.wind import Wind as Air
 
@@ -254,7 +254,7 @@ class Scenario(Model):
         offered = kinds(APPROVALS)
         unknown = [kind for kind in approvals if kind not in offered]
         if unknown:
-            raise refuse(*(Fault(kind, kind, "an approval service", nearest(kind, offered)) for kind in unknown))
+            raise refuse(*(Problem(kind, kind, "an approval service", nearest(kind, offered)) for kind in unknown))
         return {kind: normalized(ApprovalPlugin.find(kind), given, kind) for kind, given in approvals.items()}
 
     @model_validator(mode="after")
@@ -268,7 +268,7 @@ class Scenario(Model):
         return self
 
     @classmethod
-    def cross_check(cls, data: Any) -> list[Fault]:
+    def cross_check(cls, data: Any) -> list[Problem]:
         """What `whole` finds in a table that is no scenario yet."""
         return cross_check(data)
 
@@ -291,7 +291,7 @@ class Scenario(Model):
         return params_of(ApprovalPlugin.find(kind), self.approvals.get(kind, {}), f"approvals.{kind}")
 
     def data(self) -> dict[str, Any]:
-        """The scenario as plain data that `load.build` turns into its equal: no None, tuples as lists."""
+        """The scenario as plain data that `toml_reader.load_data` turns into its equal: no None, tuples as lists."""
         return {key: _listed(value) for key, value in self.model_dump(exclude_none=True).items()}
 
 

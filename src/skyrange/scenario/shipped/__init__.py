@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from skyrange.core.errors import InputError, nearest
-from skyrange.scenario.load import load_file
-from skyrange.scenario.schema import Scenario
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_file
 
-FOLDER = Path(__file__).parent / "shipped"
+FOLDER = Path(__file__).parent
 
 SHIPPED: dict[str, str] = {
     "squares": "Five aircraft of two operators fly small squares: the published demonstration.",
@@ -46,6 +46,6 @@ def load(
     seed: int | None = None,
     buildings: str | Path | None = None,
 ) -> Scenario:
-    """The scenario of this name or in this file, with `load.load_file`'s changes. Raises InputError."""
+    """The scenario of this name or in this file, with `toml_reader.load_file`'s changes. Raises InputError."""
     who = str(name_or_file)
     return load_file(source_of(who), overrides, seed=seed, buildings=buildings, who=who)

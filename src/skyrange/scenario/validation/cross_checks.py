@@ -9,26 +9,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import Any
 
-from skyrange.core.errors import Fault, nearest
+from skyrange.core.errors import Problem, nearest
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.attacks import check_attack_vehicles
-from skyrange.scenario.fleet import MAX_SYSTEM_ID
-from skyrange.scenario.links import link_names
-from skyrange.scenario.operators import Operator
+from skyrange.scenario.model.attacks import check_attack_vehicles
+from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
+from skyrange.scenario.model.links import link_names
+from skyrange.scenario.model.operators import Operator
 
 _NONE: tuple[Any, ...] = (None, (), [])
 
 
-def cross_check(scenario: Any) -> list[Fault]:
+def cross_check(scenario: Any) -> list[Problem]:
     """All faults between the parts of a Scenario, or of the table it is to be built from.
 
     Of a table, only what can be told before its values are known to be sound.
     """
-    faults: list[Fault] = []
+    faults: list[Problem] = []
     operators = _list(scenario, "operators")
     if operators is not None:
         if not operators:
-            faults.append(Fault("operators", "none", "at least one operator", "A scenario needs a fleet."))
+            faults.append(Problem("operators", "none", "at least one operator", "A scenario needs a fleet."))
         faults += _twice("operators", operators, "id", "an id that no other operator has")
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
@@ -41,18 +41,18 @@ def cross_check(scenario: Any) -> list[Fault]:
     return faults
 
 
-def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
+def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:
     here = f"{where}.vehicles"
     if isinstance(operator, (Mapping, Operator)) and all(
         _get(operator, key) in _NONE for key in ("vehicles", "fleets")
     ):
-        yield Fault(here, "none", "at least one vehicle or fleet", "An operator needs aircraft.")
+        yield Problem(here, "none", "at least one vehicle or fleet", "An operator needs aircraft.")
     vehicles = _list(operator, "vehicles") or ()
     yield from _twice(here, vehicles, "id", "an id that no other vehicle of this operator has")
     yield from _addressed_twice(here, vehicles)
     for index, vehicle in enumerate(vehicles):
         if _get(vehicle, "placing") == "clear" and _get(_get(vehicle, "plan"), "anchor") == "file":
-            yield Fault(
+            yield Problem(
                 f"{here}.{index}.placing",
                 "clear",
                 "exact, because the mission file is anchored where it was drawn",
@@ -60,7 +60,7 @@ def _fleet_faults(where: str, operator: Any) -> Iterator[Fault]:
             )
 
 
-def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
+def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
     """Networks with two aircraft of one system id, and networks with more aircraft than there are system ids."""
     seen: dict[tuple[int, int], int] = {}
     full: set[int] = set()
@@ -73,12 +73,12 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
             if network not in full and not isinstance(vehicle, Mapping):  # of a table, its own check says it
                 expected = f"at most {MAX_SYSTEM_ID} aircraft, because MAVLink's system id is 8 bits"
                 hint = "Leave networks out, and more are made as needed."
-                yield Fault(f"{where}.{index}.network", f"{network}, which is full", expected, hint)
+                yield Problem(f"{where}.{index}.network", f"{network}, which is full", expected, hint)
             full.add(network)
             continue
         first = seen.setdefault((network, system_id), index)
         if first != index:
-            yield Fault(
+            yield Problem(
                 f"{where}.{index}.system_id",
                 repr(system_id),
                 f"a system id that no other vehicle of this operator has in network {network}",
@@ -86,23 +86,23 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Fault]:
             )
 
 
-def _rule_faults(scenario: Any) -> Iterator[Fault]:
+def _rule_faults(scenario: Any) -> Iterator[Problem]:
     names = link_names(scenario.operators, scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
             hint = nearest(rule.match, names) or f"A link's name is like {names[-1]!r}." if names else ""
-            yield Fault(f"links.{index}.match", rule.match, "a name or pattern that some link matches", hint)
+            yield Problem(f"links.{index}.match", rule.match, "a name or pattern that some link matches", hint)
 
 
-def _approval_faults(scenario: Any) -> Iterator[Fault]:
+def _approval_faults(scenario: Any) -> Iterator[Problem]:
     """Parameters of approval services that nobody has."""
     used = sorted({operator.approval for operator in scenario.operators})
     for kind in scenario.approvals:
         if kind not in used:
-            yield Fault(f"approvals.{kind}", kind, "the approval of an operator", nearest(kind, used))
+            yield Problem(f"approvals.{kind}", kind, "the approval of an operator", nearest(kind, used))
 
 
-def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Fault]:
+def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Problem]:
     seen: dict[Any, int] = {}
     for index, part in enumerate(parts):
         value = _get(part, key)
@@ -111,7 +111,7 @@ def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterato
         first = seen.setdefault(value, index)
         if first != index:
             shown = value if isinstance(value, str) else repr(value)
-            yield Fault(f"{where}.{index}.{key}", shown, expected, f"{where}.{first} has it already.")
+            yield Problem(f"{where}.{index}.{key}", shown, expected, f"{where}.{first} has it already.")
 
 
 def _list(part: Any, key: str) -> Sequence[Any] | None:

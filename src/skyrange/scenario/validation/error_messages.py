@@ -8,12 +8,12 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.scenario import units
-from skyrange.scenario.walk import field_at, model_of, type_at
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.scenario.validation import units
+from skyrange.scenario.validation.field_path import field_at, model_of, type_at
 
 Loc = tuple[str | int, ...]
-Between = Callable[[Any], list[Fault]]
+Between = Callable[[Any], list[Problem]]
 """Finds faults between the parts of a table, whether or not its values are sound."""
 
 _EXPECTED = {
@@ -40,12 +40,12 @@ def input_error(
 
 def explain_errors(
     error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
-) -> list[Fault]:
+) -> list[Problem]:
     """All faults, in the order of the model's keys; with those `between` the parts if pydantic did not get that far."""
     try:
         details = error.errors(include_url=False)
     except UnicodeEncodeError as bad:  # half a character, which only a program or a shell can put there
-        return [Fault("text", ascii(bad.object), "characters that UTF-8 can carry")]
+        return [Problem("text", ascii(bad.object), "characters that UTF-8 can carry")]
     faults = []
     renamed: set[Loc] = set()
     for detail in details:
@@ -55,11 +55,11 @@ def explain_errors(
             if instead:
                 renamed.add((*detail["loc"][:-1], instead))
     if between is not None and not any(d["type"] == "skyrange" and not d["loc"] for d in details):
-        faults += [Fault(spell_path(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
+        faults += [Problem(spell_path(_path(fault.where), data), *_rest(fault)) for fault in between(data)]
     for detail in details:
         if detail["type"] == "skyrange":
             faults += [
-                Fault(
+                Problem(
                     spell_path((*_trim(detail["loc"], model), *_path(fault.where)), data) or "scenario", *_rest(fault)
                 )
                 for fault in detail["ctx"]["faults"]
@@ -99,7 +99,7 @@ def _below(loc: Loc, above: Loc) -> bool:
     return len(loc) > len(above) and loc[: len(above)] == above
 
 
-def _rest(fault: Fault) -> tuple[str, str, str]:
+def _rest(fault: Problem) -> tuple[str, str, str]:
     return fault.value, fault.expected, fault.hint
 
 
@@ -119,7 +119,7 @@ def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
     return tuple(kept)
 
 
-def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tuple[Fault, str]:
+def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tuple[Problem, str]:
     """The fault, and the key that it surely meant ("" if that is unsure)."""
     loc = detail["loc"]
     inside = model_of(type_at(model, loc[:-1]))
@@ -128,28 +128,28 @@ def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tup
     unit = units.suggest_key(key, value, known)
     hint = unit[1] if unit else nearest(key, known)
     shown = f"{key} = {_shown(value)}"
-    return Fault(spell_path(loc, data), shown, "a known key", hint), unit[0] if unit else ""
+    return Problem(spell_path(loc, data), shown, "a known key", hint), unit[0] if unit else ""
 
 
-def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Fault:
+def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
     kind, loc, value = detail["type"], _trim(detail["loc"], model), detail["input"]
     field = field_at(model, loc)
     about = f" ({_first_sentence(field.description)})" if field is not None and field.description else ""
     where = spell_path(loc, data)
     if kind == "missing":
-        return Fault(where, "missing", f"a value{about}")
+        return Problem(where, "missing", f"a value{about}")
     ctx = detail.get("ctx", {})
     hint = ""
     if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
         hint = units.suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
     if kind == "literal_error":
         options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
-        return Fault(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
+        return Problem(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
     if kind == "string_pattern_mismatch":
         expected = _id_of(ctx["pattern"]) if loc[-1] == "id" else f"text like {ctx['pattern']}"
     else:
         expected = _EXPECTED.get(kind) or _bound(kind, ctx) or detail["msg"].removeprefix("Input should be ").lower()
-    return Fault(where, _shown(value), f"{expected}{about}", hint)
+    return Problem(where, _shown(value), f"{expected}{about}", hint)
 
 
 def _id_of(pattern: str) -> str:

@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import AfterValidator, ValidationError
 
-from skyrange.agent.plugins import Plugin, find, kinds
-from skyrange.agent.settings import Params, refuse
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.scenario.base import wrong
-from skyrange.scenario.faults import explain_errors
+from skyrange.contracts.params import Params, refuse
+from skyrange.contracts.plugins import Plugin, find, kinds
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.scenario.model.base import wrong
+from skyrange.scenario.validation.error_messages import explain_errors
 
 
 def known(group: str, what: str) -> AfterValidator:
@@ -33,7 +33,7 @@ def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "
     except ValidationError as error:
         prefix = f"{where}." if where else ""
         found = explain_errors(error, plugin.params, given)
-        faults = [Fault(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
+        faults = [Problem(f"{prefix}{f.where}", f.value, f.expected, f.hint) for f in found]
         raise InputError("scenario", faults) from None
 
 
@@ -42,7 +42,7 @@ def checked(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "")
     try:
         return params_of(plugin, given, where)
     except InputError as error:
-        raise refuse(*error.faults) from None
+        raise refuse(*error.problems) from None
 
 
 def normalized(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> dict[str, Any]:

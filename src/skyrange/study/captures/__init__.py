@@ -1,1 +1,1 @@
-"""Captures."""
+"""Export of runs as packet captures."""

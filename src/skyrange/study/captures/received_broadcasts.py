@@ -13,12 +13,12 @@ from typing import Final, NamedTuple, TypeVar
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.codec.rid_link import RidFrame, unpack
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.codec.remote_id.link_payload import RidFrame, unpack
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S
-from skyrange.radio import ground
+from skyrange.radio import ground_receptions
 from skyrange.radio.oracle import ENDPOINT
-from skyrange.record.run import RunRecord
+from skyrange.record.read.run import RunRecord
 
 T = TypeVar("T")
 
@@ -30,7 +30,7 @@ WINDOW_NS: Final = NS_PER_S
 is yielded out of order."""
 
 
-class Overheard(NamedTuple):
+class ReceivedBroadcast(NamedTuple):
     """One reception; the frame's header has signal strength, channel, claimed address and end of reception."""
 
     receiver: str
@@ -56,28 +56,28 @@ def receivers_of(record: RunRecord) -> list[str]:
     return [name.removeprefix(_DOWN) for name in links if name.startswith(_DOWN)] + grounds
 
 
-def chosen(record: RunRecord, names: Iterable[str]) -> list[str]:
+def select_receivers(record: RunRecord, names: Iterable[str]) -> list[str]:
     """`names` without duplicates, or all receivers if empty; `InputError` for a name that is not a receiver."""
     known = receivers_of(record)
     wanted = list(dict.fromkeys(names)) or known
     faults = [
-        Fault("receiver", name, "a receiver of the run", nearest(name, known)) for name in wanted if name not in known
+        Problem("receiver", name, "a receiver of the run", nearest(name, known)) for name in wanted if name not in known
     ]
     if faults:
         raise InputError(str(record.path), faults)
     return wanted
 
 
-def overheard(record: RunRecord, receivers: Sequence[str] = ()) -> Iterator[Overheard]:
+def received_broadcasts(record: RunRecord, receivers: Sequence[str] = ()) -> Iterator[ReceivedBroadcast]:
     """The receptions of some receivers (all if none are named) in order of their end, read batch by batch.
 
     Raises `InputError` immediately for an unknown receiver and for a run without a radio medium.
     """
-    wanted = frozenset(chosen(record, receivers))
+    wanted = frozenset(select_receivers(record, receivers))
     return sort_in_window(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
 
 
-def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
+def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[ReceivedBroadcast]:
     """The receptions in the order recorded."""
     downs = [_DOWN + name for name in wanted]
     grounds = {str(row["id"]) for row in record.manifest.get("receivers") or []} & wanted
@@ -89,11 +89,11 @@ def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[Overheard]:
         rows = table.filter(pc.and_(keep, pc.equal(table.column("sender"), ENDPOINT)))
         for name, payload in zip(rows.column("link").to_pylist(), rows.column("payload").to_pylist(), strict=True):
             if name.startswith(_DOWN):
-                yield Overheard(name.removeprefix(_DOWN), unpack(payload))
+                yield ReceivedBroadcast(name.removeprefix(_DOWN), unpack(payload))
                 continue
-            for reception in ground.decode(payload).body:
+            for reception in ground_receptions.decode(payload).body:
                 if reception.receiver in grounds:
-                    yield Overheard(reception.receiver, reception.frame())
+                    yield ReceivedBroadcast(reception.receiver, reception.frame())
 
 
 def sort_in_window(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:

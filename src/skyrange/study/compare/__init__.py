@@ -1,1 +1,1 @@
-"""Compare."""
+"""Comparisons of two runs, and of two kinds of autopilot."""

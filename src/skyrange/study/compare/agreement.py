@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, to_seconds
-from skyrange.record.run import RunRecord, load
-from skyrange.study.effects import Ticks, departures, ticks_of
-from skyrange.study.series import vehicles
+from skyrange.record.read.run import RunRecord, load
+from skyrange.study.measures.time_series import vehicles
+from skyrange.study.twins.effects import Ticks, departures, read_ticks
 
 Key = tuple[str, str, str, str, str]
 """Table, kind, about, source, and as JSON the details that are text, Boolean values or whole numbers."""
@@ -30,7 +30,7 @@ _SHOWN = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Odd:
+class Unmatched:
     """A note without a counterpart within the tolerance; `a_s` and `b_s` are its times, `None` if a run lacks it."""
 
     table: str
@@ -49,7 +49,7 @@ class Odd:
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class KindAgreement:
     """The notes of one kind: how many have a counterpart, and the time differences, a's minus b's, in s."""
 
     found: int
@@ -60,7 +60,7 @@ class Kind:
 
 
 @dataclass(frozen=True, slots=True)
-class Way:
+class PathDifference:
     """Largest distances in m between an aircraft's positions in the two runs."""
 
     apart_m: float
@@ -77,12 +77,12 @@ class Agreement:
     b: str
     tolerance_s: float
     until_s: float
-    kinds: Mapping[str, Kind]
-    odd: Sequence[Odd]
+    kinds: Mapping[str, KindAgreement]
+    odd: Sequence[Unmatched]
     """In order of time."""
     outcomes: Mapping[str, tuple[Any, Any]]
     """By aircraft, if state or reason differ."""
-    ways: Mapping[str, Way]
+    ways: Mapping[str, PathDifference]
     """By aircraft; empty if the fleets differ."""
 
     @property
@@ -127,7 +127,7 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
     until_s = min(left.duration, right.duration)
     mine, other = (_noted(run, round(until_s * NS_PER_S)) for run in (left, right))
     apart: dict[str, list[float]] = {}
-    odd: list[Odd] = []
+    odd: list[Unmatched] = []
     for key in {**mine, **other}:
         for at, there in _paired(mine.get(key, []), other.get(key, []), round(tolerance_s * NS_PER_S)):
             if at is not None and there is not None:
@@ -136,7 +136,7 @@ def agreement(a: RunRecord | Path | str, b: RunRecord | Path | str, tolerance_s:
                     continue
             elif to_seconds(at if at is not None else there or 0) > until_s - tolerance_s:
                 continue
-            odd.append(Odd(*key, *(None if one is None else to_seconds(one) for one in (at, there))))
+            odd.append(Unmatched(*key, *(None if one is None else to_seconds(one) for one in (at, there))))
     return Agreement(
         a=str(left.path),
         b=str(right.path),
@@ -185,9 +185,9 @@ def _paired(a: Sequence[int], b: Sequence[int], tolerance_ns: int) -> Iterator[t
     yield from ((None, at) for at in other[both:])
 
 
-def _kind(apart_s: Sequence[float]) -> Kind:
+def _kind(apart_s: Sequence[float]) -> KindAgreement:
     amounts = sorted(map(abs, apart_s))
-    return Kind(len(amounts), amounts[len(amounts) // 2], min(apart_s), max(apart_s))
+    return KindAgreement(len(amounts), amounts[len(amounts) // 2], min(apart_s), max(apart_s))
 
 
 def _outcomes(a: RunRecord, b: RunRecord, until_s: float) -> dict[str, tuple[Any, Any]]:
@@ -210,14 +210,17 @@ def _said(entry: Mapping[str, Any]) -> str:
     return f"{entry.get('state')} {entry.get('reason') or ''}".strip()
 
 
-def _ways(a: RunRecord, b: RunRecord, tolerance_s: float) -> dict[str, Way]:
+def _ways(a: RunRecord, b: RunRecord, tolerance_s: float) -> dict[str, PathDifference]:
     names = [vehicle.id for vehicle in vehicles(a)]
     if not names or names != [vehicle.id for vehicle in vehicles(b)]:
         return {}
-    mine, other = ticks_of(a), ticks_of(b)
+    mine, other = read_ticks(a), read_ticks(b)
     apart_m, _ = departures(mine, other)
     off_m = _off_m(mine, other, tolerance_s)
-    return {name: Way(float(far), float(off_m[k])) for k, (name, far) in enumerate(zip(names, apart_m, strict=True))}
+    return {
+        name: PathDifference(float(far), float(off_m[k]))
+        for k, (name, far) in enumerate(zip(names, apart_m, strict=True))
+    }
 
 
 def _off_m(a: Ticks, b: Ticks, tolerance_s: float) -> NDArray[np.float64]:

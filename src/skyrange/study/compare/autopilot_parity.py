@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.links import TapPlacement
 from skyrange.codec.mavlink import decode, message_name
+from skyrange.contracts.links import TapPlacement
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
-from skyrange.scenario.schema import Scenario
-from skyrange.study.deviation import AIRBORNE_M, deviations_m
-from skyrange.study.series import Happening, Vehicle, happenings, truth_tracks, vehicles
-from skyrange.study.session import fly
-from skyrange.study.waypoints import uploaded
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.measures.time_series import RecordedNote, Vehicle, read_notes, truth_tracks, vehicles
+from skyrange.study.measures.track_deviation import AIRBORNE_M, deviations_m
+from skyrange.study.measures.waypoints import received_waypoints
+from skyrange.study.runs import fly
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ _TRUTH = ("east_m", "north_m", "up_m", "vel_east_mps", "vel_north_mps", "vel_up_
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class FlightMeasures:
     """One aircraft's flight. Times are in s since the scenario's start.
 
     `modes` are its mode changes, (time, name); `items` the mission items that it reported as reached, (time, sequence
@@ -56,7 +56,7 @@ class Flown:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class MeasureRow:
     """One measure of one aircraft under both autopilots."""
 
     vehicle: str
@@ -79,16 +79,16 @@ class Row:
 class Parity:
     """The two flights of every aircraft, by vehicle id."""
 
-    first: Mapping[str, Flown]
-    second: Mapping[str, Flown]
+    first: Mapping[str, FlightMeasures]
+    second: Mapping[str, FlightMeasures]
 
-    def rows(self) -> Iterator[Row]:
+    def rows(self) -> Iterator[MeasureRow]:
         """Every measure that both flights have."""
         for name, one in self.first.items():
             other = self.second[name]
             for measure, value in one.measures.items():
                 if measure in other.measures:
-                    yield Row(name, measure, value, other.measures[measure])
+                    yield MeasureRow(name, measure, value, other.measures[measure])
 
     def apart_m(self, vehicle: str) -> float:
         """Largest distance in metres between its positions in the two flights at equal times after lift-off."""
@@ -110,7 +110,7 @@ def compare(
 ) -> Parity:
     """Run `scenario` with all aircraft under each of two autopilots, into `folder`, and measure the flights.
 
-    `taps` are placed on the links of both runs. Raises the errors of `session.fly`; `ValueError` for equal kinds.
+    `taps` are placed on the links of both runs. Raises the errors of `study.runs.fly`; `ValueError` for equal kinds.
     """
     if len(set(autopilots)) < len(autopilots):
         raise ValueError(f"expected two kinds of autopilot that differ, got {autopilots[0]} twice")
@@ -162,11 +162,11 @@ def _with_autopilot(scenario: Scenario, kind: str) -> Scenario:
     return scenario.model_copy(update={"operators": operators, "record": record})
 
 
-def measured(record: RunRecord) -> dict[str, Flown]:
+def measured(record: RunRecord) -> dict[str, FlightMeasures]:
     """The measured flight of every aircraft of a run."""
     fleet = vehicles(record)
-    events = happenings(record, "events")
-    waypoints = uploaded(record)
+    events = read_notes(record, "events")
+    waypoints = received_waypoints(record)
     tracks = truth_tracks(record)
     beside = deviations_m(fleet, tracks, waypoints)
     truth = _truth(record)
@@ -183,7 +183,7 @@ def measured(record: RunRecord) -> dict[str, Flown]:
             away_m = beside[one.id][1]
             measures["cross_track_max_m"] = float(away_m.max())
             measures["cross_track_rms_m"] = float(np.sqrt((away_m**2).mean()))
-        flown[one.id] = Flown(
+        flown[one.id] = FlightMeasures(
             vehicle=one.id,
             autopilot=one.autopilot,
             outcome=str(record.outcomes.get(one.id, {}).get("state") or "unfinished"),
@@ -214,7 +214,7 @@ def _airborne_span_s(vehicle: Vehicle, rows: Floats) -> tuple[float, float]:
 
 
 def _measures(
-    events: Sequence[Happening], airborne: Floats, waypoints: Floats, lift_s: float, down_s: float
+    events: Sequence[RecordedNote], airborne: Floats, waypoints: Floats, lift_s: float, down_s: float
 ) -> Iterator[tuple[str, float]]:
     if not len(airborne):
         return

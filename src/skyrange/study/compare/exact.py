@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import message_name
 from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
-from skyrange.record.order import in_order
-from skyrange.record.run import RunRecord, load
+from skyrange.record.read.run import RunRecord, load
+from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import TABLES
-from skyrange.study.effects import DEPARTED_M, departures, ticks_of
-from skyrange.study.series import vehicles
+from skyrange.study.measures.time_series import vehicles
+from skyrange.study.twins.effects import DEPARTED_M, departures, read_ticks
 
 _KEYS: dict[str, tuple[str, ...]] = {
     "frames": ("sent_ns", "link", "direction", "sender", "serial"),
@@ -159,7 +159,7 @@ def _distances(a: RunRecord, b: RunRecord) -> dict[str, tuple[float, float | Non
     names = [vehicle.id for vehicle in vehicles(a)]
     if not names or names != [vehicle.id for vehicle in vehicles(b)]:
         return {}
-    away_m, first_ns = departures(ticks_of(a), ticks_of(b))
+    away_m, first_ns = departures(read_ticks(a), read_ticks(b))
     moments = [to_seconds(ns) if ns >= 0 else None for ns in first_ns.tolist()]
     return dict(zip(names, zip(away_m.tolist(), moments, strict=True), strict=True))
 
@@ -208,7 +208,7 @@ def _ordered(table: str, run: RunRecord, columns: set[str]) -> Iterator[pa.Table
                 batch = batch.set_column(place, "causes", pc.binary_join(batch.column("causes"), " "))
             yield batch
 
-    return in_order(tables, _KEYS[table][0], _KEYS[table][1:])
+    return sort_by_time(tables, _KEYS[table][0], _KEYS[table][1:])
 
 
 def _first_unequal_row(a: pa.Table, b: pa.Table) -> int | None:

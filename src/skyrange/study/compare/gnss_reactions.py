@@ -19,9 +19,9 @@ import numpy as np
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
-from skyrange.scenario.schema import Scenario
-from skyrange.study.series import Happening, happenings, truth_tracks
-from skyrange.study.session import fly
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.measures.time_series import RecordedNote, read_notes, truth_tracks
+from skyrange.study.runs import fly
 
 KINDS: Final = ("builtin", "ardupilot")
 """The kinds of autopilot that are compared; each has an operator of the same name."""
@@ -101,7 +101,7 @@ class Reaction:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class ComparedReaction:
     """One setting and the reactions of the two, in the order of `KINDS`."""
 
     setting: Setting
@@ -201,10 +201,10 @@ def compare(
     rates: str = "reduced",
     *,
     on_progress: OnProgress | None = None,
-) -> list[Compared]:
+) -> list[ComparedReaction]:
     """Fly the settings with both autopilots in one run, into the run folder `folder`, and read the reactions.
 
-    `rates` are ArduPilot's. Raises the errors of `session.fly`.
+    `rates` are ArduPilot's. Raises the errors of `study.runs.fly`.
     """
     with TemporaryDirectory() as scratch:
         mission = Path(scratch) / "hold.waypoints"
@@ -213,10 +213,10 @@ def compare(
     return read(record, chosen)
 
 
-def read(record: RunRecord, chosen: Sequence[Setting]) -> list[Compared]:
+def read(record: RunRecord, chosen: Sequence[Setting]) -> list[ComparedReaction]:
     """The reactions recorded in a run of `scenario`."""
-    events: dict[str, list[Happening]] = {}
-    for event in happenings(record, "events"):
+    events: dict[str, list[RecordedNote]] = {}
+    for event in read_notes(record, "events"):
         events.setdefault(event.about, []).append(event)
     tracks = truth_tracks(record)
 
@@ -225,12 +225,12 @@ def read(record: RunRecord, chosen: Sequence[Setting]) -> list[Compared]:
 
     start_ns = from_seconds(START_S)
     return [
-        Compared(setting, *(reaction(f"{kind}/{_name(number)}") for kind in KINDS))
+        ComparedReaction(setting, *(reaction(f"{kind}/{_name(number)}") for kind in KINDS))
         for number, setting in enumerate(chosen)
     ]
 
 
-def _reaction(events: Sequence[Happening], track: Any) -> Reaction:
+def _reaction(events: Sequence[RecordedNote], track: Any) -> Reaction:
     def first(kind: str, **data: Any) -> float | None:
         times = (e.time_ns for e in events if e.kind == kind and data.items() <= dict(e.data).items())
         at_ns = next(times, None)
@@ -258,7 +258,7 @@ def _reaction(events: Sequence[Happening], track: Any) -> Reaction:
 
 
 @dataclass(frozen=True, slots=True)
-class Agreement:
+class ReactionAgreement:
     """Number of settings with equal outcomes, and time differences of the first resets if both were reset."""
 
     settings: int
@@ -269,10 +269,10 @@ class Agreement:
     reset_apart_max_s: float
 
 
-def agreement(compared: Sequence[Compared]) -> Agreement:
+def agreement(compared: Sequence[ComparedReaction]) -> ReactionAgreement:
     """The agreement of all compared settings."""
     apart_s = [abs(one.reset_apart_s) for one in compared if one.reset_apart_s is not None]
-    return Agreement(
+    return ReactionAgreement(
         settings=len(compared),
         alike=sum(one.alike for one in compared),
         resets=len(apart_s),

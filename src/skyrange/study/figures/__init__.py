@@ -5,13 +5,13 @@ script and fetch nothing. Elements of aircraft number k of the manifest have the
 them.
 """
 
-from skyrange.study.run_figures import (
+from skyrange.study.figures.run import (
     altitude,
     overview,
     plan_view,
     track_deviation,
     trajectories_3d,
 )
-from skyrange.study.svg import Figure
+from skyrange.study.figures.svg import Figure
 
 __all__ = ["Figure", "altitude", "overview", "plan_view", "track_deviation", "trajectories_3d"]

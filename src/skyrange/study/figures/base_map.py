@@ -10,8 +10,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.svg import format_number
+from skyrange.study.figures import svg
+from skyrange.study.figures.svg import format_number
 
 Floats = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from skyrange.study import svg
-from skyrange.study.ground import fit_map
-from skyrange.study.receptions import Receptions
-from skyrange.study.subject import Subject
-from skyrange.study.svg import Figure
-from skyrange.study.symbols import Place, draw_places
+from skyrange.study.figures import svg
+from skyrange.study.figures.base_map import fit_map
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.svg import Figure
+from skyrange.study.figures.symbols import Place, draw_places
+from skyrange.study.measures.receptions import ReceptionColumns
 
 MAX_DOTS = 4_000
 """Receptions drawn on one map, evenly spaced in time."""
@@ -24,7 +24,7 @@ _COLOURS = ("#3b0f70", "#8c2981", "#de4968", "#fe9f6d", "#f7d13d")
 """Weak to strong, after the magma map of matplotlib (public domain), which also reads in grey."""
 
 
-def draw_reception_map(subject: Subject, heard: Receptions, places: Mapping[str, Place]) -> Figure:
+def draw_reception_map(subject: Subject, heard: ReceptionColumns, places: Mapping[str, Place]) -> Figure:
     """Draw a dot at the receiver's position for each reception, coloured by signal strength, hollow if not decoded."""
     shown = [heard.enu_m, *(np.array([place]) for place in places.values())]
     base = fit_map(shown, subject.city, 760.0, MIN_EXTENT_M)

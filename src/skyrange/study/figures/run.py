@@ -10,18 +10,18 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.boxes import draw_box
-from skyrange.study.chart import draw_chart
-from skyrange.study.deviation import deviations_m
-from skyrange.study.ground import fit_map
-from skyrange.study.marks import Mark, drawing_order, read_mishaps
-from skyrange.study.series import Record, Track, Vehicle, belief_tracks, truth_tracks
-from skyrange.study.subject import Subject, subject_of
-from skyrange.study.svg import Figure, format_number
-from skyrange.study.symbols import draw_mark
-from skyrange.study.thin import kept_rows
-from skyrange.study.waypoints import uploaded
+from skyrange.study.figures import svg
+from skyrange.study.figures.base_map import fit_map
+from skyrange.study.figures.subject import Subject, subject_of
+from skyrange.study.figures.svg import Figure, format_number
+from skyrange.study.figures.symbols import draw_mark
+from skyrange.study.figures.time_chart import draw_chart
+from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.figures.trajectory_box import draw_box
+from skyrange.study.measures.mishaps import Mishap, drawing_order, read_mishaps
+from skyrange.study.measures.time_series import Record, Track, Vehicle, belief_tracks, truth_tracks
+from skyrange.study.measures.track_deviation import deviations_m
+from skyrange.study.measures.waypoints import received_waypoints
 
 Floats = NDArray[np.float64]
 Source = Literal["belief", "truth"]
@@ -47,7 +47,7 @@ def overview(record: Record) -> Figure:
 def plan_view(record: Record, waypoints: Mapping[str, Floats] | None = None, width: float = 760.0) -> Figure:
     """Plan view: buildings shaded by height, true paths, homes, a scale bar and an arrow to the north.
 
-    `waypoints` are (n, 3) ENU metres by vehicle id, drawn as small diamonds (`study.waypoints.uploaded` reads them
+    `waypoints` are (n, 3) ENU metres by vehicle id, drawn as small diamonds (`waypoints.received_waypoints` reads them
     from the record). Crosses mark collisions and crashes, triangles failsafes and fence breaches. `width` is in pixels.
     """
     return draw_plan(subject_of(record), truth_tracks(record), waypoints or {}, width, read_mishaps(record))
@@ -82,7 +82,7 @@ def draw_boxes(
     return svg.document(columns * width, max(1, math.ceil(len(chosen) / columns)) * height, title, body)
 
 
-def draw_overview(subject: Subject, tracks: Mapping[str, Track], marks: Sequence[Mark] = ()) -> Figure:
+def draw_overview(subject: Subject, tracks: Mapping[str, Track], marks: Sequence[Mishap] = ()) -> Figure:
     """Draw `overview` of the given tracks."""
     title = f"All trajectories of {subject.name}"
     return svg.document(900, 520, title, draw_box(subject, subject.fleet, tracks, 900, 520, marks))
@@ -93,7 +93,7 @@ def draw_plan(
     tracks: Mapping[str, Track],
     waypoints: Mapping[str, Floats],
     width: float = 760.0,
-    marks: Sequence[Mark] = (),
+    marks: Sequence[Mishap] = (),
 ) -> Figure:
     """Draw `plan_view` of the given tracks."""
     homes = [np.array([vehicle.home_enu_m]) for vehicle in subject.fleet if vehicle.home_enu_m is not None]
@@ -120,10 +120,10 @@ def track_deviation(record: Record, width: float = 760.0, height: float = 300.0)
     """Cross-track deviation (m) over simulated time (s) of each aircraft while in the air.
 
     The deviation is the horizontal distance of the true position from the line through home and the waypoints that the
-    aircraft received (`study.waypoints.uploaded`). Sizes are in pixels.
+    aircraft received (`waypoints.received_waypoints`). Sizes are in pixels.
     """
     subject = subject_of(record)
-    lines = deviations_m(subject.fleet, truth_tracks(record), uploaded(record))
+    lines = deviations_m(subject.fleet, truth_tracks(record), received_waypoints(record))
     title = f"Distance from the planned track in {subject.name}"
     return draw_chart(subject, lines, "metres beside the planned track", title, width, height)
 
@@ -132,7 +132,7 @@ def _draw_vehicle(
     subject: Subject, vehicle: Vehicle, track: Track, waypoints: Floats | None, pixels: Any
 ) -> list[Element]:
     """Draw the path, waypoints and home of one aircraft."""
-    rows = kept_rows(track.time_ns, track.enu_m[:, :2], max(60, svg.MAX_POINTS // len(subject.fleet)), 0.02)
+    rows = select_samples(track.time_ns, track.enu_m[:, :2], max(60, svg.MAX_POINTS // len(subject.fleet)), 0.02)
     parts = subject.draw_line(vehicle, pixels(track.enu_m[rows]))
     for x, y in pixels(waypoints).tolist() if waypoints is not None and len(waypoints) else []:
         diamond = np.array([[x, y - 4], [x + 4, y], [x, y + 4], [x - 4, y]])

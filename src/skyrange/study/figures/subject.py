@@ -10,9 +10,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.palette import ThemeColour, base_colours, shades
-from skyrange.study.series import Record, Vehicle, operators, vehicles
+from skyrange.study.figures import svg
+from skyrange.study.figures.palette import ThemeColour, base_colours, shades
+from skyrange.study.measures.time_series import Record, Vehicle, operators, vehicles
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.ground import BaseMap
-from skyrange.study.marks import Mark
+from skyrange.study.figures import svg
+from skyrange.study.figures.base_map import BaseMap
+from skyrange.study.measures.mishaps import Mishap
 
 Place = tuple[float, float, float]
 """A position in metres east, north and up of the origin."""
@@ -23,7 +23,7 @@ HOSTILE: Final = "#b3261e"
 """Colour of attackers and of what they forge."""
 
 
-def draw_mark(mark: Mark, x: float, y: float) -> Element:
+def draw_mark(mark: Mishap, x: float, y: float) -> Element:
     """Draw a mishap at a pixel: a cross for a collision or crash, a triangle for a breach or failsafe."""
     shape = "M-6 -6L6 6M6 -6L-6 6" if mark.violent else "M0 -7L7 5H-7z"
     halo = {"d": shape, "fill": "none", "stroke": "#fff", "stroke-width": "5", "stroke-opacity": ".85"}

@@ -8,10 +8,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.subject import Subject
-from skyrange.study.svg import Figure, format_number
-from skyrange.study.thin import kept_rows
+from skyrange.study.figures import svg
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.svg import Figure, format_number
+from skyrange.study.figures.track_simplification import select_samples
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -69,7 +69,7 @@ def draw_chart(
     for group, dashed in ((twins, True), (lines, False)):
         for vehicle in subject.fleet:
             times_ns, ups = group.get(vehicle.id, _NOTHING)
-            rows = kept_rows(times_ns, ups[:, None], budget, 0.3 / y_scale)
+            rows = select_samples(times_ns, ups[:, None], budget, 0.3 / y_scale)
             x_pixels = left + (times_ns[rows] * 1e-9 - first) * x_scale
             y_pixels = height - below - (ups[rows] - low) * y_scale
             body += subject.draw_line(vehicle, np.stack([x_pixels, y_pixels], axis=1), dashed=dashed)

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -23,7 +23,7 @@ STRIDE_ABOVE = 8_000
 """Longer tracks are first reduced to this many evenly spaced rows, which bounds the computation."""
 
 
-def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> Ints:
+def select_samples(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> Ints:
     """Row numbers of the samples to keep, in ascending order.
 
     `time_ns` (n,) is ascending, `values` (n, k) are in comparable units, and at most `budget` (≥ 2) rows are kept. If
@@ -40,7 +40,7 @@ def kept_rows(time_ns: Ints, values: Floats, budget: int, tolerance: float) -> I
     return kept
 
 
-@kernel
+@compiled
 def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
     """Row numbers of at most `budget` samples to keep, in ascending order."""
     last = len(times) - 1
@@ -61,7 +61,7 @@ def _kept(times: Floats, points: Floats, budget: int, tolerance: float) -> Ints:
     return np.nonzero(keep)[0].astype(np.int64)
 
 
-@kernel
+@compiled
 def _worst(times: Floats, points: Floats, first: int, last: int) -> tuple[float, int, int, int]:
     """The sample between two kept ones that is farthest from the line in time: (-distance, first, row, last)."""
     span = times[last] - times[first]

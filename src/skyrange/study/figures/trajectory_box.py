@@ -10,12 +10,12 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study import svg
-from skyrange.study.marks import Mark, drawing_order
-from skyrange.study.series import Track, Vehicle
-from skyrange.study.subject import Subject
-from skyrange.study.symbols import draw_mark
-from skyrange.study.thin import kept_rows
+from skyrange.study.figures import svg
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.symbols import draw_mark
+from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.measures.mishaps import Mishap, drawing_order
+from skyrange.study.measures.time_series import Track, Vehicle
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def draw_box(
     tracks: Mapping[str, Track],
     width: float,
     height: float,
-    marks: Sequence[Mark] = (),
+    marks: Sequence[Mishap] = (),
 ) -> list[Element]:
     """Draw the paths of the vehicles `own`, and axes in metres, in a panel of `width` × `height` pixels.
 
@@ -55,7 +55,7 @@ def draw_box(
     budget = max(60, svg.MAX_POINTS // max(len(subject.fleet), 1))
     for vehicle in own:
         track = tracks[vehicle.id]
-        rows = kept_rows(track.time_ns, track.enu_m, budget, 0.002 * half)
+        rows = select_samples(track.time_ns, track.enu_m, budget, 0.002 * half)
         shadow = track.enu_m[rows].copy()
         shadow[:, 2] = low[2]
         parts += subject.draw_line(vehicle, project(shadow), "0.22", "1.2")

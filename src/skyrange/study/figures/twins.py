@@ -7,15 +7,15 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from skyrange.study import svg
-from skyrange.study.chart import draw_chart
-from skyrange.study.ground import BaseMap, fit_map
-from skyrange.study.marks import Mark, drawing_order
-from skyrange.study.series import Track
-from skyrange.study.subject import Subject
-from skyrange.study.svg import Figure
-from skyrange.study.symbols import Place, draw_claim, draw_mark, draw_places
-from skyrange.study.thin import kept_rows
+from skyrange.study.figures import svg
+from skyrange.study.figures.base_map import BaseMap, fit_map
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.svg import Figure
+from skyrange.study.figures.symbols import Place, draw_claim, draw_mark, draw_places
+from skyrange.study.figures.time_chart import draw_chart
+from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.measures.mishaps import Mishap, drawing_order
+from skyrange.study.measures.time_series import Track
 
 Span = tuple[float, float, str]
 """An interval: from and until, in seconds, and its name."""
@@ -30,7 +30,7 @@ def draw_twin_plan(
     twins: Mapping[str, Track],
     affected: Collection[str],
     places: Mapping[str, Place],
-    marks: Sequence[Mark] = (),
+    marks: Sequence[Mishap] = (),
     forged: Mapping[str, tuple[Place, Place]] | None = None,
     believed: Mapping[str, Track] | None = None,
     width: float = 760.0,
@@ -54,7 +54,7 @@ def draw_twin_plan(
             track = group.get(vehicle.id)
             if track is None or (dashed and vehicle.id not in chosen):
                 continue
-            rows = kept_rows(track.time_ns, track.enu_m[:, :2], budget, 0.02)
+            rows = select_samples(track.time_ns, track.enu_m[:, :2], budget, 0.02)
             faint = vehicle.id not in chosen
             pixels = base.pixels(track.enu_m[rows])
             weight = "1" if faint else "1.5" if dashed else "2.2"
@@ -66,7 +66,7 @@ def draw_twin_plan(
         for name, ends in forged.items()
     ]
     for name, track in believed.items():
-        rows = kept_rows(track.time_ns, track.enu_m[:, :2], 400, 0.1)
+        rows = select_samples(track.time_ns, track.enu_m[:, :2], 400, 0.1)
         body.append(draw_claim(base, track.enu_m[rows], f"{name}: where it believes to be"))
     body += draw_places(base, places)
     body += [draw_mark(mark, *base.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]

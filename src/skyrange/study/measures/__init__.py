@@ -1,1 +1,1 @@
-"""Measures."""
+"""Measures of one run: tracks, link statistics, receptions, separation, mishaps."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study.marks import undoing
-from skyrange.study.series import Happening, Record, Track, Vehicle, gaps_m
+from skyrange.study.measures.mishaps import first_mishaps
+from skyrange.study.measures.time_series import Record, RecordedNote, Track, Vehicle, belief_errors_m
 
 
 @dataclass(frozen=True, slots=True)
-class Flight:
+class FlightSummary:
     """One aircraft's flight in numbers; `None` if the record does not contain the data.
 
     `state` is `complete`, `failed` or `unfinished`. `reason` is the reason that the ground station gives; `mishap`
@@ -37,17 +37,17 @@ class Flight:
     """Number of positions that the ground station received."""
 
 
-def flights(
+def summarise_flights(
     record: Record,
     fleet: Sequence[Vehicle],
     truth: Mapping[str, Track],
     belief: Mapping[str, Track],
-    events: Sequence[Happening],
-) -> list[Flight]:
-    """One `Flight` per aircraft of `fleet`; outcomes are from the manifest, else from `event.outcome`."""
+    events: Sequence[RecordedNote],
+) -> list[FlightSummary]:
+    """One `FlightSummary` per aircraft of `fleet`; outcomes are from the manifest, else from `event.outcome`."""
     rows = []
     declared = record.manifest.get("outcomes") or {}
-    ends = undoing(events)
+    ends = first_mishaps(events)
     for vehicle in fleet:
         own = [event for event in events if event.about.split(".", 1)[0] == vehicle.id]
         said = [event for event in own if event.kind == "event.outcome"]
@@ -55,9 +55,9 @@ def flights(
         finished = outcome.get("finished_s", said[-1].time_ns / NS_PER_S if said else None)
         path = truth.get(vehicle.id)
         seen = belief.get(vehicle.id)
-        gaps = gaps_m(path, seen) if path is not None and seen is not None and len(path) else np.zeros(0)
+        gaps = belief_errors_m(path, seen) if path is not None and seen is not None and len(path) else np.zeros(0)
         rows.append(
-            Flight(
+            FlightSummary(
                 vehicle=vehicle,
                 state=str(outcome.get("state") or "unfinished"),
                 reason=str(outcome.get("reason") or ""),
@@ -78,7 +78,7 @@ def flights(
 _DOWN = frozenset({"event.landed", "event.crash", "event.disarmed"})
 
 
-def _airborne_s(own: Sequence[Happening], path: Track | None) -> float | None:
+def _airborne_s(own: Sequence[RecordedNote], path: Track | None) -> float | None:
     """Seconds from take-offs to landings, crashes or disarming; an unfinished flight counts to the end of truth."""
     total, since = 0, None
     flew = False

@@ -11,8 +11,8 @@ import numpy as np
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate
-from skyrange.study.series import Record
+from skyrange.contracts.frames.frame import Fate
+from skyrange.study.measures.time_series import Record
 
 _BINS_PER_DECADE = 230
 """Each latency bin is 1 % wider than the one before, so a quantile is accurate to 1 %."""
@@ -21,11 +21,11 @@ _BINS = _BINS_PER_DECADE * _DECADES
 
 
 @dataclass(slots=True)
-class LinkStats:
+class LinkStatistics:
     """Statistics of one direction of one link instance, or the sum of several.
 
-    `fates` counts frames by fate (`agent.frames.Fate`). `size_bytes` includes all frames sent; latency includes only
-    delivered frames.
+    `fates` counts frames by fate (`contracts.frames.Fate`). `size_bytes` includes all frames sent; latency includes
+    only delivered frames.
     """
 
     kind: str
@@ -66,7 +66,7 @@ class LinkStats:
         index = int(np.searchsorted(np.cumsum(self._latencies), math.ceil(0.95 * total)))
         return min(float(10.0 ** ((index + 0.5) / _BINS_PER_DECADE)) * 1e-9, self.latency_max_s)
 
-    def add(self, other: LinkStats) -> None:
+    def add(self, other: LinkStatistics) -> None:
         """Add the statistics of `other`."""
         for fate, count in other.fates.items():
             self.fates[fate] = self.fates.get(fate, 0) + count
@@ -87,9 +87,9 @@ class LinkStats:
         self._latencies[bins] += counts
 
 
-def link_stats(record: Record) -> list[LinkStats]:
+def link_statistics(record: Record) -> list[LinkStatistics]:
     """Statistics of every direction of every link that the manifest names or that a frame used, by kind and owner."""
-    found: dict[tuple[str, str], LinkStats] = {}
+    found: dict[tuple[str, str], LinkStatistics] = {}
     for row in record.manifest.get("links") or []:
         for direction in ("fwd", "rev"):
             _entry(found, str(row["name"]), direction)
@@ -98,23 +98,23 @@ def link_stats(record: Record) -> list[LinkStats]:
     return sorted(found.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
 
 
-def summed(stats: Iterable[LinkStats]) -> list[LinkStats]:
+def sum_by_kind(stats: Iterable[LinkStatistics]) -> list[LinkStatistics]:
     """Sums over all link instances of the same kind and direction, in that order."""
-    sums: dict[tuple[str, str], LinkStats] = {}
+    sums: dict[tuple[str, str], LinkStatistics] = {}
     for each in stats:
         key = (each.kind, each.direction)
-        sums.setdefault(key, LinkStats(each.kind, "", each.direction)).add(each)
+        sums.setdefault(key, LinkStatistics(each.kind, "", each.direction)).add(each)
     return [sums[key] for key in sorted(sums)]
 
 
-def _entry(found: dict[tuple[str, str], LinkStats], link: str, direction: str) -> LinkStats:
+def _entry(found: dict[tuple[str, str], LinkStatistics], link: str, direction: str) -> LinkStatistics:
     if (link, direction) not in found:
         kind, _, owner = link.partition(":")
-        found[link, direction] = LinkStats(kind, owner, direction)
+        found[link, direction] = LinkStatistics(kind, owner, direction)
     return found[link, direction]
 
 
-def _count(found: dict[tuple[str, str], LinkStats], batch: Any) -> None:
+def _count(found: dict[tuple[str, str], LinkStatistics], batch: Any) -> None:
     """Add one batch of frames by link, direction and fate; large fleets have many such groups."""
     if not batch.num_rows:
         return

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study.series import Happening, Record, Track, happenings, truth_tracks
+from skyrange.study.measures.time_series import Record, RecordedNote, Track, read_notes, truth_tracks
 
 _KINDS = {"event.collision": "collision", "event.crash": "crash", "event.fence_breach": "breach"}
 _VIOLENT = frozenset({"collision", "crash"})
@@ -17,7 +17,7 @@ _REASONS = frozenset({"gps_glitch", "fence_breached", "avoidance", "terrain_foll
 
 
 @dataclass(frozen=True, slots=True)
-class Mark:
+class Mishap:
     """A mishap. `kind` is collision, crash, breach or failsafe; `enu_m` is the true position of the aircraft."""
 
     time_ns: int
@@ -32,7 +32,7 @@ class Mark:
         return self.kind in _VIOLENT
 
 
-def alarming(row: Happening) -> str:
+def mishap_kind(row: RecordedNote) -> str:
     """The kind of mishap that an event is, "" for none."""
     if row.kind == "event.mode":
         reason = str(row.data.get("reason", ""))
@@ -40,25 +40,25 @@ def alarming(row: Happening) -> str:
     return _KINDS.get(row.kind, "")
 
 
-def find_mishaps(events: Iterable[Happening], tracks: Mapping[str, Track]) -> list[Mark]:
+def find_mishaps(events: Iterable[RecordedNote], tracks: Mapping[str, Track]) -> list[Mishap]:
     """The mishaps of aircraft whose true position is known, in order of time."""
     found = []
     for row in events:
-        kind = alarming(row)
+        kind = mishap_kind(row)
         track = tracks.get(row.about.split(".", 1)[0])
         if not kind or track is None or not len(track):
             continue
         east_m, north_m, up_m = track.at(np.array([row.time_ns]))[0].tolist()
-        found.append(Mark(row.time_ns, row.about, kind, (east_m, north_m, up_m), said(row)))
+        found.append(Mishap(row.time_ns, row.about, kind, (east_m, north_m, up_m), describe_mishap(row)))
     return sorted(found, key=lambda mark: mark.time_ns)
 
 
-def told_once(rows: Iterable[Happening]) -> list[Happening]:
+def distinct_mishaps(rows: Iterable[RecordedNote]) -> list[RecordedNote]:
     """The mishaps among events in order of time; of the two events of a collision, the first."""
     seen: set[tuple[int, str, str]] = set()
     kept = []
     for row in rows:
-        kind = alarming(row)
+        kind = mishap_kind(row)
         other = str(row.data.get("with", "")) if kind == "collision" else ""
         if kind and (row.time_ns, other, row.about) not in seen:
             seen.add((row.time_ns, row.about, other))
@@ -66,16 +66,16 @@ def told_once(rows: Iterable[Happening]) -> list[Happening]:
     return kept
 
 
-def undoing(events: Iterable[Happening]) -> dict[str, str]:
+def first_mishaps(events: Iterable[RecordedNote]) -> dict[str, str]:
     """By vehicle, a description of its first collision or crash."""
     found: dict[str, str] = {}
     for row in sorted(events, key=lambda row: row.time_ns):
-        if alarming(row) in _VIOLENT:
+        if mishap_kind(row) in _VIOLENT:
             found.setdefault(row.about.split(".", 1)[0], f"{_what(row)}, {row.time_ns / NS_PER_S:.1f} s")
     return found
 
 
-def said(row: Happening) -> str:
+def describe_mishap(row: RecordedNote) -> str:
     """Description of a mishap: aircraft, what happened, speed and energy, time."""
     what = _what(row)
     if row.kind in ("event.collision", "event.crash"):
@@ -86,7 +86,7 @@ def said(row: Happening) -> str:
     return f"{row.about}: {what}, {row.time_ns / NS_PER_S:.1f} s"
 
 
-def _what(row: Happening) -> str:
+def _what(row: RecordedNote) -> str:
     if row.kind == "event.mode":
         return f"{row.data.get('mode', '?')} for {str(row.data.get('reason', '')).replace('_', ' ')}"
     if row.kind == "event.collision":
@@ -94,11 +94,11 @@ def _what(row: Happening) -> str:
     return row.kind.partition(".")[2].replace("_", " ")
 
 
-def drawing_order(found: Iterable[Mark]) -> list[Mark]:
+def drawing_order(found: Iterable[Mishap]) -> list[Mishap]:
     """Drawing order: collisions and crashes last, so that no failsafe covers them."""
     return sorted(found, key=lambda mark: mark.violent)
 
 
-def read_mishaps(record: Record) -> list[Mark]:
+def read_mishaps(record: Record) -> list[Mishap]:
     """The mishaps of a run."""
-    return find_mishaps(happenings(record, "events"), truth_tracks(record))
+    return find_mishaps(read_notes(record, "events"), truth_tracks(record))

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S
-from skyrange.study.series import Record, vehicles
+from skyrange.study.measures.time_series import Record, vehicles
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-MOST_AIRCRAFT = 40
+MAX_AIRCRAFT = 40
 """For larger fleets only receptions of ground receivers are read, because almost all aircraft receive each other."""
 
 
 @dataclass(frozen=True, slots=True)
-class Receptions:
+class ReceptionColumns:
     """Receptions, one row each: true sender, receiver, and the receiver's position `enu_m` (n, 3)."""
 
     time_ns: Ints
@@ -37,7 +37,7 @@ class Receptions:
 
 
 @dataclass(frozen=True, slots=True)
-class Hearing:
+class ReceptionSummary:
     """Receptions of one sender by one receiver: `decoded` of `of` recorded ones.
 
     Signal strengths are those of decoded receptions, or of all if none was decoded. `first_s` and `last_s` are the ends
@@ -56,12 +56,12 @@ class Hearing:
     silence_s: float | None
 
 
-def receptions_of(record: Record, senders: Collection[str]) -> Receptions:
+def read_receptions(record: Record, senders: Collection[str]) -> ReceptionColumns:
     """The receptions of some senders, in the order recorded."""
     places = ("east_m", "north_m", "up_m")
     links = [link_name("rid_up", sender) for sender in senders]
     found = (
-        Receptions(
+        ReceptionColumns(
             rows.column("time_ns").to_numpy(),
             np.array([_sender(link) for link in rows.column("link").to_pylist()], dtype=np.str_),
             np.array(rows.column("receiver").to_pylist(), dtype=np.str_),
@@ -72,10 +72,12 @@ def receptions_of(record: Record, senders: Collection[str]) -> Receptions:
         for rows in _read(record, "link", links, places)
     )
     parts = [_NONE, *found]
-    return Receptions(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Receptions)))
+    return ReceptionColumns(
+        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(ReceptionColumns))
+    )
 
 
-def who_heard_whom(record: Record, receivers: Collection[str] | None = None) -> list[Hearing]:
+def summarise_receptions(record: Record, receivers: Collection[str] | None = None) -> list[ReceptionSummary]:
     """One row per sender and receiver, in order of their names; `receivers` limits the receivers."""
     parts: dict[tuple[str, str], list[tuple[Ints, Floats, NDArray[np.bool_]]]] = {}
     for rows in _read(record, "receiver", receivers):
@@ -92,20 +94,20 @@ def who_heard_whom(record: Record, receivers: Collection[str] | None = None) -> 
     return [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
 
 
-def hearings(record: Record) -> list[Hearing]:
-    """Senders that each ground receiver decoded, then those that each aircraft did, if at most `MOST_AIRCRAFT`."""
+def reception_summaries(record: Record) -> list[ReceptionSummary]:
+    """Senders that each ground receiver decoded, then those that each aircraft did, if at most `MAX_AIRCRAFT`."""
     wanted = [str(row["id"]) for row in record.manifest.get("receivers") or []]
     fleet = [vehicle.id for vehicle in vehicles(record)]
-    if len(fleet) <= MOST_AIRCRAFT:
+    if len(fleet) <= MAX_AIRCRAFT:
         wanted += fleet
     if not wanted:
         return []
     places = {name: place for place, name in enumerate(wanted)}
-    found = [row for row in who_heard_whom(record, wanted) if row.decoded]
+    found = [row for row in summarise_receptions(record, wanted) if row.decoded]
     return sorted(found, key=lambda row: (places[row.receiver], row.sender))
 
 
-_NONE = Receptions(
+_NONE = ReceptionColumns(
     np.zeros(0, np.int64), np.zeros(0, np.str_), np.zeros(0, np.str_), np.zeros((0, 3)), np.zeros(0), np.zeros(0, bool)
 )
 
@@ -137,11 +139,11 @@ def _decoded(rows: pa.RecordBatch) -> NDArray[np.bool_]:
     return decoded
 
 
-def _hearing(sender: str, receiver: str, parts: Sequence[tuple[Ints, Floats, NDArray[np.bool_]]]) -> Hearing:
+def _hearing(sender: str, receiver: str, parts: Sequence[tuple[Ints, Floats, NDArray[np.bool_]]]) -> ReceptionSummary:
     time_ns, rssi_dbm, decoded = (np.concatenate(column) for column in zip(*parts, strict=True))
     seconds = np.sort(time_ns[decoded]) / NS_PER_S
     strengths = rssi_dbm[decoded] if len(seconds) else rssi_dbm
-    return Hearing(
+    return ReceptionSummary(
         receiver,
         sender,
         len(seconds),

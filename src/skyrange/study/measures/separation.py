@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,7 +36,7 @@ class Approaches(NamedTuple):
     """(n,) number of times that another aircraft came within the limit; one ends when they are farther apart again."""
 
 
-@kernel
+@compiled
 def _closest(
     enu_m: Floats, aloft: Flags, near_m: float, least_m: Floats, nearest: Ints, tick: Ints, near_misses: Ints
 ) -> None:
@@ -64,7 +64,7 @@ def _closest(
                 within[i, j] = near
 
 
-def approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> Approaches:
+def closest_approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> Approaches:
     """Closest approaches of n aircraft over t ticks: `enu_m` (t, n, 3), `aloft` (t, n)."""
     count = aloft.shape[1]
     found = Approaches(
@@ -74,7 +74,7 @@ def approaches(enu_m: Floats, aloft: Flags, near_m: float = NEAR_M) -> Approache
     return found
 
 
-def least_to_walls_m(enu_m: Floats, aloft: Flags, city: Sequence[Mapping[str, Any]]) -> Floats:
+def min_building_distance_m(enu_m: Floats, aloft: Flags, city: Sequence[Mapping[str, Any]]) -> Floats:
     """(n,) least distance of each aircraft's centre to a building in metres; infinite beyond `WALLS_M`.
 
     A building is a prism over its outline from its base to its roof. In long runs with many aircraft only every k-th

@@ -175,7 +175,7 @@ def belief_tracks(record: Record) -> dict[str, Track]:
     return _tracks(record, parts, local)
 
 
-def gaps_m(truth: Track, belief: Track) -> Floats:
+def belief_errors_m(truth: Track, belief: Track) -> Floats:
     """(n,) distance in metres between belief and truth at each time of reception, which includes latency.
 
     Zeros if either track is empty.
@@ -187,7 +187,7 @@ def gaps_m(truth: Track, belief: Track) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class RecordedNote:
     """One row of events, decisions or labels: time, kind, subject, source and details."""
 
     time_ns: int
@@ -198,11 +198,11 @@ class Happening:
     causes: tuple[str, ...] = ()
 
 
-def happenings(record: Record, name: str) -> list[Happening]:
+def read_notes(record: Record, name: str) -> list[RecordedNote]:
     """The rows of `events` or `decisions` in order of time; details that are not a JSON object are under `text`."""
     rows = record.table(name).sort_by("time_ns").to_pylist()
     return [
-        Happening(
+        RecordedNote(
             int(row["time_ns"]),
             _text(row.get("kind")),
             _text(row.get("about")),
@@ -214,13 +214,13 @@ def happenings(record: Record, name: str) -> list[Happening]:
     ]
 
 
-def hostile_acts(record: Record) -> list[Happening]:
+def hostile_acts(record: Record) -> list[RecordedNote]:
     """The labels as rows of kind `attack.<action>` about the owner of the link that was acted on."""
     acts = []
     for row in record.table("labels").sort_by("at_ns").to_pylist():
         frame = _text(row.get("frame"))
         acts.append(
-            Happening(
+            RecordedNote(
                 int(row["at_ns"]),
                 f"attack.{_text(row.get('action'))}",
                 _owner(frame),
@@ -242,7 +242,7 @@ MOVING_MPS = 0.2
 """An aircraft slower than this counts as stationary."""
 
 
-def calm_ns(tracks: Iterable[Track], rows: Iterable[Happening]) -> int | None:
+def last_activity_ns(tracks: Iterable[Track], rows: Iterable[RecordedNote]) -> int | None:
     """The last time at which an aircraft moved or something was noted; `None` if neither happened."""
     moments = [row.time_ns for row in rows]
     for track in tracks:

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from skyrange.study.series import Ints, Track, Vehicle
+from skyrange.study.measures.time_series import Ints, Track, Vehicle
 
 Floats = NDArray[np.float64]
 

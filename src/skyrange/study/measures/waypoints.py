@@ -9,11 +9,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.agent.frames import Fate
 from skyrange.codec.mavlink import decode, dialect
+from skyrange.contracts.frames.frame import Fate
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
-from skyrange.study.series import Record
+from skyrange.study.measures.time_series import Record
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ _LATLON_TYPEMASK = 0b111
 """POSITION_TARGET_TYPEMASK: set bits ignore x, y, z."""
 
 
-def uploaded(record: Record) -> dict[str, Floats]:
+def received_waypoints(record: Record) -> dict[str, Floats]:
     """(n, 3) ENU metres by vehicle id, in the order received, without duplicates.
 
     They are read from MISSION_ITEM_INT (navigation commands with a position; item 0, ArduPilot's home, is skipped) and

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from skyrange.core.files import atomic_write
 
 if TYPE_CHECKING:
-    from skyrange.study.series import Record
+    from skyrange.study.measures.time_series import Record
 
 __all__ = ["write_report"]
 
@@ -21,7 +21,7 @@ def write_report(record: Record, path: str | Path) -> Path:
     and long tables cut; the page says so. Raises `OSError` if `path` cannot be written; the file that was there then
     stays as it was.
     """
-    from skyrange.study.report.page import render_run
+    from skyrange.study.report.run.page import render_run
 
     target = Path(path)
     page = render_run(record)

@@ -7,15 +7,15 @@ from typing import Any
 
 from markupsafe import Markup
 
-from skyrange.study.receptions import MOST_AIRCRAFT, Hearing
-from skyrange.study.report import words
+from skyrange.study.measures.receptions import MAX_AIRCRAFT, ReceptionSummary
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 
 MAX_PAIRS = 300
 """Rows of one table."""
 
 
-def render_receptions(rows: Sequence[Hearing]) -> Markup:
+def render_receptions(rows: Sequence[ReceptionSummary]) -> Markup:
     """Render the receptions of a pair's attacked run, decoded or not, by sender and receiver."""
     return render(
         "receptions.html.jinja",
@@ -26,10 +26,10 @@ def render_receptions(rows: Sequence[Hearing]) -> Markup:
                 "first": row.sender,
                 "second": row.receiver,
                 "numbers": (
-                    words.count(row.decoded),
-                    words.count(row.of),
-                    words.quantity(row.median_dbm, "dBm", 0),
-                    words.quantity(row.most_dbm, "dBm", 0),
+                    quantities.count(row.decoded),
+                    quantities.count(row.of),
+                    quantities.quantity(row.median_dbm, "dBm", 0),
+                    quantities.quantity(row.most_dbm, "dBm", 0),
                 ),
             }
             for row in rows[:MAX_PAIRS]
@@ -38,7 +38,7 @@ def render_receptions(rows: Sequence[Hearing]) -> Markup:
     )
 
 
-def reception_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> Mapping[str, Any] | None:
+def reception_section(rows: Sequence[ReceptionSummary], fleet: int, end_s: float) -> Mapping[str, Any] | None:
     """Table of the senders that each receiver of a run decoded, and which receivers it lists; `None` if there is none.
 
     `fleet` is the number of aircraft; the age of the last reception is taken at `end_s`.
@@ -54,16 +54,16 @@ def reception_section(rows: Sequence[Hearing], fleet: int, end_s: float) -> Mapp
                 "first": row.receiver,
                 "second": row.sender,
                 "numbers": (
-                    words.count(row.decoded),
-                    words.quantity(row.median_dbm, "dBm", 0),
-                    words.quantity(row.most_dbm, "dBm", 0),
-                    words.quantity(row.silence_s, "s", 1),
-                    words.quantity(None if row.last_s is None else max(end_s - row.last_s, 0.0), "s", 1),
+                    quantities.count(row.decoded),
+                    quantities.quantity(row.median_dbm, "dBm", 0),
+                    quantities.quantity(row.most_dbm, "dBm", 0),
+                    quantities.quantity(row.silence_s, "s", 1),
+                    quantities.quantity(None if row.last_s is None else max(end_s - row.last_s, 0.0), "s", 1),
                 ),
             }
             for row in rows[:MAX_PAIRS]
         ],
         total=len(rows),
     )
-    whose = "each receiver on the ground and each aircraft" if fleet <= MOST_AIRCRAFT else "each receiver on the ground"
+    whose = "each receiver on the ground and each aircraft" if fleet <= MAX_AIRCRAFT else "each receiver on the ground"
     return {"receivers": whose, "table": table}

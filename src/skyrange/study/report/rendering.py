@@ -11,7 +11,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from skyrange.study.report import words
+from skyrange.study.report import quantities
 
 
 @cache
@@ -25,8 +25,8 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":"), "allow_nan": False}
-    made.filters["thousands"] = words.count
-    made.filters["scalar"] = words.scalar
+    made.filters["thousands"] = quantities.count
+    made.filters["scalar"] = quantities.scalar
     return made
 
 

@@ -1,1 +1,1 @@
-"""Twins."""
+"""Pairs of an attacked run and its twins: folder, effects, propagation, confidence intervals."""

@@ -11,11 +11,11 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
-from skyrange.record.run import RunRecord
+from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
-from skyrange.study.deviation import AIRBORNE_M
-from skyrange.study.separation import NEAR_M, approaches, least_to_walls_m
-from skyrange.study.series import happenings, vehicles
+from skyrange.study.measures.separation import NEAR_M, closest_approaches, min_building_distance_m
+from skyrange.study.measures.time_series import read_notes, vehicles
+from skyrange.study.measures.track_deviation import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ class Measured:
     min_wall_m: float | None
 
 
-def ticks_of(record: RunRecord) -> Ticks:
+def read_ticks(record: RunRecord) -> Ticks:
     """The truth of all aircraft by tick; ticks with missing aircraft are left out."""
     names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
     there = set(record.tables.schema("truth").names)
@@ -88,14 +88,14 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
     """
     fleet = [vehicle.id for vehicle in vehicles(record)]
     hits: dict[str, int] = {}
-    for row in happenings(record, "events"):
+    for row in read_notes(record, "events"):
         if row.kind == "event.collision":
             hits[row.about] = hits.get(row.about, 0) + 1
     seconds = np.diff(ticks.time_ns) / NS_PER_S
     flown_m = np.sqrt((np.diff(ticks.enu_m, axis=0) ** 2).sum(axis=2)).sum(axis=0)
     energy_j = (0.5 * (ticks.power_w[1:] + ticks.power_w[:-1]) * seconds[:, None]).sum(axis=0)
-    near = approaches(ticks.enu_m, ticks.aloft, near_m)
-    walls_m = least_to_walls_m(ticks.enu_m, ticks.aloft, record.city)
+    near = closest_approaches(ticks.enu_m, ticks.aloft, near_m)
+    walls_m = min_building_distance_m(ticks.enu_m, ticks.aloft, record.city)
     outcomes = record.outcomes
     return [
         Measured(
@@ -166,7 +166,7 @@ def effect_rows(
     seed: int, against: str, runs: tuple[RunRecord, RunRecord], near_m: float, threshold_m: float
 ) -> list[dict[str, Any]]:
     """The rows of one pair: `runs` are the attacked run and its twin."""
-    both = [ticks_of(run) for run in runs]
+    both = [read_ticks(run) for run in runs]
     rows = []
     away_m, first_ns = departures(both[0], both[1], threshold_m)
     measured = [measure(run, ticks, near_m) for run, ticks in zip(runs, both, strict=True)]

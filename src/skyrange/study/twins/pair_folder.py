@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.record import RunRecord, load
-from skyrange.study.effects import CHANGES, MEASURES
-from skyrange.study.spread import Interval, interval
+from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.twins.effects import CHANGES, MEASURES
 
 FORMAT: Final = "skyrange.pair/2"
 """The format of a pair's folder. `skyrange.pair/1`, which can be read too, has `labels.parquet` as `PROPAGATION`."""

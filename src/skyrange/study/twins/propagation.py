@@ -16,9 +16,9 @@ import pyarrow.compute as pc
 
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.record.run import RunRecord
+from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, TEXT, Column, arrow_schema
-from skyrange.study.series import vehicles
+from skyrange.study.measures.time_series import vehicles
 
 PHASES: Final = ("onset", "act", "propagation", "effect")
 

@@ -1,1 +1,1 @@
-"""Checks."""
+"""Conformance checks, one module for each kind of component."""

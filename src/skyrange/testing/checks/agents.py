@@ -1,4 +1,4 @@
-"""Conformance check of agents (`skyrange.agent.contracts.Agent`)."""
+"""Conformance check of agents (`skyrange.contracts.components.Agent`)."""
 
 from __future__ import annotations
 
@@ -6,15 +6,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from skyrange.agent.contracts import Agent, Speaker
-from skyrange.agent.messages import Arrival
+from skyrange.contracts.components import Agent, OriginatingRouter
+from skyrange.contracts.mailboxes import Arrival
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.testing.driving import Step, copied, drive, rows
-from skyrange.testing.form import check_causes, check_departures, check_notes, said
-from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
-from skyrange.testing.mail import Letter, post
-from skyrange.testing.purity import watched
+from skyrange.testing.drivers.agent_driver import Step, copied, drive, rows
+from skyrange.testing.drivers.hostile_input import (
+    Volume,
+    address_to_ports,
+    check_modest,
+    forged,
+    garbage,
+    short_garbage,
+    spoiled,
+)
+from skyrange.testing.drivers.messages import InputMessage, make_arrivals
+from skyrange.testing.drivers.outbox_form import check_causes, check_departures, check_notes, said
+from skyrange.testing.drivers.purity import watched
 from skyrange.testing.rules import RuleBook, need, same, short
 
 LATE_NS = 1_300 * NS_PER_MS
@@ -30,35 +38,39 @@ class AgentCase:
     """An agent to be checked: how a fresh one is made, its friendly mail, how long it is driven."""
 
     make: Callable[[], Agent]
-    letters: Sequence[Letter]
+    messages: Sequence[InputMessage]
     until: Time
 
     @cached_property
     def arrivals(self) -> list[Arrival]:
         """The friendly mail."""
-        return post(self.letters)
+        return make_arrivals(self.messages)
 
     @cached_property
     def friendly(self) -> list[Step]:
         """What a fresh one does with it."""
         return drive(self.make(), self.arrivals, _BEFORE, self.until)
 
-    def besieged(self, payloads: Sequence[bytes]) -> tuple[list[Arrival], list[Step]]:
+    def drive_with_payloads(self, payloads: Sequence[bytes]) -> tuple[list[Arrival], list[Step]]:
         """The friendly mail with hostile payloads on every port in between, and what a fresh one does with it."""
         agent = self.make()
         begin = self.until // 10
         spacing = max(NS_PER_MS, (self.until - 2 * begin) // (len(payloads) // 16 + 1))
-        arrivals = post([*self.letters, *siege(payloads, agent.ports, begin, spacing, 16)])
+        arrivals = make_arrivals([*self.messages, *address_to_ports(payloads, agent.ports, begin, spacing, 16)])
         return arrivals, drive(agent, arrivals, _BEFORE, self.until)
 
 
 def check_agent(
-    make: Callable[[], Agent], *, mail: Sequence[Letter] = (), until: Time = 10 * NS_PER_S, name: str | None = None
+    make: Callable[[], Agent],
+    *,
+    mail: Sequence[InputMessage] = (),
+    until: Time = 10 * NS_PER_S,
+    name: str | None = None,
 ) -> None:
     """Check that the agents which `make` returns keep every rule of `AGENT`.
 
     Each call of `make` returns a fresh agent, all alike. `mail` is what a friendly peer would send it,
-    at times from 0 to `until` (ns); the better it is, the more of the agent is checked (`Postbag`
+    at times from 0 to `until` (ns); the better it is, the more of the agent is checked (`MessageRecorder`
     collects it from a run). Raises `NonConformance` at the first broken rule; `name` stands in it for
     the agent's own.
     """
@@ -75,7 +87,7 @@ def _declares(case: AgentCase) -> None:
     ports = tuple(agent.ports)
     need(all(isinstance(port, Port) for port in ports), f"ports are {short(ports)}", "a sequence of Port")
     need(len(set(ports)) == len(ports), f"ports are {short(ports)}", "each port once")
-    wrong = [letter for letter in case.letters if letter.port not in ports]
+    wrong = [message for message in case.messages if message.port not in ports]
     need(not wrong, f"the mail of this check is for {wrong[0].port if wrong else None}", "mail for the agent's ports")
 
 
@@ -94,9 +106,9 @@ def _wakeups(case: AgentCase) -> None:
 
 
 def _ends(case: AgentCase) -> tuple[Port, ...]:
-    """Where it may send from: its ports, and those where it only speaks (`contracts.Speaker`)."""
+    """Where it may send from: its ports, and those where it only speaks (`contracts.components.OriginatingRouter`)."""
     agent = case.make()
-    return (*agent.ports, *(agent.speaks if isinstance(agent, Speaker) else ()))
+    return (*agent.ports, *(agent.originates if isinstance(agent, OriginatingRouter) else ()))
 
 
 @AGENT.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
@@ -156,8 +168,8 @@ def _copies(case: AgentCase) -> None:
 @AGENT.rule("hostile", "Survives any bytes on any port, garbage and well-formed nonsense, and keeps its form.")
 def _hostile(case: AgentCase) -> None:
     ports = _ends(case)
-    for payloads in ([*garbage(), *spoiled(case.letters)], list(forged())):
-        arrivals, steps = case.besieged(payloads)
+    for payloads in ([*garbage(), *spoiled(case.messages)], list(forged())):
+        arrivals, steps = case.drive_with_payloads(payloads)
         for step in steps:
             check_departures(step.said, ports)
             check_notes(step.said)
@@ -167,7 +179,7 @@ def _hostile(case: AgentCase) -> None:
 @AGENT.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
 def _modest(case: AgentCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
-    check_modest(_volume(case.friendly), _volume(case.besieged(payloads)[1]), payloads, len(ports))
+    check_modest(_volume(case.friendly), _volume(case.drive_with_payloads(payloads)[1]), payloads, len(ports))
 
 
 def _volume(steps: Sequence[Step]) -> Volume:

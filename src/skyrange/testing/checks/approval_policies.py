@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.testing.driving import copied
-from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
-from skyrange.utm.contract import ApprovalPolicy, Decision, Intent, intent_id
+from skyrange.utm.contract import ApprovalDecision, ApprovalPolicy, OperationalIntent, intent_id
 from skyrange.utm.messages import MAX_VERTICES, MAX_VOLUMES, DecisionBody, Response, decode_response, encode
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
@@ -21,7 +21,7 @@ DAY_S = 86_400
 
 APPROVAL: RuleBook[ApprovalCase] = RuleBook("approval")
 
-Asked = tuple[Time, Intent]
+Asked = tuple[Time, OperationalIntent]
 
 
 @dataclass
@@ -63,10 +63,10 @@ def ordinary() -> list[Asked]:
         ("blue/b3", (box(lat, lon), box(lat, lon))),
     ]
     asked = [
-        (number * NS_PER_S, Intent(intent_id(vehicle), vehicle.split("/")[0], vehicle, volumes))
+        (number * NS_PER_S, OperationalIntent(intent_id(vehicle), vehicle.split("/")[0], vehicle, volumes))
         for number, (vehicle, volumes) in enumerate(plans)
     ]
-    asked.append((20 * NS_PER_S, Intent(intent_id("blue/b1", 1), "blue", "blue/b1", (box(lat, lon),), 100)))
+    asked.append((20 * NS_PER_S, OperationalIntent(intent_id("blue/b1", 1), "blue", "blue/b1", (box(lat, lon),), 100)))
     return asked
 
 
@@ -90,7 +90,10 @@ def extreme() -> list[Asked]:
         tuple(box(40.0 + 1e-4 * k, -74.0, start_s=60.0 + k) for k in range(MAX_VOLUMES)),
     ]
     return [
-        (number, Intent(intent_id(f"blue/x{number}"), "blue", f"blue/x{number}", claim, 1_000 * (number % 2)))
+        (
+            number,
+            OperationalIntent(intent_id(f"blue/x{number}"), "blue", f"blue/x{number}", claim, 1_000 * (number % 2)),
+        )
         for number, claim in enumerate(volumes)
     ]
 
@@ -169,7 +172,7 @@ def _extreme(case: ApprovalCase) -> None:
     _ask(case.make(), [*extreme(), *case.asked])
 
 
-def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly) -> list[Decision]:
+def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly) -> list[ApprovalDecision]:
     decisions = []
     for now, intent in asked:
         try:
@@ -178,6 +181,6 @@ def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly)
             raise
         except Exception as error:
             raise Broken(f"decide({now}, {short(intent)}) raised {error!r}", "a Decision") from error
-        need(isinstance(decision, Decision), f"answered {short(intent)} with {short(decision)}", "a Decision")
+        need(isinstance(decision, ApprovalDecision), f"answered {short(intent)} with {short(decision)}", "a Decision")
         decisions.append(decision)
     return decisions

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from skyrange.agent.contracts import Agent
-from skyrange.agent.links import Channel, LinkSpec
-from skyrange.agent.messages import Inbox, Outbox
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import Channel, LinkSpec
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, SkyrangeError
 from skyrange.core.geodesy import Origin
@@ -17,9 +17,9 @@ from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record import MemoryObserver
-from skyrange.testing.agents import AGENT, AgentCase
-from skyrange.testing.approvals import EPOCH, Asked, check_policy, ordinary
-from skyrange.testing.mail import Letter, Postbag
+from skyrange.testing.checks.agents import AGENT, AgentCase
+from skyrange.testing.checks.approval_policies import EPOCH, Asked, check_policy, ordinary
+from skyrange.testing.drivers.messages import InputMessage, MessageRecorder
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService
 from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
@@ -40,7 +40,7 @@ class Asker:
     """An operator's ground station, as far as an approval sees it: sends its letters when they are due."""
 
     operator: str
-    letters: Sequence[Letter]
+    messages: Sequence[InputMessage]
     sent: int = 0
     service_ns: Time = 20 * NS_PER_MS
     name: str = field(init=False)
@@ -53,14 +53,14 @@ class Asker:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Send what is due."""
         out = Outbox()
-        while self.sent < len(self.letters) and self.letters[self.sent].at <= now:
-            out.send(self.ports[0], self.letters[self.sent].payload)
+        while self.sent < len(self.messages) and self.messages[self.sent].at <= now:
+            out.send(self.ports[0], self.messages[self.sent].payload)
             self.sent += 1
         return out
 
     def next_wakeup(self) -> Time | None:
         """When the next letter is due."""
-        return self.letters[self.sent].at if self.sent < len(self.letters) else None
+        return self.messages[self.sent].at if self.sent < len(self.messages) else None
 
 
 @dataclass
@@ -70,9 +70,9 @@ class ServiceCase:
     plugin: ApprovalPlugin
     params: Mapping[str, Any]
     asked: Sequence[Asked]
-    extra: Sequence[tuple[str, Letter]] = ()
+    extra: Sequence[tuple[str, InputMessage]] = ()
     """More letters, each with the operator that sends it."""
-    _flown: list[tuple[MemoryObserver, list[Postbag]]] = field(default_factory=list)
+    _flown: list[tuple[MemoryObserver, list[MessageRecorder]]] = field(default_factory=list)
 
     @property
     def operators(self) -> list[str]:
@@ -96,26 +96,30 @@ class ServiceCase:
         need(isinstance(service, ApprovalService), f"made {short(service)}", "an ApprovalService")
         return service, context
 
-    def kernel(self) -> tuple[Kernel, MemoryObserver, list[Postbag]]:
+    def kernel(self) -> tuple[Kernel, MemoryObserver, list[MessageRecorder]]:
         """A run before its first instant: what was seen of it, and the mail of each of the service's agents."""
         service, _ = self.made()
-        letters: dict[str, list[Letter]] = {operator: [] for operator in self.operators}
+        messages: dict[str, list[InputMessage]] = {operator: [] for operator in self.operators}
         for now, intent in self.asked:
             port = Port(endpoint(intent.operator, "gcs"), link_name(APPROVAL, intent.operator))
-            letters[intent.operator].append(Letter(now, port, encode(Request.of(intent, EPOCH))))
-        for operator, letter in self.extra:
-            letters[operator].append(letter)
-        askers = [Asker(operator, sorted(own, key=lambda one: one.at)) for operator, own in letters.items()]
+            messages[intent.operator].append(InputMessage(now, port, encode(Request.of(intent, EPOCH))))
+        for operator, message in self.extra:
+            messages[operator].append(message)
+        askers = [Asker(operator, sorted(own, key=lambda one: one.at)) for operator, own in messages.items()]
         links = [LinkSpec(a.ports[0].link, a.name, APPROVAL, _CHANNEL) for a in askers] + list(service.links)
         seen = MemoryObserver()
-        bags = [Postbag(agent.ports, links) for agent in service.agents]
-        return Kernel(Wiring(seed=7, links=links, agents=[*askers, *service.agents]), [seen, *bags]), seen, bags
+        recorders = [MessageRecorder(agent.ports, links) for agent in service.agents]
+        return (
+            Kernel(Wiring(seed=7, links=links, agents=[*askers, *service.agents]), [seen, *recorders]),
+            seen,
+            recorders,
+        )
 
-    def run(self) -> tuple[MemoryObserver, list[Postbag]]:
+    def run(self) -> tuple[MemoryObserver, list[MessageRecorder]]:
         """A whole run; it is made once."""
         if not self._flown:
-            kernel, seen, bags = self.kernel()
-            self._flown.append((_finished(kernel, seen, self.until), bags))
+            kernel, seen, recorders = self.kernel()
+            self._flown.append((_finished(kernel, seen, self.until), recorders))
         return self._flown[0]
 
 
@@ -152,8 +156,8 @@ def check_approval(
         check_policy(lambda: policy(settings), asked, name)
     case = ServiceCase(approval, given, asked)
     SERVICE.check(f"approval {name or NAME}", case)
-    for number, bag in enumerate(case.run()[1]):
-        AGENT.check(f"agent of approval {name or NAME}", AgentCase(_Fresh(case, number), bag.letters, case.until))
+    for number, recorder in enumerate(case.run()[1]):
+        AGENT.check(f"agent of approval {name or NAME}", AgentCase(_Fresh(case, number), recorder.messages, case.until))
 
 
 @dataclass(frozen=True)
@@ -236,7 +240,7 @@ def _owners(case: ServiceCase) -> None:
     need(bool(thieves), f"is asked by {case.operators}", "requests of two operators, to check this")
     now, stolen = case.asked[0]
     port = Port(endpoint(thieves[0], "gcs"), link_name(APPROVAL, thieves[0]))
-    theft = Letter(now, port, encode(Request.of(stolen, EPOCH)))
+    theft = InputMessage(now, port, encode(Request.of(stolen, EPOCH)))
     kernel, seen, _ = ServiceCase(case.plugin, case.params, case.asked[1:], [(thieves[0], theft)]).kernel()
     for operator, _, payload in _answers(_finished(kernel, seen, case.until)):
         body = decode_response(payload).body

@@ -7,16 +7,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from skyrange.agent.links import AttackPlan, Schedule
-from skyrange.attack.contract import Attack, AttackKind
+from skyrange.assembly.attacks import make_attack_context
+from skyrange.assembly.build import build
+from skyrange.attack.contract import Attack, AttackPlugin
+from skyrange.contracts.links import AttackPlan, Schedule
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
-from skyrange.scenario.attack_making import make_attack_context
-from skyrange.scenario.schema import Operator as Owner
-from skyrange.scenario.schema import Origin, Scenario, Start, Vehicle, square
-from skyrange.scenario.wire import wire
+from skyrange.scenario.model.scenario import Operator as Owner
+from skyrange.scenario.model.scenario import Origin, Scenario, Start, Vehicle, square
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 ID = "checked"
@@ -71,7 +71,7 @@ class Flight:
 class AttackCase:
     """An attack to be checked: its kind and parameters, on which scenario, from when until when it acts."""
 
-    kind: AttackKind
+    kind: AttackPlugin
     params: Mapping[str, Any]
     scenario: Scenario
     start_ns: Time
@@ -81,13 +81,13 @@ class AttackCase:
 
     def made(self, sham: bool = False) -> tuple[Attack, Schedule]:
         """A fresh attack and its schedule."""
-        rig = wire(self.scenario)
+        built = build(self.scenario)
         schedule = Schedule()
-        setting = replace(
-            make_attack_context(rig.scenario, rig.wiring.links, rig.city), id=ID, schedule=schedule, sham=sham
+        context = replace(
+            make_attack_context(built.scenario, built.wiring.links, built.city), id=ID, schedule=schedule, sham=sham
         )
         try:
-            attack = self.kind(self.kind.params.model_validate(dict(self.params)), setting)
+            attack = self.kind(self.kind.params.model_validate(dict(self.params)), context)
         except SkyrangeError:
             raise
         except Exception as error:
@@ -97,7 +97,7 @@ class AttackCase:
 
     def kernel(self, present: bool = True, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
         """A run before its first instant."""
-        wiring = wire(self.scenario).wiring
+        wiring = build(self.scenario).wiring
         own: frozenset[str] = frozenset()
         if present:
             attack, schedule = self.made(sham)
@@ -122,7 +122,7 @@ class AttackCase:
 
 
 def check_attack(
-    kind: AttackKind,
+    kind: AttackPlugin,
     params: Mapping[str, Any],
     *,
     scenario: Callable[[float], Scenario] = two_squares,

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from skyrange.core.time import NS_PER_S, Time, from_seconds
-from skyrange.testing.driving import copied
-from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 from skyrange.vehicle.avoidance.contract import (
     NO_TRACKS,
-    Action,
     Avoidance,
+    AvoidanceAction,
     AvoidanceContext,
+    AvoidanceDecision,
+    AvoidanceLimits,
     AvoidancePlugin,
-    Decision,
     Episode,
-    Limits,
     Own,
     Tracks,
     Vector,
@@ -35,15 +35,15 @@ OTHERS_S = 40.0
 """How long the other aircraft are there in an encounter; then they are gone."""
 OTHERS_NS: Time = from_seconds(OTHERS_S)
 SETTLED_S = 60.0
-"""How long after all others are gone, and after `Limits.longest_s`, an episode may go on."""
-_FLYING = (Action.KEEP, Action.RESUME, Action.RETURN)
+"""How long after all others are gone, and after `AvoidanceLimits.longest_s`, an episode may go on."""
+_FLYING = (AvoidanceAction.KEEP, AvoidanceAction.RESUME, AvoidanceAction.RETURN)
 """Actions that end an episode, or begin none."""
 
 AVOIDANCE: RuleBook[AvoidanceCase] = RuleBook("avoidance")
 
 Others = Sequence[tuple[float, ...]]
 """(east, north, up, and velocities) of each other aircraft at first."""
-Row = tuple[Time, Own, Decision]
+Row = tuple[Time, Own, AvoidanceDecision]
 
 
 ENCOUNTERS: Mapping[str, Others] = {
@@ -112,11 +112,11 @@ def fly_encounter(
         _check(now, tracks, decision)
         rows.append((now, at, decision))
         episode = decision.episode
-        if decision.action is Action.RETURN:
+        if decision.action is AvoidanceAction.RETURN:
             return rows
-        target = decision.waypoint_enu_m if decision.action is Action.GO else GOAL
+        target = decision.waypoint_enu_m if decision.action is AvoidanceAction.GO else GOAL
         at = at._replace(pos_enu_m=_moved(at.pos_enu_m, at.vel_enu_mps))
-        still = decision.action is Action.STOP
+        still = decision.action is AvoidanceAction.STOP
         at = at._replace(vel_enu_mps=(0.0, 0.0, 0.0) if still or target is None else _velocity(at.pos_enu_m, target))
     return rows
 
@@ -138,9 +138,9 @@ def _velocity(place: Vector, target: Vector) -> Vector:
 
 def _check(now: Time, tracks: Tracks, decision: Any) -> None:
     """`Broken` (rules `decides` and `episodes`) unless this is a whole decision."""
-    if not (isinstance(decision, Decision) and isinstance(decision.action, Action)):
+    if not (isinstance(decision, AvoidanceDecision) and isinstance(decision.action, AvoidanceAction)):
         raise Broken(f"answered {short(decision)}", "a Decision with an Action", "decides")
-    place, goes = decision.waypoint_enu_m, decision.action is Action.GO
+    place, goes = decision.waypoint_enu_m, decision.action is AvoidanceAction.GO
     if goes != (place is not None):
         raise Broken(f"said {decision.action} with the waypoint {place}", "a waypoint with GO alone", "decides")
     if place is not None and not (len(place) == 3 and all(math.isfinite(part) for part in place)):
@@ -167,7 +167,7 @@ def _described(case: AvoidanceCase) -> None:
 @AVOIDANCE.rule("limits", "Has the limits that it was made of: companions look for conflicts by them.")
 def _limits(case: AvoidanceCase) -> None:
     limits = getattr(case.make(), "limits", None)
-    need(isinstance(limits, Limits), f"limits are {short(limits)}", "Limits, or a subclass of it")
+    need(isinstance(limits, AvoidanceLimits), f"limits are {short(limits)}", "Limits, or a subclass of it")
 
 
 @AVOIDANCE.rule("decides", "Answers with a Decision: a waypoint of finite metres with GO alone, rows of the tracks.")
@@ -185,7 +185,7 @@ def _episodes(case: AvoidanceCase) -> None:
 @AVOIDANCE.rule("alone", "Flies on where it hears nobody.")
 def _alone(case: AvoidanceCase) -> None:
     for now, _, decision in fly_encounter(case.make(), ()):
-        need(decision.action is Action.KEEP, f"said {decision.action} at {now}", "KEEP")
+        need(decision.action is AvoidanceAction.KEEP, f"said {decision.action} at {now}", "KEEP")
 
 
 @AVOIDANCE.rule("ends", "Ends every episode: when all others are gone, or a minute after its longest at the latest.")

@@ -1,4 +1,4 @@
-"""Conformance check of autopilot engines (`skyrange.agent.contracts.Engine`)."""
+"""Conformance check of autopilot engines (`skyrange.contracts.components.Engine`)."""
 
 from __future__ import annotations
 
@@ -8,21 +8,29 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from skyrange.agent.contracts import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
+from skyrange.contracts.components import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.testing.driving import copied
-from skyrange.testing.fleet import CHANCE, EPOCH, FLEET, ORIGIN, Factory, open_field, take_off
-from skyrange.testing.flying import Flight
-from skyrange.testing.form import Said, check_causes, check_departures, check_notes
-from skyrange.testing.hostile import Volume, check_modest, forged, garbage, short_garbage, siege, spoiled
-from skyrange.testing.mail import Letter, post
-from skyrange.testing.purity import watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.default_fleet import CHANCE, EPOCH, FLEET, ORIGIN, Factory, open_field, take_off
+from skyrange.testing.drivers.engine_driver import Flight
+from skyrange.testing.drivers.hostile_input import (
+    Volume,
+    address_to_ports,
+    check_modest,
+    forged,
+    garbage,
+    short_garbage,
+    spoiled,
+)
+from skyrange.testing.drivers.messages import InputMessage, make_arrivals
+from skyrange.testing.drivers.outbox_form import Said, check_causes, check_departures, check_notes
+from skyrange.testing.drivers.purity import watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
-from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 
 ENGINE: RuleBook[EngineCase] = RuleBook("engine")
 
@@ -34,7 +42,7 @@ class EngineCase:
     factory: Factory
     specs: Sequence[VehicleSpec]
     world: Callable[[Sequence[VehicleSpec]], World]
-    letters: Sequence[Letter] | None
+    messages: Sequence[InputMessage] | None
     until: Time
 
     def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
@@ -42,9 +50,9 @@ class EngineCase:
         return self.factory(name, list(self.specs if specs is None else specs), ORIGIN, EPOCH, CHANCE)
 
     @cached_property
-    def friendly(self) -> list[Letter]:
+    def friendly(self) -> list[InputMessage]:
         """The friendly mail."""
-        return take_off(self.make().ports, self.specs) if self.letters is None else list(self.letters)
+        return take_off(self.make().ports, self.specs) if self.messages is None else list(self.messages)
 
     @cached_property
     def repeats(self) -> bool:
@@ -56,17 +64,17 @@ class EngineCase:
         """Whether it starts programs: these need sockets and files, and cannot be copied."""
         return self.make().runs_programs
 
-    def flight(self, cut: int = 0, hostile: Sequence[Letter] = ()) -> Flight:
+    def flight(self, cut: int = 0, hostile: Sequence[InputMessage] = ()) -> Flight:
         """A fresh engine (two, if the fleet is `cut` before that row) before its first tick."""
         parts = [self.specs[:cut], self.specs[cut:]] if cut else [self.specs]
         engines = [self.make(part, f"checked {number}") for number, part in enumerate(parts)]
-        return Flight(engines, self.world(self.specs), post([*self.friendly, *hostile]))
+        return Flight(engines, self.world(self.specs), make_arrivals([*self.friendly, *hostile]))
 
-    def besiege(self, payloads: Sequence[bytes]) -> Flight:
+    def fly_with_payloads(self, payloads: Sequence[bytes]) -> Flight:
         """A flight with hostile payloads on every port."""
         begin = self.until // 10
         spacing = max(NS_PER_MS, (self.until - 2 * begin) // (len(payloads) // 16 + 1))
-        return self.flight(hostile=siege(payloads, self.make().ports, begin, spacing, 16))
+        return self.flight(hostile=address_to_ports(payloads, self.make().ports, begin, spacing, 16))
 
 
 def check_engine(
@@ -75,7 +83,7 @@ def check_engine(
     *,
     specs: Sequence[VehicleSpec] = FLEET,
     world: Callable[[Sequence[VehicleSpec]], World] = open_field,
-    mail: Sequence[Letter] | None = None,
+    mail: Sequence[InputMessage] | None = None,
     until: Time = 5 * NS_PER_S,
     name: str | None = None,
 ) -> None:
@@ -265,7 +273,7 @@ def _copies(case: EngineCase) -> None:
 def _hostile(case: EngineCase) -> None:
     systems = sorted({0, *(spec.system_id for spec in case.specs)})
     for payloads in ([*garbage(), *spoiled(case.friendly)], list(forged(systems))):
-        flight = case.besiege(payloads)
+        flight = case.fly_with_payloads(payloads)
 
         def look(engine: Engine, finished: Finished, contents: Said, flight: Flight = flight) -> None:
             check_departures(contents, tuple(engine.ports))
@@ -278,7 +286,7 @@ def _hostile(case: EngineCase) -> None:
 @ENGINE.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
 def _modest(case: EngineCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
-    quiet, loud = case.flight().fly(case.until), case.besiege(payloads).fly(case.until)
+    quiet, loud = case.flight().fly(case.until), case.fly_with_payloads(payloads).fly(case.until)
     check_modest(_volume(quiet), _volume(loud), payloads, len(ports))
 
 

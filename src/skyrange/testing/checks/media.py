@@ -1,4 +1,4 @@
-"""Conformance check of radio media (`skyrange.agent.air.Medium`)."""
+"""Conformance check of radio media (`skyrange.contracts.medium.Medium`)."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.air import (
+from skyrange.contracts.medium import (
     ANY_CHANNEL,
-    Fate,
-    Listening,
     Medium,
     OnAir,
-    Outcome,
     RadioSpec,
     RadioTable,
-    Turn,
+    ReceptionOutcome,
+    ScanSchedule,
+    ScanStep,
+    TransmissionFate,
     TxBatch,
     Waveform,
 )
@@ -27,8 +27,8 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.radio.contract import MediumContext, MediumPlugin
-from skyrange.testing.driving import copied
-from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 TICK_NS = 10 * NS_PER_MS
@@ -38,9 +38,9 @@ TOLD_NS = 2 * NS_PER_S
 """By when everything about a frame has been told."""
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
 _EARS = (
-    Listening((Turn(6, _WIFI),)),
-    Listening(
-        tuple(Turn(37 + k % 3, (Waveform.BLE_1M, Waveform.BLE_CODED)[k // 3 :][:1]) for k in range(6)),
+    ScanSchedule((ScanStep(6, _WIFI),)),
+    ScanSchedule(
+        tuple(ScanStep(37 + k % 3, (Waveform.BLE_1M, Waveform.BLE_CODED)[k // 3 :][:1]) for k in range(6)),
         30 * NS_PER_MS,
         30 * NS_PER_MS,
     ),
@@ -176,7 +176,11 @@ def _declares(case: MediumCase) -> None:
     names = [radio.name for radio in medium.radios]
     need(names == sorted(radio.name for radio in radios()), f"radios are {names}", "those it was made of, by name")
     need(medium.lookahead_ns >= 0, f"lookahead_ns is {medium.lookahead_ns}", "0 or more")
-    need(medium.losses.shape == (len(names), len(Outcome)), f"losses of {medium.losses.shape}", "(radios, outcomes)")
+    need(
+        medium.losses.shape == (len(names), len(ReceptionOutcome)),
+        f"losses of {medium.losses.shape}",
+        "(radios, outcomes)",
+    )
     need(medium.repeatable in ("bytes", "outcome"), f"repeatable is {medium.repeatable!r}", "bytes or outcome")
     need(isinstance(medium.manifest, Mapping), f"manifest is {short(medium.manifest)}", "a mapping")
 
@@ -217,7 +221,7 @@ def _tells(case: MediumCase) -> None:
 def _hears(case: MediumCase) -> None:
     medium = case.make(radios())
     senders = {request[4]: request[0] for request in requests()}
-    heard = [row for row in told(medium, live(medium, requests()))[1] if row[-1] == Outcome.DECODED]
+    heard = [row for row in told(medium, live(medium, requests()))[1] if row[-1] == ReceptionOutcome.DECODED]
     need(len(heard) > 0, "nobody heard anything", "receptions")
     for row in heard:
         need(senders[row[0]] != row[1], f"{row[1]} heard itself", "receivers other than the sender")  # type: ignore[index]
@@ -307,8 +311,12 @@ def _refuses(case: MediumCase) -> None:
         key: fate for answer in answers for key, fate in zip(*(answer.sent[k].tolist() for k in (0, 5)), strict=True)
     }
     for _, _, waveform, size, key in wrong:
-        need(fates.get(key) == Fate.REFUSED, f"{size} bytes in waveform {waveform}: {fates.get(key)}", "REFUSED")
-    need(Fate.SENT in fates.values(), "nothing was sent any more", "the good frames sent")
+        need(
+            fates.get(key) == TransmissionFate.REFUSED,
+            f"{size} bytes in waveform {waveform}: {fates.get(key)}",
+            "REFUSED",
+        )
+    need(TransmissionFate.SENT in fates.values(), "nothing was sent any more", "the good frames sent")
 
 
 @MEDIUM.rule("closes", "Can be closed at any time, and again.")

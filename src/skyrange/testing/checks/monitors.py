@@ -1,4 +1,4 @@
-"""Conformance of a monitor, the contract of detectors (`skyrange.agent.monitors.Monitor`)."""
+"""Conformance of a monitor, the contract of detectors (`skyrange.contracts.monitors.Monitor`)."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.detectors import DetectorContext, DetectorPlugin
-from skyrange.agent.monitors import Alert, Monitor, ObservedFrame, ObservedFrames, find_problem
-from skyrange.agent.payloads import Payloads
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.monitors import Alert, Monitor, ObservedFrame, ObservedFrames, find_problem
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, ceil_to
-from skyrange.testing.driving import copied
-from skyrange.testing.form import MAX_TEXT
-from skyrange.testing.hostile import forged, garbage
-from skyrange.testing.purity import Call, plainly, watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.hostile_input import forged, garbage
+from skyrange.testing.drivers.outbox_form import MAX_TEXT
+from skyrange.testing.drivers.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 PORTS = (Port("blue.gcs", "gcs:blue/b1"), Port("blue.gcs", "gcs:blue/b2"))

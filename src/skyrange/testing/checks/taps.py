@@ -1,4 +1,4 @@
-"""Conformance check of taps (`skyrange.agent.contracts.Tap`)."""
+"""Conformance check of taps (`skyrange.contracts.components.Tap`)."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from skyrange.agent.contracts import Tap
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
+from skyrange.contracts.components import Tap
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.testing.driving import copied
-from skyrange.testing.form import MAX_PAYLOAD_BYTES
-from skyrange.testing.hostile import forged, garbage
-from skyrange.testing.purity import watched
+from skyrange.testing.drivers.agent_driver import copied
+from skyrange.testing.drivers.hostile_input import forged, garbage
+from skyrange.testing.drivers.outbox_form import MAX_PAYLOAD_BYTES
+from skyrange.testing.drivers.purity import watched
+from skyrange.testing.drivers.tap_driver import Moment, watch
 from skyrange.testing.rules import RuleBook, need, same, short
-from skyrange.testing.watching import Moment, watch
 
 LATE_NS = 1_300 * NS_PER_MS
 MAX_INJECTS = 64

@@ -1,1 +1,1 @@
-"""Drivers."""
+"""Drivers of components under check, and the input that they get."""

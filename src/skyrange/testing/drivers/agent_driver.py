@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from skyrange.agent.contracts import Agent, Tap
-from skyrange.agent.messages import Arrival, Inbox, Outbox
+from skyrange.contracts.components import Agent, Tap
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.time import NS_PER_S, Time, ceil_to
-from skyrange.testing.form import Said, said
-from skyrange.testing.purity import Call, plainly
+from skyrange.testing.drivers.outbox_form import Said, said
+from skyrange.testing.drivers.purity import Call, plainly
 from skyrange.testing.rules import Broken, short
 
 MAX_WAKEUPS_PER_S = 20_000

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 
-from skyrange.agent.contracts import Engine, World
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.contracts.components import Engine, World
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, owner_of
 from skyrange.core.time import NS_PER_MS, Epoch
-from skyrange.testing.mail import Letter
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.testing.drivers.messages import InputMessage
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world import Body, SensorSpec
 from skyrange.world import World as Bodies
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 ORIGIN = Origin(-35.363328, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
@@ -38,12 +38,12 @@ Factory = Callable[[str, Sequence[VehicleSpec], Origin, Epoch, Chance], Engine]
 def open_field(specs: Sequence[VehicleSpec]) -> World:
     """The shipped world: bodies at their homes, no wind, no city, sensors with noise."""
     bodies = [Body(s.vehicle, s.airframe, s.home_enu_m[0], s.home_enu_m[1], 0.0, s.heading_deg) for s in specs]
-    return Bodies(bodies, sensors=SensorSpec(1.0, field_at(ORIGIN), CHANCE))
+    return Bodies(bodies, sensors=SensorSpec(1.0, magnetic_field_at(ORIGIN), CHANCE))
 
 
-def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter]:
+def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[InputMessage]:
     """What a ground station says to fly a MAVLink copter: heartbeats, GUIDED, arm, take off to 5 m, telemetry."""
-    letters = []
+    messages = []
     for spec in specs:
         system = spec.system_id
         port = next((port for port in ports if owner_of(port.endpoint) == spec.vehicle), None)
@@ -62,5 +62,5 @@ def take_off(ports: Sequence[Port], specs: Sequence[VehicleSpec]) -> list[Letter
             (400, command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)),
             (500, command(dialect.MAV_CMD_NAV_TAKEOFF, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0)),
         ]
-        letters += [Letter(at * NS_PER_MS, port, packer.pack(message)) for at, message in script]
-    return letters
+        messages += [InputMessage(at * NS_PER_MS, port, packer.pack(message)) for at, message in script]
+    return messages

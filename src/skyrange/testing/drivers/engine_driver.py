@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Engine, Finished, InstanceStatus, Poses, Sensors, World
-from skyrange.agent.messages import EMPTY_INBOX, Arrival, Departure, Inbox, Note
+from skyrange.contracts.components import Engine, Finished, InstanceStatus, Poses, Sensors, World
+from skyrange.contracts.mailboxes import EMPTY_INBOX, Arrival, Departure, Inbox, Note
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, ceil_to
-from skyrange.testing.form import Said, said
-from skyrange.testing.purity import Call, plainly
+from skyrange.testing.drivers.outbox_form import Said, said
+from skyrange.testing.drivers.purity import Call, plainly
 from skyrange.testing.rules import Broken, short
 
 WALL_DEADLINE_S = 5.0

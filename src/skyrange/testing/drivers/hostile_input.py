@@ -12,10 +12,10 @@ from hashlib import shake_256
 from typing import Any
 
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.codec.wire import LAYOUTS
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
-from skyrange.testing.mail import Letter
+from skyrange.testing.drivers.messages import InputMessage
 from skyrange.testing.rules import need
 
 HUGE_BYTES = 1_000_000
@@ -88,9 +88,9 @@ def _fields(layout: Any, body: bytes) -> dict[str, Any]:
     return fields
 
 
-def spoiled(letters: Sequence[Letter], most: int = 24) -> list[bytes]:
-    """The first `most` different payloads of `letters`, each cut in half, without its last byte, bent, and doubled."""
-    payloads = list(dict.fromkeys(letter.payload for letter in letters))[:most]
+def spoiled(messages: Sequence[InputMessage], most: int = 24) -> list[bytes]:
+    """The first `most` different payloads of `messages`, each cut in half, without its last byte, bent, and doubled."""
+    payloads = list(dict.fromkeys(message.payload for message in messages))[:most]
     found = []
     for payload in payloads:
         middle = len(payload) // 2
@@ -99,10 +99,12 @@ def spoiled(letters: Sequence[Letter], most: int = 24) -> list[bytes]:
     return found
 
 
-def siege(payloads: Sequence[bytes], ports: Sequence[Port], begin: Time, spacing: Time, at_once: int) -> list[Letter]:
+def address_to_ports(
+    payloads: Sequence[bytes], ports: Sequence[Port], begin: Time, spacing: Time, at_once: int
+) -> list[InputMessage]:
     """All payloads to every port, `at_once` of them every `spacing` ns from `begin` on."""
     return [
-        Letter(begin + spacing * (number // at_once), port, payload)
+        InputMessage(begin + spacing * (number // at_once), port, payload)
         for number, payload in enumerate(payloads)
         for port in ports
     ]

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from skyrange.agent.blocks import FrameBlock
-from skyrange.agent.contracts import World
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Arrival, Note
-from skyrange.agent.monitors import Alert
-from skyrange.agent.verdicts import Label
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Arrival, Note
+from skyrange.contracts.monitors import Alert
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Time
 
@@ -19,7 +19,7 @@ PEER = "peer"
 """Who claims to have sent every letter."""
 
 
-class Letter(NamedTuple):
+class InputMessage(NamedTuple):
     """One payload that arrives `at` (ns of simulated time) at a port of the component."""
 
     at: Time
@@ -27,19 +27,19 @@ class Letter(NamedTuple):
     payload: bytes
 
 
-def post(letters: Sequence[Letter]) -> list[Arrival]:
+def make_arrivals(messages: Sequence[InputMessage]) -> list[Arrival]:
     """The arrivals, in the order in which a kernel hands them over, each with a reference of its own."""
-    ordered = sorted(enumerate(letters), key=lambda pair: (pair[1].at, pair[1].port.link, pair[0]))
+    ordered = sorted(enumerate(messages), key=lambda pair: (pair[1].at, pair[1].port.link, pair[0]))
     return [
-        Arrival(letter.port, letter.at, letter.payload, PEER, FrameId(letter.port.link, "fwd", PEER, number))
-        for number, letter in ordered
+        Arrival(message.port, message.at, message.payload, PEER, FrameId(message.port.link, "fwd", PEER, number))
+        for number, message in ordered
     ]
 
 
-class Postbag:
+class MessageRecorder:
     """An observer that collects the letters which a component gets in a run.
 
-    Put it among a kernel's observers and give its `letters` to a check: the component is then checked
+    Put it among a kernel's observers and give its `messages` to a check: the component is then checked
     in the conversation that it really has. `ports` are the component's, `links` those of the wiring.
     """
 
@@ -48,13 +48,13 @@ class Postbag:
     def __init__(self, ports: Sequence[Port], links: Sequence[LinkSpec]) -> None:
         ends = {(spec.name, "fwd"): spec.b for spec in links} | {(spec.name, "rev"): spec.a for spec in links}
         self._ports = {way: Port(end, way[0]) for way, end in ends.items() if Port(end, way[0]) in ports}
-        self.letters: list[Letter] = []
+        self.messages: list[InputMessage] = []
 
     def on_frame(self, frame: Frame) -> None:
         """Keep what was delivered to one of the ports."""
         port = self._ports.get((frame.link, frame.direction))
         if port is not None and frame.fate is Fate.DELIVERED:
-            self.letters.append(Letter(frame.arrived_ns, port, frame.payload))
+            self.messages.append(InputMessage(frame.arrived_ns, port, frame.payload))
 
     def on_block(self, block: FrameBlock) -> None:
         """The same for many."""

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.messages import Block, Departure, Note, Outbox
-from skyrange.agent.payloads import Payloads
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.mailboxes import Block, Departure, Note, Outbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.testing.rules import Broken, need, short
 

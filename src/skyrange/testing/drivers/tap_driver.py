@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from skyrange.agent.contracts import Tap
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.verdicts import Inject, Verdict
+from skyrange.contracts.components import Tap
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.testing.driving import MAX_WAKEUPS_PER_S, wakeup
-from skyrange.testing.purity import Call, plainly
+from skyrange.testing.drivers.agent_driver import MAX_WAKEUPS_PER_S, wakeup
+from skyrange.testing.drivers.purity import Call, plainly
 from skyrange.testing.rules import Broken, short
 
 Moment = tuple[Time, FrameId | None, tuple[Verdict, ...], Time | None]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import asyncio
 from typing import Any, Final
 
-from skyrange.codec.deframe import Piece
-from skyrange.io.curve_keys import Keys
-from skyrange.io.mavlink_sockets import LOOPBACK, Address, OnPiece
-from skyrange.runtime.live.control import Message, pack_message, unpack_message
+from skyrange.codec.mavlink.deframer import Piece
+from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
+from skyrange.io.zeromq.curve_keys import Keys
+from skyrange.runtime.live.transport.control import Message, pack_message, unpack_message
 from skyrange.testing.live.network import Key, Owner, Pipe, VirtualNetwork
 
 RECONNECT_S: Final = 0.1
@@ -42,7 +42,7 @@ class _Endpoint:
 
 
 class MessageListener(_Endpoint):
-    """The listening side of a link; its peer is the one that connected or sent last, as for `ZmqEnd`."""
+    """The listening side of a link; its peer is the one that connected or sent last, as for `ZmqTransport`."""
 
     refused = 0
 

@@ -15,7 +15,7 @@ from contextvars import Context, copy_context
 from dataclasses import dataclass, field
 from typing import Any, Final
 
-from skyrange.io.ends import is_loopback
+from skyrange.io.addresses import is_loopback
 from skyrange.testing.live.processes import CURRENT, VirtualProcess
 
 Address = tuple[str, int]

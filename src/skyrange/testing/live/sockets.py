@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, cast
 
-from skyrange.io.ends import is_loopback
+from skyrange.io.addresses import is_loopback
 from skyrange.testing.live.event_loop import VirtualEventLoop, VirtualTime
 from skyrange.testing.live.network import Address, Key, Owner, Pipe, VirtualNetwork
 from skyrange.testing.live.processes import create_task

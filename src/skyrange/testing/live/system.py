@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from skyrange.io.curve_keys import Keys
-from skyrange.io.mavlink_sockets import Address, OnPiece
-from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.control import ControlClient, ControlServer
-from skyrange.runtime.live.ends import Transport, connect, listen
-from skyrange.runtime.live.launch import write_config
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import Credentials
-from skyrange.runtime.live.process import run_node
-from skyrange.scenario.schema import Scenario
+from skyrange.io.mavlink.transports import Address, OnPiece
+from skyrange.io.zeromq.curve_keys import Keys
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.node.process import run_node
+from skyrange.runtime.live.supervisor.launch import write_config
+from skyrange.runtime.live.transport.addresses import Crossing
+from skyrange.runtime.live.transport.control import ControlClient, ControlServer
+from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.runtime.live.transport.links import Transport, connect, listen
+from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing.live.event_loop import VirtualTime
 from skyrange.testing.live.messages import (
     MemoryControlClient,

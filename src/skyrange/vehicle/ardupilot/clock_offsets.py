@@ -5,7 +5,7 @@ from __future__ import annotations
 from skyrange.core.time import NS_PER_MS, Time
 
 
-class Skew:
+class ClockOffsets:
     """Statistics of each process's clock against the run's; positive is ahead."""
 
     def __init__(self) -> None:
@@ -15,7 +15,7 @@ class Skew:
         self._max = 0
         self._between = 0
 
-    def seen(self, row: int, ahead_ns: Time) -> None:
+    def record(self, row: int, ahead_ns: Time) -> None:
         """A report of process `row` was this far ahead of the tick in which it was read."""
         self._last[row] = ahead_ns
         self._count += 1
@@ -28,7 +28,7 @@ class Skew:
         self._last.pop(row, None)
 
     @property
-    def told(self) -> dict[str, float]:
+    def summary(self) -> dict[str, float]:
         """`mean` and `max` distance from the run's clock, and the largest distance `between` two processes, ms; {}
         without data.
         """

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.vehicle.ardupilot.fleet import Fleet
-from skyrange.vehicle.ardupilot.lockstep import LockstepFleet
-from skyrange.vehicle.ardupilot.native import NativeFleet
+from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
+from skyrange.vehicle.ardupilot.native_fleet import NativeFleet
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin
+from skyrange.vehicle.ardupilot.process_fleet import ProcessFleet
+from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin
 
 
-def _make(options: Options, context: AutopilotContext) -> Fleet:
+def _make(options: Options, context: AutopilotContext) -> ProcessFleet:
     kind = NativeFleet if options.physics == "native" else LockstepFleet
     return kind(context.name, context.specs, context.origin, context.epoch, options)
 
@@ -27,4 +27,4 @@ ARDUPILOT = AutopilotPlugin(
     signs=True,
     opened_ports=_opened_ports,
 )
-"""The autopilot `ardupilot`. Raises `InputError` as `Fleet` does."""
+"""The autopilot `ardupilot`. Raises `InputError` as `ProcessFleet` does."""

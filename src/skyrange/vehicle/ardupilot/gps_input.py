@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Sensors
 from skyrange.codec.mavlink import Message, dialect
+from skyrange.contracts.components import Sensors
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import GPS_LEAP_S, NS_PER_MS, NS_PER_S, Epoch, Time
 
@@ -27,7 +27,7 @@ _HDOP, _VDOP = 0.8, 1.2
 """Typical of ten satellites under an open sky."""
 
 
-class Receivers:
+class GnssReceivers:
     """The receivers of some aircraft: detects new fixes and encodes them. Deep-copyable."""
 
     def __init__(self, count: int, origin: Origin, epoch: Epoch) -> None:

@@ -1,8 +1,8 @@
 """ArduPilot in lockstep with the range's world, by its JSON physics backend.
 
 Every tick each process gets the tick's sensors, or with the last tick of an iteration of its main loop those of all
-(`batches`); all processes compute side by side, and the tick ends when all have answered. The machine's clock plays no
-part: the same inputs give the same bytes.
+(`exchange_batches`); all processes compute side by side, and the tick ends when all have answered. The machine's clock
+plays no part: the same inputs give the same bytes.
 """
 
 from __future__ import annotations
@@ -13,22 +13,22 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
-from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Message
+from skyrange.contracts.components import Finished, InstanceStatus, Sensors
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.cores import Pair
-from skyrange.io.exchanges import Exchanges
-from skyrange.io.sitl import LockstepSitl, wall_s
+from skyrange.io.ardupilot.batch_exchange import BatchExchange
+from skyrange.io.ardupilot.sitl import LockstepSitl, wall_s
+from skyrange.io.processes.core_sharing import CoreSharing
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.batches import Batches
-from skyrange.vehicle.ardupilot.fleet import QUANTUM_NS, START_S, WARM_UP_NS, Fleet, Instance
-from skyrange.vehicle.ardupilot.lines import Writer
+from skyrange.vehicle.ardupilot.json_backend.exchange_batches import ExchangeBatches
+from skyrange.vehicle.ardupilot.json_backend.json_lines import LineWriter
+from skyrange.vehicle.ardupilot.json_backend.motion import MeanForce, Motion, read_commands, to_ardupilot_motion
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import MeanForce, Motion, commands_of, motion_of
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS, START_S, WARM_UP_NS, Instance, ProcessFleet
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 
 Ints = NDArray[np.int64]
@@ -36,8 +36,8 @@ Ints = NDArray[np.int64]
 _TRIES = 5
 
 
-class LockstepFleet(Fleet):
-    """A fleet moved by the range's physics (contract: `agent.contracts.Engine`)."""
+class LockstepFleet(ProcessFleet):
+    """A fleet moved by the range's physics (contract: `contracts.components.Engine`)."""
 
     physics: Literal["shared", "native"] = "shared"
     clock: Literal["lockstep", "wall"] = "lockstep"
@@ -45,7 +45,7 @@ class LockstepFleet(Fleet):
     preroll_ns: Time = WARM_UP_NS
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
-        """As `Fleet`."""
+        """As `ProcessFleet`."""
         super().__init__(name, specs, origin, epoch, options)
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
         self._sitls: list[LockstepSitl] = []
@@ -55,10 +55,10 @@ class LockstepFleet(Fleet):
         """Whether any aircraft has no exchange in some ticks."""
         self._motion: Motion | None = None
         """At the last tick with exchanges."""
-        self._writer = Writer(0)
+        self._writer = LineWriter(0)
         """The lines that each process is sent."""
-        self._batches: Batches | None = None
-        self._exchanges: Exchanges | None = None
+        self._batches: ExchangeBatches | None = None
+        self._exchanges: BatchExchange | None = None
         self._steps: Ints = np.zeros(len(specs), dtype=np.int64)
         """Since the start of each process."""
         self._step_ns: Ints = np.zeros(len(specs), dtype=np.int64)
@@ -71,7 +71,7 @@ class LockstepFleet(Fleet):
         """Those of them that answer in this tick."""
         self._status = [InstanceStatus.BOOTING for _ in specs]
         """As last returned."""
-        self._core_sharing: Pair | None = None
+        self._core_sharing: CoreSharing | None = None
         """Shares the processor with the process, if there is only one."""
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
@@ -99,18 +99,18 @@ class LockstepFleet(Fleet):
                 sitl = self._sitl(one)
             taken.add(sitl.port)
             self._sitls.append(sitl)
-            rates = parameters.steps_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            rates = parameters.exchange_steps(one.values, self._listed, QUANTUM_NS / NS_PER_S)
             self._per_tick[row], ticks[row] = rates
-            moments[row] = parameters.moments_of(one.values, self._listed, QUANTUM_NS / NS_PER_S)
+            moments[row] = parameters.moments_per_iteration(one.values, self._listed, QUANTUM_NS / NS_PER_S)
         self._step_ns = QUANTUM_NS * ticks // self._per_tick
         self._skips_ticks = bool((ticks > 1).any())
         count, most = len(self._sitls), int((self._per_tick * moments).max())
         self._live = np.arange(count)
-        self._exchanges = Exchanges(self._sitls, most)
-        self._batches = Batches(self._per_tick, ticks, moments)
-        self._writer = Writer(count, most)
+        self._exchanges = BatchExchange(self._sitls, most)
+        self._batches = ExchangeBatches(self._per_tick, ticks, moments)
+        self._writer = LineWriter(count, most)
         if count == 1:
-            self._core_sharing = Pair(self._sitls[0].program)
+            self._core_sharing = CoreSharing(self._sitls[0].program)
 
     def _sitl(self, one: Instance) -> LockstepSitl:
         assert isinstance(one.sitl, LockstepSitl)
@@ -128,14 +128,14 @@ class LockstepFleet(Fleet):
             )
         self._tick = tick
         assert self._batches is not None
-        rows = self._batches.at(tick // QUANTUM_NS, self._live)
+        rows = self._batches.due_rows(tick // QUANTUM_NS, self._live)
         if self._skips_ticks:
-            self._mean.feel(sensors.accel_mps2)
+            self._mean.add(sensors.accel_mps2)
         self._due = rows
         if len(rows):
-            after = motion_of(sensors, self._home_up_m)
+            after = to_ardupilot_motion(sensors, self._home_up_m)
             if self._skips_ticks:
-                self._mean.put(after, rows)
+                self._mean.apply(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after
             self._due = self._send(rows, before, after)
 
@@ -144,9 +144,9 @@ class LockstepFleet(Fleet):
         batches, exchanges = self._batches, self._exchanges
         assert batches is not None
         assert exchanges is not None
-        self._writer.write(rows, batches.lines, self._per_tick, self._steps, self._step_ns, before, after)
-        due = batches.written(rows)
-        exchanges.send(due, batches.lines, self._writer.text, self._writer.lengths)
+        self._writer.write(rows, batches.pending_lines, self._per_tick, self._steps, self._step_ns, before, after)
+        due = batches.mark_written(rows)
+        exchanges.send(due, batches.pending_lines, self._writer.text, self._writer.lengths)
         return due
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
@@ -157,7 +157,7 @@ class LockstepFleet(Fleet):
         deadline = wall_s() + (max(START_S, wall_deadline_s) if booting else wall_deadline_s)
         outbox = Outbox()
         if self._core_sharing is not None:
-            self._core_sharing.give_way()
+            self._core_sharing.yield_core()
         self._collect(deadline, outbox)
         if len(self._live) < len(self._instances):
             lost = np.setdiff1d(np.arange(len(self._instances)), self._live)
@@ -175,17 +175,17 @@ class LockstepFleet(Fleet):
         if len(due) > 1:
             self._sitls[due[-1]].await_word()
         lost = False
-        for row in exchanges.take(due, batches.lines):
-            while exchanges.taken[row] < batches.lines[row]:
+        for row in exchanges.take(due, batches.pending_lines):
+            while exchanges.taken[row] < batches.pending_lines[row]:
                 if not self._wait_late(row, deadline, outbox):
                     lost = True
                     break
-        batches.answered(due, exchanges.taken, exchanges.answers)
+        batches.mark_answered(due, exchanges.taken, exchanges.answers)
         if lost:
             live = [row for row in self._live.tolist() if self._instances[row].alive]
             self._live = np.array(live, dtype=np.int64)
             due = np.intersect1d(due, self._live)
-        commands_of(exchanges.answers, exchanges.taken - 1, due, self._commands)
+        read_commands(exchanges.answers, exchanges.taken - 1, due, self._commands)
 
     def _wait_late(self, row: int, deadline: float, outbox: Outbox) -> bool:
         """Wait for an answer that was not there; returns whether more answers to this tick can come
@@ -196,7 +196,7 @@ class LockstepFleet(Fleet):
         restarts = sitl.restarts
         if not self._exchanges.take_late(row, deadline):
             one.lose(InstanceStatus.SILENT if sitl.program.running else InstanceStatus.DEAD, outbox)
-            self._skew.forget(row)
+            self._clock_offsets.forget(row)
             return False
         if sitl.restarts > restarts:  # lines sent to the old process are lost
             self._steps[row] = 0
@@ -206,4 +206,6 @@ class LockstepFleet(Fleet):
 
     def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         if tick >= 0 and message.get_type() == "GLOBAL_POSITION_INT":
-            self._skew.seen(row, message.time_boot_ms * NS_PER_MS - int(self._steps[row] * self._step_ns[row]))
+            self._clock_offsets.record(
+                row, message.time_boot_ms * NS_PER_MS - int(self._steps[row] * self._step_ns[row])
+            )

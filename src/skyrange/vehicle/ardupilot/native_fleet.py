@@ -14,20 +14,20 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import Finished, InstanceStatus, Sensors
-from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Message, dialect
+from skyrange.contracts.components import Finished, InstanceStatus, Sensors
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.programs import Leash
-from skyrange.io.sitl import Sitl, wall_s
+from skyrange.io.ardupilot.sitl import Sitl, wall_s
+from skyrange.io.processes.program import Watchdog
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.fleet import PRIVATE, START_S, WARM_UP_NS, Fleet
+from skyrange.vehicle.ardupilot.json_backend.motion import PWM_MIN, PWM_RANGE
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.packets import PWM_MIN, PWM_RANGE
-from skyrange.vehicle.ardupilot.truth import Truth, state_of
-from skyrange.vehicle.ardupilot.witness import REPORTS
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.ardupilot.process_fleet import PRIVATE, START_S, WARM_UP_NS, ProcessFleet
+from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.mavlink_state.event_detection import REPORTS
+from skyrange.vehicle.mavlink_state.reported_poses import ReportedPoses, state_from_sim_state
 
 MODEL: Final = "x"
 """ArduPilot's own: 3 kg, 0.35 m arms, hovers at 0.39 (SIM_Frame.h)."""
@@ -36,19 +36,19 @@ BOOT_SPEED: Final = 20.0
 BOOT_FIX_NS: Final[Time] = 100 * NS_PER_MS
 """Interval of fixes during the boot. They are sent when reports arrive, which come in bunches: twice the 5 Hz that
 ArduPilot needs on average."""
-BRAKE_PER_S: Final = 4.0
+SLOW_DOWN_PER_S: Final = 4.0
 """Speed of a boot towards its end: the remaining time, times this."""
-UNHEARD_S: Final = 0.1
+MAX_EXTRAPOLATION_S: Final = 0.1
 """A process's clock is extrapolated for this long after a report; it does not make up a longer delay
 (SIM_Aircraft.cpp, `sync_frame_time`)."""
-AHEAD_S: Final = 0.15
+MAX_AHEAD_S: Final = 0.15
 """On the machine's clock: a process that is farther ahead of the tick is stopped."""
-LEASH_S: Final = 0.25
+WATCHDOG_S: Final = 0.25
 """If no tick comes for this long all processes are stopped, until one does."""
-SLIP_S: Final = 0.6
+MAX_SLIP_S: Final = 0.6
 """A process that is farther ahead flew on while the kernel stood still: that time is lost, and its
 clock is set anew."""
-GRAIN_S: Final = 0.005
+MIN_WAIT_S: Final = 0.005
 """The shortest wait; ArduPilot's own is as long (SIM_Aircraft.h, `min_sleep_time`)."""
 
 
@@ -75,12 +75,12 @@ class _Clock:
         """Range time by its own clock; `None` if unknown."""
         if self.reported_ns < 0 or self.origin_ns is None:
             return None
-        since_s = min(now_s - self.received_s, UNHEARD_S)
+        since_s = min(now_s - self.received_s, MAX_EXTRAPOLATION_S)
         return self.reported_ns - self.origin_ns + int(since_s * self.speed * NS_PER_S)
 
 
-class NativeFleet(Fleet):
-    """A fleet moved by ArduPilot's own physics (contract: `agent.contracts.Engine`)."""
+class NativeFleet(ProcessFleet):
+    """A fleet moved by ArduPilot's own physics (contract: `contracts.components.Engine`)."""
 
     physics: Literal["shared", "native"] = "native"
     clock: Literal["lockstep", "wall"] = "wall"
@@ -93,22 +93,22 @@ class NativeFleet(Fleet):
     }
 
     def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
-        """As `Fleet`."""
+        """As `ProcessFleet`."""
         super().__init__(name, specs, origin, epoch, options)
         self.pace = options.speedup
         self.moves = self.vehicles
         self._clocks = [_Clock() for _ in specs]
-        self._truth = Truth(len(specs))
+        self._poses = ReportedPoses(len(specs))
         self._began: Time = 0
         """The first tick."""
         self._slipped_ns: Time = 0
         self._flying = False
         """Whether all have booted."""
-        self._leash: Leash | None = None
+        self._watchdog: Watchdog | None = None
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """As `Fleet`, and the pace."""
+        """As `ProcessFleet`, and the pace."""
         return {**super().manifest, "speedup": self.pace, "slipped_s": round(self._slipped_ns / NS_PER_S, 3)}
 
     def _values(self, spec: VehicleSpec, gnss_lag_ms: int) -> dict[str, float]:
@@ -129,7 +129,7 @@ class NativeFleet(Fleet):
         for clock in self._clocks:
             clock.received_s = now_s
         while not all(clock.stopped for clock in self._clocks):
-            self._read_ports(-1, outbox, GRAIN_S)
+            self._read_ports(-1, outbox, MIN_WAIT_S)
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
                 if clock.stopped:
                     continue
@@ -145,7 +145,7 @@ class NativeFleet(Fleet):
         for row in range(len(self._clocks)):
             self._set_stopped(row, False)
         self._flying = True
-        self._leash = Leash([one.sitl.program for one in self._instances], LEASH_S)
+        self._watchdog = Watchdog([one.sitl.program for one in self._instances], WATCHDOG_S)
 
     def _send_boot_fix(self, row: int, now: Time, sensors: Sensors) -> None:
         """Send the fix of the first tick, repeatedly, while it boots."""
@@ -159,7 +159,7 @@ class NativeFleet(Fleet):
         """Slow down towards the end of the warm-up."""
         clock = self._clocks[row]
         left_s = (WARM_UP_NS - clock.reported_ns) / NS_PER_S
-        wanted = min(max(left_s * BRAKE_PER_S, self.pace), BOOT_SPEED)
+        wanted = min(max(left_s * SLOW_DOWN_PER_S, self.pace), BOOT_SPEED)
         if wanted <= 0.5 * clock.speed or (wanted == self.pace and clock.speed != wanted):
             self._speed(row, wanted)
 
@@ -167,7 +167,7 @@ class NativeFleet(Fleet):
         """Stop a process's time, or let it continue."""
         clock = self._clocks[row]
         clock.stopped, clock.received_s = stopped, wall_s()
-        self._instances[row].sitl.program.hold(stopped)
+        self._instances[row].sitl.program.set_stopped(stopped)
 
     def _speed(self, row: int, speed: float) -> None:
         one = self._instances[row]
@@ -178,9 +178,9 @@ class NativeFleet(Fleet):
             self._clocks[row].speed = speed
 
     def close(self) -> None:
-        """As `Fleet`."""
-        if self._leash is not None:
-            self._leash.close()
+        """As `ProcessFleet`."""
+        if self._watchdog is not None:
+            self._watchdog.close()
         super().close()
 
     # ---------------------------------------------------------------- a tick
@@ -207,9 +207,9 @@ class NativeFleet(Fleet):
                 self._give_up(tick - self._began, outbox)
             self._kick_watchdog()
             self._mark_ended(outbox)
-            self._read_ports(tick, outbox, max(wait_s, GRAIN_S))
+            self._read_ports(tick, outbox, max(wait_s, MIN_WAIT_S))
             self._throttle(tick - self._began)
-        poses = self._truth.take()
+        poses = self._poses.take_new()
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             if not one.alive:
                 self._commands[row] = 0.0
@@ -221,7 +221,7 @@ class NativeFleet(Fleet):
 
     def _kick_watchdog(self) -> None:
         """Report that the kernel is alive, and continue processes that were stopped because it was not."""
-        if self._leash is not None and self._leash.tug():
+        if self._watchdog is not None and self._watchdog.kick():
             for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
                 if one.alive and not clock.stopped:
                     self._set_stopped(row, False)
@@ -243,35 +243,35 @@ class NativeFleet(Fleet):
                 continue
             ahead_s = (clock.reported_ns - clock.origin_ns - tick) / NS_PER_S / self.pace
             if clock.stopped:
-                if ahead_s <= -UNHEARD_S:  # it makes up this much when it continues
+                if ahead_s <= -MAX_EXTRAPOLATION_S:  # it makes up this much when it continues
                     self._set_stopped(row, False)
-            elif ahead_s > SLIP_S:
+            elif ahead_s > MAX_SLIP_S:
                 self._slipped_ns += clock.reported_ns - clock.origin_ns - tick
                 clock.origin_ns = clock.reported_ns - tick
-            elif ahead_s > AHEAD_S:
+            elif ahead_s > MAX_AHEAD_S:
                 self._set_stopped(row, True)
 
     def _mark_ended(self, outbox: Outbox) -> None:
         for row, one in enumerate(self._instances):
             if one.alive and not one.sitl.program.running:
                 one.lose(InstanceStatus.DEAD, outbox)
-                self._skew.forget(row)
+                self._clock_offsets.forget(row)
 
     def _give_up(self, tick: Time, outbox: Outbox) -> None:
         """Give up processes that have sent nothing for too long."""
         now_s = wall_s()
         for row, (one, clock) in enumerate(zip(self._instances, self._clocks, strict=True)):
             time = clock.time(now_s)
-            if one.alive and time is not None and time < tick and now_s - clock.received_s > UNHEARD_S:
+            if one.alive and time is not None and time < tick and now_s - clock.received_s > MAX_EXTRAPOLATION_S:
                 one.lose(InstanceStatus.SILENT, outbox)
-                self._skew.forget(row)
+                self._clock_offsets.forget(row)
 
     def _connected(self, row: int, place: int, outbox: Outbox) -> None:
         clock = self._clocks[row]
         if self._flying and place == PRIVATE:  # it has rebooted, as on MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
             self._instances[row].restarted(outbox)
             clock.reported_ns, clock.origin_ns = -1, None
-            self._skew.forget(row)
+            self._clock_offsets.forget(row)
 
     def _on_report(self, tick: Time, row: int, message: Message, outbox: Outbox) -> None:
         kind, clock = message.get_type(), self._clocks[row]
@@ -281,10 +281,10 @@ class NativeFleet(Fleet):
             if self._flying and clock.origin_ns is None:
                 clock.origin_ns = said - (tick - self._began)
             if clock.origin_ns is not None:
-                self._skew.seen(row, said - clock.origin_ns - (tick - self._began))
+                self._clock_offsets.record(row, said - clock.origin_ns - (tick - self._began))
         elif kind == "SIM_STATE" and clock.origin_ns is not None:
-            state = state_of(message, self._origin)
-            if state.sound:
-                self._truth.tell(row, state, tick - self._began - (clock.reported_ns - clock.origin_ns))
+            state = state_from_sim_state(message, self._origin)
+            if state.is_valid:
+                self._poses.update(row, state, tick - self._began - (clock.reported_ns - clock.origin_ns))
         elif kind == "SERVO_OUTPUT_RAW":
             clock.pulses = (message.servo1_raw, message.servo2_raw, message.servo3_raw, message.servo4_raw)

@@ -6,8 +6,8 @@ from typing import Final, Literal
 
 from pydantic import Field, model_validator
 
-from skyrange.agent.settings import Number, Params, refuse
-from skyrange.core.errors import Fault
+from skyrange.contracts.params import Number, Params, refuse
+from skyrange.core.errors import Problem
 
 PORT_STEP: Final = 10
 """Between the open ports of two processes, as between two instances of SITL."""
@@ -50,12 +50,12 @@ class Options(Params):
     def _check_speedup(self) -> Options:
         if self.physics == "shared" and "speedup" in self.model_fields_set:
             hint = 'Lockstep runs as fast as it can, or as --speed says; or set physics = "native".'
-            raise refuse(Fault("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
+            raise refuse(Problem("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
         return self
 
     @model_validator(mode="after")
     def _check_rates(self) -> Options:
         if self.physics == "native" and self.rates == "single":
             hint = "It reduces the exchanges with the range's physics, and native physics has no exchanges."
-            raise refuse(Fault("rates", "'single'", "'full' or 'reduced' with native physics", hint))
+            raise refuse(Problem("rates", "'single'", "'full' or 'reduced' with native physics", hint))
         return self

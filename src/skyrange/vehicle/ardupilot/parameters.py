@@ -10,10 +10,10 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Final
 
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.vehicle.builtin.parameter_names import RENAMED, from_nominal, nominal, to_nominal
-from skyrange.vehicle.builtin.parameters import TUNING, hover_throttle
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.vehicle.builtin.parameters.renames import RENAMED, canonical_name, from_canonical, to_canonical
+from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING, hover_throttle
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import Airframe
 
 LOOP_RATE: Final = "SCHED_LOOP_RATE"
@@ -27,7 +27,7 @@ RATES: Final[Mapping[str, Mapping[str, float]]] = {
 }
 """ArduCopter's own rates, a loop at 400 Hz with two exchanges per iteration; and two trade-offs: one exchange per
 iteration, which requires that no gyro check runs before arming, or a slower loop."""
-OURS: Final = {
+RANGE_PARAMETERS: Final = {
     "FRAME_CLASS": 1.0,
     "FRAME_TYPE": 1.0,  # X, as the airframes' rotors are numbered
     # sensor errors come from the range; those of ArduPilot's simulation are switched off
@@ -59,7 +59,7 @@ OURS: Final = {
 }
 """Settings that make ArduPilot's simulation use the range: frame, calibration of its simulated sensors, GNSS by
 GPS_INPUT on a private port. The calibration values are those of its own Tools/autotest/default_params/copter.parm."""
-NATIVE: Final = {
+NATIVE_PARAMETERS: Final = {
     "MOT_THST_HOVER": 0.39,
     "MOT_THST_EXPO": 0.65,
     "MOT_BAT_VOLT_MIN": 9.6,
@@ -69,7 +69,7 @@ NATIVE: Final = {
     "SIM_TERRAIN": 0.0,  # the ground is as high everywhere as at home
 }
 """Settings for ArduPilot's own quadcopter, also from copter.parm."""
-SETS: Final = frozenset(
+RESERVED_PARAMETERS: Final = frozenset(
     ("GPS1_TYPE", "MAV2_OPTIONS", "GPS1_DELAY_MS", "MAV_SYSID", "SYSID_THISMAV", "SERIAL0_PROTOCOL", "SERIAL1_PROTOCOL")
 )
 """Parameters that a scenario must not set, because the range depends on them."""
@@ -78,18 +78,18 @@ PRIVATE_OPTIONS: Final = 3.0
 _OLD: Final = {"GPS1_TYPE": "GPS_TYPE", "GPS1_DELAY_MS": "GPS_DELAY_MS"}
 
 
-def resolve(name: str, value: float, listed: Mapping[str, float]) -> tuple[str, float] | None:
+def resolve_parameter(name: str, value: float, listed: Mapping[str, float]) -> tuple[str, float] | None:
     """Name and value as the firmware that lists `listed` has them; `None` if it has no such parameter."""
     upper = name.upper()
     if upper in listed:
         return upper, value
-    known = nominal(upper)
-    plain = to_nominal(upper, value)
+    known = canonical_name(upper)
+    plain = to_canonical(upper, value)
     if known in listed:
         return known, plain
     for other, (old, _) in RENAMED.items():
         if old == known and other in listed:
-            return other, from_nominal(other, plain)
+            return other, from_canonical(other, plain)
     return None
 
 
@@ -103,7 +103,7 @@ def start_values(
 ) -> dict[str, float]:
     """What the file of defaults says. Raises `InputError` with every name and value of `given` that is wrong."""
     own = {"MOT_THST_HOVER": hover_throttle(airframe), "MOT_THST_EXPO": airframe.thrust_expo}
-    return _values(who, {**TUNING.get(airframe.name, {}), **own, **RATES[rates]}, given, listed, gnss_lag_ms)
+    return _values(who, {**AIRFRAME_TUNING.get(airframe.name, {}), **own, **RATES[rates]}, given, listed, gnss_lag_ms)
 
 
 def native_values(
@@ -118,27 +118,27 @@ def native_values(
         "SIM_WIND_DIR_Z": math.degrees(math.atan2(up_mps, level_mps)),
         "SIM_WIND_T": 1.0,  # the same at all heights
     }
-    return _values(spec.vehicle, {**NATIVE, **wind, **RATES[rates]}, spec.params, listed, gnss_lag_ms)
+    return _values(spec.vehicle, {**NATIVE_PARAMETERS, **wind, **RATES[rates]}, spec.params, listed, gnss_lag_ms)
 
 
 def _values(
     who: str, own: Mapping[str, float], given: Mapping[str, float], listed: Mapping[str, float], gnss_lag_ms: int
 ) -> dict[str, float]:
     values: dict[str, float] = {}
-    wanted = {**OURS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **own}
+    wanted = {**RANGE_PARAMETERS, "GPS1_DELAY_MS": float(max(gnss_lag_ms, 1)), **own}
     for name, value in wanted.items():
-        found = resolve(name, value, listed) or resolve(_OLD.get(name, name), value, listed)
+        found = resolve_parameter(name, value, listed) or resolve_parameter(_OLD.get(name, name), value, listed)
         if found is not None:  # versions differ in what they simulate
             values[found[0]] = found[1]
     faults = []
     for name, value in given.items():
-        found = resolve(name, value, listed)
+        found = resolve_parameter(name, value, listed)
         if found is None:
-            faults.append(Fault(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
-        elif found[0] in SETS:
-            faults.append(Fault(name, f"{value:g}", "a parameter that the range does not set itself"))
+            faults.append(Problem(name, f"{value:g}", "a parameter that this firmware lists", nearest(name, listed)))
+        elif found[0] in RESERVED_PARAMETERS:
+            faults.append(Problem(name, f"{value:g}", "a parameter that the range does not set itself"))
         elif not math.isfinite(value):
-            faults.append(Fault(name, f"{value}", "a finite number"))
+            faults.append(Problem(name, f"{value}", "a finite number"))
         else:
             values[found[0]] = found[1]
     if faults:
@@ -146,7 +146,7 @@ def _values(
     return values
 
 
-def crossed(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
+def swap_serial_ports(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
     """The parameters with serial ports 0 and 1 swapped, as signed MAVLink requires.
 
     ArduPilot accepts unsigned frames on its first channel (GCS_Signing.cpp `accept_unsigned_callback`), as if it were
@@ -160,12 +160,12 @@ def crossed(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[st
     return {**values, **{name: value for name, value in swapped.items() if name in listed}}
 
 
-def text_of(values: Mapping[str, float]) -> str:
+def defaults_text(values: Mapping[str, float]) -> str:
     """The text of a file of defaults."""
     return "".join(f"{name} {value:.9g}\n" for name, value in sorted(values.items()))
 
 
-def steps_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> tuple[int, int]:
+def exchange_steps(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> tuple[int, int]:
     """Division of time into exchanges: (exchanges per tick, ticks per exchange), one of them 1.
 
     ArduPilot reads its gyros once per exchange, and waits for them in each iteration of its loop. It arms only if they
@@ -184,27 +184,31 @@ def _checks_gyros(values: Mapping[str, float], listed: Mapping[str, float]) -> b
     for name in ("ARMING_CHECK", "ARMING_SKIPCHK"):
         if name in values or name in listed:
             value = values[name] if name in values else listed[name]
-            return bool(int(to_nominal(name, value)) & (1 | INS_CHECK))  # 1 stands for all of them
+            return bool(int(to_canonical(name, value)) & (1 | INS_CHECK))  # 1 stands for all of them
     return True
 
 
-def moments_of(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> int:
+def moments_per_iteration(values: Mapping[str, float], listed: Mapping[str, float], quantum_s: float) -> int:
     """Ticks with exchanges per iteration of ArduPilot's main loop; 1 if that is not an integer."""
-    _, ticks = steps_of(values, listed, quantum_s)
+    _, ticks = exchange_steps(values, listed, quantum_s)
     moments = 1.0 / (values.get(LOOP_RATE, listed.get(LOOP_RATE, 400.0)) * quantum_s * ticks)
     whole = round(moments)
     return whole if whole >= 1 and math.isclose(moments, whole, rel_tol=1e-9) else 1
 
 
-def refused(given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]) -> Iterator[Fault]:
+def changed_by_firmware(
+    given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]
+) -> Iterator[Problem]:
     """The parameters in `given` that the firmware, which then reported `told`, has not taken over unchanged.
 
     The firmware reports no error: it truncates a fraction given for an integer, and replaces a number beyond its
     type's range by the largest one (AP_Param.cpp, `set_value`).
     """
     for name, value in given.items():
-        found = resolve(name, value, listed)
+        found = resolve_parameter(name, value, listed)
         if found is not None and found[0] in told:
             kept = told[found[0]]
             if not math.isclose(kept, found[1], rel_tol=1e-6, abs_tol=1e-9):
-                yield Fault(name, f"{value:g}", f"a value that this firmware accepts; it changed this one to {kept:g}")
+                yield Problem(
+                    name, f"{value:g}", f"a value that this firmware accepts; it changed this one to {kept:g}"
+                )

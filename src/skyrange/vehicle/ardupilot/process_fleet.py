@@ -1,8 +1,8 @@
 """Common base of fleets of ArduPilot processes: parameters, start, arriving frames, GNSS fixes, reports, and shutdown.
 
-`lockstep` and `native` differ in whose physics moves the aircraft, and so in how time passes. In both, serial port 0
-of each process is the link `autopilot`; port 1 is private: GNSS fixes go in, and reports about its state come out. If
-MAVLink is signed the ports are swapped (`parameters.crossed`).
+`lockstep_fleet` and `native_fleet` differ in whose physics moves the aircraft, and so in how time passes. In both,
+serial port 0 of each process is the link `autopilot`; port 1 is private: GNSS fixes go in, and reports about its state
+come out. If MAVLink is signed the ports are swapped (`parameters.swap_serial_ports`).
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors
-from skyrange.agent.messages import Inbox, Outbox
 from skyrange.codec.mavlink import Deframer, Message, Packer, decode, dialect
-from skyrange.codec.signing import is_signed
-from skyrange.core.errors import ComponentError, Fault, InputError
+from skyrange.codec.mavlink.signing import is_signed
+from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Sensors
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.core.errors import ComponentError, InputError, Problem
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time
-from skyrange.io.programs import make_room
-from skyrange.io.sitl import FILES, Sitl, Switchboard, check_free
+from skyrange.io.ardupilot.sitl import FILES, SerialPoller, Sitl, check_free
+from skyrange.io.processes.program import raise_file_limit
 from skyrange.vehicle.ardupilot import parameters
-from skyrange.vehicle.ardupilot.binary import find
-from skyrange.vehicle.ardupilot.gnss import Receivers
-from skyrange.vehicle.ardupilot.inventory import parameters_of
+from skyrange.vehicle.ardupilot.clock_offsets import ClockOffsets
+from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
 from skyrange.vehicle.ardupilot.options import Options
-from skyrange.vehicle.ardupilot.skew import Skew
-from skyrange.vehicle.ardupilot.witness import POSITIONED, REPORTS, Witness
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
+from skyrange.vehicle.ardupilot.program.parameter_list import list_parameters
+from skyrange.vehicle.contract import VehicleSpec
+from skyrange.vehicle.mavlink_state.event_detection import POSITION_VALID_FLAG, REPORTS, EventDetector
 from skyrange.world.airframes import MOTORS
 
 QUANTUM_NS: Time = 2_500_000
@@ -63,7 +63,7 @@ class Instance:
     status: InstanceStatus = InstanceStatus.BOOTING
     deframer: Deframer = field(default_factory=Deframer)
     private: Deframer = field(default_factory=Deframer)
-    witness: Witness = field(default_factory=Witness)
+    events: EventDetector = field(default_factory=EventDetector)
     asked: int = 0
     """How many reports were requested on the private port."""
     signs: bool = False
@@ -76,7 +76,7 @@ class Instance:
 
     def restarted(self, outbox: Outbox) -> None:
         """It has rebooted: forget what was known of it."""
-        self.asked, self.witness = 0, Witness()
+        self.asked, self.events = 0, EventDetector()
         outbox.note("event.reboot", self.spec.vehicle, {"system_id": self.spec.system_id})
 
     def lose(self, status: InstanceStatus, outbox: Outbox) -> None:
@@ -87,8 +87,10 @@ class Instance:
         program.kill()
 
 
-class Fleet(EngineBase, ABC):
-    """An engine (contract: `agent.contracts.Engine`). Its processes start with its first tick and end with `close`."""
+class ProcessFleet(EngineBase, ABC):
+    """An engine (contract: `contracts.components.Engine`). Its processes start with its first tick and end with
+    `close`.
+    """
 
     physics: Literal["shared", "native"]
     service_ns: Time = QUANTUM_NS
@@ -107,9 +109,9 @@ class Fleet(EngineBase, ABC):
         """
         self.name = name
         self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
-        self.binary = find()
+        self.binary = find_binary()
         self._options = options
-        self._listed = parameters_of(self.binary.path, self.binary.sha256)
+        self._listed = list_parameters(self.binary.path, self.binary.sha256)
         check_free(options.opened(len(specs)), "options.ardupilot.open_port")
         if options.open_port:
             self.repeatable = "outcome"  # no seed determines who connects, and when
@@ -117,17 +119,17 @@ class Fleet(EngineBase, ABC):
         self._origin, self._epoch = origin, epoch
         self.ports: Sequence[Port] = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
         self._places = {port: place for place, port in enumerate(self.ports)}
-        self._receivers = Receivers(len(specs), origin, epoch)
+        self._receivers = GnssReceivers(len(specs), origin, epoch)
         self._check()
         self._folder: TemporaryDirectory[str] | None = None
         self._instances: list[Instance] = []
-        self._switchboard = Switchboard()
+        self._poller = SerialPoller()
         self._unconnected: set[int] = set(range(len(specs)))
         """Rows of which not all serial ports are connected."""
         self._commands = np.zeros((len(specs), MOTORS))
-        self._skew = Skew()
+        self._clock_offsets = ClockOffsets()
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Fleet:
+    def __deepcopy__(self, memo: dict[int, Any]) -> ProcessFleet:
         raise ComponentError(f"engine {self.name}", "its programs cannot be copied", "Fork a run of builtin autopilots")
 
     @property
@@ -139,7 +141,7 @@ class Fleet(EngineBase, ABC):
             "binary": str(self.binary.path),
             "physics": self.physics,
         }
-        return said | ({"skew_ms": self._skew.told} if self._skew.told else {})
+        return said | ({"skew_ms": self._clock_offsets.summary} if self._clock_offsets.summary else {})
 
     # ---------------------------------------------------------------- the processes
 
@@ -156,27 +158,27 @@ class Fleet(EngineBase, ABC):
         faults = []
         for spec in self._specs:
             try:
-                text = parameters.text_of(self._values(spec, 0))
+                text = parameters.defaults_text(self._values(spec, 0))
                 found = [*self._refused(spec, text)] if spec.params else []
             except InputError as error:
-                found = list(error.faults)
-            faults += [Fault(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
+                found = list(error.problems)
+            faults += [Problem(f"{spec.vehicle}.params.{f.where}", f.value, f.expected, f.hint) for f in found]
         if faults:
             raise InputError(f"autopilot {self.name}", faults)
 
-    def _refused(self, spec: VehicleSpec, text: str) -> Iterator[Fault]:
-        told = parameters_of(self.binary.path, self.binary.sha256, text)
-        return parameters.refused(spec.params, self._listed, told)
+    def _refused(self, spec: VehicleSpec, text: str) -> Iterator[Problem]:
+        told = list_parameters(self.binary.path, self.binary.sha256, text)
+        return parameters.changed_by_firmware(spec.params, self._listed, told)
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes, whose own time begins at `tick`, without waiting for any."""
-        make_room(FILES * len(self._specs), f"engine {self.name}")
+        raise_file_limit(FILES * len(self._specs), f"engine {self.name}")
         self._folder = TemporaryDirectory(prefix="skyrange-")
         opened = self._options.opened(len(self._specs))
         for row, spec in enumerate(self._specs):
             values = self._values(spec, int(tick - sensors.gnss_time_ns[row]) // NS_PER_MS)
             if spec.signing_key is not None:
-                values = parameters.crossed(values, self._listed)
+                values = parameters.swap_serial_ports(values, self._listed)
             if self._options.keep_logs:
                 values["LOG_BACKEND_TYPE"] = 1.0
             east_m, north_m, up_m = spec.home_enu_m
@@ -188,7 +190,7 @@ class Fleet(EngineBase, ABC):
                 "home": (lat_deg, lon_deg, self._origin.alt_msl_m + up_m, spec.heading_deg % 360.0),
                 "system_id": spec.system_id,
                 "start_unix_s": (self._epoch.unix_ns + tick - (WARM_UP_NS - self.preroll_ns)) // NS_PER_S,
-                "parameters": parameters.text_of(values),
+                "parameters": parameters.defaults_text(values),
                 "crossed": spec.signing_key is not None,
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
@@ -206,7 +208,7 @@ class Fleet(EngineBase, ABC):
         one.sitl.close()
         one.sitl = self._start_process(**{**one.arguments, "folder": self._own_folder(one.spec.vehicle, suffix)})
 
-    def leaves(self) -> Mapping[str, Path]:
+    def kept_files(self) -> Mapping[str, Path]:
         """The DataFlash logs to keep, by their names in the run's folder; they exist until `close`."""
         if not self._options.keep_logs:
             return {}
@@ -220,7 +222,7 @@ class Fleet(EngineBase, ABC):
         """End the processes. A second call does nothing."""
         for one in self._instances:
             one.sitl.close()
-        self._switchboard.close()
+        self._poller.close()
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None
@@ -234,11 +236,11 @@ class Fleet(EngineBase, ABC):
 
     @abstractmethod
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
-        """Contract: `agent.contracts.Engine`."""
+        """Contract: `contracts.components.Engine`."""
 
     @abstractmethod
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
-        """Contract: `agent.contracts.Engine`."""
+        """Contract: `contracts.components.Engine`."""
 
     def _deliver_inputs(self, sensors: Sensors, inbox: Inbox) -> None:
         """Give each process its frames and its GNSS fix."""
@@ -246,7 +248,7 @@ class Fleet(EngineBase, ABC):
             one = self._instances[self._places[arrival.port]]
             if one.alive:
                 one.sitl.write(0, arrival.payload)
-                one.witness.uploaded(arrival.payload)
+                one.events.on_upload(arrival.payload)
         for row in self._receivers.fresh(sensors):
             one = self._instances[row]
             if one.alive:
@@ -258,11 +260,11 @@ class Fleet(EngineBase, ABC):
             sitl = self._instances[row].sitl
             if self._instances[row].alive:
                 for place in sitl.accept():
-                    self._switchboard.add(row, place, sitl)
+                    self._poller.add(row, place, sitl)
                     self._connected(row, place, outbox)
             if sitl.connected:
                 self._unconnected.discard(row)
-        for row, place in self._switchboard.speaking(wait_s):
+        for row, place in self._poller.poll_ready(wait_s):
             one = self._instances[row]
             data = one.sitl.read(place)
             if one.sitl.serial[place] is None:  # closed
@@ -283,15 +285,15 @@ class Fleet(EngineBase, ABC):
                 continue
             message = decode(piece.data)
             self._on_report(tick, row, message, outbox)
-            for kind, told in one.witness.reported(message):
+            for kind, told in one.events.on_report(message):
                 if tick >= 0:
                     outbox.note(kind, one.spec.vehicle, told)
-        if one.witness.mode >= 0 and one.asked < len(self.reports):
+        if one.events.mode >= 0 and one.asked < len(self.reports):
             self._request_report(one)
         paired = one.signs or one.spec.signing_key is None
-        if one.witness.mode >= 0 and not paired:
+        if one.events.mode >= 0 and not paired:
             self._send_signing_key(one)
-        if one.status is InstanceStatus.BOOTING and paired and one.witness.flags & POSITIONED:
+        if one.status is InstanceStatus.BOOTING and paired and one.events.flags & POSITION_VALID_FLAG:
             one.status = InstanceStatus.READY
 
     @abstractmethod
@@ -306,7 +308,7 @@ class Fleet(EngineBase, ABC):
                 continue
             outbox.send(self.ports[row], piece.data)
             if not piece.garbage:
-                for kind, told in one.witness.said(piece.data):
+                for kind, told in one.events.on_public_frame(piece.data):
                     outbox.note(kind, one.spec.vehicle, told)
 
     def _send_signing_key(self, one: Instance) -> None:

@@ -12,14 +12,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.avoidance.contract import Limits, Tracks, Vector
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.avoidance.contract import AvoidanceLimits, Tracks, Vector
 
 _CLOSING_MPS = 0.5
 """Slower than that is no approach but noise: velocities are broadcast in steps of 0.25 m/s."""
 
 
-@kernel
+@compiled
 def entry_s(
     rx: float, ry: float, rz: float, vx: float, vy: float, vz: float, radius: float, half_height: float
 ) -> float:
@@ -54,7 +54,7 @@ def entry_s(
     return enters
 
 
-@kernel
+@compiled
 def _entries(
     x: float, y: float, z: float, u: float, v: float, w: float, pos: NDArray[np.float64], vel: NDArray[np.float64],
     radius: float, half_height: float, standing_mps: float, moving_s: float, standing_s: float,
@@ -68,11 +68,11 @@ def _entries(
         out[k] = at if at <= horizon else math.inf
 
 
-def in_the_way(
+def find_conflicts(
     pos: Vector,
     vel: Vector,
     tracks: Tracks,
-    limits: Limits,
+    limits: AvoidanceLimits,
     scale: float = 1.0,
     moving_s: float | None = None,
     standing_s: float | None = None,
@@ -91,7 +91,7 @@ def in_the_way(
     return tuple(sorted(found, key=lambda row: (float(out[row]), row)))
 
 
-def towards(start: Vector, goal: Vector, speed_mps: float) -> tuple[Vector, float]:
+def velocity_towards(start: Vector, goal: Vector, speed_mps: float) -> tuple[Vector, float]:
     """The velocity (m/s) that leads straight from one place to another, and how long it takes (s)."""
     away = (goal[0] - start[0], goal[1] - start[1], goal[2] - start[2])
     length = math.sqrt(away[0] * away[0] + away[1] * away[1] + away[2] * away[2])

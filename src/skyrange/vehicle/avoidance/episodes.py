@@ -18,37 +18,46 @@ from typing import Final
 
 from skyrange.city.city import City
 from skyrange.core.time import Time, from_seconds
-from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
-from skyrange.vehicle.avoidance.contract import KEEP, Action, Decision, Episode, Limits, Own, Tracks, Vector
-from skyrange.vehicle.avoidance.walls import straight, walls_of
+from skyrange.vehicle.avoidance.conflicts import find_conflicts, velocity_towards
+from skyrange.vehicle.avoidance.contract import (
+    KEEP,
+    AvoidanceAction,
+    AvoidanceDecision,
+    AvoidanceLimits,
+    Episode,
+    Own,
+    Tracks,
+    Vector,
+)
+from skyrange.vehicle.avoidance.wall_queries import is_straight_clear, walls_of
 
 UPRIGHT_M: Final = 3.0
 """A goal within this of a place seen from above is over it, or under it."""
 
 
-class Episodic(ABC):
+class EpisodicAvoidance(ABC):
     """A kind of avoidance but for the way it takes."""
 
     kind = ""
 
-    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+    def __init__(self, city: City | None = None, limits: AvoidanceLimits | None = None) -> None:
         """Without a city the country is open."""
-        self.limits = limits or Limits()
+        self.limits = limits or AvoidanceLimits()
         self.walls = walls_of(city)
 
     @abstractmethod
-    def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
+    def find_waypoint(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
         """Where to fly now; None for nowhere: hold."""
 
     def needed(self, own: Own, tracks: Tracks) -> bool:
         """Whether a conflict calls for anything but flying on."""
         return True
 
-    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
+    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> AvoidanceDecision:
         """See `contract.Avoidance`."""
         limits = self.limits
         if episode is None:
-            rows = in_the_way(own.pos_enu_m, own.vel_enu_mps, tracks, limits)
+            rows = find_conflicts(own.pos_enu_m, own.vel_enu_mps, tracks, limits)
             if not rows or not self.needed(own, tracks):
                 return KEEP
             return self._move(now, own, tracks, Episode(now, own.pos_enu_m), rows)
@@ -61,38 +70,38 @@ class Episodic(ABC):
         elif episode.clear_ns is None:
             episode = replace(episode, clear_ns=now)
         elif now - episode.clear_ns >= from_seconds(limits.clear_s):
-            return Decision(Action.RESUME, None)
+            return AvoidanceDecision(AvoidanceAction.RESUME, None)
         return self._move(now, own, tracks, episode, rows)
 
     def _resumable(self, own: Own, tracks: Tracks) -> tuple[tuple[int, ...], bool]:
         """Who is in the way of flying straight to the goal, and whether nobody and no wall is."""
-        velocity, takes_s = towards(own.pos_enu_m, own.goal_enu_m, own.cruise_mps)
+        velocity, takes_s = velocity_towards(own.pos_enu_m, own.goal_enu_m, own.cruise_mps)
         limits = self.limits
         ahead_s = limits.look_ahead_s * limits.margin
-        rows = in_the_way(
+        rows = find_conflicts(
             own.pos_enu_m, velocity, tracks, limits, limits.margin, min(takes_s, ahead_s), standing_s=takes_s
         )
-        return rows, not rows and straight(self.walls, own.pos_enu_m, own.goal_enu_m, limits.wall_m)
+        return rows, not rows and is_straight_clear(self.walls, own.pos_enu_m, own.goal_enu_m, limits.wall_m)
 
-    def _move(self, now: Time, own: Own, tracks: Tracks, episode: Episode, rows: tuple[int, ...]) -> Decision:
+    def _move(self, now: Time, own: Own, tracks: Tracks, episode: Episode, rows: tuple[int, ...]) -> AvoidanceDecision:
         limits = self.limits
         waited = 0 if episode.stuck_ns is None else now - episode.stuck_ns
         if waited >= from_seconds(limits.give_up_s) or now - episode.begun_ns >= from_seconds(limits.longest_s):
-            return Decision(Action.RETURN, None, None, rows)
+            return AvoidanceDecision(AvoidanceAction.RETURN, None, None, rows)
         keeps = now - episode.changed_ns < from_seconds(limits.commit_s) or self.still_good(own, tracks, episode)
         if keeps:
-            action = Action.STOP if episode.waypoint_enu_m is None else Action.GO
-            return Decision(action, episode, episode.waypoint_enu_m, rows)
+            action = AvoidanceAction.STOP if episode.waypoint_enu_m is None else AvoidanceAction.GO
+            return AvoidanceDecision(action, episode, episode.waypoint_enu_m, rows)
         shrunk = waited >= from_seconds(limits.patience_s)
         radius_m = min(limits.least_m, limits.protected_m) if shrunk else limits.protected_m
-        place = self.way(now, own, tracks, episode, radius_m)
+        place = self.find_waypoint(now, own, tracks, episode, radius_m)
         if place is None:
             stuck_ns = now if episode.stuck_ns is None else episode.stuck_ns
             episode = replace(episode, waypoint_enu_m=None, changed_ns=now, stuck_ns=stuck_ns)
-            return Decision(Action.STOP, episode, None, rows)
+            return AvoidanceDecision(AvoidanceAction.STOP, episode, None, rows)
         # who squeezes by stays as impatient as it was: the wide cylinder would only send it back
         episode = replace(episode, waypoint_enu_m=place, changed_ns=now, stuck_ns=episode.stuck_ns if shrunk else None)
-        return Decision(Action.GO, episode, place, rows)
+        return AvoidanceDecision(AvoidanceAction.GO, episode, place, rows)
 
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
         """Whether the waypoint that was chosen may be flown to still."""

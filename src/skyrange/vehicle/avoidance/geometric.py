@@ -10,40 +10,42 @@ from __future__ import annotations
 import math
 
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.conflicts import in_the_way, towards
-from skyrange.vehicle.avoidance.contract import AvoidancePlugin, Episode, Limits, Own, Tracks, Vector
-from skyrange.vehicle.avoidance.episodes import Episodic
-from skyrange.vehicle.avoidance.walls import straight
-from skyrange.vehicle.avoidance.ways import first_place
+from skyrange.vehicle.avoidance.conflicts import find_conflicts, velocity_towards
+from skyrange.vehicle.avoidance.contract import AvoidanceLimits, AvoidancePlugin, Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.episodes import EpisodicAvoidance
+from skyrange.vehicle.avoidance.path_search import find_first_waypoint
+from skyrange.vehicle.avoidance.wall_queries import is_straight_clear
 
 
-class Geometric(Episodic):
+class Geometric(EpisodicAvoidance):
     """`geometric`."""
 
     kind = "geometric"
 
     def needed(self, own: Own, tracks: Tracks) -> bool:
         """Not where the way straight to the goal is open: what conflicts then is a turn that is being flown."""
-        place, direct = first_place(own, own.pos_enu_m, tracks, self.walls, self.limits, self.limits.protected_m)
+        place, direct = find_first_waypoint(
+            own, own.pos_enu_m, tracks, self.walls, self.limits, self.limits.protected_m
+        )
         return place is None or not direct
 
-    def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
+    def find_waypoint(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
         """The first place on the shortest way that is open."""
-        return first_place(own, episode.anchor_enu_m, tracks, self.walls, self.limits, radius_m)[0]
+        return find_first_waypoint(own, episode.anchor_enu_m, tracks, self.walls, self.limits, radius_m)[0]
 
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
         """Not reached, and nobody and nothing in between."""
         place = episode.waypoint_enu_m
         if place is None or math.dist(place, own.pos_enu_m) <= self.limits.arrive_m or episode.stuck_ns is not None:
             return False
-        velocity, takes_s = towards(own.pos_enu_m, place, own.cruise_mps)
+        velocity, takes_s = velocity_towards(own.pos_enu_m, place, own.cruise_mps)
         within_s = min(takes_s, self.limits.look_ahead_s)
-        found = in_the_way(own.pos_enu_m, velocity, tracks, self.limits, 1.0, within_s, within_s)
-        return not found and straight(self.walls, own.pos_enu_m, place, self.limits.wall_m)
+        found = find_conflicts(own.pos_enu_m, velocity, tracks, self.limits, 1.0, within_s, within_s)
+        return not found and is_straight_clear(self.walls, own.pos_enu_m, place, self.limits.wall_m)
 
 
 GEOMETRIC = AvoidancePlugin(
-    Limits,
+    AvoidanceLimits,
     lambda limits, context: Geometric(context.city, limits),
     "Flies the shortest way to its goal that keeps clear of others and of walls.",
 )

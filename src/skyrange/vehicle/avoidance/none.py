@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from skyrange.city.city import City
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import KEEP, AvoidancePlugin, Decision, Episode, Limits, Own, Tracks
+from skyrange.vehicle.avoidance.contract import (
+    KEEP,
+    AvoidanceDecision,
+    AvoidanceLimits,
+    AvoidancePlugin,
+    Episode,
+    Own,
+    Tracks,
+)
 
 
 class NoAvoidance:
@@ -12,15 +20,17 @@ class NoAvoidance:
 
     kind = "none"
 
-    def __init__(self, city: City | None = None, limits: Limits | None = None) -> None:
+    def __init__(self, city: City | None = None, limits: AvoidanceLimits | None = None) -> None:
         """Takes what the others take."""
-        self.limits = limits or Limits()
+        self.limits = limits or AvoidanceLimits()
 
-    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
+    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> AvoidanceDecision:
         """KEEP, always."""
         return KEEP
 
 
 NONE = AvoidancePlugin(
-    Limits, lambda limits, context: NoAvoidance(context.city, limits), "Listens, and does nothing about others."
+    AvoidanceLimits,
+    lambda limits, context: NoAvoidance(context.city, limits),
+    "Listens, and does nothing about others.",
 )

@@ -13,26 +13,26 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.city.walls import Walls
-from skyrange.core.compiled import kernel
+from skyrange.city.wall_index import WallIndex
+from skyrange.core.compiled import compiled
 from skyrange.vehicle.avoidance.conflicts import entry_s
-from skyrange.vehicle.avoidance.contract import Limits, Own, Tracks, Vector
-from skyrange.vehicle.avoidance.walls import clearance, corners, leg_clear, nearby
+from skyrange.vehicle.avoidance.contract import AvoidanceLimits, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.wall_queries import clearance, corners, find_buildings_nearby, is_leg_clear
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_MOST_CORNERS = 64
+_MAX_CORNERS = 64
 _STEP_M = 25.0
 """How far apart places on the mission's leg are."""
 _FAN_DEG = (30.0, 60.0, 90.0, 135.0, 180.0)
 _SIDES = 8
-_MOST_RINGS = 10
+_MAX_RINGS = 10
 _ROOM = 1.15
 """Rings are this much wider than the cylinder, so that legs between their places keep out of it."""
 
 
-@kernel
+@compiled
 def _open(
     a: Floats, b: Floats, begin_s: float, pos: Floats, vel: Floats, speed: float, radius: float, half_height: float,
     standing_mps: float, horizon_s: float,
@@ -58,9 +58,9 @@ def _open(
     return True
 
 
-@kernel
+@compiled
 def _dijkstra(
-    nodes: Floats, free: Floats, walls: Walls, near: Ints, pos: Floats, vel: Floats, speed: float, radius: float,
+    nodes: Floats, free: Floats, walls: WallIndex, near: Ints, pos: Floats, vel: Floats, speed: float, radius: float,
     half_height: float, standing_mps: float, horizon_s: float, left: Floats, came: Ints,
 ) -> bool:  # fmt: skip
     """Shortest way from node 0 to node 1, as `came` from; `left` (n,) is added to the cost of starting there."""
@@ -92,23 +92,23 @@ def _dijkstra(
             ):  # fmt: skip
                 continue
             margin = (0.8 if here == 0 else 0.98) * min(free[here], free[n])
-            if leg_clear(
+            if is_leg_clear(
                 walls, near, nodes[here, 0], nodes[here, 1], nodes[here, 2], nodes[n, 0], nodes[n, 1], nodes[n, 2],
                 margin,
             ):  # fmt: skip
                 cost[n], length[n], came[n] = total, length[here] + step, here
 
 
-def first_place(
-    own: Own, anchor: Vector, tracks: Tracks, walls: Walls, limits: Limits, radius_m: float
+def find_first_waypoint(
+    own: Own, anchor: Vector, tracks: Tracks, walls: WallIndex, limits: AvoidanceLimits, radius_m: float
 ) -> tuple[Vector | None, bool]:
     """Where to fly first on the way to the goal, and whether that is the goal itself or on its leg; None: no way.
 
-    Beyond `Limits.reach_m` it is enough to come back to the leg from `anchor` to the goal.
+    Beyond `AvoidanceLimits.reach_m` it is enough to come back to the leg from `anchor` to the goal.
     """
     here, z = np.array(own.pos_enu_m), own.pos_enu_m[2]
     nodes, on_leg = _places(own, anchor, tracks, limits, radius_m)
-    near = nearby(walls, nodes, limits.reach_m if len(walls.box) else 0.0) if len(walls.box) else _NONE
+    near = find_buildings_nearby(walls, nodes, limits.reach_m if len(walls.box) else 0.0) if len(walls.box) else _NONE
     beside = near[(walls.box[near, 5] > z - limits.wall_m) & (walls.box[near, 4] < z + limits.wall_m)]
     if beside.size:
         nodes = np.vstack((nodes, _around(walls, beside, here, nodes[1], z, limits)))
@@ -141,7 +141,7 @@ def first_place(
 _NONE = np.zeros(0, dtype=np.int64)
 
 
-def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: float) -> tuple[Floats, int]:
+def _places(own: Own, anchor: Vector, tracks: Tracks, limits: AvoidanceLimits, radius_m: float) -> tuple[Floats, int]:
     """Oneself, the end, places on the mission's leg, the fan, the rings: (n, 3), and how many the first three are."""
     here, goal = np.array(own.pos_enu_m), np.array(own.goal_enu_m)
     begin = np.array(anchor)
@@ -174,7 +174,7 @@ def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: 
         away_m = math.hypot(east - here[0], north - here[1])
         if math.hypot(vx, vy) < limits.standing_mps:
             standing.append((away_m + math.hypot(end[0] - east, end[1] - north), east, north))
-    for _, east, north in sorted(standing)[:_MOST_RINGS]:  # those nearest to the straight way
+    for _, east, north in sorted(standing)[:_MAX_RINGS]:  # those nearest to the straight way
         for side in range(_SIDES):
             angle = course + (side + 0.5) * 2.0 * math.pi / _SIDES
             fan.append((east + ring_m * math.cos(angle), north + ring_m * math.sin(angle)))
@@ -182,7 +182,7 @@ def _places(own: Own, anchor: Vector, tracks: Tracks, limits: Limits, radius_m: 
     return np.array([here, end, *along, *level]), 2 + len(along)
 
 
-def _taken(place: Floats, tracks: Tracks, limits: Limits, radius_m: float) -> bool:
+def _taken(place: Floats, tracks: Tracks, limits: AvoidanceLimits, radius_m: float) -> bool:
     """Whether somebody stands there."""
     for (east, north, up), (vx, vy, _) in zip(tracks.pos_enu_m.tolist(), tracks.vel_enu_mps.tolist(), strict=True):
         level = math.isnan(up) or abs(up - place[2]) < limits.protected_up_m
@@ -192,12 +192,12 @@ def _taken(place: Floats, tracks: Tracks, limits: Limits, radius_m: float) -> bo
     return False
 
 
-def _around(walls: Walls, near: Ints, here: Floats, end: Floats, up_m: float, limits: Limits) -> Floats:
+def _around(walls: WallIndex, near: Ints, here: Floats, end: Floats, up_m: float, limits: AvoidanceLimits) -> Floats:
     """Corners to fly around, (n, 3): those that make the shortest detours, and at most so many."""
     room = np.empty((4096, 2))
     # a right angle leaves 0.7 of it to each wall: room enough for who is there but for `arrive_m`
     found = room[: corners(walls, near, 1.75 * limits.wall_m, room)]
     detour = np.hypot(*(found - here[:2]).T) + np.hypot(*(found - end[:2]).T)
-    kept = np.argsort(detour, kind="stable")[:_MOST_CORNERS]
+    kept = np.argsort(detour, kind="stable")[:_MAX_CORNERS]
     kept = kept[detour[kept] <= math.hypot(*(end[:2] - here[:2]).tolist()) + 2.0 * limits.reach_m]
     return np.column_stack((found[kept], np.full(len(kept), up_m)))

@@ -6,22 +6,22 @@ Two that stop for each other wait until one of them gives up: stopping alone res
 from __future__ import annotations
 
 from skyrange.core.time import Time
-from skyrange.vehicle.avoidance.contract import AvoidancePlugin, Episode, Limits, Own, Tracks, Vector
-from skyrange.vehicle.avoidance.episodes import Episodic
+from skyrange.vehicle.avoidance.contract import AvoidanceLimits, AvoidancePlugin, Episode, Own, Tracks, Vector
+from skyrange.vehicle.avoidance.episodes import EpisodicAvoidance
 
 
-class Stop(Episodic):
+class Stop(EpisodicAvoidance):
     """`stop`."""
 
     kind = "stop"
 
-    def way(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
+    def find_waypoint(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
         """Nowhere."""
         return None
 
 
 STOP = AvoidancePlugin(
-    Limits,
+    AvoidanceLimits,
     lambda limits, context: Stop(context.city, limits),
     "Holds until the way is clear, and returns home at last.",
 )

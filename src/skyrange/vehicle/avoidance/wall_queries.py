@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
-from skyrange.city.walls import NO_WALLS, Walls, footprint
-from skyrange.core.compiled import kernel
+from skyrange.city.wall_index import NO_WALLS, WallIndex, distance_to_footprint
+from skyrange.core.compiled import compiled
 from skyrange.vehicle.avoidance.contract import Vector
 
 Ints = NDArray[np.int64]
 
 
-def walls_of(city: City | None) -> Walls:
+def walls_of(city: City | None) -> WallIndex:
     """A city's walls; none over open country."""
     return NO_WALLS if city is None else city.walls()
 
 
-def nearby(walls: Walls, points: NDArray[np.float64], margin_m: float) -> Ints:
+def find_buildings_nearby(walls: WallIndex, points: NDArray[np.float64], margin_m: float) -> Ints:
     """Buildings, in order, that come within `margin_m` of the box around some points (n, 3)."""
     low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
     box = walls.box
@@ -30,7 +30,7 @@ def nearby(walls: Walls, points: NDArray[np.float64], margin_m: float) -> Ints:
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _apart2(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Squared distance of a point from a segment in the plane."""
     dx, dy = bx - ax, by - ay
@@ -41,7 +41,7 @@ def _apart2(px: float, py: float, ax: float, ay: float, bx: float, by: float) ->
     return x * x + y * y
 
 
-@kernel
+@compiled
 def _crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> bool:
     one = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
     two = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
@@ -50,11 +50,11 @@ def _crosses(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, d
     return (one > 0.0) != (two > 0.0) and (three > 0.0) != (four > 0.0)
 
 
-@kernel
-def leg_clear(
-    walls: Walls, near: Ints, ax: float, ay: float, az: float, bx: float, by: float, bz: float, margin_m: float
+@compiled
+def is_leg_clear(
+    walls: WallIndex, near: Ints, ax: float, ay: float, az: float, bx: float, by: float, bz: float, margin_m: float
 ) -> bool:
-    """Whether a straight leg keeps `margin_m` from the buildings `near`, as `City.clear_of` has it.
+    """Whether a straight leg keeps `margin_m` from the buildings `near`, as `City.is_clear` has it.
 
     Above a roof or below a base by the margin is clear; a sloping leg is judged by its lowest and highest point.
     """
@@ -67,7 +67,7 @@ def leg_clear(
             continue
         if walls.box[b, 2] < west or walls.box[b, 0] > east or walls.box[b, 3] < south or walls.box[b, 1] > north:
             continue
-        for edge in range(walls.first[b], walls.first[b + 1]):
+        for edge in range(walls.edge_start[b], walls.edge_start[b + 1]):
             cx, cy, dx, dy = walls.edges[edge, 0], walls.edges[edge, 1], walls.edges[edge, 2], walls.edges[edge, 3]
             if max(cx, dx) < west or min(cx, dx) > east or max(cy, dy) < south or min(cy, dy) > north:
                 continue
@@ -77,13 +77,13 @@ def leg_clear(
             least = min(least, _apart2(ax, ay, cx, cy, dx, dy), _apart2(bx, by, cx, cy, dx, dy))
             if least < margin_m * margin_m:
                 return False
-        if footprint(walls, b, ax, ay)[0]:
+        if distance_to_footprint(walls, b, ax, ay)[0]:
             return False
     return True
 
 
-@kernel
-def clearance(walls: Walls, near: Ints, x: float, y: float, z: float, most_m: float) -> float:
+@compiled
+def clearance(walls: WallIndex, near: Ints, x: float, y: float, z: float, most_m: float) -> float:
     """How far a place is from the walls beside it, at most `most_m`; 0 inside a building."""
     best = most_m
     for k in range(near.shape[0]):
@@ -94,13 +94,13 @@ def clearance(walls: Walls, near: Ints, x: float, y: float, z: float, most_m: fl
             continue
         if walls.box[b, 1] - y > best or y - walls.box[b, 3] > best:
             continue
-        inside, away, _, _ = footprint(walls, b, x, y)
+        inside, away, _, _ = distance_to_footprint(walls, b, x, y)
         best = 0.0 if inside else min(best, away)
     return best
 
 
-@kernel
-def corners(walls: Walls, near: Ints, off_m: float, out: NDArray[np.float64]) -> int:
+@compiled
+def corners(walls: WallIndex, near: Ints, off_m: float, out: NDArray[np.float64]) -> int:
     """Places (n, 2) `off_m` outside the convex corners of buildings, into `out`; how many of its rows are filled.
 
     A corner's outside is where its incoming side goes on, less where its outgoing side goes: for either sense of a
@@ -108,7 +108,7 @@ def corners(walls: Walls, near: Ints, off_m: float, out: NDArray[np.float64]) ->
     """
     count = 0
     for k in range(near.shape[0]):
-        begin, end = walls.first[near[k]], walls.first[near[k] + 1]
+        begin, end = walls.edge_start[near[k]], walls.edge_start[near[k] + 1]
         ring = begin
         for edge in range(begin, end):
             x, y = walls.edges[edge, 2], walls.edges[edge, 3]
@@ -130,14 +130,14 @@ def corners(walls: Walls, near: Ints, off_m: float, out: NDArray[np.float64]) ->
     return count
 
 
-def straight(walls: Walls, start: Vector, goal: Vector, margin_m: float) -> bool:
+def is_straight_clear(walls: WallIndex, start: Vector, goal: Vector, margin_m: float) -> bool:
     """Whether a straight leg keeps the margin, or what its ends leave of it: they may be near a wall themselves.
 
     Four fifths of it, in fact: who has just come round a corner is a little nearer than the corner's own place.
     """
     ends = np.array((start, goal))
-    near = nearby(walls, ends, margin_m)
+    near = find_buildings_nearby(walls, ends, margin_m)
     if not near.size:
         return True
     least = min(clearance(walls, near, *start, margin_m), clearance(walls, near, *goal, margin_m))
-    return least > 0.0 and leg_clear(walls, near, *start, *goal, 0.79 * least)
+    return least > 0.0 and is_leg_clear(walls, near, *start, *goal, 0.79 * least)

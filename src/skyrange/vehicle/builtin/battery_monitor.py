@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.check_layout import NO_PRIORITY
 from skyrange.vehicle.builtin.fleet import Fleet
-from skyrange.vehicle.builtin.watch_layout import NO_PRIORITY
 
 _MAH_PER_AS = 1.0 / 3.6
 _FAST_S = 0.5  # AP_BATT_MONITOR_RES_EST_TC_1
@@ -21,32 +21,32 @@ _STEP = 0.1  # AP_BATT_MONITOR_RES_EST_TC_2
 _CAPACITY_MIN_MAH = 10.0  # capacity_remaining_pct
 
 
-@kernel
+@compiled
 def _update_resistance(b: Any, dt_s: float) -> None:
     """Estimate the internal resistance from how voltage and current differ from their low-passed values."""
     if b.current <= 0.0:
         return
-    b.most_a = max(b.most_a, b.current)
-    change = b.current - b.slow_a
+    b.current_max_a = max(b.current_max_a, b.current)
+    change = b.current - b.current_filt_a
     if change == 0.0:
         return
     if b.voltage > b.reference_v:
         b.reference_v = b.voltage
         b.reference_a = b.current
     fast = min(dt_s / (dt_s + _FAST_S), 0.5)
-    weight = min(1.0, _STEP * abs(change / b.most_a))
-    seen = -(b.voltage - b.slow_v) / change
+    weight = min(1.0, _STEP * abs(change / b.current_max_a))
+    seen = -(b.voltage - b.voltage_filt) / change
     if seen > 0.0:
         b.resistance = b.resistance * (1.0 - weight) + seen * weight
     if b.reference_v > b.voltage and b.current > b.reference_a:
         b.resistance = min(b.resistance, (b.reference_v - b.voltage) / (b.current - b.reference_a))
-    b.slow_v += (b.voltage - b.slow_v) * fast
-    b.slow_a += change * fast
+    b.voltage_filt += (b.voltage - b.voltage_filt) * fast
+    b.current_filt_a += change * fast
     b.resting_v = b.voltage + b.current * b.resistance
 
 
-@kernel
-def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
+@compiled
+def update_battery(e: Any, p: Any, b: Any, dt_s: float) -> None:
     """Read voltage and current, and add up what was consumed in `dt_s`."""
     b.voltage = e.battery_v
     b.current = e.battery_a
@@ -62,9 +62,9 @@ def measure(e: Any, p: Any, b: Any, dt_s: float) -> None:
         b.remaining_pct = -1
 
 
-def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.bool_], str]]:
+def prearm_failures(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.bool_], str]]:
     """Return which of `rows` the battery forbids to arm, by reason, most important first (`arming_checks`)."""
-    power, settings = fleet.power, fleet.settings
+    power, settings = fleet.battery, fleet.settings
 
     def value(name: str) -> NDArray[np.float64]:
         return np.asarray(settings[name][rows], dtype=float)
@@ -90,8 +90,8 @@ def troubles(fleet: Fleet, rows: NDArray[np.int64]) -> list[tuple[NDArray[np.boo
     return [(watched & bad, f"Battery 1 {words}") for bad, words in reasons]
 
 
-def full(fleet: Fleet, row: int) -> None:
+def reset_battery(fleet: Fleet, row: int) -> None:
     """Reset to a full battery without a failsafe, as after power-on."""
-    fleet.power[row] = np.zeros((), dtype=fleet.power.dtype)
-    fleet.power["priority"][row] = NO_PRIORITY
-    fleet.power["voltage"][row] = fleet.estimate["battery_v"][row]
+    fleet.battery[row] = np.zeros((), dtype=fleet.battery.dtype)
+    fleet.battery["priority"][row] = NO_PRIORITY
+    fleet.battery["voltage"][row] = fleet.estimate["battery_v"][row]

@@ -13,46 +13,39 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import EngineBase, Finished, Sensors
-from skyrange.agent.messages import Arrival, Inbox, Outbox
-from skyrange.agent.plugins import NoParams
 from skyrange.codec.mavlink import decode, dialect
-from skyrange.codec.numbering import RowPacker
-from skyrange.codec.signed_mail import Connection, SignedMail
+from skyrange.codec.mavlink.sequence_numbers import FleetPacker
+from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.contracts.components import EngineBase, Finished, Sensors
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.plugins import NoParams
 from skyrange.core.chance import Chance
-from skyrange.core.errors import DecodeError, Fault, InputError, nearest
+from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, hash64, link_name
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
-from skyrange.vehicle.builtin import (
-    commands,
-    do_items,
-    fence,
-    loop,
-    mission_protocol,
-    navigator,
-    parameter_protocol,
-    pausing,
-    piloting,
-    remote_id,
-    returning,
-    sticks_in,
-    targets,
-)
-from skyrange.vehicle.builtin.arming import disarm, idle_end
-from skyrange.vehicle.builtin.commands import flying
+from skyrange.vehicle.builtin import commands, loop
+from skyrange.vehicle.builtin.arming import open_drone_id
+from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
+from skyrange.vehicle.builtin.commands import flight as flight_commands
+from skyrange.vehicle.builtin.control.gain_sets import GainSets
 from skyrange.vehicle.builtin.estimation import resets
 from skyrange.vehicle.builtin.estimation.estimator import Estimator
-from skyrange.vehicle.builtin.failsafes import crash, ground_station, service
-from skyrange.vehicle.builtin.fleet import COMPONENT, Causes, Craft, Fleet, Timer
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, Flag, zeros
-from skyrange.vehicle.builtin.mail import take_heartbeats
+from skyrange.vehicle.builtin.failsafes import checks, crash, ground_station
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Causes, Fleet, Timer, Vehicle
+from skyrange.vehicle.builtin.flight_modes import guided, rtl
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, new_records
+from skyrange.vehicle.builtin.messages import parameter_protocol, rc_override
+from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
+from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.parameters import PARAMETERS, SETTINGS, fill
+from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill_settings
+from skyrange.vehicle.builtin.pilot import rc_channels
 from skyrange.vehicle.builtin.telemetry import streams, timesync
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
-from skyrange.vehicle.builtin.tuning import Tuning
-from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 QUANTUM_S = 0.0025
@@ -65,7 +58,7 @@ Channel 0 is USB, which ArduPilot lets anybody command unsigned (GCS_Signing.cpp
 """
 
 
-Handler = Callable[[Fleet, Craft, Any, tuple[int, int], Causes], None]
+Handler = Callable[[Fleet, Vehicle, Any, tuple[int, int], Causes], None]
 _ID = dialect
 _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_HEARTBEAT: ground_station.on_heartbeat,
@@ -78,27 +71,27 @@ _HANDLERS: dict[int, Handler] = {
     _ID.MAVLINK_MSG_ID_MISSION_CLEAR_ALL: mission_protocol.on_clear_all,
     _ID.MAVLINK_MSG_ID_MISSION_SET_CURRENT: mission_protocol.on_set_current,
     _ID.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST: mission_protocol.on_write_partial,
-    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: targets.on_local,
-    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: targets.on_global,
-    _ID.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: targets.on_attitude,
-    _ID.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: piloting.on_override,
-    _ID.MAVLINK_MSG_ID_MANUAL_CONTROL: piloting.on_manual_control,
-    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_list,
-    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_read,
+    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED: guided.on_position_target_local,
+    _ID.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT: guided.on_position_target_global,
+    _ID.MAVLINK_MSG_ID_SET_ATTITUDE_TARGET: guided.on_attitude_target,
+    _ID.MAVLINK_MSG_ID_RC_CHANNELS_OVERRIDE: rc_override.on_override,
+    _ID.MAVLINK_MSG_ID_MANUAL_CONTROL: rc_override.on_manual_control,
+    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: parameter_protocol.on_request_list,
+    _ID.MAVLINK_MSG_ID_PARAM_REQUEST_READ: parameter_protocol.on_request_read,
     _ID.MAVLINK_MSG_ID_PARAM_SET: parameter_protocol.on_set,
     _ID.MAVLINK_MSG_ID_TIMESYNC: timesync.on_timesync,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: remote_id.on_arm_status,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: remote_id.on_basic_id,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: remote_id.on_system,
-    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM_UPDATE: remote_id.on_system_update,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_ARM_STATUS: open_drone_id.on_arm_status,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_BASIC_ID: open_drone_id.on_basic_id,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM: open_drone_id.on_system,
+    _ID.MAVLINK_MSG_ID_OPEN_DRONE_ID_SYSTEM_UPDATE: open_drone_id.on_system_update,
 }
 _COMMANDS = (_ID.MAVLINK_MSG_ID_COMMAND_LONG, _ID.MAVLINK_MSG_ID_COMMAND_INT)
 _RADIO = (_ID.MAVLINK_MSG_ID_RADIO, _ID.MAVLINK_MSG_ID_RADIO_STATUS)
-_EVENTS = tuple(Flag)
+_EVENTS = tuple(FlightEvent)
 
 
 class BuiltinFleet(EngineBase):
-    """The engine (contract: `agent.contracts.Engine`). A deep copy continues identically."""
+    """The engine (contract: `contracts.components.Engine`). A deep copy continues identically."""
 
     service_ns: Time = SERVICE_NS
     clock: Literal["lockstep", "wall"] = "lockstep"
@@ -115,38 +108,38 @@ class BuiltinFleet(EngineBase):
         self.vehicles: Sequence[str] = [spec.vehicle for spec in specs]
         _check_specs(name, specs)
         count = len(specs)
-        estimate, flight = zeros(ESTIMATE, count), zeros(FLIGHT, count)
+        estimate, flight = new_records(ESTIMATE, count), new_records(FLIGHT, count)
         settings = np.zeros(count, dtype=SETTINGS)
-        crafts = []
+        vehicles = []
         sequences, stored = np.zeros(count, dtype=np.int64), np.zeros((count, len(PARAMETERS)))
         for row, spec in enumerate(specs):
             airframe = AIRFRAMES[spec.airframe]
-            stored[row] = fill(settings, row, spec.vehicle, airframe, spec.system_id, spec.params)
+            stored[row] = fill_settings(settings, row, spec.vehicle, airframe, spec.system_id, spec.params)
             port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle))
-            packer = RowPacker(spec.system_id, COMPONENT, sequences, row)
-            crafts.append(Craft(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m))
+            packer = FleetPacker(spec.system_id, COMPONENT_ID, sequences, row)
+            vehicles.append(Vehicle(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m))
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1
-        self.ports: Sequence[Port] = [craft.port for craft in crafts]
-        self._rows_by_port = {craft.port: craft.row for craft in crafts}
+        self.ports: Sequence[Port] = [vehicle.port for vehicle in vehicles]
+        self._rows_by_port = {vehicle.port: vehicle.row for vehicle in vehicles}
         signed = [
-            Connection(craft.id, spec.signing_key, craft.port, craft.port)
-            for craft, spec in zip(crafts, specs, strict=True)
+            SignedConnection(vehicle.id, spec.signing_key, vehicle.port, vehicle.port)
+            for vehicle, spec in zip(vehicles, specs, strict=True)
             if spec.signing_key is not None
         ]
-        self._signed = SignedMail(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
-        self._fleet = Fleet(crafts, origin, epoch, estimate, flight, settings)
+        self._signed = SignedConnections(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
+        self._fleet = Fleet(vehicles, origin, epoch, estimate, flight, settings)
         self._estimator = Estimator(count, origin)
-        self._fleet.stored[:] = stored
-        self._gain_sets = Tuning([spec.airframe for spec in specs], settings)
-        for craft in crafts:
-            sticks_in.place(self._fleet, craft)
+        self._fleet.stored_params[:] = stored
+        self._gain_sets = GainSets([spec.airframe for spec in specs], settings)
+        for vehicle in vehicles:
+            rc_channels.update_sticks(self._fleet, vehicle)
         phases = [int(chance.uniform4(PHASE_STREAM, hash64(spec.vehicle), 0)[0] * NS_PER_S) for spec in specs]
         self._schedule = Schedule(np.array(phases, dtype=np.int64))
-        for craft in crafts:
-            streams.boot_rates(self._schedule, self._fleet, craft)
-            service.boot(self._fleet, craft)
+        for vehicle in vehicles:
+            streams.start_boot_streams(self._schedule, self._fleet, vehicle)
+            checks.reset_state(self._fleet, vehicle)
         self._actuators = np.zeros((count, MOTORS))
         self._fleet.actuators = self._actuators
         self._last_tick: Time | None = None
@@ -156,42 +149,42 @@ class BuiltinFleet(EngineBase):
         fleet = self._fleet
         fleet.now = tick
         fleet.outbox = Outbox()
-        fleet.rotors = sensors.rotor_radps
+        fleet.rotor_speeds = sensors.rotor_radps
         dt_s = (
             (tick - self._last_tick) / NS_PER_S if self._last_tick is not None and tick > self._last_tick else QUANTUM_S
         )
         self._last_tick = tick
         gain_sets = self._gain_sets
-        gain_sets.renew(tick, dt_s)
+        gain_sets.update(tick, dt_s)
         if self._estimator.update(
-            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.which, gain_sets.sets
+            tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.set_index, gain_sets.parameter_sets
         ):
-            resets.tell(fleet, self._estimator.filters)
+            resets.report_events(fleet, self._estimator.filters)
         if len(inbox):
             mail = inbox.columns(self._rows_by_port)
             if self._signed is not None:
-                mail = self._signed.open(tick, inbox, mail, fleet.outbox)
-            for row in take_heartbeats(fleet, mail):
+                mail = self._signed.verify_inbox(tick, inbox, mail, fleet.outbox)
+            for row in consume_heartbeats(fleet, mail):
                 self._receive(inbox.arrival(mail.order.item(row)))
-        if loop.turn(
+        if loop.run_loop(
             fleet.estimate,
             fleet.flight,
             fleet.legs,
-            gain_sets.which,
+            gain_sets.set_index,
             gain_sets.gains,
-            gain_sets.sets,
+            gain_sets.parameter_sets,
             self._actuators,
             dt_s,
         ):
             self._handle_events()
         if tick % SERVICE_NS == 0:
             self._handle_timers(tick)
-            service.serve(fleet, self._actuators)
+            checks.run_checks(fleet, self._actuators)
             self._schedule.send_due(fleet)
         if self._signed is not None:
             for vehicle in fleet.rebooted:
                 self._signed.start(tick, vehicle)
-            self._signed.seal(tick, fleet.outbox)
+            self._signed.sign_outbox(tick, fleet.outbox)
         fleet.rebooted.clear()
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
@@ -201,55 +194,57 @@ class BuiltinFleet(EngineBase):
     def _receive(self, arrival: Arrival) -> None:
         """Process one frame, by ArduPilot's routing rules (MAVLink_routing.cpp)."""
         fleet = self._fleet
-        craft = fleet.crafts[self._rows_by_port[arrival.port]]
+        vehicle = fleet.vehicles[self._rows_by_port[arrival.port]]
         try:
             message = decode(arrival.payload)
         except DecodeError as error:
-            craft.bad_frames += 1
-            fleet.note("event.bad_frame", craft, {"error": str(error)[:200]}, (arrival.ref,))
+            vehicle.bad_frames += 1
+            fleet.note("event.bad_frame", vehicle, {"error": str(error)[:200]}, (arrival.ref,))
             return
-        partner = (message.get_srcSystem(), message.get_srcComponent())
-        if partner == (craft.system_id, COMPONENT):
+        peer = (message.get_srcSystem(), message.get_srcComponent())
+        if peer == (vehicle.system_id, COMPONENT_ID):
             return  # an echo of its own frame
-        if _rejects_sender(fleet, craft, message, partner[0]):
-            craft.ignored += 1
+        if _rejects_sender(fleet, vehicle, message, peer[0]):
+            vehicle.ignored_frames += 1
             return
         # there is no other component on board, so target_component is not checked
-        addressee = getattr(message, "target_system", getattr(message, "target", craft.system_id))
-        if addressee not in (0, craft.system_id):
-            craft.ignored += 1
+        addressee = getattr(message, "target_system", getattr(message, "target", vehicle.system_id))
+        if addressee not in (0, vehicle.system_id):
+            vehicle.ignored_frames += 1
             return
-        if craft.paused:
-            pausing.lift(fleet, craft)
-        self._dispatch(craft, message, partner, (arrival.ref,))
-        if craft.paused:
-            pausing.settle(fleet, craft)
+        if vehicle.paused:
+            pause.restore_targets(fleet, vehicle)
+        self._dispatch(vehicle, message, peer, (arrival.ref,))
+        if vehicle.paused:
+            pause.suspend_targets(fleet, vehicle)
 
-    def _dispatch(self, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+    def _dispatch(self, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
         """Pass a message to its handler."""
         fleet = self._fleet
         number = message.get_msgId()
         handler = _HANDLERS.get(number)
         if handler is not None:
-            handler(fleet, craft, message, partner, causes)
+            handler(fleet, vehicle, message, peer, causes)
         elif number in _COMMANDS:
-            commands.on_command(fleet, self._schedule, craft, message, partner, causes)
+            commands.on_command(fleet, self._schedule, vehicle, message, peer, causes)
         elif number == _ID.MAVLINK_MSG_ID_SET_MODE:
-            flying.choose_mode(fleet, craft, message.base_mode, message.custom_mode, causes)  # never acknowledged
+            flight_commands.handle_set_mode(
+                fleet, vehicle, message.base_mode, message.custom_mode, causes
+            )  # never acknowledged
         elif number == _ID.MAVLINK_MSG_ID_REQUEST_DATA_STREAM:
-            streams.on_request(fleet, self._schedule, craft, message)
+            streams.on_request_data_stream(fleet, self._schedule, vehicle, message)
 
     def _handle_events(self) -> None:
         """Report the events of the loop to modes and missions."""
         fleet = self._fleet
         flight = fleet.flight
-        for row in np.flatnonzero(flight["flags"] & ~flight["seen"]).tolist():
-            craft = fleet.crafts[row]
-            fresh = int(flight["flags"][row] & ~flight["seen"][row])
-            flight["seen"][row] = flight["flags"][row]
+        for row in np.flatnonzero(flight["flags"] & ~flight["handled_flags"]).tolist():
+            vehicle = fleet.vehicles[row]
+            fresh = int(flight["flags"][row] & ~flight["handled_flags"][row])
+            flight["handled_flags"][row] = flight["flags"][row]
             for flag in _EVENTS:
                 if fresh & flag:
-                    _on_event(fleet, craft, flag)
+                    _on_event(fleet, vehicle, flag)
 
     def _handle_timers(self, now: Time) -> None:
         fleet = self._fleet
@@ -257,75 +252,75 @@ class BuiltinFleet(EngineBase):
             return
         fleet.next_timer = NEVER  # handlers may set timers meanwhile; the earliest of the rest is found below
         for row, column in np.argwhere(fleet.timers <= now).tolist():
-            craft = fleet.crafts[row]
+            vehicle = fleet.vehicles[row]
             if fleet.timers[row, column] <= now:  # an earlier one may have cleared it
                 fleet.timers[row, column] = NEVER
-                if craft.paused:
-                    pausing.lift(fleet, craft)
-                _TIMERS[Timer(column)](fleet, craft)
-                if craft.paused:
-                    pausing.settle(fleet, craft)
+                if vehicle.paused:
+                    pause.restore_targets(fleet, vehicle)
+                _TIMERS[Timer(column)](fleet, vehicle)
+                if vehicle.paused:
+                    pause.suspend_targets(fleet, vehicle)
         fleet.next_timer = min(fleet.next_timer, int(fleet.timers.min()))
 
 
-def _rejects_sender(fleet: Fleet, craft: Craft, message: Any, system: int) -> bool:
+def _rejects_sender(fleet: Fleet, vehicle: Vehicle, message: Any, system: int) -> bool:
     """Whether SYSID_ENFORCE rejects this sender (`accept_packet`): only its own components and ground station pass."""
-    if fleet.param(craft, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
+    if fleet.param(vehicle, "SYSID_ENFORCE") == 0.0 or message.get_msgId() in _RADIO:
         return False
-    return system not in (craft.system_id, int(fleet.param(craft, "SYSID_MYGCS")))
+    return system not in (vehicle.system_id, int(fleet.param(vehicle, "SYSID_MYGCS")))
 
 
-def _on_event(fleet: Fleet, craft: Craft, flag: Flag) -> None:
-    if flag is Flag.CLIMBED:
-        fence.after_takeoff(fleet, craft)
-    if flag is Flag.LIFTED:
-        fleet.note("event.takeoff", craft, {}, craft.target_causes)
-    elif flag is Flag.LANDED:
-        fleet.note("event.landed", craft, {}, craft.mode_causes)
-        settles = craft.mode in (Mode.LAND, Mode.RTL, Mode.AUTO)
-        spool_ns = int(fleet.param(craft, "MOT_SPOOL_TIME") * NS_PER_S)
-        fleet.timer(craft, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
-        fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
-    elif flag is Flag.CRASHED:
-        crash.crashed(fleet, craft)
-    elif craft.mode == Mode.AUTO:
-        navigator.on_flag(fleet, craft, flag)
-    elif craft.mode == Mode.RTL and flag is Flag.ARRIVED:
-        returning.arrived(fleet, craft)
+def _on_event(fleet: Fleet, vehicle: Vehicle, flag: FlightEvent) -> None:
+    if flag is FlightEvent.TAKEOFF_COMPLETE:
+        fence.auto_enable_after_takeoff(fleet, vehicle)
+    if flag is FlightEvent.LIFT_OFF:
+        fleet.note("event.takeoff", vehicle, {}, vehicle.target_causes)
+    elif flag is FlightEvent.LAND_COMPLETE:
+        fleet.note("event.landed", vehicle, {}, vehicle.mode_causes)
+        settles = vehicle.mode in (Mode.LAND, Mode.RTL, Mode.AUTO)
+        spool_ns = int(fleet.param(vehicle, "MOT_SPOOL_TIME") * NS_PER_S)
+        fleet.set_timer(vehicle, Timer.LANDED, fleet.now + spool_ns if settles else NEVER)
+        fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
+    elif flag is FlightEvent.CRASH:
+        crash.check_crash(fleet, vehicle)
+    elif vehicle.mode == Mode.AUTO:
+        execution.on_event(fleet, vehicle, flag)
+    elif vehicle.mode == Mode.RTL and flag is FlightEvent.DESTINATION_REACHED:
+        rtl.on_destination_reached(fleet, vehicle)
 
 
-def _on_hold_timer(fleet: Fleet, craft: Craft) -> None:
-    if craft.mode == Mode.AUTO:
-        navigator.waited(fleet, craft)
-    elif craft.mode == Mode.RTL:
-        returning.waited(fleet, craft)
+def _on_hold_timer(fleet: Fleet, vehicle: Vehicle) -> None:
+    if vehicle.mode == Mode.AUTO:
+        execution.on_timer(fleet, vehicle)
+    elif vehicle.mode == Mode.RTL:
+        rtl.on_timer(fleet, vehicle)
 
 
-def _on_landed_timer(fleet: Fleet, craft: Craft) -> None:
-    if craft.mode == Mode.AUTO:
-        navigator.settled(fleet, craft)
-    elif craft.mode in (Mode.LAND, Mode.RTL):
-        disarm(fleet, craft, "landed", craft.mode_causes)
+def _on_landed_timer(fleet: Fleet, vehicle: Vehicle) -> None:
+    if vehicle.mode == Mode.AUTO:
+        execution.on_landed(fleet, vehicle)
+    elif vehicle.mode in (Mode.LAND, Mode.RTL):
+        disarm(fleet, vehicle, "landed", vehicle.mode_causes)
 
 
-def _on_disarm_timer(fleet: Fleet, craft: Craft) -> None:
-    if not (fleet.armed(craft) and fleet.landed(craft)):
+def _on_disarm_timer(fleet: Fleet, vehicle: Vehicle) -> None:
+    if not (fleet.armed(vehicle) and fleet.landed(vehicle)):
         return
-    if sticks_in.throttle(fleet, craft) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
-        fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
+    if rc_channels.throttle_input(fleet, vehicle) > 0.0:  # a raised throttle postpones it (auto_disarm_check)
+        fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
     else:
-        disarm(fleet, craft, "disarm_delay", ())
+        disarm(fleet, vehicle, "disarm_delay", ())
 
 
-_TIMERS: dict[Timer, Callable[[Fleet, Craft], None]] = {
+_TIMERS: dict[Timer, Callable[[Fleet, Vehicle], None]] = {
     Timer.UPLOAD: mission_protocol.on_timer,
     Timer.HOLD: _on_hold_timer,
     Timer.LANDED: _on_landed_timer,
-    Timer.IDLE: _on_disarm_timer,
-    Timer.STALE: targets.stale,
-    Timer.PARAMS: parameter_protocol.on_timer,
-    Timer.STICKS: piloting.on_timer,
-    Timer.CONDITION: do_items.look,
+    Timer.DISARM_DELAY: _on_disarm_timer,
+    Timer.GUIDED_TIMEOUT: guided.on_timeout,
+    Timer.PARAM_LIST: parameter_protocol.on_timer,
+    Timer.RC_OVERRIDE: rc_override.on_timer,
+    Timer.CONDITION: do_commands.on_timer,
 }
 
 
@@ -333,16 +328,18 @@ def _check_specs(name: str, specs: Sequence[VehicleSpec]) -> None:
     """Raise `InputError` with everything that is wrong with the specs."""
     problems = []
     if not specs:
-        problems.append(Fault("vehicles", "none", "at least one vehicle"))
+        problems.append(Problem("vehicles", "none", "at least one vehicle"))
     for spec in specs:
         if spec.airframe not in AIRFRAMES:
             problems.append(
-                Fault(f"{spec.vehicle} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES))
+                Problem(
+                    f"{spec.vehicle} airframe", spec.airframe, "a known airframe", nearest(spec.airframe, AIRFRAMES)
+                )
             )
         if not 1 <= spec.system_id <= 250:
-            problems.append(Fault(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
+            problems.append(Problem(f"{spec.vehicle} system_id", str(spec.system_id), "1 to 250"))
         if not all(math.isfinite(part) for part in (*spec.home_enu_m, spec.heading_deg)):
-            problems.append(Fault(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
+            problems.append(Problem(f"{spec.vehicle} home", str((spec.home_enu_m, spec.heading_deg)), "finite numbers"))
     if problems:
         raise InputError(f"builtin autopilot {name}", problems)
 

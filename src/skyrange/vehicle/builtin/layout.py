@@ -53,11 +53,11 @@ ESTIMATE: Final = np.dtype(
     ]
 )
 
-_CURVE: Final[list[Any]] = [
+_SCURVE: Final[list[Any]] = [
     ("t", "f8"),  # time flown, s
     ("done", "f8"),  # distance flown, m
-    ("live", "i8"),  # 0: no leg is set
-    ("at", "i8"),  # index of the segment looked up last
+    ("active", "i8"),  # 0: no leg is set
+    ("segment", "i8"),  # index of the segment looked up last
     ("unit", "f8", (3,)),  # direction
     ("origin", "f8", (3,)),
     ("length", "f8"),
@@ -68,7 +68,7 @@ _CURVE: Final[list[Any]] = [
     ("snap", "f8"),
     ("seg", "f8", (23, 5)),  # per segment: end time; acceleration, speed and distance then; peak jerk
 ]
-CURVE: Final = np.dtype(_CURVE)
+SCURVE: Final = np.dtype(_SCURVE)
 """A straight leg with jerk-limited motion along it (`guidance.scurve`)."""
 
 _SPLINE: Final[list[Any]] = [
@@ -85,17 +85,17 @@ SPLINE: Final = np.dtype(_SPLINE)
 
 LEGS: Final = np.dtype(
     [
-        ("curved", "i8"),  # 1: this leg is the spline
-        ("next_curved", "i8"),
-        ("fast", "i8"),  # 1: another leg follows without a stop
-        ("reached", "i8"),
+        ("this_leg_is_spline", "i8"),  # 1: this leg is the spline
+        ("next_leg_is_spline", "i8"),
+        ("fast_waypoint", "i8"),  # 1: another leg follows without a stop
+        ("reached_destination", "i8"),
         ("origin", "f8", (3,)),
-        ("goal", "f8", (3,)),
-        ("tail", _CURVE),  # the previous leg, whose end is blended into a corner
-        ("leg", _CURVE),
-        ("next", _CURVE),
-        ("spline", _SPLINE),
-        ("spline_next", _SPLINE),
+        ("destination", "f8", (3,)),
+        ("prev_leg", _SCURVE),  # the previous leg, whose end is blended into a corner
+        ("this_leg", _SCURVE),
+        ("next_leg", _SCURVE),
+        ("this_spline", _SPLINE),
+        ("next_spline", _SPLINE),
     ]
 )
 """The legs of an aircraft on its way to a waypoint (AC_WPNav)."""
@@ -106,24 +106,24 @@ FLIGHT: Final = np.dtype(
         ("control", "i8"),  # a Control
         ("landed", "i8"),
         ("flags", "i8"),  # FlightEvents raised by the loop
-        ("spool", "f8"),  # motor spool state, 0 stopped … 1 spooled up: share of MOT_SPIN_MIN
-        ("slow_s", "f8"),  # time since guidance and position control last ran, s
+        ("spool_state", "f8"),  # motor spool state, 0 stopped … 1 spooled up: share of MOT_SPIN_MIN
+        ("since_slow_s", "f8"),  # time since guidance and position control last ran, s
         ("climb_accel", "f8"),  # m/s², output of the climb rate controller
         ("accel_err", "f8"),
         ("throttle_i", "f8"),
         ("throttle", "f8"),
-        ("throttle_full", "i8"),  # 1: the mixer had to reduce thrust (motors.limit.throttle_upper)
+        ("throttle_limited", "i8"),  # 1: the mixer had to reduce thrust (motors.limit.throttle_upper)
         ("tilt_half2", "f8"),  # squared sine of half the thrust angle error, in every pass
         ("rates_only", "i8"),
-        ("att", "f8", (4,)),  # shaped attitude target and its rates
-        ("att_rate", "f8", (3,)),
+        ("att_target", "f8", (4,)),  # shaped attitude target and its rates
+        ("att_target_rate", "f8", (3,)),
         ("target_rate", "f8", (3,)),  # filtered targets of the rate controllers
         ("rate_err", "f8", (3,)),
         ("rate_d", "f8", (2,)),
         ("rate_i", "f8", (3,)),
         # used by guidance, position control and the modes
         ("armed", "i8"),
-        ("seen", "i8"),  # events in `flags` that were handled
+        ("handled_flags", "i8"),  # events in `flags` that were handled
         # the reference, which position control follows (AC_PosControl `_pos_desired`)
         ("ref_pos", "f8", (3,)),
         ("ref_vel", "f8", (3,)),
@@ -140,36 +140,36 @@ FLIGHT: Final = np.dtype(
         ("accel_xy", "f8"),
         ("accel_z", "f8"),
         # along legs
-        ("replan", "i8"),  # 1: the speed limit changed
+        ("speed_changed", "i8"),  # 1: the speed limit changed
         ("track_lag", "f8"),  # 1 minus AC_WPNav's `_track_dt_scalar`: how much the reference lags, 0 … 1
         # yaw: an AutoYawMode, its angle and rate, and the rest of a commanded turn
-        ("heading", "i8"),
+        ("auto_yaw_mode", "i8"),
         ("target_yaw", "f8"),
         ("target_yaw_rate", "f8"),
-        ("turn_left", "f8"),  # rad that remain to be turned, positive counter-clockwise
-        ("turn_rate", "f8"),
+        ("fixed_yaw_offset", "f8"),  # rad that remain to be turned, positive counter-clockwise
+        ("fixed_yaw_slewrate", "f8"),
         ("roi", "f8", (3,)),
         # circle
         ("centre", "f8", (3,)),
         ("circle_radius", "f8"),
         ("circle_rate", "f8"),  # rad/s, positive clockwise as ArduPilot counts it
-        ("circle_speed", "f8"),
+        ("circle_ang_vel", "f8"),
         ("circle_angle", "f8"),  # counter-clockwise from east
-        ("circle_total", "f8"),
+        ("circle_angle_total", "f8"),
         # the pilot's sticks: roll, pitch, yaw -1 … 1, throttle 0 … 1
         ("sticks", "f8", (4,)),
-        ("zero_s", "f8"),  # how long the throttle stick has been at the bottom, s
-        ("lean", "f8", (2,)),  # predicted lean angles of LOITER and their rates: roll, pitch
-        ("lean_rate", "f8", (2,)),
-        ("brake", "f8"),
-        ("brake_s", "f8"),  # since the sticks were released, s
+        ("throttle_zero_s", "f8"),  # how long the throttle stick has been at the bottom, s
+        ("predicted_lean", "f8", (2,)),  # predicted lean angles of LOITER and their rates: roll, pitch
+        ("predicted_lean_rate", "f8", (2,)),
+        ("brake_accel", "f8"),
+        ("brake_timer_s", "f8"),  # since the sticks were released, s
         # target of SET_ATTITUDE_TARGET
-        ("want_quat", "f8", (4,)),
-        ("want_rate", "f8", (3,)),
-        ("want_climb", "f8"),
+        ("guided_quat", "f8", (4,)),
+        ("guided_ang_vel", "f8", (3,)),
+        ("guided_climb_rate", "f8"),
         # controller states
         ("pos_err", "f8", (2,)),
-        ("limit", "f8", (2,)),  # requested acceleration where the lean limit reduced it, else 0
+        ("limited_accel", "f8", (2,)),  # requested acceleration where the lean limit reduced it, else 0
         ("vel_err", "f8", (2,)),
         ("vel_d", "f8", (2,)),
         ("vel_i", "f8", (2,)),
@@ -182,8 +182,8 @@ FLIGHT: Final = np.dtype(
         ("land_s", "f8"),
         ("crash_s", "f8"),
         # LAND after a failsafe
-        ("pause_s", "f8"),  # time to hold the height before the descent, s
-        ("blind", "i8"),  # 1: land without a position, level, drifting with the wind
+        ("land_delay_s", "f8"),  # time to hold the height before the descent, s
+        ("land_nogps", "i8"),  # 1: land without a position, level, drifting with the wind
     ]
 )
 
@@ -197,13 +197,13 @@ GAINS: Final = np.dtype(
         ("rate_i", "f8", (3,)),
         ("rate_d", "f8", (2,)),
         ("rate_imax", "f8", (3,)),
-        ("target_share", "f8", (3,)),  # low-pass filters: weight of the new value in one step
-        ("error_share", "f8", (3,)),
-        ("d_share", "f8", (2,)),
-        ("accel_share", "f8"),
-        ("vel_share", "f8"),  # of position control, for its own step
-        ("vel_d_share", "f8"),
-        ("climb_share", "f8"),
+        ("target_alpha", "f8", (3,)),  # low-pass filters: weight of the new value in one step
+        ("error_alpha", "f8", (3,)),
+        ("d_alpha", "f8", (2,)),
+        ("accel_alpha", "f8"),
+        ("vel_alpha", "f8"),  # of position control, for its own step
+        ("vel_d_alpha", "f8"),
+        ("climb_alpha", "f8"),
         ("lean_accel", "f8"),  # m/s², at the largest lean angle
         ("pos_p", "f8"),
         ("vel_p", "f8"),
@@ -214,26 +214,26 @@ GAINS: Final = np.dtype(
         ("climb_p", "f8"),
         ("input_p", "f8"),  # 1/s, inverse of ATC_INPUT_TC
         ("accel_max", "f8", (3,)),  # rad/s², of attitude targets
-        ("slew", "f8"),  # rad/s, of the yaw
+        ("slew_yaw", "f8"),  # rad/s, of the yaw
         ("accel_p", "f8"),
         ("accel_i", "f8"),
         ("accel_imax", "f8"),
-        ("hover", "f8"),
+        ("throttle_hover", "f8"),
         ("spin_min", "f8"),
         ("spin_range", "f8"),
         ("expo_a", "f8"),  # command = sqrt(expo_a + expo_b * thrust) - expo_c, or thrust where expo is 0
         ("expo_b", "f8"),
         ("expo_c", "f8"),
         ("expo", "f8"),
-        ("roll", "f8", (MOTORS,)),  # factor of each motor in roll, pitch, yaw
-        ("pitch", "f8", (MOTORS,)),
-        ("yaw", "f8", (MOTORS,)),
+        ("roll_factor", "f8", (MOTORS,)),  # factor of each motor in roll, pitch, yaw
+        ("pitch_factor", "f8", (MOTORS,)),
+        ("yaw_factor", "f8", (MOTORS,)),
     ]
 )
 """Parameters in the form that the loop uses (`control.gains`)."""
 
 
-class Control(IntEnum):
+class ControlMode(IntEnum):
     """What the control loop does with an aircraft: ArduCopter's sub-modes, one number for all modes."""
 
     OFF = 0
@@ -249,12 +249,12 @@ class Control(IntEnum):
     VELOCITY = 5
     """Fly at `target_vel` with `target_acc`; zero velocity stops and holds."""
     LAND = 6
-    TRACK = 7
+    POS_VEL_ACCEL = 7
     """Fly to `target_pos`, which moves with `target_vel`; `target_acc` is added."""
     ACCEL = 8
     """Fly with `target_acc`."""
     CIRCLE = 9
-    ALTITUDE = 10
+    LOITER_TO_ALT = 10
     """Hold the position and go to the height of `target_pos`."""
     ATTITUDE = 11
     """Follow the attitude, body rates and climb rate set by SET_ATTITUDE_TARGET."""
@@ -266,16 +266,16 @@ class Control(IntEnum):
     """Follow the pilot's sticks: accelerations and climb rate; stop and hold when the sticks are released."""
 
 
-class Heading(IntEnum):
+class AutoYawMode(IntEnum):
     """How the yaw target is chosen (ArduCopter/autoyaw.cpp `AutoYaw::Mode`)."""
 
     HOLD = 0
-    NEXT = 1
+    LOOK_AT_NEXT_WP = 1
     """Along the velocity of the reference."""
     ROI = 2
     FIXED = 3
     """A commanded turn."""
-    AHEAD = 4
+    LOOK_AHEAD = 4
     """Along the velocity over the ground."""
     ANGLE_RATE = 5
     RATE = 6
@@ -283,35 +283,35 @@ class Heading(IntEnum):
     """Towards the circle's centre."""
 
 
-class Flag(IntFlag):
+class FlightEvent(IntFlag):
     """Events that the control loop reports to modes and missions."""
 
-    LIFTED = 1
-    CLIMBED = 2
+    LIFT_OFF = 1
+    TAKEOFF_COMPLETE = 2
     """The take-off altitude is reached."""
-    ARRIVED = 4
+    DESTINATION_REACHED = 4
     """The destination of the leg is reached."""
-    LANDED = 8
-    CRASHED = 16
+    LAND_COMPLETE = 8
+    CRASH = 16
     """The attitude error has been too large for too long."""
-    LEVELLED = 32
-    """The height of `ControlMode.ALTITUDE` is reached."""
+    ALTITUDE_REACHED = 32
+    """The height of `ControlMode.LOITER_TO_ALT` is reached."""
 
 
-def zeros(dtype: np.dtype[Any], count: int) -> Records:
+def new_records(dtype: np.dtype[Any], count: int) -> Records:
     """Return `count` records of a layout, all zero, with level attitudes."""
     rows = np.zeros(count, dtype=dtype)
     if dtype == ESTIMATE:
         rows["quat"][:, 0] = 1.0
-        healthy(rows)
+        set_healthy(rows)
     if dtype == FLIGHT:
-        rows["att"][:, 0] = 1.0
-        rows["want_quat"][:, 0] = 1.0
-        rows["slow_s"] = 1e9  # run guidance and position control in the first pass
+        rows["att_target"][:, 0] = 1.0
+        rows["guided_quat"][:, 0] = 1.0
+        rows["since_slow_s"] = 1e9  # run guidance and position control in the first pass
     return rows
 
 
-def healthy(estimate: Records) -> None:
+def set_healthy(estimate: Records) -> None:
     """Fill in the values of a good receiver, a converged estimator and a full battery."""
     estimate["status"] = 1 | 2 | 4 | 8 | 16 | 32 | 64 | 256 | 512
     estimate["gnss_fix"] = 6

@@ -9,27 +9,34 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.agent.contracts import Floats, Ints
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import attitude, sticks
-from skyrange.vehicle.builtin.control import climb, horizontal, lift, relax, turn_motors
-from skyrange.vehicle.builtin.gains import SLOW_S
-from skyrange.vehicle.builtin.guidance import guide
-from skyrange.vehicle.builtin.heading import turn as turn_nose
-from skyrange.vehicle.builtin.layout import Control, Flag, Heading, Records
+from skyrange.contracts.components import Floats, Ints
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control import attitude
+from skyrange.vehicle.builtin.control.gains import SLOW_LOOP_S
+from skyrange.vehicle.builtin.control.position import (
+    output_motors,
+    relax_controllers,
+    run_accel_controller,
+    update_ne_controller,
+    update_u_controller,
+)
+from skyrange.vehicle.builtin.guidance.reference import update_reference
+from skyrange.vehicle.builtin.guidance.yaw_target import update_yaw_target
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent, Records
+from skyrange.vehicle.builtin.pilot import stick_input
 
-_OFF = int(Control.OFF)
-_IDLE = int(Control.IDLE)
-_TAKEOFF = int(Control.TAKEOFF)
-_LAND = int(Control.LAND)
-_ATTITUDE = int(Control.ATTITUDE)
-_STABILIZE = int(Control.STABILIZE)
-_ALT_HOLD = int(Control.ALT_HOLD)
-_LOITER = int(Control.LOITER)
-_HOLD = int(Heading.HOLD)
-_LIFT_OFF = int(Flag.LIFTED)
-_LAND_COMPLETE = int(Flag.LANDED)
-_CRASH = int(Flag.CRASHED)
+_OFF = int(ControlMode.OFF)
+_IDLE = int(ControlMode.IDLE)
+_TAKEOFF = int(ControlMode.TAKEOFF)
+_LAND = int(ControlMode.LAND)
+_ATTITUDE = int(ControlMode.ATTITUDE)
+_STABILIZE = int(ControlMode.STABILIZE)
+_ALT_HOLD = int(ControlMode.ALT_HOLD)
+_LOITER = int(ControlMode.LOITER)
+_HOLD = int(AutoYawMode.HOLD)
+_LIFT_OFF = int(FlightEvent.LIFT_OFF)
+_LAND_COMPLETE = int(FlightEvent.LAND_COMPLETE)
+_CRASH = int(FlightEvent.CRASH)
 _CDEG = math.pi / 18_000.0
 # land_detector.cpp and config.h (LAND_DETECTOR_*, LAND_CHECK_*)
 _LAND_S = 1.0
@@ -47,106 +54,106 @@ _CRASH_SPEED_MPS = 10.0
 _EARLY_S = 1e-9  # rounding error of a sum of steps
 
 
-@kernel
-def take_reference(e: Any, f: Any) -> None:
+@compiled
+def reset_reference(e: Any, f: Any) -> None:
     """Set the reference and the attitude target to the aircraft's estimated state."""
     for axis in range(3):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
         f.ref_acc[axis] = 0.0
-    f.lean[0] = e.roll
-    f.lean[1] = e.pitch
-    f.lean_rate[0] = 0.0
-    f.lean_rate[1] = 0.0
-    attitude.start(e, f)
+    f.predicted_lean[0] = e.roll
+    f.predicted_lean[1] = e.pitch
+    f.predicted_lean_rate[0] = 0.0
+    f.predicted_lean_rate[1] = 0.0
+    attitude.reset_target_and_rate(e, f)
 
 
-@kernel
+@compiled
 def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
     """Spool the motors up from ground idle (AP_MotorsMulticopter::output_logic); whether they have spooled up."""
-    take_reference(e, f)
-    relax(f)
-    if f.spool >= 1.0:
+    reset_reference(e, f)
+    relax_controllers(f)
+    if f.spool_state >= 1.0:
         return True
-    f.spool = min(f.spool + dt_s / p.MOT_SPOOL_TIME, 1.0)
+    f.spool_state = min(f.spool_state + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
+    _set_all_motors(out, i, f.spool_state * p.MOT_SPIN_MIN)
     return False
 
 
-@kernel
+@compiled
 def _set_all_motors(out: Any, i: int, command: float) -> None:
     for motor in range(out.shape[1]):
         out[i, motor] = command
 
 
-@kernel
+@compiled
 def _idle_motors(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
     """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
     step = dt_s / p.MOT_SPOOL_TIME
     armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
-    f.spool = min(max(armed, f.spool - step), f.spool + step)
-    _set_all_motors(out, i, f.spool * p.MOT_SPIN_MIN)
+    f.spool_state = min(max(armed, f.spool_state - step), f.spool_state + step)
+    _set_all_motors(out, i, f.spool_state * p.MOT_SPIN_MIN)
 
 
-@kernel
+@compiled
 def _hold_level(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
     """Hold level at a given throttle on the ground, before lift-off."""
     f.throttle = throttle
-    f.att_rate[0] = 0.0
-    f.att_rate[1] = 0.0
-    f.att_rate[2] = 0.0
-    out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
+    f.att_target_rate[0] = 0.0
+    f.att_target_rate[1] = 0.0
+    f.att_target_rate[2] = 0.0
+    out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, False, False)
     for axis in range(3):
         f.rate_i[axis] = 0.0
 
 
-@kernel
+@compiled
 def _leave_ground(f: Any) -> None:
     f.landed = 0
     f.land_s = 0.0
     f.flags |= _LIFT_OFF
-    f.slow_s = 1e9
+    f.since_slow_s = 1e9
 
 
-@kernel
+@compiled
 def _run_takeoff(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
     if not _spool(e, f, p, out, i, dt_s):
         return
     level = math.sqrt(e.quat[0] * e.quat[0] + e.quat[3] * e.quat[3])
     if level > 0.0:  # upright, as it stands
-        f.att[0] = e.quat[0] / level
-        f.att[1] = 0.0
-        f.att[2] = 0.0
-        f.att[3] = e.quat[3] / level
+        f.att_target[0] = e.quat[0] / level
+        f.att_target[1] = 0.0
+        f.att_target[2] = 0.0
+        f.att_target[3] = e.quat[3] / level
     _hold_level(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
         _leave_ground(f)
 
 
-@kernel
+@compiled
 def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
     """Keep the motors idle on the ground in a pilot's mode until the throttle is raised."""
     if f.control == _STABILIZE:
-        if sticks.throttle_zero(f, dt_s):
+        if stick_input.update_throttle_zero(f, dt_s):
             f.throttle = 0.0
-            take_reference(e, f)
+            reset_reference(e, f)
             _idle_motors(f, p, out, i, dt_s)
         elif _spool(e, f, p, out, i, dt_s):
             _leave_ground(f)
-    elif sticks.climb_rate(f, p) > 0.0:
-        sticks.throttle_zero(f, dt_s)
+    elif stick_input.desired_climb_rate(f, p) > 0.0:
+        stick_input.update_throttle_zero(f, dt_s)
         _run_takeoff(e, f, p, g, out, i, dt_s)
     else:
-        sticks.throttle_zero(f, dt_s)
+        stick_input.update_throttle_zero(f, dt_s)
         f.throttle = 0.0
-        take_reference(e, f)
+        reset_reference(e, f)
         _idle_motors(f, p, out, i, dt_s)
 
 
-@kernel
+@compiled
 def _soften_for_landing(e: Any, f: Any, dt_s: float) -> None:
     """Release the lean that opposes wind and position error (AC_PosControl `soften_for_landing_NE`).
 
@@ -159,14 +166,14 @@ def _soften_for_landing(e: Any, f: Any, dt_s: float) -> None:
         f.vel_i[axis] -= f.vel_i[axis] * part
 
 
-@kernel
+@compiled
 def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
     """Update the landing and crash detectors.
 
     Landed: minimum throttle, at rest and level for a second. Crashed: two seconds far from the target attitude.
     """
-    f.tilt_target = attitude.whole_angle(0.5 - 0.5 * f.tilt_cos)
-    f.tilt_error = attitude.whole_angle(f.tilt_half2)
+    f.tilt_target = attitude.angle_of_half_sine2(0.5 - 0.5 * f.tilt_cos)
+    f.tilt_error = attitude.angle_of_half_sine2(f.tilt_half2)
     part = dt_s / (dt_s + _LAND_FILTER_S)
     size = 0.0
     for axis in range(3):
@@ -198,18 +205,18 @@ def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
         f.flags |= _LAND_COMPLETE
 
 
-@kernel
+@compiled
 def _run_slow_control(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
     """Run the slow part of control: reference, position and height controllers, and the attitude that they request."""
     control = f.control
-    guide(e, f, w, p, dt_s)
+    update_reference(e, f, w, p, dt_s)
     if control != _STABILIZE:
-        climb(e, f, g, dt_s)
+        update_u_controller(e, f, g, dt_s)
     most = p.ANGLE_MAX * _CDEG
     if control in (_STABILIZE, _ALT_HOLD):
-        forward, left = sticks.lean(e, f, most, most)
-        acc_e, acc_n = sticks.to_local(e, forward, left)
-        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        forward, left = stick_input.desired_lean_accel(e, f, most, most)
+        acc_e, acc_n = stick_input.heading_to_local(e, forward, left)
+        attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, stick_input.desired_yaw_rate(f, p), dt_s)
         for axis in range(2):  # no position is held; holding one again starts from here
             f.ref_pos[axis] = e.pos[axis]
             f.ref_vel[axis] = e.vel[axis]
@@ -220,34 +227,34 @@ def _run_slow_control(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> No
             f.ref_vel[axis] = e.vel[axis]
         if f.rates_only == 1:
             for axis in range(3):
-                f.att_rate[axis] = f.want_rate[axis]
+                f.att_target_rate[axis] = f.guided_ang_vel[axis]
             return
-        q = f.want_quat
+        q = f.guided_quat
         f.tilt_cos = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-        attitude.follow(f, g, dt_s)
+        attitude.input_quaternion(f, g, dt_s)
         return
-    correction = sticks.CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
-    if f.blind == 1:  # level, drifting with the wind
+    correction = stick_input.MAX_LOITER_CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
+    if f.land_nogps == 1:  # level, drifting with the wind
         acc_e, acc_n = 0.0, 0.0
     else:
-        acc_e, acc_n = horizontal(e, f, g, correction, dt_s)
+        acc_e, acc_n = update_ne_controller(e, f, g, correction, dt_s)
     if control == _LOITER:
-        attitude.aim(f, g, acc_e, acc_n, True, 0.0, sticks.yaw_rate(f, p), dt_s)
+        attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, stick_input.desired_yaw_rate(f, p), dt_s)
         return
-    turning, yaw, yaw_rate = turn_nose(e, f, dt_s)
+    turning, yaw, yaw_rate = update_yaw_target(e, f, dt_s)
     if f.sticks[2] != 0.0:  # the yaw stick overrides the yaw mode (AutoYaw::get_heading)
-        f.heading = _HOLD
+        f.auto_yaw_mode = _HOLD
         turning = True
-        yaw_rate = sticks.yaw_rate(f, p)
-    attitude.aim(f, g, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
+        yaw_rate = stick_input.desired_yaw_rate(f, p)
+    attitude.input_thrust_vector(f, g, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
 
 
-@kernel
-def turn(
+@compiled
+def run_loop(
     estimate: Records,
     flight: Records,
     legs: Records,
-    which: Ints,
+    set_index: Ints,
     tuned: Records,
     settings: Records,
     out: Floats,
@@ -255,7 +262,7 @@ def turn(
 ) -> int:
     """Run one pass for every row and write `out`, (n, motors) commands 0…1; return how many rows raised a new event.
 
-    `which` (n,) is the row of `tuned` and `settings` that holds each aircraft's gains and parameters.
+    `set_index` (n,) is the row of `tuned` and `settings` that holds each aircraft's gains and parameters.
     """
     flagged = 0
     for i in range(flight.shape[0]):
@@ -267,44 +274,44 @@ def turn(
                 out[i, motor] = 0.0
             continue
         e: Any = estimate[i]
-        g: Any = tuned[which[i]]
-        f.slow_s += dt_s
+        g: Any = tuned[set_index[i]]
+        f.since_slow_s += dt_s
         if control == _IDLE:
-            _idle_motors(f, settings[which[i]], out, i, dt_s)
+            _idle_motors(f, settings[set_index[i]], out, i, dt_s)
         elif f.landed == 1:
-            if control == _TAKEOFF or (control == _ATTITUDE and f.want_climb > 0.0):
-                _run_takeoff(e, f, settings[which[i]], g, out, i, dt_s)
+            if control == _TAKEOFF or (control == _ATTITUDE and f.guided_climb_rate > 0.0):
+                _run_takeoff(e, f, settings[set_index[i]], g, out, i, dt_s)
             elif control >= _STABILIZE:
-                _wait_for_pilot(e, f, settings[which[i]], g, out, i, dt_s)
+                _wait_for_pilot(e, f, settings[set_index[i]], g, out, i, dt_s)
             else:
                 f.control = _IDLE
         else:
-            f.spool = 1.0
-            slow = f.slow_s >= SLOW_S - _EARLY_S
+            f.spool_state = 1.0
+            slow = f.since_slow_s >= SLOW_LOOP_S - _EARLY_S
             if slow:
-                slow_s = f.slow_s if f.slow_s < 2.0 * SLOW_S else max(SLOW_S, dt_s)
-                f.slow_s = 0.0
-                _run_slow_control(e, f, legs[i], settings[which[i]], g, slow_s)
+                slow_s = f.since_slow_s if f.since_slow_s < 2.0 * SLOW_LOOP_S else max(SLOW_LOOP_S, dt_s)
+                f.since_slow_s = 0.0
+                _run_slow_control(e, f, legs[i], settings[set_index[i]], g, slow_s)
             if control != _STABILIZE:
-                f.throttle = lift(e, f, g)
+                f.throttle = run_accel_controller(e, f, g)
                 if f.rates_only == 0 or control != _ATTITUDE:
-                    attitude.advance(f, dt_s)
+                    attitude.update_attitude_target(f, dt_s)
                 else:
-                    attitude.start_at(e, f)
+                    attitude.reset_target(e, f)
                 down = control == _LAND and e.height < _LAND_HEIGHT_M
                 rates_only = control == _ATTITUDE and f.rates_only == 1
-                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, down, rates_only)
-            elif sticks.throttle_zero(f, dt_s):
+                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, down, rates_only)
+            elif stick_input.update_throttle_zero(f, dt_s):
                 f.throttle = 0.0
                 f.rate_i[0] = 0.0
                 f.rate_i[1] = 0.0
                 f.rate_i[2] = 0.0
-                attitude.start(e, f)
-                _set_all_motors(out, i, settings[which[i]].MOT_SPIN_ARM)
+                attitude.reset_target_and_rate(e, f)
+                _set_all_motors(out, i, settings[set_index[i]].MOT_SPIN_ARM)
             else:
-                f.throttle = sticks.throttle(f, settings[which[i]])
-                attitude.advance(f, dt_s)
-                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = turn_motors(e, f, g, False, False)
+                f.throttle = stick_input.desired_throttle(f, settings[set_index[i]])
+                attitude.update_attitude_target(f, dt_s)
+                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, False, False)
             if slow:
                 _update_detectors(e, f, slow_s)
         if f.flags & ~before:
@@ -312,18 +319,18 @@ def turn(
     return flagged
 
 
-@kernel
-def rest(flight: Records, row: int) -> None:
+@compiled
+def reset_controllers(flight: Records, row: int) -> None:
     """Reset one row's controllers before take-off."""
     f: Any = flight[row]
-    relax(f)
+    relax_controllers(f)
     f.throttle_i = 0.0
     f.land_s = 0.0
     f.crash_s = 0.0
 
 
-@kernel
-def hold(estimate: Records, flight: Records, row: int) -> None:
+@compiled
+def init_reference(estimate: Records, flight: Records, row: int) -> None:
     """Set one row's reference to its estimated state (AC_PosControl::init_NE_controller, init_U_controller)."""
     e: Any = estimate[row]
     f: Any = flight[row]
@@ -331,12 +338,12 @@ def hold(estimate: Records, flight: Records, row: int) -> None:
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
         f.ref_acc[axis] = 0.0
-    f.limit[0] = 0.0
-    f.limit[1] = 0.0
-    f.slow_s = 1e9
+    f.limited_accel[0] = 0.0
+    f.limited_accel[1] = 0.0
+    f.since_slow_s = 1e9
 
 
-@kernel
-def loiter(estimate: Records, flight: Records, row: int) -> None:
+@compiled
+def init_loiter(estimate: Records, flight: Records, row: int) -> None:
     """Start LOITER for one row."""
-    sticks.begin_loiter(estimate[row], flight[row])
+    stick_input.init_loiter_target(estimate[row], flight[row])

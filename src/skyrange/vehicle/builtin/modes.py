@@ -9,7 +9,7 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import ControlMode
 
 
 class Mode(IntEnum):
@@ -27,29 +27,29 @@ class Mode(IntEnum):
     """Not a mode of its own: AUTO while it flies a requested landing sequence."""
 
 
-PILOTED: Final = {
-    int(Mode.STABILIZE): Control.STABILIZE,
-    int(Mode.ALT_HOLD): Control.ALT_HOLD,
-    int(Mode.LOITER): Control.LOITER,
+PILOT_CONTROLS: Final = {
+    int(Mode.STABILIZE): ControlMode.STABILIZE,
+    int(Mode.ALT_HOLD): ControlMode.ALT_HOLD,
+    int(Mode.LOITER): ControlMode.LOITER,
 }
 """Modes flown with the pilot's sticks, and their control mode."""
 
-NEEDS_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17, 27))
+REQUIRES_POSITION: Final = frozenset((3, 4, 5, 6, 7, 16, 17, 27))
 """AUTO, GUIDED, LOITER, RTL, CIRCLE, POSHOLD, BRAKE, AUTO_RTL: neither entered nor armed in without a position."""
 MANUAL_THROTTLE: Final = frozenset((0, 1))
 """STABILIZE, ACRO."""
-AUTOPILOT: Final = frozenset((3, 4, 6, 7, 9))
+AUTOPILOT_MODES: Final = frozenset((3, 4, 6, 7, 9))
 """AUTO, GUIDED, RTL, CIRCLE, LAND: modes that fly without a pilot."""
 
 
-def known(number: int) -> Mode | None:
+def mode_of(number: int) -> Mode | None:
     """Return the mode of a number, `None` where the autopilot has no such mode."""
     return Mode(number) if number in Mode._value2member_map_ else None
 
 
-def armable(mode: int, auto_options: int) -> bool:
+def allows_arming(mode: int, auto_options: int) -> bool:
     """Whether a ground station may arm in a mode; in AUTO only with bit 0 of AUTO_OPTIONS.
 
     After `allows_arming` of each mode (mode.h, mode_auto.cpp).
     """
-    return mode in PILOTED or mode == Mode.GUIDED or (mode == Mode.AUTO and bool(auto_options & 1))
+    return mode in PILOT_CONTROLS or mode == Mode.GUIDED or (mode == Mode.AUTO and bool(auto_options & 1))

@@ -5,46 +5,46 @@ After ArduPilot's storage (AP_Param, AP_Mission) and `Copter::init_ardupilot`. I
 
 from __future__ import annotations
 
-from skyrange.vehicle.builtin import sticks_in
-from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.failsafes import service
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
+from skyrange.vehicle.builtin.arming.arming import disarm
+from skyrange.vehicle.builtin.failsafes import checks
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.parameters import PARAMETERS, settle, stored
+from skyrange.vehicle.builtin.parameters.table import PARAMETERS, apply_stored, stored_value
+from skyrange.vehicle.builtin.pilot import rc_channels
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
-from skyrange.vehicle.builtin.telemetry.streams import boot_rates
+from skyrange.vehicle.builtin.telemetry.streams import start_boot_streams
 
 
-def reboot(fleet: Fleet, schedule: Schedule, craft: Craft, causes: Causes) -> None:
+def reboot(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, causes: Causes) -> None:
     """Restart: disarmed, in STABILIZE, under the stored system id, with telemetry at the rates of boot."""
-    row = craft.row
-    if fleet.armed(craft):
-        disarm(fleet, craft, "reboot", causes)
-    for index, value in craft.unsaved.items():
-        fleet.stored[row, index] = value
-    craft.unsaved.clear()
-    if craft.erased:
-        fleet.stored[row] = [stored(parameter, parameter.default) for parameter in PARAMETERS]
-        craft.erased = False
-    settle(fleet.settings, row, fleet.stored[row])
-    craft.system_id = int(fleet.param(craft, "SYSID_THISMAV"))
-    craft.packer.system = craft.system_id
-    craft.packer.sequence = 0
-    fleet.systems[row] = craft.system_id
+    row = vehicle.row
+    if fleet.armed(vehicle):
+        disarm(fleet, vehicle, "reboot", causes)
+    for index, value in vehicle.unsaved_params.items():
+        fleet.stored_params[row, index] = value
+    vehicle.unsaved_params.clear()
+    if vehicle.params_erased:
+        fleet.stored_params[row] = [stored_value(parameter, parameter.default) for parameter in PARAMETERS]
+        vehicle.params_erased = False
+    apply_stored(fleet.settings, row, fleet.stored_params[row])
+    vehicle.system_id = int(fleet.param(vehicle, "SYSID_THISMAV"))
+    vehicle.packer.system = vehicle.system_id
+    vehicle.packer.sequence = 0
+    fleet.system_ids[row] = vehicle.system_id
     fleet.boot_ns[row] = fleet.now
-    fleet.rebooted.append(craft.id)
-    fleet.take_mode(craft, Mode.STABILIZE)
-    craft.paused, craft.beneath, craft.resumes = False, (), False
-    sticks_in.place(fleet, craft)
-    craft.mode_causes = causes
-    craft.uploads = [Upload() for _ in craft.uploads]
-    craft.warned.clear()
-    craft.mission_state = MissionState.NOT_STARTED if craft.sees_mission else MissionState.NONE
-    craft.params_next = len(PARAMETERS)
-    fleet.take_home(craft, fleet.position(craft))
-    craft.home_locked = False
+    fleet.rebooted.append(vehicle.id)
+    fleet.assign_mode(vehicle, Mode.STABILIZE)
+    vehicle.paused, vehicle.suspended_targets, vehicle.resume_mission = False, (), False
+    rc_channels.update_sticks(fleet, vehicle)
+    vehicle.mode_causes = causes
+    vehicle.uploads = [Upload() for _ in vehicle.uploads]
+    vehicle.legacy_warned.clear()
+    vehicle.mission_state = MissionState.NOT_STARTED if vehicle.has_mission else MissionState.NONE
+    vehicle.next_param = len(PARAMETERS)
+    fleet.assign_home(vehicle, fleet.position(vehicle))
+    vehicle.home_locked = False
     for timer in Timer:
-        fleet.timer(craft, timer)
-    service.boot(fleet, craft)
-    boot_rates(schedule, fleet, craft)
-    fleet.note("event.reboot", craft, {"system_id": craft.system_id}, causes)
+        fleet.set_timer(vehicle, timer)
+    checks.reset_state(fleet, vehicle)
+    start_boot_streams(schedule, fleet, vehicle)
+    fleet.note("event.reboot", vehicle, {"system_id": vehicle.system_id}, causes)

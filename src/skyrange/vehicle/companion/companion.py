@@ -14,37 +14,43 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.messages import Columns, Inbox, Outbox, Scalar
-from skyrange.agent.payloads import Ints
-from skyrange.agent.refs import RefBook
-from skyrange.codec.f3411_columns import location_rows
+from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.open_drone_id import to_mavlink
-from skyrange.codec.rid_link import read_rows
-from skyrange.codec.signed_mail import Connection, SignedMail
+from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
+from skyrange.codec.remote_id.link_payload import unpack_rows
+from skyrange.codec.remote_id.open_drone_id import to_mavlink
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames.references import FrameRefTable
+from skyrange.contracts.mailboxes import Columns, Inbox, Outbox, Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.remoteid.belief import Beliefs, fresh
-from skyrange.remoteid.broadcaster import AHEAD_NS, BEAT_NS, PLACE_NS, TROUBLES, Broadcaster
-from skyrange.remoteid.tracks import Heard, Seen, TrackTable
-from skyrange.vehicle.avoidance.contract import Decision, Own, Tracks, Vector
+from skyrange.remoteid.autopilot_belief import Beliefs, is_fresh
+from skyrange.remoteid.broadcaster import (
+    ARM_STATUS_TEXTS,
+    HEARTBEAT_TIMEOUT_NS,
+    LEAD_NS,
+    POSITION_TIMEOUT_NS,
+    Broadcaster,
+)
+from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
+from skyrange.vehicle.avoidance.contract import AvoidanceDecision, Own, Tracks, Vector
 from skyrange.vehicle.avoidance.none import NoAvoidance
-from skyrange.vehicle.companion import wire
-from skyrange.vehicle.companion.asking import Asking
-from skyrange.vehicle.companion.guard import Guard, Hold, Order
-from skyrange.vehicle.companion.screen import conflicts
+from skyrange.vehicle.companion import autopilot_commands
+from skyrange.vehicle.companion.conflict_detection import detect_conflicts
+from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
+from skyrange.vehicle.companion.message_requests import MessageRequests
 from skyrange.vehicle.companion.spec import CompanionSpec
 
-SERVICE_NS: Final[Time] = AHEAD_NS
+SERVICE_NS: Final[Time] = LEAD_NS
 """Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
-LOOK_NS: Final[Time] = 250 * NS_PER_MS
+CHECK_NS: Final[Time] = 250 * NS_PER_MS
 """Interval of the search for conflicts."""
-FLOOR_M: Final = 5.0
+MIN_HEIGHT_M: Final = 5.0
 """Below this height above home, during take-off and landing, it does not interfere."""
-GOAL_NS: Final[Time] = 5 * NS_PER_S
+GOAL_TIMEOUT_NS: Final[Time] = 5 * NS_PER_S
 """A goal that was not reported again for this long is dropped."""
 LINK_ID: Final = 0
 """Link id of its signatures: it has one MAVLink connection."""
@@ -54,7 +60,7 @@ _COUNTS: Final = ("event.tracks_refused", "event.tracks_displaced", "event.track
 
 
 class Companion:
-    """The agent (contract: `agent.contracts.Agent`). Deep copies continue alike."""
+    """The agent (contract: `contracts.components.Agent`). Deep copies continue alike."""
 
     service_ns: Time = SERVICE_NS
 
@@ -68,23 +74,23 @@ class Companion:
             for spec in self.specs
             for kind in ("rid_data", "rid_up", "rid_down")
         ]
-        self.speaks: Sequence[Port] = [
+        self.originates: Sequence[Port] = [
             Port(endpoint(s.vehicle, "companion"), link_name("log", s.vehicle)) for s in self.specs
         ]
         """Ports on which it sends without receiving."""
         self._places = {port: place for place, port in enumerate(self.ports)}
         signed = [
-            Connection(spec.vehicle, spec.signing_key, self.ports[place * _SIDES], self.speaks[place])
+            SignedConnection(spec.vehicle, spec.signing_key, self.ports[place * _SIDES], self.originates[place])
             for place, spec in enumerate(self.specs)
             if spec.signing_key is not None
         ]
-        self._signed = SignedMail(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
+        self._signed = SignedConnections(self.ports, signed, LINK_ID, "event.signature_refused") if signed else None
         self._origin = origin
-        self._packers = [Packer(spec.system_id, wire.COMPONENT) for spec in self.specs]
+        self._packers = [Packer(spec.system_id, autopilot_commands.COMPONENT) for spec in self.specs]
         self._beliefs = Beliefs(np.array([spec.system_id for spec in self.specs], dtype=np.int64), origin.geoid_m)
         self._broadcaster = Broadcaster([spec.broadcast for spec in self.specs], chance)
         self.tracks = TrackTable(count, origin)
-        self._refs = RefBook()
+        self._refs = FrameRefTable()
         avoids = [spec.avoidance is not None and not isinstance(spec.avoidance, NoAvoidance) for spec in self.specs]
         self._avoids = np.array(avoids, dtype=np.bool_)
         self._limits = np.array(
@@ -99,19 +105,19 @@ class Companion:
                 for spec in self.specs
             ]
         ).reshape(count, 3)
-        self._requests = Asking(self._avoids)
-        self._handovers: dict[int, Guard] = {}
+        self._requests = MessageRequests(self._avoids)
+        self._handovers: dict[int, ControlHandover] = {}
         self._counts = np.zeros((count, len(_COUNTS)), dtype=np.int64)
         self._bad = np.zeros(count, dtype=np.int64)
         self._arm_status = np.full(count, -1, dtype=np.int64)
-        self._look_ns: Time = LOOK_NS
+        self._check_ns: Time = CHECK_NS
         self._second_ns: Time = NS_PER_S
 
     def next_wakeup(self) -> Time | None:
         """The next broadcast, search for conflicts or full second."""
         times = [self._second_ns]
         if self._avoids.any():
-            times.append(self._look_ns)
+            times.append(self._check_ns)
         due = self._broadcaster.next_due()
         return min(times) if due is None else min(*times, due)
 
@@ -120,8 +126,8 @@ class Companion:
         out = Outbox()
         if len(inbox):
             self._receive(now, inbox, out)
-        if now >= self._look_ns:
-            self._look_ns = now - now % LOOK_NS + LOOK_NS
+        if now >= self._check_ns:
+            self._check_ns = now - now % CHECK_NS + CHECK_NS
             if self._avoids.any():
                 self._check_conflicts(now, out)
         if now >= self._second_ns:
@@ -131,7 +137,7 @@ class Companion:
         if sent is not None:
             out.send_block(sent[0] * _SIDES + 1, sent[1])
         if self._signed is not None:
-            self._signed.seal(now, out)
+            self._signed.sign_outbox(now, out)
         return out
 
     # --- what comes in -------------------------------------------------------------------------
@@ -139,7 +145,7 @@ class Companion:
     def _receive(self, now: Time, inbox: Inbox, out: Outbox) -> None:
         mail = inbox.columns(self._places)
         if self._signed is not None:
-            mail = self._signed.open(now, inbox, mail, out)
+            mail = self._signed.verify_inbox(now, inbox, mail, out)
         side, vehicle = mail.places % _SIDES, mail.places // _SIDES
         data = np.flatnonzero(side == 0)
         if data.size:
@@ -149,36 +155,43 @@ class Companion:
             self._receive_broadcasts(inbox, mail, vehicle, heard)
 
     def _receive_broadcasts(self, inbox: Inbox, mail: Columns, vehicle: Ints, heard: Ints) -> None:
-        rid = read_rows(mail.payloads.take(heard))
-        said = location_rows(rid.bodies)
+        rid = unpack_rows(mail.payloads.take(heard))
+        said = decode_locations(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
-        np.add.at(self._bad, vehicle[heard[~said.whole]], 1)  # a payload that is no frame has no valid body either
-        self.tracks.update(Heard(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
+        np.add.at(self._bad, vehicle[heard[~said.valid]], 1)  # a payload that is no frame has no valid body either
+        self.tracks.update(ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
 
     # --- detect and avoid ------------------------------------------------------------------------
 
     def _check_conflicts(self, now: Time, out: Outbox) -> None:
         """Find conflicts, and decide for each aircraft that has one or is avoiding."""
         table = self._beliefs.table
-        placed = fresh(table["place_ns"], now, PLACE_NS) & fresh(table["beat_ns"], now, BEAT_NS)
+        placed = is_fresh(table["position_ns"], now, POSITION_TIMEOUT_NS) & is_fresh(
+            table["heartbeat_ns"], now, HEARTBEAT_TIMEOUT_NS
+        )
         flying = placed & (table["armed"] == 1) & (table["state"] >= mav.MAV_STATE_ACTIVE)
-        free = self._avoids & flying & (table["mode"] == wire.AUTO) & (table["state"] == mav.MAV_STATE_ACTIVE)
-        free &= table["above_home_m"] >= FLOOR_M
+        free = (
+            self._avoids
+            & flying
+            & (table["mode"] == autopilot_commands.AUTO)
+            & (table["state"] == mav.MAV_STATE_ACTIVE)
+        )
+        free &= table["above_home_m"] >= MIN_HEIGHT_M
         places, velocities = self._own_motion(now)
-        found = conflicts(self.tracks, now, places, velocities, self._limits, free)
+        found = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
         for row in sorted({*np.flatnonzero(found).tolist(), *self._handovers}):
-            guard = self._handovers.get(row) or Guard()
-            mode, beat_ns = int(table["mode"][row]), int(table["beat_ns"][row])
+            handover = self._handovers.get(row) or ControlHandover()
+            mode, heartbeat_ns = int(table["mode"][row]), int(table["heartbeat_ns"][row])
             failsafe = int(table["state"][row]) >= mav.MAV_STATE_CRITICAL
-            order = guard.observe(now, mode, beat_ns, bool(flying[row]), failsafe)
-            if order is not None:
-                self._carry_out(now, row, order, None, (), out)
-            may = guard.engaged or (bool(free[row]) and now >= guard.quiet_until_ns)
-            if may and not (guard.hold is Hold.GIVING and not found[row]):
-                own = self._own_state(now, row, guard, places, velocities)
-                self._decide(now, row, guard, own, out)
-            if guard.engaged or now < max(guard.quiet_until_ns, guard.left_ns + GOAL_NS):
-                self._handovers[row] = guard
+            command = handover.observe(now, mode, heartbeat_ns, bool(flying[row]), failsafe)
+            if command is not None:
+                self._carry_out(now, row, command, None, (), out)
+            may = handover.engaged or (bool(free[row]) and now >= handover.quiet_until_ns)
+            if may and not (handover.control is ControlState.RETURNING and not found[row]):
+                own = self._own_state(now, row, handover, places, velocities)
+                self._decide(now, row, handover, own, out)
+            if handover.engaged or now < max(handover.quiet_until_ns, handover.left_ns + GOAL_TIMEOUT_NS):
+                self._handovers[row] = handover
             else:
                 self._handovers.pop(row, None)
 
@@ -188,46 +201,51 @@ class Companion:
         velocity = np.column_stack((table["vel_e"], table["vel_n"], -table["vel_d"]))
         east, north = self._origin.to_enu(table["lat_e7"] * 1e-7, table["lon_e7"] * 1e-7)
         up = table["alt_msl_m"] - self._origin.alt_msl_m
-        age_s = np.clip((now - table["place_ns"]) / NS_PER_S, 0.0, PLACE_NS / NS_PER_S)
+        age_s = np.clip((now - table["position_ns"]) / NS_PER_S, 0.0, POSITION_TIMEOUT_NS / NS_PER_S)
         return np.column_stack((east, north, up)) + velocity * age_s[:, None], velocity
 
     def _own_state(
-        self, now: Time, row: int, guard: Guard, places: NDArray[np.float64], velocities: NDArray[np.float64]
+        self,
+        now: Time,
+        row: int,
+        handover: ControlHandover,
+        places: NDArray[np.float64],
+        velocities: NDArray[np.float64],
     ) -> Own:
         """The aircraft's own believed state, with the goal of the mission that it flies or has left."""
         (x, y, z), (u, v, w) = places[row].tolist(), velocities[row].tolist()
-        goal = guard.goal_enu_m if guard.engaged else self._goal(now, row, guard)
+        goal = handover.goal_enu_m if handover.engaged else self._goal(now, row, handover)
         if goal is None:
             ahead_s = self._limits.item(row, 2)
             goal = (x + u * ahead_s, y + v * ahead_s, z + w * ahead_s)
         return Own((x, y, z), (u, v, w), goal, self.specs[row].cruise_mps)
 
-    def _goal(self, now: Time, row: int, guard: Guard) -> Vector | None:
+    def _goal(self, now: Time, row: int, handover: ControlHandover) -> Vector | None:
         """The mission's goal, if reported in AUTO and recently; shortly after an avoidance still the one from before
         it.
         """
         told = self._beliefs.table[row]
-        if told["goal_ns"] <= guard.left_ns + NS_PER_S // 2 and guard.goal_enu_m is not None:
-            return guard.goal_enu_m
-        if told["goal_ns"] < 0 or now - told["goal_ns"] > GOAL_NS:
+        if told["goal_ns"] <= handover.left_ns + NS_PER_S // 2 and handover.goal_enu_m is not None:
+            return handover.goal_enu_m
+        if told["goal_ns"] < 0 or now - told["goal_ns"] > GOAL_TIMEOUT_NS:
             return None
         east, north = self._origin.enu_of(told["goal_lat_e7"] * 1e-7, told["goal_lon_e7"] * 1e-7)
         up = float(told["goal_msl_m"]) - self._origin.alt_msl_m
         near = math.isfinite(up) and max(abs(east), abs(north), abs(up)) < 1e5
         return (east, north, up) if near else None
 
-    def _decide(self, now: Time, row: int, guard: Guard, own: Own, out: Outbox) -> None:
+    def _decide(self, now: Time, row: int, handover: ControlHandover, own: Own, out: Outbox) -> None:
         avoidance = self.specs[row].avoidance
         assert avoidance is not None
-        seen = self.tracks.seen(row, now, grounded=False)
-        decision = avoidance.decide(now, own, Tracks(seen.pos_enu_m, seen.vel_enu_mps), guard.episode)
-        order = guard.follow(now, decision, own.goal_enu_m)
-        if order is not None:
-            causes = self._causes(row, seen, decision) or guard.causes
-            guard.causes = causes
-            self._carry_out(now, row, order, (seen, decision), causes, out)
+        seen = self.tracks.snapshot(row, now, grounded=False)
+        decision = avoidance.decide(now, own, Tracks(seen.pos_enu_m, seen.vel_enu_mps), handover.episode)
+        command = handover.follow(now, decision, own.goal_enu_m)
+        if command is not None:
+            causes = self._causes(row, seen, decision) or handover.causes
+            handover.causes = causes
+            self._carry_out(now, row, command, (seen, decision), causes, out)
 
-    def _causes(self, row: int, seen: Seen, decision: Decision) -> tuple[FrameId, ...]:
+    def _causes(self, row: int, seen: TrackSnapshot, decision: AvoidanceDecision) -> tuple[FrameId, ...]:
         """The frames that wrote the tracks which a decision is about."""
         rows = self.tracks.rows[row]
         places = [int(seen.slot[track]) for track in decision.tracks]
@@ -238,14 +256,14 @@ class Companion:
         self,
         now: Time,
         row: int,
-        order: Order,
-        why: tuple[Seen, Decision] | None,
+        command: CompanionCommand,
+        why: tuple[TrackSnapshot, AvoidanceDecision] | None,
         causes: tuple[FrameId, ...],
         out: Outbox,
     ) -> None:
         """Send the commands of an order, and note it."""
         spec, boot_ms = self.specs[row], int(self._beliefs.table["boot_ms"][row])
-        if order.note:
+        if command.note:
             data: dict[str, Scalar] = {"mode": int(self._beliefs.table["mode"][row])}
             if why is not None:
                 seen, decision = why
@@ -256,38 +274,42 @@ class Companion:
                     data["address"] = f"{int(seen.address[first]):012x}"
                 if decision.waypoint_enu_m is not None:
                     data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
-            out.note(order.note, spec.vehicle, data, causes)
-        if order.mode is not None:
-            self._send_command(row, wire.set_mode(spec.system_id, order.mode), causes, out)
-            if order.mode != wire.RTL:
-                self._send_command(row, wire.set_speed(spec.system_id, spec.cruise_mps), causes, out)
-        if order.place is not None:
-            self._send_command(row, wire.go_to(spec.system_id, boot_ms, self._origin, order.place), causes, out)
-        elif order.stop:
-            self._send_command(row, wire.hold(spec.system_id, boot_ms), causes, out)
+            out.note(command.note, spec.vehicle, data, causes)
+        if command.mode is not None:
+            self._send_command(row, autopilot_commands.set_mode(spec.system_id, command.mode), causes, out)
+            if command.mode != autopilot_commands.RTL:
+                self._send_command(row, autopilot_commands.set_speed(spec.system_id, spec.cruise_mps), causes, out)
+        if command.place is not None:
+            self._send_command(
+                row, autopilot_commands.go_to(spec.system_id, boot_ms, self._origin, command.place), causes, out
+            )
+        elif command.stop:
+            self._send_command(row, autopilot_commands.hold(spec.system_id, boot_ms), causes, out)
 
     # --- once a second ---------------------------------------------------------------------------
 
     def _each_second(self, now: Time, out: Outbox) -> None:
         """Request what is missing, report the status of Remote ID, and note counters."""
         table = self._beliefs.table
-        for row, want in self._requests.due(now, table, wire.AUTO):
-            interval_us = want.interval_ns // 1000
-            self._send_command(row, wire.set_interval(self.specs[row].system_id, want.message, interval_us), (), out)
-        trouble = self._broadcaster.troubles(now, self._beliefs)
-        beating = table["beat_ns"] >= 0
+        for row, request in self._requests.due(now, table, autopilot_commands.AUTO):
+            interval_us = request.interval_ns // 1000
+            self._send_command(
+                row, autopilot_commands.set_interval(self.specs[row].system_id, request.message, interval_us), (), out
+            )
+        trouble = self._broadcaster.arm_status(now, self._beliefs)
+        beating = table["heartbeat_ns"] >= 0
         changed = beating & (trouble != self._arm_status)
         self._arm_status[changed] = trouble[changed]
         for row in np.flatnonzero(changed).tolist():
-            words = TROUBLES[trouble.item(row)]
+            words = ARM_STATUS_TEXTS[trouble.item(row)]
             out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
-        rows = np.flatnonzero(beating & self._broadcaster.of_autopilot)
+        rows = np.flatnonzero(beating & self._broadcaster.autopilot_location)
         if rows.size:
             self._send_identity(now, rows, out)
         # before take-off every second, as a transmitter does; in flight on a change, always to one with ODID
-        asked = changed | (table["armed"] == 0) | self._broadcaster.of_autopilot
+        asked = changed | (table["armed"] == 0) | self._broadcaster.autopilot_location
         for row in np.flatnonzero(beating & asked).tolist():
-            self._send_command(row, wire.arm_status(TROUBLES[trouble.item(row)]), (), out)
+            self._send_command(row, autopilot_commands.arm_status(ARM_STATUS_TEXTS[trouble.item(row)]), (), out)
         counts = np.column_stack((self.tracks.counts, self._bad + table["bad"]))
         for row, column in np.argwhere(counts != self._counts).tolist():
             count = counts.item(row, column)
@@ -297,10 +319,10 @@ class Companion:
 
     def _send_identity(self, now: Time, rows: Ints, out: Outbox) -> None:
         """Send autopilots with Open Drone ID their identity and the operator's location, as a ground station would."""
-        for row, said in zip(rows.tolist(), self._broadcaster.told(rows, now, self._beliefs), strict=True):
-            target = (self.specs[row].system_id, wire.AUTOPILOT)
+        for row, said in zip(rows.tolist(), self._broadcaster.identity_messages(rows, now, self._beliefs), strict=True):
+            target = (self.specs[row].system_id, autopilot_commands.AUTOPILOT)
             for message in said:
                 self._send_command(row, to_mavlink(message, target=target), (), out)
 
     def _send_command(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
-        out.send(self.speaks[row], self._packers[row].pack(message), causes)
+        out.send(self.originates[row], self._packers[row].pack(message), causes)

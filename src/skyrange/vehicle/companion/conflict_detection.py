@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints
 from skyrange.codec.f3411 import Status
-from skyrange.core.compiled import kernel
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.remoteid.tracks import TrackTable
 from skyrange.vehicle.avoidance.conflicts import entry_s
@@ -20,7 +20,7 @@ _GROUND = int(Status.GROUND)
 Floats = NDArray[np.float64]
 
 
-@kernel
+@compiled
 def _screen(
     rows: Any, used: Ints, stale_ns: int, now: int, places: Floats, velocities: Floats, limits: Floats,
     asks: NDArray[np.bool_], found: NDArray[np.bool_],
@@ -30,7 +30,7 @@ def _screen(
             continue
         for k in range(used[r]):
             row = rows[r, k]
-            if row.heard_ns < 0 or row.odd != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
+            if row.heard_ns < 0 or row.is_impossible != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
                 continue
             if math.isnan(row.east) or row.status == _GROUND:
                 continue
@@ -49,7 +49,7 @@ def _screen(
                 break
 
 
-def conflicts(
+def detect_conflicts(
     tracks: TrackTable, now: Time, places: Floats, velocities: Floats, limits: Floats, asks: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """(n,) which of the aircraft in `asks` are on a conflict course with an airborne track, as in

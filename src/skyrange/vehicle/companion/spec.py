@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from skyrange.codec.signing import SigningKey
-from skyrange.remoteid.profiles import Broadcast
+from skyrange.codec.mavlink.signing import SigningKey
+from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.vehicle.avoidance.contract import Avoidance
 
 

@@ -12,26 +12,26 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from skyrange.agent.contracts import EngineBase, Finished, InstanceStatus, Sensors, Source
-from skyrange.agent.messages import Inbox, Outbox
+from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Sensors, Source
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, link_name
 from skyrange.core.time import NS_PER_S, Time, ceil_to
-from skyrange.io.sitl import wall_s
-from skyrange.io.wires import rest, wire_to
-from skyrange.vehicle.ardupilot.truth import Truth
-from skyrange.vehicle.external.contact import Contact
+from skyrange.io.ardupilot.sitl import wall_s
+from skyrange.io.mavlink.connections import make_connection, sleep_for
+from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.vehicle.external.options import Options
-from skyrange.vehicle.spec import AutopilotContext, AutopilotPlugin, VehicleSpec
+from skyrange.vehicle.external.vehicle_session import VehicleSession
+from skyrange.vehicle.mavlink_state.reported_poses import ReportedPoses
 from skyrange.world.airframes import MOTORS
 
 QUANTUM_NS: Final[Time] = 2_500_000
 """The world's tick."""
 
 
-class External(EngineBase):
-    """An engine (contract: `agent.contracts.WallEngine`). It connects with its first tick.
+class ExternalEngine(EngineBase):
+    """An engine (contract: `contracts.components.WallEngine`). It connects with its first tick.
 
     `motion` comes from the command line: together with the scenario's `allow_motion` it opens the interlock.
     """
@@ -40,7 +40,7 @@ class External(EngineBase):
     clock: Literal["lockstep", "wall"] = "wall"
     repeatable: Literal["bytes", "outcome"] = "outcome"
     pace = 1.0
-    waits = False
+    paces_itself = False
     runs_programs = True
     source = Source.EXTERNAL
 
@@ -59,17 +59,18 @@ class External(EngineBase):
         self._origin = origin
         self._options = options
         self._open = (options.allow_motion, motion)
-        wires = [wire_to(address) for address in options.addresses(self.vehicles)]
-        self._contacts = [
-            Contact(spec, wire, all(self._open), options.rate_hz) for spec, wire in zip(specs, wires, strict=True)
+        wires = [make_connection(address) for address in options.addresses(self.vehicles)]
+        self._sessions = [
+            VehicleSession(spec, wire, all(self._open), options.rate_hz)
+            for spec, wire in zip(specs, wires, strict=True)
         ]
-        self._truth = Truth(len(specs))
+        self._poses = ReportedPoses(len(specs))
         self._motors = np.zeros((len(specs), MOTORS))
         """Their motor commands are unknown."""
         self._started: tuple[Time, float] | None = None
         self._noted_interlock = False
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> External:
+    def __deepcopy__(self, memo: dict[int, Any]) -> ExternalEngine:
         raise ComponentError(f"engine {self.name}", "external vehicles cannot be copied", "Fork a run of builtins")
 
     @property
@@ -80,7 +81,7 @@ class External(EngineBase):
             "interlock": self._interlock,
             "vehicles": {
                 one.spec.vehicle: {"connect": str(one.wire.address)} | (one.counts if counted else {})
-                for one in self._contacts
+                for one in self._sessions
             },
         }
 
@@ -89,9 +90,9 @@ class External(EngineBase):
         scenario, switch = self._open
         return {"state": "open" if scenario and switch else "closed", "scenario": scenario, "command_line": switch}
 
-    def why(self, vehicle: str) -> str:
+    def explain_status(self, vehicle: str) -> str:
         """Why a vehicle is not ready, in words; "" if nothing is known to be wrong."""
-        return self._contacts[self.vehicles.index(vehicle)].why
+        return self._sessions[self.vehicles.index(vehicle)].why
 
     # ---------------------------------------------------------------- a tick
 
@@ -100,50 +101,50 @@ class External(EngineBase):
         if self._started is None:
             self._started = tick, wall_s()
         for arrival in inbox:
-            self._contacts[self._places[arrival.port]].tell(arrival)
+            self._sessions[self._places[arrival.port]].send(arrival)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Take in what they sent. Before time 0, it keeps to the machine's clock while a vehicle is still missing."""
         outbox = Outbox()
-        if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._contacts):
+        if tick < 0 and any(one.status is InstanceStatus.BOOTING for one in self._sessions):
             assert self._started is not None
             first, began_s = self._started
-            rest(began_s + (tick - first) / NS_PER_S - wall_s())
+            sleep_for(began_s + (tick - first) / NS_PER_S - wall_s())
         now_s = wall_s()
-        for row, one in enumerate(self._contacts):
+        for row, one in enumerate(self._sessions):
             for piece in one.wire.read():
                 if tick >= 0:
                     outbox.send(self.ports[row], piece.data)
-                one.heard(piece, now_s, self._origin)
-            one.ask(now_s)
-            one.judge(now_s, wall_deadline_s)
-            if one.late_ns is not None and one.reports.place is not None:
-                self._truth.tell(row, one.reports.place, one.late_ns)
+                one.on_frame(piece, now_s, self._origin)
+            one.request_messages(now_s)
+            one.update_status(now_s, wall_deadline_s)
+            if one.late_ns is not None and one.reports.state is not None:
+                self._poses.update(row, one.reports.state, one.late_ns)
                 one.late_ns = None
         if tick >= 0:
             self._write_notes(outbox)
-        return Finished(self._motors, outbox, [one.status for one in self._contacts], self._truth.take())
+        return Finished(self._motors, outbox, [one.status for one in self._sessions], self._poses.take_new())
 
     def _write_notes(self, outbox: Outbox) -> None:
         """Write the waiting notes; before time 0 they wait."""
-        for one in self._contacts:
+        for one in self._sessions:
             if not self._noted_interlock:
                 outbox.note("event.interlock", one.spec.vehicle, self._interlock)
-            for kind, data, causes in one.said():
+            for kind, data, causes in one.take_notes():
                 outbox.note(kind, one.spec.vehicle, data, causes)
         self._noted_interlock = True
 
     def close(self) -> None:
         """Close the connections. A second call does nothing."""
-        for one in self._contacts:
+        for one in self._sessions:
             one.wire.close()
 
 
-def _make(options: Options, context: AutopilotContext) -> External:
-    return External(context.name, context.specs, context.origin, options, context.motion)
+def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
+    return ExternalEngine(context.name, context.specs, context.origin, options, context.motion)
 
 
 EXTERNAL = AutopilotPlugin(
     Options, _make, "Connects to vehicles that the range did not start: real ones, or foreign simulations."
 )
-"""The autopilot `external`. Raises `InputError` as `External` does."""
+"""The autopilot `external`. Raises `InputError` as `ExternalEngine` does."""

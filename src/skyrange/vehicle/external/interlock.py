@@ -20,30 +20,30 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
-from skyrange.codec.deframe import Deframer
 from skyrange.codec.mavlink import Message, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, SIGNATURE, SIGNED
+from skyrange.codec.mavlink.deframer import Deframer
+from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V1, MAGIC_V2, SIGNATURE, SIGNED
 from skyrange.core.errors import DecodeError
 
-MOST_HZ: Final = 50.0
+MAX_HZ: Final = 50.0
 """Highest rate at which a message may be requested while closed: the telemetry radio is shared with the vehicle's
 pilot."""
-LONGEST: Final = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
+MAX_FRAME_BYTES: Final = HEADER_V2 + 255 + CHECKSUM + SIGNATURE
 _AUTOPILOT: Final = (0, int(mav.MAV_COMP_ID_AUTOPILOT1))
 _OTHERS: Final = "for another system"
 _NOT_ASKING: Final = "more than asking"
 
 
 def _rate(interval_us: float) -> bool:
-    return interval_us == 0.0 or (math.isfinite(interval_us) and interval_us >= 1e6 / MOST_HZ)
+    return interval_us == 0.0 or (math.isfinite(interval_us) and interval_us >= 1e6 / MAX_HZ)
 
 
 def _always(_: Message) -> bool:
     return True
 
 
-COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
+PERMITTED_COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAV_CMD_GET_HOME_POSITION: _always,
     mav.MAV_CMD_GET_MESSAGE_INTERVAL: _always,
     mav.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: _always,
@@ -53,16 +53,16 @@ COMMANDS: Final[Mapping[int, Callable[[Message], bool]]] = {
 }
 """Commands permitted in COMMAND_LONG while closed, and the condition on their parameters."""
 
-MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
+PERMITTED_MESSAGES: Final[Mapping[int, Callable[[Message], bool]]] = {
     mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION_REQUEST: _always,
-    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda decoded: COMMANDS.get(decoded.command, lambda _: False)(decoded),
+    mav.MAVLINK_MSG_ID_COMMAND_LONG: lambda decoded: PERMITTED_COMMANDS.get(decoded.command, lambda _: False)(decoded),
     mav.MAVLINK_MSG_ID_MISSION_ACK: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT: _always,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_LIST: _always,
     mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ: _always,
-    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda decoded: decoded.req_message_rate <= MOST_HZ,
+    mav.MAVLINK_MSG_ID_REQUEST_DATA_STREAM: lambda decoded: decoded.req_message_rate <= MAX_HZ,
 }
 """Messages permitted to the vehicle while closed."""
 UNADDRESSED: Final = frozenset((mav.MAVLINK_MSG_ID_PING, mav.MAVLINK_MSG_ID_TIMESYNC))
@@ -90,12 +90,12 @@ class Interlock:
         self._sent = b""
         """The last bytes that were sent."""
 
-    def judge(self, payload: bytes) -> Refusal | None:
+    def check(self, payload: bytes) -> Refusal | None:
         """Why `payload` must not be sent; `None` if it may. A permitted payload counts as sent in later checks."""
         refusal = self._check_alone(payload) or self._check_embedded(payload)
         if refusal is None:
             self.passed += 1
-            self._sent = (self._sent + payload)[-LONGEST:]
+            self._sent = (self._sent + payload)[-MAX_FRAME_BYTES:]
         else:
             self.refused[refusal] = self.refused.get(refusal, 0) + 1
         return refusal
@@ -125,7 +125,7 @@ class Interlock:
             ours = decoded.get_srcSystem() == self.system_id and decoded.get_srcComponent() not in _AUTOPILOT
             harmless = ours and decoded.type == mav.MAV_TYPE_ONBOARD_CONTROLLER
             return None if harmless else refusal._replace(why="heartbeats of a ground station arm its failsafe")
-        allowed = MESSAGES.get(number)
+        allowed = PERMITTED_MESSAGES.get(number)
         if allowed is None or not allowed(decoded):
             return refusal._replace(why=_NOT_ASKING)
         if targets != [self.system_id] or decoded.target_component not in _AUTOPILOT:

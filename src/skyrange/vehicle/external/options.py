@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from pydantic import Field, model_validator
 
-from skyrange.agent.settings import Number, Params, refuse
-from skyrange.core.errors import Fault, InputError, nearest
-from skyrange.io.wires import FORMS, Address
+from skyrange.contracts.params import Number, Params, refuse
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.io.mavlink.connections import ADDRESS_FORMS, Address
 
 
 class Options(Params):
@@ -16,7 +16,7 @@ class Options(Params):
 
     connect: dict[str, str] = Field(
         default_factory=dict,
-        description=f"MAVLink address of each vehicle, by operator/vehicle: {', '.join(FORMS.values())}.",
+        description=f"MAVLink address of each vehicle, by operator/vehicle: {', '.join(ADDRESS_FORMS.values())}.",
     )
     allow_motion: bool = Field(
         default=False,
@@ -38,17 +38,17 @@ class Options(Params):
 
     @model_validator(mode="after")
     def _check_addresses(self) -> Options:
-        faults: list[Fault] = []
+        faults: list[Problem] = []
         held: dict[Address, str] = {}
         for vehicle, text in self.connect.items():
             try:
                 address = Address.of(text, f"connect.{vehicle}")
             except InputError as error:
-                faults += error.faults
+                faults += error.problems
                 continue
             other = held.setdefault(address, vehicle)
             if other != vehicle:
-                faults.append(Fault(f"connect.{vehicle}", text, f"a connection of its own; {other} has this one"))
+                faults.append(Problem(f"connect.{vehicle}", text, f"a connection of its own; {other} has this one"))
         if faults:
             raise refuse(*faults)
         return self
@@ -59,12 +59,12 @@ class Options(Params):
         """
         known = "autopilots.options.external.connect"
         faults = [
-            Fault(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
+            Problem(f"{known}.{name}", text, "an external vehicle of the scenario", nearest(name, vehicles))
             for name, text in self.connect.items()
             if name not in vehicles
         ]
         faults += [
-            Fault(known, f"nothing for {vehicle}", "its address", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".')
+            Problem(known, f"nothing for {vehicle}", "its address", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".')
             for vehicle in vehicles
             if vehicle not in self.connect
         ]

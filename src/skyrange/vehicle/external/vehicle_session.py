@@ -6,26 +6,26 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any, Final
 
-from skyrange.agent.contracts import InstanceStatus
-from skyrange.agent.messages import Arrival
-from skyrange.codec.deframe import Piece
-from skyrange.codec.mavlink import Message, Packer, decode, dialect, system_of
+from skyrange.codec.mavlink import Message, Packer, decode, dialect, sender_system
+from skyrange.codec.mavlink.deframer import Piece
+from skyrange.contracts.components import InstanceStatus
+from skyrange.contracts.mailboxes import Arrival
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.io.wires import Wire
-from skyrange.vehicle.ardupilot.witness import Witness
+from skyrange.io.mavlink.connections import MavlinkConnection
+from skyrange.vehicle.contract import VehicleSpec
 from skyrange.vehicle.external.interlock import Interlock
-from skyrange.vehicle.external.reports import REACH_M, Reports
-from skyrange.vehicle.spec import VehicleSpec
+from skyrange.vehicle.external.position_reports import REACH_M, PositionReports
+from skyrange.vehicle.mavlink_state.event_detection import EventDetector
 
 FAR_M: Final = 50.0
 """A vehicle farther than this from its `start` is not where the scenario says, and that is noted."""
-LOOK_S: Final = 2.0
+CHECK_S: Final = 2.0
 """Interval at which the received messages are compared with the requested ones."""
-SLOWEST_S: Final = 32.0
+MAX_RETRY_S: Final = 32.0
 """A message that never comes is requested less and less often, down to this interval."""
-ENOUGH: Final = 0.6
+MIN_RATE_SHARE: Final = 0.6
 """Share of the requested rate; below it the message is requested again, since others may request it at a lower rate."""
 COMPONENT: Final = int(dialect.MAV_COMP_ID_ONBOARD_COMPUTER4)
 """Component of the requests: a computer of the vehicle's own system, other than the companion."""
@@ -36,21 +36,21 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 """Kind, data and causes."""
 
 
-class Contact:
+class VehicleSession:
     """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
-    def __init__(self, spec: VehicleSpec, wire: Wire, open_: bool, rate_hz: float) -> None:
+    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, open_: bool, rate_hz: float) -> None:
         self.spec = spec
         self.wire = wire
         self.interlock = Interlock(spec.system_id, open_)
         self.status = InstanceStatus.BOOTING
         self.notes: list[Note] = []
-        self.reports = Reports()
+        self.reports = PositionReports()
         self.late_ns: Time | None = None
         """Age of a new position; `None` if there is none since it was last taken."""
         self.lost = 0
         """Frames that the interlock passed, and the connection did not accept."""
-        self._witness = Witness()
+        self._events = EventDetector()
         self._packer = Packer(spec.system_id, COMPONENT)
         self._asked: dict[int, float] = {
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: rate_hz,
@@ -58,7 +58,7 @@ class Contact:
             dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: STATE_HZ,
         }
         self._received: dict[int, int] = dict.fromkeys(self._asked, 0)
-        self._retry_s: dict[int, float] = dict.fromkeys(self._asked, LOOK_S)
+        self._retry_s: dict[int, float] = dict.fromkeys(self._asked, CHECK_S)
         self._next_request_s: dict[int, float] = dict.fromkeys(self._asked, 0.0)
         self._checked_s = -math.inf
         self._heard_s = -math.inf
@@ -73,41 +73,41 @@ class Contact:
 
     # ---------------------------------------------------------------- to it
 
-    def tell(self, arrival: Arrival) -> None:
+    def send(self, arrival: Arrival) -> None:
         """Send a frame of the range to it, if the interlock permits."""
-        refusal = self.interlock.judge(arrival.payload)
+        refusal = self.interlock.check(arrival.payload)
         if refusal is None:
             self.lost += not self.wire.write(arrival.payload)
-            self._witness.uploaded(arrival.payload)
+            self._events.on_upload(arrival.payload)
             return
         count = self.interlock.refused[refusal]
         if count & (count - 1) == 0:
             self.note("event.interlock", {**refusal._asdict(), "count": count}, (arrival.ref,))
 
-    def ask(self, now_s: float) -> None:
+    def request_messages(self, now_s: float) -> None:
         """Request the messages that truth is made of, where they arrive less often than requested."""
-        if not self.wire.connected or now_s < self._checked_s + LOOK_S:
+        if not self.wire.connected or now_s < self._checked_s + CHECK_S:
             return
         since_s, self._checked_s = now_s - self._checked_s, now_s
         for number, rate_hz in self._asked.items():
             came, self._received[number] = self._received[number], 0
-            if came >= ENOUGH * rate_hz * min(since_s, LOOK_S):
-                self._retry_s[number], self._next_request_s[number] = LOOK_S, 0.0
+            if came >= MIN_RATE_SHARE * rate_hz * min(since_s, CHECK_S):
+                self._retry_s[number], self._next_request_s[number] = CHECK_S, 0.0
             elif now_s >= self._next_request_s[number]:
                 self._next_request_s[number] = now_s + self._retry_s[number]
                 if not came:
-                    self._retry_s[number] = min(2.0 * self._retry_s[number], SLOWEST_S)
+                    self._retry_s[number] = min(2.0 * self._retry_s[number], MAX_RETRY_S)
                 asks = self._packer.pack(_interval(self.spec.system_id, number, rate_hz))
-                if self.interlock.judge(asks) is None:
+                if self.interlock.check(asks) is None:
                     self.wire.write(asks)
 
     # ---------------------------------------------------------------- from it
 
-    def heard(self, piece: Piece, now_s: float, origin: Origin) -> None:
+    def on_frame(self, piece: Piece, now_s: float, origin: Origin) -> None:
         """Process what it sent."""
         if piece.garbage:
             return
-        sender = system_of(piece.data)
+        sender = sender_system(piece.data)
         if sender != self.spec.system_id:
             self._count_foreign(sender or 0)
             return
@@ -121,17 +121,17 @@ class Contact:
         if number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
             self._heartbeats += 1
         elif number == dialect.MAVLINK_MSG_ID_ATTITUDE:
-            self.reports.turned(message)
+            self.reports.on_attitude(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             self._on_position(message, now_s, origin)
-        for kind, told in (*self._witness.reported(message), *self._witness.said(piece.data)):
+        for kind, told in (*self._events.on_report(message), *self._events.on_public_frame(piece.data)):
             self.note(kind, told)
 
     def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
-            self._witness = Witness()
+            self._events = EventDetector()
             self.note("event.reboot", {"system_id": self.spec.system_id})
-        late_ns = self.reports.moved(message, origin, now_s)
+        late_ns = self.reports.on_position(message, origin, now_s)
         self._out_of_range = late_ns is None
         if late_ns is None:
             return
@@ -144,7 +144,7 @@ class Contact:
 
     # ---------------------------------------------------------------- how it is
 
-    def judge(self, now_s: float, silent_s: float) -> None:
+    def update_status(self, now_s: float, silent_s: float) -> None:
         """Update the status: booting until its position is known, ready, silent while its position is older than
         `silent_s`.
 
@@ -165,11 +165,11 @@ class Contact:
             self.wire.again(f"nothing was heard for {silent_s:g} s")
 
     def _check_start(self) -> None:
-        assert self.reports.place is not None
-        away = [a - b for a, b in zip(self.reports.place.position_enu_m, self.spec.home_enu_m, strict=True)]
+        assert self.reports.state is not None
+        away = [a - b for a, b in zip(self.reports.state.position_enu_m, self.spec.home_enu_m, strict=True)]
         far_m = math.hypot(*away)
         if far_m > FAR_M:
-            told = dict(zip(("east_m", "north_m", "up_m"), self.reports.place.position_enu_m, strict=True))
+            told = dict(zip(("east_m", "north_m", "up_m"), self.reports.state.position_enu_m, strict=True))
             self.note("event.far_from_start", {"away_m": round(far_m, 1), **told})
 
     @property
@@ -187,7 +187,7 @@ class Contact:
             return f"{self.wire.address}: {self.wire.trouble}"
         if self._out_of_range:
             return f"{self.wire.address}: its position is over {REACH_M / 1e3:g} km from the origin; has it a fix?"
-        if self.reports.place is None or not self._heartbeats:
+        if self.reports.state is None or not self._heartbeats:
             others = sorted(self._strangers)
             if others and self._heard_s == -math.inf:
                 ids = ", ".join(map(str, others[:4]))
@@ -200,7 +200,7 @@ class Contact:
         """Keep a note for the record."""
         self.notes.append((kind, data, causes))
 
-    def said(self) -> Iterator[Note]:
+    def take_notes(self) -> Iterator[Note]:
         """The waiting notes, once."""
         kept, self.notes = self.notes, []
         yield from kept

@@ -24,9 +24,9 @@ REPORTS: Final = {
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 10.0,
 }
 """The reports requested on the private port, in Hz."""
-GLITCHING: Final = 1 << 15
+GLITCH_FLAG: Final = 1 << 15
 """EKF_STATUS_REPORT.flags (AP_NavEKF/AP_Nav_Common.h, `gps_glitching`)."""
-POSITIONED: Final = int(dialect.EKF_POS_HORIZ_ABS)
+POSITION_VALID_FLAG: Final = int(dialect.EKF_POS_HORIZ_ABS)
 JUMP_M: Final = 1.5
 """A step of the estimate beyond its velocity between two reports counts as a reset."""
 _GROUND: Final = int(dialect.MAV_LANDED_STATE_ON_GROUND)
@@ -48,7 +48,7 @@ def mode_name(number: int) -> str:
     return str(entry.name).removeprefix("COPTER_MODE_") if entry is not None else str(number)
 
 
-class Witness:
+class EventDetector:
     """The known state of one aircraft; every change of it is an event."""
 
     def __init__(self) -> None:
@@ -61,7 +61,7 @@ class Witness:
         self._mission: dict[int, int] = {}
         self._place: tuple[Time, float, float, float, float, float, float] | None = None
 
-    def uploaded(self, payload: bytes) -> None:
+    def on_upload(self, payload: bytes) -> None:
         """Process a frame to the autopilot: an uploaded mission item gives the command of its sequence number."""
         if message_id(payload) in _ITEMS:
             try:
@@ -70,7 +70,7 @@ class Witness:
                 return
             self._mission[item.seq] = item.command
 
-    def said(self, payload: bytes) -> Iterator[Event]:
+    def on_public_frame(self, payload: bytes) -> Iterator[Event]:
         """The events in a frame from its public port."""
         if message_id(payload) not in _HEARD:
             return
@@ -82,7 +82,7 @@ class Witness:
             if event is not None:
                 yield event
 
-    def reported(self, message: Message) -> Iterator[Event]:
+    def on_report(self, message: Message) -> Iterator[Event]:
         """The events in a message from its private port."""
         kind = message.get_type()
         if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
@@ -101,7 +101,7 @@ class Witness:
                 yield ("event.landed" if landed else "event.takeoff"), {}
         elif kind == "EKF_STATUS_REPORT":
             self.flags = message.flags
-            glitching = bool(message.flags & GLITCHING)
+            glitching = bool(message.flags & GLITCH_FLAG)
             if glitching != self._glitching:
                 self._glitching = glitching
                 yield "event.glitch", {"on": glitching}
@@ -114,7 +114,7 @@ class Witness:
         lat, lon, up = message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3
         velocity = (message.vx * 1e-2, message.vy * 1e-2, -message.vz * 1e-2)
         before, self._place = self._place, (now, lat, lon, up, *velocity)
-        if before is None or not self.flags & POSITIONED:
+        if before is None or not self.flags & POSITION_VALID_FLAG:
             return
         north = (lat - before[1]) * _DEGREE_M
         east = (lon - before[2]) * _DEGREE_M * math.cos(math.radians(lat))

@@ -12,19 +12,19 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.agent.contracts import Floats, Poses
 from skyrange.codec.mavlink import Message
+from skyrange.contracts.components import Floats, Poses
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
 
 GEAR_M: Final = 0.1
-CARRY_NS: Final[Time] = NS_PER_S // 4
+MAX_EXTRAPOLATION_NS: Final[Time] = NS_PER_S // 4
 """Limit of the extrapolation of a pose, forwards or backwards."""
 _ROOT: Final = math.sqrt(0.5)
 
 
-class State(NamedTuple):
-    """The true state of one aircraft, frames as in `agent.contracts.Poses`."""
+class ReportedState(NamedTuple):
+    """The true state of one aircraft, frames as in `contracts.components.Poses`."""
 
     position_enu_m: tuple[float, float, float]
     vel_enu_mps: tuple[float, float, float]
@@ -32,18 +32,18 @@ class State(NamedTuple):
     rates_radps: tuple[float, float, float]
 
     @property
-    def sound(self) -> bool:
+    def is_valid(self) -> bool:
         """Whether all values are finite and the quaternion has unit length."""
         return all(map(math.isfinite, (*self[0], *self[1], *self[2], *self[3]))) and (
             abs(math.hypot(*self.attitude) - 1.0) < 0.01
         )
 
 
-def state_of(message: Message, origin: Origin) -> State:
+def state_from_sim_state(message: Message, origin: Origin) -> ReportedState:
     """The state in a SIM_STATE message."""
     east_m, north_m = origin.enu_of(message.lat_int * 1e-7, message.lon_int * 1e-7)
     w, x, y, z = message.q1, message.q2, message.q3, message.q4
-    return State(
+    return ReportedState(
         (east_m, north_m, message.alt - GEAR_M - origin.alt_msl_m),
         (message.ve, message.vn, -message.vd),
         # q' = (0, √½, √½, 0) · q · (0, 1, 0, 0): north-east-down to east-north-up, and the body's half turn
@@ -52,7 +52,7 @@ def state_of(message: Message, origin: Origin) -> State:
     )
 
 
-class Truth:
+class ReportedPoses:
     """The last states of a fleet, as poses."""
 
     def __init__(self, count: int) -> None:
@@ -62,7 +62,7 @@ class Truth:
             np.zeros((count, 3)),
         )  # fmt: skip
 
-    def tell(self, row: int, state: State, late_ns: Time) -> None:
+    def update(self, row: int, state: ReportedState, late_ns: Time) -> None:
         """Take in the state of `row` as of `late_ns` before the tick."""
         poses = self._poses
         poses.fresh[row] = True
@@ -70,9 +70,9 @@ class Truth:
         poses.vel_enu_mps[row] = state.vel_enu_mps
         poses.attitude[row] = state.attitude
         poses.rates_radps[row] = state.rates_radps
-        self._late_ns[row] = min(max(late_ns, -CARRY_NS), CARRY_NS)
+        self._late_ns[row] = min(max(late_ns, -MAX_EXTRAPOLATION_NS), MAX_EXTRAPOLATION_NS)
 
-    def take(self) -> Poses | None:
+    def take_new(self) -> Poses | None:
         """The poses that are new since the last call, extrapolated to the tick by their velocity."""
         if not self._poses.fresh.any():
             return None

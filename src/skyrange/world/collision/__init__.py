@@ -1,1 +1,1 @@
-"""Collision."""
+"""Collisions: broad phase, detection and response, and events."""

@@ -3,7 +3,8 @@
 `travelled` is the sum over ticks of the longest distance that any aircraft moved, so two aircraft with a gap g cannot
 touch before it has grown by g/2. Near pairs are listed over a grid of cells, and the list is made again when
 `travelled` has grown by half of `NEAR_M`. This only skips pairs that cannot touch, so no result depends on who else
-flies. Against walls the bound is each aircraft's own `way`, because the floor below it may change when it is checked.
+flies. Against walls the bound is each aircraft's own `odometer_m`, because the floor below it may change when it is
+checked.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.city.walls import MARGIN_M, Walls, cell_at, footprint, outside
-from skyrange.core.compiled import kernel
+from skyrange.city.wall_index import MARGIN_M, WallIndex, cell_of, distance_to_box, distance_to_footprint
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import Airframe
 
 Floats = NDArray[np.float64]
@@ -39,19 +40,19 @@ def shape_row(airframe: Airframe) -> list[float]:
     return row
 
 
-@kernel
-def due(travelled: float, pair_due: Floats, way: Floats, wall_due: Floats) -> int:
+@compiled
+def count_due(travelled: float, pair_due: Floats, odometer_m: Floats, wall_due: Floats) -> int:
     """How many pairs and aircraft have to be checked."""
     count = 0
     for k in range(pair_due.shape[0]):
         count += travelled > pair_due[k]
     for i in range(wall_due.shape[0]):
-        count += way[i] > wall_due[i]
+        count += odometer_m[i] > wall_due[i]
     return count
 
 
-@kernel
-def gap_of(a: Floats, b: Floats, radii: float, height_a: float, height_b: float) -> float:
+@compiled
+def cylinder_gap(a: Floats, b: Floats, radii: float, height_a: float, height_b: float) -> float:
     """Distance between two cylinders, 0 if they overlap."""
     x, y = a[0] - b[0], a[1] - b[1]
     across = max(math.sqrt(x * x + y * y) - radii, 0.0)
@@ -59,13 +60,13 @@ def gap_of(a: Floats, b: Floats, radii: float, height_a: float, height_b: float)
     return math.sqrt(across * across + up * up)
 
 
-@kernel
+@compiled
 def _bucket(column: int, row: int, mask: int) -> int:
     return (column * 73856093 ^ row * 19349663) & mask
 
 
-@kernel
-def census(
+@compiled
+def list_near_pairs(
     order: Ints, shape: Floats, airframe: Ints, position: Floats, travelled: float
 ) -> tuple[NDArray[np.int64], Floats]:
     """List all pairs with a gap below `NEAR_M`, in the order of ids: rows (k, 2), and `travelled` at which to check
@@ -101,7 +102,7 @@ def census(
                     if other > k and cell[other, 0] == column and cell[other, 1] == row:
                         j = order[other]
                         a, b = shape[airframe[i]], shape[airframe[j]]
-                        gap = gap_of(position[i], position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
+                        gap = cylinder_gap(position[i], position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
                         if gap < NEAR_M:
                             if count == pairs.shape[0]:
                                 pairs = np.concatenate((pairs, np.empty_like(pairs)))
@@ -119,23 +120,23 @@ def census(
     return pairs[:count].copy(), until[:count].copy()
 
 
-@kernel
-def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[float, float]:
+@compiled
+def floor_and_clearance(walls: WallIndex, place: Floats, radius: float, height: float) -> tuple[float, float]:
     """The height of the floor below a position, 0 for the ground, and how far an aircraft there can move before it
     changes.
 
     "Changes": it touches a building, or leaves the roof below it, or comes over another one (known to `_EDGE_M`).
     """
     floor, free = 0.0, MARGIN_M - radius
-    cell = cell_at(walls, place[0], place[1])
+    cell = cell_of(walls, place[0], place[1])
     if cell < 0:
         return floor, free
-    for k in range(walls.cells[cell], walls.cells[cell + 1]):
-        b = walls.near[k]
+    for k in range(walls.cell_start[cell], walls.cell_start[cell + 1]):
+        b = walls.cell_buildings[k]
         base, top = walls.box[b, 4], walls.box[b, 5]
-        if outside(walls, b, place[0], place[1]) - radius >= free:
+        if distance_to_box(walls, b, place[0], place[1]) - radius >= free:
             continue
-        inside, away, _, _ = footprint(walls, b, place[0], place[1])
+        inside, away, _, _ = distance_to_footprint(walls, b, place[0], place[1])
         above = place[2] >= top - ON_ROOF_M
         if above:
             free = min(free, max(away, _EDGE_M))
@@ -148,9 +149,11 @@ def around(walls: Walls, place: Floats, radius: float, height: float) -> tuple[f
     return floor, free
 
 
-@kernel
-def stand(walls: Walls, position: Floats, shape: Floats, airframe: Ints, floor: Floats, wall_due: Floats) -> None:
+@compiled
+def find_floors(
+    walls: WallIndex, position: Floats, shape: Floats, airframe: Ints, floor: Floats, wall_due: Floats
+) -> None:
     """Find the floor below each aircraft at the start, and how far it may move (`wall_due`, -1 inside a building)."""
     for i in range(position.shape[0]):
         p = shape[airframe[i]]
-        floor[i], wall_due[i] = around(walls, position[i], p[RADIUS], p[HEIGHT])
+        floor[i], wall_due[i] = floor_and_clearance(walls, position[i], p[RADIUS], p[HEIGHT])

@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skyrange.agent.messages import Note
-from skyrange.city.walls import NO_WALLS
+from skyrange.city.wall_index import NO_WALLS
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.world import collisions, nearness
-from skyrange.world.collisions import ENERGY, GENTLE, SPEED, WHO, WITH, Bodies, Floats
+from skyrange.world.collision import broad_phase, response
+from skyrange.world.collision.response import ENERGY, NO_DAMAGE, SPEED, WHO, WITH, CollisionState, Floats
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
 
-APART_NS = NS_PER_S
+SEPARATION_NS = NS_PER_S
 """A contact is over after this time without a touch."""
 _NO_NOTES: tuple[Note, ...] = ()
 _WALL = -1
 
 
-class Contacts:
-    """The contacts of one world: `begin` with the first state, then `look` after every tick. Deep copies continue
-    alike.
+class ContactTracker:
+    """The contacts of one world: `begin` with the first state, then `resolve_tick` after every tick. Deep copies
+    continue alike.
     """
 
     def __init__(self, vehicles: Sequence[str], city: City | None) -> None:
@@ -44,13 +44,13 @@ class Contacts:
         self._idle = city is None and len(vehicles) == 1
         self._touched: dict[tuple[int, int], Time] = {}
 
-    def begin(self, bodies: Bodies) -> None:
+    def begin(self, bodies: CollisionState) -> None:
         """Find the floor below each aircraft and its distance to the walls."""
         if self._city is not None:
             walls = self._city.walls()
-            nearness.stand(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
+            broad_phase.find_floors(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
 
-    def look(self, now: Time, step_s: float, stride2_m2: float, bodies: Bodies) -> Sequence[Note]:
+    def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
         aircraft moved.
         """
@@ -59,15 +59,15 @@ class Contacts:
         travelled = self._travelled + math.sqrt(stride2_m2)
         if travelled > self._census_due:
             # from the state before the tick: a pair that is not listed could not touch during it
-            self._pairs, self._pair_due = nearness.census(
+            self._pairs, self._pair_due = broad_phase.list_near_pairs(
                 self._order, bodies.shape, bodies.airframe, bodies.before, self._travelled
             )
-            self._census_due = self._travelled + 0.5 * nearness.NEAR_M
+            self._census_due = self._travelled + 0.5 * broad_phase.NEAR_M
         self._travelled = travelled
-        if not nearness.due(travelled, self._pair_due, bodies.way, self._wall_due):
+        if not broad_phase.count_due(travelled, self._pair_due, bodies.odometer_m, self._wall_due):
             return _NO_NOTES
         walls = NO_WALLS if self._city is None else self._city.walls()
-        hits, push = collisions.touch(
+        hits, push = response.resolve_collisions(
             travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
         )
         self._travelled += push
@@ -80,8 +80,8 @@ class Contacts:
             who, other = int(hit[WHO]), int(hit[WITH])
             key = (who, other if other >= 0 else _WALL)
             last = self._touched.get(key)
-            goes_on = last is not None and now - last <= APART_NS
-            gentle = hit[ENERGY] == GENTLE
+            goes_on = last is not None and now - last <= SEPARATION_NS
+            gentle = hit[ENERGY] == NO_DAMAGE
             if goes_on or not gentle:
                 self._touched[key] = now
             if goes_on or gentle:
@@ -89,9 +89,9 @@ class Contacts:
             data = {
                 "with": self._vehicles[other] if other >= 0 else f"building:{-1 - other}",
                 "speed_mps": hit[SPEED],
-                "east_m": hit[collisions.EAST],
-                "north_m": hit[collisions.NORTH],
-                "up_m": hit[collisions.UP],
+                "east_m": hit[response.EAST],
+                "north_m": hit[response.NORTH],
+                "up_m": hit[response.UP],
                 "energy_j": hit[ENERGY],
             }
             notes.append(Note("event.collision", self._vehicles[who], data))

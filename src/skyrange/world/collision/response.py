@@ -6,12 +6,12 @@ cylinders is a quadratic in the plane and linear in height, solved exactly, so n
 speed. Against walls the path is sampled at every half radius, which a disc cannot skip however thin the wall.
 
 Contact. Rigid bodies without friction: an impulse J along the normal at the point of contact, with restitution
-`RESTITUTION`, through both masses and inertias, so momentum and, up to `MOST_RADPS`, angular momentum are conserved
+`RESTITUTION`, through both masses and inertias, so momentum and, up to `MAX_RADPS`, angular momentum are conserved
 (Baraff, "Physically Based Modeling", SIGGRAPH 2001). Aircraft are processed in the order of their ids.
 
 Damage is a modelling choice, because no figures are published: a touched propeller is lost. In a contact from the side
 these are the one nearest to the contact and all within 60 degrees of it, from above those under the other's disc, from
-below none; and all of them if the impulse changes the aircraft's speed by more than `WRECK_MPS`.
+below none; and all of them if the impulse changes the aircraft's speed by more than `DESTRUCTION_MPS`.
 
 A body whose pose is imposed by an engine does not yield: it is treated as infinitely heavy, and flies on marked as
 crashed.
@@ -25,11 +25,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.city.walls import Walls, cell_at, footprint, outside
-from skyrange.core.compiled import kernel
+from skyrange.city.wall_index import WallIndex, cell_of, distance_to_box, distance_to_footprint
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS
-from skyrange.world.multirotor import CRASHED
-from skyrange.world.nearness import (
+from skyrange.world.collision.broad_phase import (
     CG,
     HEIGHT,
     MASS,
@@ -40,18 +39,19 @@ from skyrange.world.nearness import (
     PROPELLER,
     RADIUS,
     ROTORS,
-    around,
-    gap_of,
+    cylinder_gap,
+    floor_and_clearance,
 )
+from skyrange.world.multirotor import CRASHED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 RESTITUTION = 0.3
 """Coefficient of restitution along the normal, 0 inelastic, 1 elastic; a modelling choice."""
-WRECK_MPS = 10.0
+DESTRUCTION_MPS = 10.0
 """A change of speed that stops all motors; a modelling choice."""
-MOST_RADPS = 100.0
+MAX_RADPS = 100.0
 """Limit about each axis: faster than 16 turns a second an aircraft would break, and a tick could not follow the
 rotation."""
 _GENTLE_MPS = 0.05  # a slower touch causes neither bounce nor damage
@@ -59,12 +59,12 @@ _SIDE_COS = 0.5
 
 WHO, WITH, SPEED, EAST, NORTH, UP, ENERGY = range(7)
 """Columns of a hit: rows of both bodies (a building is -1 less its index), relative speed, position, energy."""
-GENTLE = -1.0
+NO_DAMAGE = -1.0
 """Energy of a touch without damage, such as of two aircraft that rest against each other; its position is not
 reported."""
 
 
-class Bodies(NamedTuple):
+class CollisionState(NamedTuple):
     """The world's arrays that a collision reads and writes; n aircraft, shapes as in `multirotor.advance`."""
 
     before: Floats
@@ -78,16 +78,16 @@ class Bodies(NamedTuple):
     floor: Floats
     alive: NDArray[np.uint8]
     """(n, motors): 0 where a motor is lost."""
-    way: Floats
+    odometer_m: Floats
     shape: Floats
     """(airframes, numbers): `shape_row`."""
     airframe: Ints
-    led: NDArray[np.uint8]
+    is_imposed: NDArray[np.uint8]
     """(n,) 1 if an engine imposes the pose: nothing pushes such a body."""
     flags: NDArray[np.uint8]
 
 
-@kernel
+@compiled
 def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A vector of the local frame in the body frame."""
     w, a, b, c = q[0], -q[1], -q[2], -q[3]
@@ -95,7 +95,7 @@ def _into_body(q: Floats, x: float, y: float, z: float) -> tuple[float, float, f
     return x + w * tx + b * tz - c * ty, y + w * ty + c * tx - a * tz, z + w * tz + a * ty - b * tx
 
 
-@kernel
+@compiled
 def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]:
     """The speed of a body along `n` at a point `r` from its centre of gravity, and its inverse effective mass there."""
     velocity, attitude, rates, p = state.velocity[i], state.attitude[i], state.rates[i], state.shape[state.airframe[i]]
@@ -107,10 +107,10 @@ def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]
     return speed, 1.0 / p[MASS] + tx * tx * p[PER_JX] + ty * ty * p[PER_JY] + tz * tz * p[PER_JZ]
 
 
-@kernel
+@compiled
 def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
     """Apply an impulse along `n` at a point `r` from the centre of gravity; the accelerometer measures it."""
-    if state.led[i]:
+    if state.is_imposed[i]:
         return
     attitude, p = state.attitude[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
@@ -124,19 +124,19 @@ def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: f
         impulse * (rx * ny - ry * nx) * p[PER_JZ],
     )
     for axis in range(3):
-        state.rates[i, axis] = min(max(state.rates[i, axis] + spun[axis], -MOST_RADPS), MOST_RADPS)
+        state.rates[i, axis] = min(max(state.rates[i, axis] + spun[axis], -MAX_RADPS), MAX_RADPS)
     state.accel[i, 0] += change * nx / step_s
     state.accel[i, 1] += change * ny / step_s
     state.accel[i, 2] += change * nz / step_s
 
 
-@kernel
+@compiled
 def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
     """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
 
     A body whose pose is imposed is marked as crashed instead, because its motors are outside the world.
     """
-    if state.led[i]:
+    if state.is_imposed[i]:
         state.flags[i, CRASHED] = 1
         return
     p = state.shape[state.airframe[i]]
@@ -155,13 +155,13 @@ def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, rea
         else:
             away = reach_m + p[PROPELLER]
             lost = n[2] < 0.0 and (x - ox) * (x - ox) + (y - oy) * (y - oy) < away * away
-        if lost or change > WRECK_MPS:
+        if lost or change > DESTRUCTION_MPS:
             state.alive[i, m] = 0
             state.limit[i, m] = 0.0
             state.rotor_radps[i, m] = 0.0
 
 
-@kernel
+@compiled
 def _first_overlap(d0: Floats, d1: Floats, radii: float, height_a: float, height_b: float) -> tuple[float, bool]:
     """When in 0…1 a cylinder that moves from `d0` to `d1` relative to another first overlaps it (2 if not), and if
     sideways.
@@ -197,7 +197,7 @@ def _first_overlap(d0: Floats, d1: Floats, radii: float, height_a: float, height
     return 0.0, across <= min(d0[2] + height_a, height_b - d0[2])
 
 
-@kernel
+@compiled
 def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Resolve the collision of two aircraft if their paths crossed: how far one was pushed, and
     whether they collided.
@@ -220,7 +220,7 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
     else:
         n[2] = 1.0 if d[2] + a[HEIGHT] > b[HEIGHT] - d[2] else -1.0
         apart = b[HEIGHT] - d[2] if n[2] > 0.0 else d[2] + a[HEIGHT]
-    led_a, led_b = state.led[i] != 0, state.led[j] != 0
+    led_a, led_b = state.is_imposed[i] != 0, state.is_imposed[j] != 0
     share = b[MASS] / (a[MASS] + b[MASS])
     if led_a != led_b:
         share = 0.0 if led_a else 1.0
@@ -256,7 +256,7 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
     _apply_impulse(i, state, ra, n, impulse, step_s)
     _apply_impulse(j, state, rb, n, -impulse, step_s)
     apart = 0.0 if led_a and led_b else apart
-    hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), GENTLE
+    hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), NO_DAMAGE
     if closing <= _GENTLE_MPS:
         return apart, True
     _break_motors(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
@@ -267,8 +267,8 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
     return apart, True
 
 
-@kernel
-def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
+@compiled
+def _collide_building(i: int, walls: WallIndex, state: Any, step_s: float, hit: Floats) -> tuple[float, bool]:
     """Resolve the collision of one aircraft with the first building on its path; returns as `_collide_pair`."""
     p = state.shape[state.airframe[i]]
     radius, height = p[RADIUS], p[HEIGHT]
@@ -277,15 +277,15 @@ def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floa
     looks = max(math.ceil(2.0 * long / radius), 1)
     for look in range(1, looks + 1):
         q = start + move * (look / looks)
-        cell = cell_at(walls, q[0], q[1])
+        cell = cell_of(walls, q[0], q[1])
         if cell < 0:
             continue
-        for k in range(walls.cells[cell], walls.cells[cell + 1]):
-            b = walls.near[k]
+        for k in range(walls.cell_start[cell], walls.cell_start[cell + 1]):
+            b = walls.cell_buildings[k]
             base, top = walls.box[b, 4], walls.box[b, 5]
-            if q[2] >= top - ON_ROOF_M or q[2] + height <= base or outside(walls, b, q[0], q[1]) >= radius:
+            if q[2] >= top - ON_ROOF_M or q[2] + height <= base or distance_to_box(walls, b, q[0], q[1]) >= radius:
                 continue
-            inside, away, near_e, near_n = footprint(walls, b, q[0], q[1])
+            inside, away, near_e, near_n = distance_to_footprint(walls, b, q[0], q[1])
             if not inside and away >= radius:
                 continue
             # out by the shortest path
@@ -302,7 +302,7 @@ def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floa
             else:
                 n[2], depth = 1.0, lift
             place = q + n * depth
-            if state.led[i]:
+            if state.is_imposed[i]:
                 depth = 0.0
             else:
                 for axis in range(3):
@@ -320,7 +320,7 @@ def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floa
             total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
             impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
             _apply_impulse(i, state, r, n, impulse, step_s)
-            hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), GENTLE
+            hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), NO_DAMAGE
             if speed >= -_GENTLE_MPS:
                 return depth, True
             _break_motors(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
@@ -330,21 +330,21 @@ def _collide_building(i: int, walls: Walls, state: Any, step_s: float, hit: Floa
     return 0.0, False
 
 
-@kernel
-def touch(
+@compiled
+def resolve_collisions(
     travelled: float,
     step_s: float,
     pairs: Ints,
     pair_due: Floats,
     order: Ints,
-    walls: Walls,
+    walls: WallIndex,
     wall_due: Floats,
     state: Any,
 ) -> tuple[Floats, float]:
     """Check all pairs and walls that are due and resolve their collisions.
 
-    Returns the hits (k, 7) in the order of ids, and the longest push. `state` is a `Bodies`; `pair_due` and `wall_due`
-    are updated for what was checked.
+    Returns the hits (k, 7) in the order of ids, and the longest push. `state` is a `CollisionState`; `pair_due` and
+    `wall_due` are updated for what was checked.
     """
     hits = np.empty((2 * pairs.shape[0] + wall_due.shape[0], 7))
     count = 0
@@ -355,25 +355,25 @@ def touch(
         i, j = pairs[k, 0], pairs[k, 1]
         push, met = _collide_pair(i, j, state, step_s, hits[count])
         longest = max(longest, push)
-        state.way[i] += 2.0 * push  # summed over the axes a push is less than twice its length
-        state.way[j] += 2.0 * push
+        state.odometer_m[i] += 2.0 * push  # summed over the axes a push is less than twice its length
+        state.odometer_m[j] += 2.0 * push
         if met:
             hits[count + 1] = hits[count]
             hits[count + 1, WHO], hits[count + 1, WITH] = j, i
             count += 2
         a, b = state.shape[state.airframe[i]], state.shape[state.airframe[j]]
-        gap = gap_of(state.position[i], state.position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
+        gap = cylinder_gap(state.position[i], state.position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
         pair_due[k] = travelled + 0.5 * gap
     if wall_due.shape[0] > 0:
         for k in range(order.shape[0]):
             i = order[k]
-            if state.way[i] <= wall_due[i]:
+            if state.odometer_m[i] <= wall_due[i]:
                 continue
             push, met = _collide_building(i, walls, state, step_s, hits[count])
             longest = max(longest, push)
             if met:
                 count += 1
             p = state.shape[state.airframe[i]]
-            state.floor[i], free = around(walls, state.position[i], p[RADIUS], p[HEIGHT])
-            wall_due[i] = state.way[i] + free
+            state.floor[i], free = floor_and_clearance(walls, state.position[i], p[RADIUS], p[HEIGHT])
+            wall_due[i] = state.odometer_m[i] + free
     return hits[:count].copy(), longest

@@ -1,1 +1,1 @@
-"""Sensing."""
+"""Sensors of the aircraft: error models, readings, and the geomagnetic field."""

@@ -23,11 +23,11 @@ _G: Final = {  # nT, WMM2020.COF, epoch 2020.0: (g, h) by degree and order
 _DEGREE: Final = 4
 _GAUSS_PER_NT: Final = 1e-5
 
-Field = tuple[float, float, float]
+MagneticField = tuple[float, float, float]
 """East, north, up in gauss."""
 
 
-def field_at(origin: Origin) -> Field:
+def magnetic_field_at(origin: Origin) -> MagneticField:
     """The field at a place, east, north, up in gauss: of magnitude 0.25 to 0.65, nearly vertical near the poles."""
     colatitude = math.radians(90.0 - origin.lat_deg)
     longitude = math.radians(origin.lon_deg)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.chance import philox, uniform4
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 
@@ -104,7 +104,7 @@ GNSS, BARO, COMPASS, RANGE = 0, 1, 2, 3
 PERIODS: Final = (GNSS_PERIOD_NS, BARO_PERIOD_NS, COMPASS_PERIOD_NS, RANGE_PERIOD_NS)
 
 
-@kernel
+@compiled
 def normal6(
     seed: np.uint64, stream: np.uint64, who: np.uint64, when: int, k: np.uint64
 ) -> tuple[float, float, float, float, float, float]:
@@ -126,8 +126,8 @@ def normal6(
     )
 
 
-@kernel
-def see_field(attitude: Floats, field: Floats, out: Floats) -> None:
+@compiled
+def body_field(attitude: Floats, field: Floats, out: Floats) -> None:
     """The Earth's field (east, north, up) in the body frame of one aircraft."""
     w, x, y, z = attitude[0], attitude[1], attitude[2], attitude[3]
     e, n, u = field[0], field[1], field[2]
@@ -136,28 +136,28 @@ def see_field(attitude: Floats, field: Floats, out: Floats) -> None:
     out[2] = 2 * (x * z + w * y) * e + 2 * (y * z - w * x) * n + (1 - 2 * (x * x + y * y)) * u
 
 
-@kernel
+@compiled
 def read_ideal(now: int, attitude: Floats, field: Floats, compass: Floats, gnss_time: Ints) -> None:
     """The two readings of ideal sensors that are not copies of the state: magnetic field and time of the fix."""
     for i in range(attitude.shape[0]):
-        see_field(attitude[i], field, compass[i])
+        body_field(attitude[i], field, compass[i])
         gnss_time[i] = now
 
 
-@kernel
+@compiled
 def in_outage(seed: np.uint64, who: np.uint64, at: int, level: float) -> bool:
     """Whether a receiver has no fix at a time: at most one outage per bin, drawn by bin."""
-    start = at // OUTAGE_BIN_NS * OUTAGE_BIN_NS
-    u = uniform4(seed, _S_OUTAGE, who, np.uint64(start), _0)
+    power_on = at // OUTAGE_BIN_NS * OUTAGE_BIN_NS
+    u = uniform4(seed, _S_OUTAGE, who, np.uint64(power_on), _0)
     if u[0] >= OUTAGE_CHANCE * level:
         return False
     length = (OUTAGE_MIN_S + (OUTAGE_MAX_S - OUTAGE_MIN_S) * u[1]) * NS_PER_S
     begin = u[2] * (OUTAGE_BIN_NS - length)
-    return begin <= at - start < begin + length
+    return begin <= at - power_on < begin + length
 
 
-@kernel
-def start(
+@compiled
+def power_on(
     now: int,
     level: float,
     seed: np.uint64,
@@ -207,7 +207,7 @@ def start(
         satellites[i] = GNSS_SATELLITES
 
 
-@kernel
+@compiled
 def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, force: Floats) -> None:
     """Gyroscopes and accelerometers of all rows: truth plus the error that was drawn last (rows, 6)."""
     for i in range(rates.shape[0]):
@@ -216,8 +216,8 @@ def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, for
             force[i, axis] = accel[i, axis] + error[i, 3 + axis]
 
 
-@kernel
-def draw(
+@compiled
+def draw_errors(
     now: int,
     level: float,
     seed: np.uint64,
@@ -299,7 +299,7 @@ def draw(
         if count != epoch[i, COMPASS]:
             epoch[i, COMPASS] = count
             c = normal6(seed, _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
-            see_field(attitude[i], field, compass[i])
+            body_field(attitude[i], field, compass[i])
             for axis in range(3):
                 compass[i, axis] += offset[i, axis] + level * COMPASS_NOISE_GAUSS * c[axis]
         count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS

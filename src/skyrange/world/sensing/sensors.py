@@ -1,7 +1,7 @@
 """Sensors of the aircraft: their quality and their current readings.
 
 A sensor is a physical thing on the body, so it belongs to the world: it samples the true state at its own instants,
-and a reading holds until the next one. `SensorSpec` is what a scenario sets; `Sensing` holds the sensors of all
+and a reading holds until the next one. `SensorSpec` is what a scenario sets; `SensorSuite` holds the sensors of all
 aircraft of a world. Declared sensor faults are applied afterwards, in the kernel.
 """
 
@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Sensors
+from skyrange.contracts.components import Floats, Sensors
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import Time
-from skyrange.world import sensor_models
-from skyrange.world.magnetism import Field
+from skyrange.world.sensing import sensor_errors
+from skyrange.world.sensing.geomagnetism import MagneticField
 
 _NO_CHANCE = Chance(0)
 
@@ -28,20 +28,20 @@ _NO_CHANCE = Chance(0)
 class SensorSpec:
     """Quality of the sensors, and the magnetic field at their place.
 
-    `noise` multiplies every error of `sensor_models`: 1 is a usual small aircraft, 0 is ideal (every reading is the
+    `noise` multiplies every error of `sensor_errors`: 1 is a usual small aircraft, 0 is ideal (every reading is the
     truth of the tick, the fix has neither delay nor outage). `field_enu_gauss` is the Earth's magnetic field there; if
     it is zero there is no compass.
     """
 
     noise: float = 0.0
-    field_enu_gauss: Field = (0.0, 0.0, 0.0)
+    field_enu_gauss: MagneticField = (0.0, 0.0, 0.0)
     chance: Chance = _NO_CHANCE
 
 
 IDEAL = SensorSpec()
 
 
-class Sensing:
+class SensorSuite:
     """The sensors of a world's aircraft. Deep copies continue alike; the readings of an aircraft depend on no other
     aircraft.
     """
@@ -68,8 +68,8 @@ class Sensing:
         self._started = False
         self._slot: int | None = None
         self._compass, self._accuracy = np.zeros((n, 3)), np.zeros((n, 3))
-        self._fix: NDArray[np.int64] = np.full(n, sensor_models.FIX_RTK, dtype=np.int64)
-        self._satellites: NDArray[np.int64] = np.full(n, sensor_models.GNSS_SATELLITES, dtype=np.int64)
+        self._fix: NDArray[np.int64] = np.full(n, sensor_errors.FIX_RTK, dtype=np.int64)
+        self._satellites: NDArray[np.int64] = np.full(n, sensor_errors.GNSS_SATELLITES, dtype=np.int64)
         self._time: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
         self._error, self._bias = np.zeros((n, 6)), np.zeros((n, 6))
         self._gyro, self._force = np.zeros((n, 3)), np.zeros((n, 3))
@@ -107,23 +107,23 @@ class Sensing:
         """Sample every sensor that is due at `now`, of all aircraft; the first call switches the sensors on."""
         rates, force, attitude, position, velocity, height = self._state
         if self._level == 0.0:
-            sensor_models.read_ideal(now, attitude, self._field, self._compass, self._time)
+            sensor_errors.read_ideal(now, attitude, self._field, self._compass, self._time)
             return
         fix = (self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time)
         drawn = (self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
         if not self._started:
             self._started = True
-            sensor_models.start(now, self._level, self._seed, self._who, position, *drawn, *fix)
-        slot = now // sensor_models.IMU_PERIOD_NS
+            sensor_errors.power_on(now, self._level, self._seed, self._who, position, *drawn, *fix)
+        slot = now // sensor_errors.IMU_PERIOD_NS
         if slot != self._slot:
             self._slot = slot
-            sensor_models.draw(
-                slot * sensor_models.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
+            sensor_errors.draw_errors(
+                slot * sensor_errors.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
                 height,
                 velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range,
                 self._compass,
             )  # fmt: skip
-        sensor_models.read_inertial(rates, force, self._error, self._gyro, self._force)
+        sensor_errors.read_inertial(rates, force, self._error, self._gyro, self._force)
 
     def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
         """The current readings of some vehicles: for a slice, read-only views that later ticks refill; otherwise

@@ -19,15 +19,15 @@ from typing import Final
 from skyrange import __version__
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.io.curve_keys import Keys
-from skyrange.io.ends import text
-from skyrange.io.mavlink_sockets import Address
+from skyrange.io.addresses import format_address
+from skyrange.io.mavlink.transports import Address
+from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record.folder import PARTS
 from skyrange.runtime.live.clock import ClockSample, quickest_sample
-from skyrange.runtime.live.control import ControlClient, Message
-from skyrange.runtime.live.files import list_files, read_chunk, write_chunk
-from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.system import Process, RealSystem, System
+from skyrange.runtime.live.transport.control import ControlClient, Message
+from skyrange.runtime.live.transport.file_chunks import list_files, read_chunk, write_chunk
 
 HOST_PREFIX: Final = "@"
 """What a machine's name at the control socket begins with; a node's never does."""
@@ -36,7 +36,7 @@ SILENT_S: Final = 10.0
 _ASK_S: Final = 1.0
 _SAMPLES: Final = 5
 """Requests for the time in a row, of which the quickest counts."""
-_LOOK_S: Final = 0.1
+_UPDATE_S: Final = 0.1
 _STRANGER: Final = 3
 """Connections after which a peer that never answers is taken to have other keys."""
 
@@ -74,8 +74,8 @@ class HostAgent:
                 self._raise_of(tasks)
                 await self._report_ended()
                 if self._now_ns() - self._heard_ns > SILENT_S * NS_PER_S:
-                    raise ComponentError("live", f"the range at {text(self.client.address)} fell silent")
-                await asyncio.sleep(_LOOK_S)
+                    raise ComponentError("live", f"the range at {format_address(self.client.address)} fell silent")
+                await asyncio.sleep(_UPDATE_S)
         finally:
             for task in tasks:
                 task.cancel()
@@ -87,7 +87,7 @@ class HostAgent:
 
     async def _wait_to_join(self, wait_s: float, tasks: list[asyncio.Task[None]]) -> None:
         client, until_ns = self.client, self._now_ns() + wait_s * NS_PER_S
-        where = text(client.address)
+        where = format_address(client.address)
         while not self.welcome:
             self._raise_of(tasks)
             if client.refused:
@@ -101,7 +101,7 @@ class HostAgent:
             if self._now_ns() > until_ns:
                 hint = "Start it there with `skyrange live`, and see that no firewall is between"
                 raise ComponentError("node", f"no range answers at {where} within {wait_s:g} s", hint)
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_UPDATE_S)
         self._heard_ns = self._now_ns()
 
     @staticmethod
@@ -168,7 +168,7 @@ class HostAgent:
                 self.on_word(f"{name} ended: {process.ended}")
 
 
-def join(
+def join_range(
     remote: Address, keys: Keys, address: str | None = None, *, wait_s: float = 60.0, on_word: OnWord = print
 ) -> None:
     """Offer this machine to the range at `remote`, and serve it to its end.
@@ -183,11 +183,11 @@ def join(
 
 
 async def serve_range(remote: Address, keys: Keys, own: str, *, wait_s: float, on_word: OnWord, system: System) -> None:
-    """`join`, in a running event loop, with the address `own`."""
+    """`join_range`, in a running event loop, with the address `own`."""
     root = Path(tempfile.mkdtemp(prefix="skyrange-node-"))
     client = system.control_client(f"{HOST_PREFIX}{own}", remote, keys)
     client.open()
-    on_word(f"waiting for a range at {text(remote)}")
+    on_word(f"waiting for a range at {format_address(remote)}")
     try:
         await HostAgent(own, client, root, on_word, system).serve(wait_s)
     except ComponentError as error:
@@ -212,5 +212,5 @@ def _own_address(remote: Address) -> str:
         try:
             tried.connect(remote)
         except OSError as error:
-            raise ComponentError("node", f"no way to {text(remote)}: {error.strerror or error}") from error
+            raise ComponentError("node", f"no way to {format_address(remote)}: {error.strerror or error}") from error
         return str(tried.getsockname()[0])

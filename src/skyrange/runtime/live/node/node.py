@@ -15,26 +15,26 @@ from heapq import heappop, heappush
 from pathlib import Path
 from typing import Final
 
-from skyrange.agent.contracts import Observer
-from skyrange.agent.frames import Frame
-from skyrange.agent.links import MIN_LATENCY_NS
-from skyrange.codec.deframe import Piece
+from skyrange.assembly.build import BuiltScenario
+from skyrange.codec.mavlink.deframer import Piece
+from skyrange.contracts.components import Observer
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import MIN_LATENCY_NS
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.io.mavlink_sockets import OnPiece
+from skyrange.io.mavlink.transports import OnPiece
 from skyrange.kernel import Kernel
-from skyrange.kernel.lane import Transit
+from skyrange.kernel.directed_link import Transit
 from skyrange.record import Recorder
-from skyrange.runtime.live.addresses import Crossing
 from skyrange.runtime.live.clock import RangeClock
-from skyrange.runtime.live.ends import Transport
-from skyrange.runtime.live.intake import IngressRateLimiter
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import Credentials
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.node.ingress import IngressRateLimiter
+from skyrange.runtime.live.node.viewers import LiveViewers
 from skyrange.runtime.live.system import System
-from skyrange.runtime.live.tap_door import TapServer
-from skyrange.runtime.live.viewing import LiveViewers
-from skyrange.scenario.wire import Rig
+from skyrange.runtime.live.taps.tap_server import TapServer
+from skyrange.runtime.live.transport.addresses import Crossing
+from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.runtime.live.transport.links import Transport
 
 SLICE_NS: Final[Time] = 50 * NS_PER_MS
 """The most that a node catches up at once, so that its transports are served while it is behind."""
@@ -71,18 +71,18 @@ class Counts:
 class Node:
     """One process's part of the range."""
 
-    def __init__(self, config: NodeConfig, rig: Rig, recorder: Recorder, system: System) -> None:
-        """`rig` has what lives at the endpoints of `config`; `recorder` is told all that happens."""
+    def __init__(self, config: NodeConfig, built: BuiltScenario, recorder: Recorder, system: System) -> None:
+        """`built` has what lives at the endpoints of `config`; `recorder` is told all that happens."""
         self.counts = Counts()
         self._config = config
         self._system = system
         self._viewing = LiveViewers(config.watched) if config.watched else None
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
-        self._kernel = Kernel(replace(rig.wiring, fuse=False), observers)
+        self._kernel = Kernel(replace(built.wiring, fuse=False), observers)
         self._recorder = recorder
         self._flush_due_ns = 0
-        self._can_pause = rig.wiring.world is None
-        self._duration_ns = rig.duration_ns
+        self._can_pause = built.wiring.world is None
+        self._duration_ns = built.duration_ns
         self._clock: RangeClock | None = None
         self._transports: dict[str, Transport] = {}
         self._taps = TapServer(config.crossings, frozenset(config.endpoints), recorder)
@@ -92,7 +92,7 @@ class Node:
         self._pushed = 0
         self._arrived: dict[str, int] = {}
         self._began_cpu_s = time.process_time()
-        self._awaits = {attack.id for attack in rig.wiring.attacks if attack.trigger is not None}
+        self._awaits = {attack.id for attack in built.wiring.attacks if attack.trigger is not None}
         self.triggered: asyncio.Queue[tuple[str, Time]] = asyncio.Queue()
         """Attacks whose trigger has held here, and since when they act."""
         self._stopped = ""
@@ -249,7 +249,7 @@ class Node:
         serial = self._arrived.get(link, 0)
         self._arrived[link] = serial + 1
         name, _, direction = link.rpartition(":")
-        src, dst = self._kernel.lane(link)
+        src, dst = self._kernel.link_ends(link)
         return Transit(arrival, link, Frame(name, direction, src, serial, src, dst, arrival, data))
 
     def _send(self, frame: Frame) -> None:

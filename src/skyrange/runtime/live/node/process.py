@@ -1,6 +1,6 @@
 """Process of one node of a live range: start, orders of the supervisor, reports, end.
 
-`python -m skyrange.runtime.live.process RUN/.parts/NAME.program/node.json`, as `launch` starts it.
+`python -m skyrange.runtime.live.node.process RUN/.parts/NAME.program/node.json`, as `launch` starts it.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from skyrange.assembly.build import BuiltScenario, build
 from skyrange.core.errors import SkyrangeError
 from skyrange.record import Recorder
-from skyrange.runtime.collector import at_ease
-from skyrange.runtime.live.control import ControlClient
-from skyrange.runtime.live.node import Node
-from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.garbage_collection import collect_seldom
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.node.node import Node
 from skyrange.runtime.live.system import RealSystem, System
-from skyrange.scenario.load import load_file
-from skyrange.scenario.wire import Rig, wire
+from skyrange.runtime.live.transport.control import ControlClient
+from skyrange.scenario.toml_reader import load_file
 
 STATUS_S: Final = 0.5
 """Between two reports to the supervisor."""
@@ -35,11 +35,11 @@ async def run_node(config: NodeConfig, root: Path, system: System) -> int:
         await client.send("hello")
         try:
             scenario, here = load_file(root / "scenario.toml"), frozenset(config.endpoints)
-            rig = wire(scenario, local=here, motion=config.motion)
+            built = build(scenario, local=here, motion=config.motion)
             if not config.restarted:  # the others wait for nobody who is late, and have compiled what it needs
                 message = await _await_message(client, "warm_up")
                 system.warm_up(scenario, rehearse=bool(message["rehearse"]))
-            return await _serve_node(config, client, rig, root / config.part, system)
+            return await _serve_node(config, client, built, root / config.part, system)
         except _StoppedError:
             await client.send("done", status="interrupted")
             return 0
@@ -51,18 +51,20 @@ async def run_node(config: NodeConfig, root: Path, system: System) -> int:
         client.close()
 
 
-async def _serve_node(config: NodeConfig, client: ControlClient, rig: Rig, part: Path, system: System) -> int:
+async def _serve_node(
+    config: NodeConfig, client: ControlClient, built: BuiltScenario, part: Path, system: System
+) -> int:
     facts = {"name": config.name, "host": config.host, "endpoints": list(config.endpoints), "offset_ns": 0}
-    rates = rig.scenario.record
+    rates = built.scenario.record
     recorder = Recorder.open(
         part,
-        rig.header | {"node": facts},
+        built.header | {"node": facts},
         truth_hz=rates.truth_hz,
         sensors_hz=rates.sensors_hz,
         flush_s=math.inf,  # the node flushes by the system's clock
     )
-    recorder.listen(rig.oracle)
-    node = Node(config, rig, recorder, system)
+    recorder.record_receptions(built.oracle)
+    node = Node(config, built, recorder, system)
     tasks: list[asyncio.Task[None]] = []
     status, error = "failed", ""
     try:
@@ -77,7 +79,7 @@ async def _serve_node(config: NodeConfig, client: ControlClient, rig: Rig, part:
         tasks = [asyncio.create_task(work(client, node)) for work in (_report_status, _report_triggers, _obey)]
         for task in tasks:  # a node that nobody hears, or that hears nobody, does not fly on
             task.add_done_callback(lambda ended: None if ended.cancelled() else node.stop("failed"))
-        with at_ease():
+        with collect_seldom():
             status = await node.run(int(start["zero_ns"]))
         for task in tasks:
             if task.done():
@@ -91,7 +93,7 @@ async def _serve_node(config: NodeConfig, client: ControlClient, rig: Rig, part:
         for task in tasks:
             task.cancel()
         node.close()
-        rig.close()
+        built.close()
         ended = {"node": {**facts, "until_ns": node.status["now_ns"]}, **({"error": error} if error else {})}
         recorder.close(status, ended, in_spool=True)  # its rows are soon those of the whole
     await client.send("done", status=status, **node.status)

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Final
 
-from skyrange.agent.frames import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.runtime.viewers import Viewers
 
 SERVED_S: Final = 0.02

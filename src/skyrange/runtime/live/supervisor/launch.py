@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from skyrange.io.programs import Program
+from skyrange.io.processes.program import Program
 from skyrange.record.folder import PARTS
-from skyrange.runtime.live.orders import NodeConfig
+from skyrange.runtime.live.config import NodeConfig
 
 CONFIG_FILE: Final = "node.json"
 
@@ -44,5 +44,5 @@ def write_config(root: Path, config: NodeConfig) -> Path:
 def start_node(root: Path, config: NodeConfig, through: Sequence[str] = ()) -> Program:
     """Start the process of `config` in the run's folder `root`, by way of the command `through`."""
     path = write_config(root, config)
-    command = [*through, sys.executable, "-m", "skyrange.runtime.live.process", str(path)]
+    command = [*through, sys.executable, "-m", "skyrange.runtime.live.node.process", str(path)]
     return Program(config.name, command, path.parent)

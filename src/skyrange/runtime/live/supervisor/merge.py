@@ -8,24 +8,24 @@ from typing import Any, Final
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record.folder import PARTS
-from skyrange.record.merge import gather
-from skyrange.runtime.live.launch import part_of
-from skyrange.runtime.live.plan import LOOPBACK
-from skyrange.runtime.live.range import Range
+from skyrange.record.live_merge.merge import gather
+from skyrange.runtime.live.deployment import LOOPBACK
+from skyrange.runtime.live.range import LiveRange
+from skyrange.runtime.live.supervisor.launch import part_of
 
 FELL_BEHIND_NS: Final = NS_PER_S // 2
 COUNTED: Final = ("sent", "received", "unheard", "early", "dropped", "garbage", "refused")
 """The counts in the manifest, of each node's last start, as `node.Counts` has them."""
 
 
-def merge_parts(live_range: Range, status: str, failure: SkyrangeError | None) -> None:
+def merge_parts(live_range: LiveRange, status: str, failure: SkyrangeError | None) -> None:
     """Merge all parts into one record, close it with `status` and `failure`, and remove the parts."""
     extra: dict[str, Any] = {"timings": _timings(live_range), "live": _live(live_range)}
     if failure is not None:
         extra["error"] = str(failure)
     try:
         found = gather(
-            [live_range.folder / part for part in _parts(live_range)], live_range.recorder, live_range.rig.header
+            [live_range.folder / part for part in _parts(live_range)], live_range.recorder, live_range.built.header
         )
     except SkyrangeError as error:
         live_range.recorder.close("failed", {"error": str(error)} | extra)
@@ -34,14 +34,14 @@ def merge_parts(live_range: Range, status: str, failure: SkyrangeError | None) -
     shutil.rmtree(live_range.folder / PARTS, ignore_errors=True)  # absent if nothing was started
 
 
-def _parts(live_range: Range) -> list[str]:
+def _parts(live_range: LiveRange) -> list[str]:
     """The folders of all records, of each node one for each time that it was started."""
     starts = {name: member.starts for name, member in live_range.members.items()}
-    names = [node.name for node in live_range.plan.nodes]
+    names = [node.name for node in live_range.deployment.nodes]
     return [part_of(name, start) for name in names for start in range(1, starts.get(name, 1) + 1)]
 
 
-def _timings(live_range: Range) -> dict[str, Any]:
+def _timings(live_range: LiveRange) -> dict[str, Any]:
     late_ns = max((int(member.status.get("late_ns", 0)) for member in live_range.members.values()), default=0)
     reached_s = max((to_seconds(int(one.status.get("now_ns", 0))) for one in live_range.members.values()), default=0.0)
     return {
@@ -51,15 +51,15 @@ def _timings(live_range: Range) -> dict[str, Any]:
     }
 
 
-def _live(live_range: Range) -> dict[str, Any]:
+def _live(live_range: LiveRange) -> dict[str, Any]:
     late = {name: int(member.status.get("late_ns", 0)) for name, member in live_range.members.items()}
     return {
-        "nodes": {node.name: sorted(node.endpoints) for node in live_range.plan.nodes},
-        "outside": sorted(live_range.plan.outside),
+        "nodes": {node.name: sorted(node.endpoints) for node in live_range.deployment.nodes},
+        "outside": sorted(live_range.deployment.outside),
         "links": {
             one.link.name: f"{one.transport}://{one.address[0]}:{one.address[1]}" for one in live_range.crossings
         },
-        "hosts": {node.name: node.host for node in live_range.plan.nodes} if live_range.plan.others else {},
+        "hosts": {node.name: node.host for node in live_range.deployment.nodes} if live_range.deployment.others else {},
         "namespaces": dict(live_range.spaces.names) if live_range.spaces is not None else {},
         "clocks": live_range.clocks,
         "refused": live_range.refused,

@@ -17,7 +17,7 @@ from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import owner_of
-from skyrange.runtime.live.plan import WORLD
+from skyrange.runtime.live.deployment import WORLD
 
 NETWORKS: Final = range(77, 128)
 """10.N.0.0/16 is the network of a range, and `skyN` its bridge, for the first N that is free."""

@@ -17,19 +17,19 @@ import zmq
 
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import NS_PER_S
-from skyrange.io.curve_keys import Keys
-from skyrange.io.mavlink_sockets import Address
+from skyrange.io.mavlink.transports import Address
+from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record.folder import PARTS
 from skyrange.runtime.interrupt import Interruptible
-from skyrange.runtime.live.control import Message
-from skyrange.runtime.live.ending import merge_parts
-from skyrange.runtime.live.host import HOST_PREFIX
-from skyrange.runtime.live.joining import RemoteHost, RemoteHosts
-from skyrange.runtime.live.launch import part_of
-from skyrange.runtime.live.orders import NodeConfig
-from skyrange.runtime.live.passes import Credentials, issue_credentials
-from skyrange.runtime.live.plan import LOOPBACK, WORLD
-from skyrange.runtime.live.range import MAX_STARTS, OnLook, Range, State, SupervisedNode
+from skyrange.runtime.live.config import NodeConfig
+from skyrange.runtime.live.deployment import LOOPBACK, WORLD
+from skyrange.runtime.live.node.host_agent import HOST_PREFIX
+from skyrange.runtime.live.range import MAX_STARTS, LiveRange, OnUpdate, State, SupervisedNode
+from skyrange.runtime.live.supervisor.launch import part_of
+from skyrange.runtime.live.supervisor.merge import merge_parts
+from skyrange.runtime.live.supervisor.remote_hosts import RemoteHost, RemoteHosts
+from skyrange.runtime.live.transport.control import Message
+from skyrange.runtime.live.transport.credentials import Credentials, issue_credentials
 
 LEAD_NS: Final = 300_000_000
 """From the message `start` to time 0."""
@@ -41,26 +41,26 @@ START_S: Final = 180.0
 """Wall seconds in which all nodes have to come one step further, such as to boot their autopilots."""
 END_S: Final = 60.0
 """Wall seconds that a node has to close its record."""
-LOOK_S: Final = 0.1
+UPDATE_S: Final = 0.1
 """Between two looks at the nodes."""
 
 
-def fly(live_range: Range, on_look: OnLook | None = None) -> Path:
+def run_range(live_range: LiveRange, on_update: OnUpdate | None = None) -> Path:
     """Start all processes, run to the scenario's end, end them, and merge the records; the run's folder.
 
-    `on_look` is called ten times a second. Raises `ComponentError` if a node or a machine does not come up or dies,
+    `on_update` is called ten times a second. Raises `ComponentError` if a node or a machine does not come up or dies,
     and `ShortfallError` after Ctrl-C; the record holds what was recorded by then.
     """
     with live_range.spaces or nullcontext(), Interruptible() as interrupt:
-        return live_range.system.run(supervise(live_range, on_look, interrupt))
+        return live_range.system.run(supervise(live_range, on_update, interrupt))
 
 
-async def supervise(live_range: Range, on_look: OnLook | None, interrupt: Interruptible) -> Path:
-    """`fly`, in a running event loop."""
-    return await _Supervisor(live_range, on_look or _ignore_look, interrupt).run()
+async def supervise(live_range: LiveRange, on_update: OnUpdate | None, interrupt: Interruptible) -> Path:
+    """`run_range`, in a running event loop."""
+    return await _Supervisor(live_range, on_update or _ignore_update, interrupt).run()
 
 
-def _ignore_look(_: Range) -> None:
+def _ignore_update(_: LiveRange) -> None:
     return
 
 
@@ -75,9 +75,9 @@ def _as_failure(error: Exception) -> SkyrangeError:
 class _Supervisor:
     """One range, from its first process to its record."""
 
-    def __init__(self, live_range: Range, on_look: OnLook, interrupt: Interruptible) -> None:
+    def __init__(self, live_range: LiveRange, on_update: OnUpdate, interrupt: Interruptible) -> None:
         self._range = live_range
-        self._on_look = on_look
+        self._on_update = on_update
         self._interrupt = interrupt
         self._clock = live_range.system.clock
         public, secret = (
@@ -93,10 +93,10 @@ class _Supervisor:
         self._active_attacks: dict[str, int] = {}
         """Attacks whose trigger has held, and the range's time at which it did, in ns."""
         self._ending = False
-        self._hosts = RemoteHosts(live_range.rig.scenario.name, self._control, self._on_ended, others, self._clock)
+        self._hosts = RemoteHosts(live_range.built.scenario.name, self._control, self._on_ended, others, self._clock)
 
     async def run(self) -> Path:
-        """Run the range from its first process to its record, which it returns; see `fly`."""
+        """Run the range from its first process to its record, which it returns; see `run_range`."""
         live_range, interrupt = self._range, self._interrupt
         failure: SkyrangeError | None = None
         try:
@@ -136,7 +136,10 @@ class _Supervisor:
 
     def _open(self) -> None:
         live_range = self._range
-        local: Address = (live_range.plan.base if live_range.plan.others else LOOPBACK, live_range.control_port)
+        local: Address = (
+            live_range.deployment.base if live_range.deployment.others else LOOPBACK,
+            live_range.control_port,
+        )
         try:
             self._control.open(local)
         except OSError as error:
@@ -150,7 +153,7 @@ class _Supervisor:
 
     async def _join(self) -> None:
         """Wait until all machines are there, then start every process."""
-        live_range, host = self._range, self._range.plan.base
+        live_range, host = self._range, self._range.deployment.base
         deadline_ns = self._deadline_ns(JOIN_S)
         while missing := self._hosts.missing:
             live_range.waits_for = missing
@@ -160,15 +163,15 @@ class _Supervisor:
             if self._is_past(deadline_ns):
                 hint = f"Run `skyrange node --join {host}:{self._control.address[1]} --key FILE` there"
                 raise ComponentError("live", f"{', '.join(missing)} did not join within {JOIN_S:g} s", hint)
-            self._on_look(live_range)
-            await asyncio.sleep(LOOK_S)
+            self._on_update(live_range)
+            await asyncio.sleep(UPDATE_S)
         live_range.waits_for = []
-        for node in live_range.plan.nodes:
+        for node in live_range.deployment.nodes:
             live_range.members[node.name] = SupervisedNode(node.name, node.host)
         for address in self._hosts.members:
-            configs = [self._config_of(node.name) for node in live_range.plan.nodes if node.host == address]
-            await self._hosts.send_nodes(address, live_range.rig.attachments, configs)
-        for node in live_range.plan.nodes:
+            configs = [self._config_of(node.name) for node in live_range.deployment.nodes if node.host == address]
+            await self._hosts.send_nodes(address, live_range.built.attachments, configs)
+        for node in live_range.deployment.nodes:
             if node.host not in self._hosts.members:
                 self._launch(live_range.members[node.name])
 
@@ -181,7 +184,7 @@ class _Supervisor:
     def _config_of(self, name: str) -> NodeConfig:
         live_range = self._range
         start = live_range.members[name].starts
-        node = live_range.plan.node(name)
+        node = live_range.deployment.node(name)
         return NodeConfig(
             name=node.name,
             endpoints=tuple(sorted(node.endpoints)),
@@ -224,8 +227,8 @@ class _Supervisor:
 
     def _rehearses(self, name: str) -> bool:
         """Whether a node may come to need what the first half minute does not show: an evasion, say."""
-        avoids = any(operator.avoidance is not None for operator in self._range.rig.scenario.operators)
-        ends = self._range.plan.node(name).endpoints
+        avoids = any(operator.avoidance is not None for operator in self._range.built.scenario.operators)
+        ends = self._range.deployment.node(name).endpoints
         return name == WORLD or (avoids and any(end.endswith(".companion") for end in ends))
 
     async def _wait_for_all(self, who: Sequence[str], state: State, within_s: float) -> None:
@@ -241,8 +244,8 @@ class _Supervisor:
             if self._is_past(deadline_ns):
                 late = ", ".join(name for name in who if members[name].state != state)
                 raise ComponentError("live", f"{late} not {state} within {within_s:g} s")
-            self._on_look(self._range)
-            await asyncio.sleep(LOOK_S)
+            self._on_update(self._range)
+            await asyncio.sleep(UPDATE_S)
 
     async def _watch(self) -> None:
         """Wait until all are done, or one of them has ended that the range cannot do without."""
@@ -255,8 +258,8 @@ class _Supervisor:
                     raise ComponentError(dead.name, dead.ended)
                 if live_range.on_death == "restart" and dead.starts < MAX_STARTS and not dead.running:
                     await self._restart(dead)
-            self._on_look(live_range)
-            await asyncio.sleep(LOOK_S)
+            self._on_update(live_range)
+            await asyncio.sleep(UPDATE_S)
 
     async def _restart(self, dead: SupervisedNode) -> None:
         """Start the next process of its name, which `_lead` brings up while the others fly."""
@@ -368,8 +371,8 @@ class _Supervisor:
             self._notice_ended()
             if all(not one.running or one.state == "dead" for one in live_range.members.values()):
                 break
-            self._on_look(live_range)
-            await asyncio.sleep(LOOK_S)
+            self._on_update(live_range)
+            await asyncio.sleep(UPDATE_S)
         failure: SkyrangeError | None = None
         for address, host in self._hosts.members.items():
             if not host.joined or self._hosts.is_silent(host) or not live_range.members:
@@ -380,6 +383,6 @@ class _Supervisor:
                 failure = failure or error
         await self._hosts.dismiss()
         with suppress(asyncio.CancelledError):
-            await asyncio.sleep(LOOK_S if self._hosts.members else 0.0)  # the message has to go out
+            await asyncio.sleep(UPDATE_S if self._hosts.members else 0.0)  # the message has to go out
         if failure is not None:
             raise failure

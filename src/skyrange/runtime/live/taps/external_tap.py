@@ -13,11 +13,11 @@ from typing import Any, Final, Literal, Protocol
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from skyrange.agent.frames import Fate, Frame
-from skyrange.agent.links import LinkSpec
-from skyrange.agent.messages import Note
-from skyrange.agent.verdicts import Label
-from skyrange.codec.deframe import Deframer
+from skyrange.codec.mavlink.deframer import Deframer
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
 
@@ -36,7 +36,7 @@ class Record(Protocol):
     def on_note(self, now: Time, source: str, note: Note) -> None: ...  # noqa: D102
 
 
-class Terms(BaseModel):
+class TapTerms(BaseModel):
     """Terms on which a link is tapped."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -97,7 +97,7 @@ class _Held:
 class ExternalTap:
     """One link's tap. `mavlink` tells whether payloads are MAVLink."""
 
-    terms: Terms
+    terms: TapTerms
     spec: LinkSpec
     side: str
     """The endpoint at whose socket it stands."""

@@ -13,15 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
-from skyrange.core.errors import ComponentError, Fault, InputError, nearest
+from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.runtime.live.clock import Clock, MonotonicClock
-from skyrange.runtime.live.launch import CONFIG_FILE
-from skyrange.runtime.live.plan import LOOPBACK
-from skyrange.runtime.live.tap_door import MAX_LINE_BYTES, MAX_WAITING_BYTES, SOCKET, line_of, socket_path
-from skyrange.runtime.live.tapping import Terms
+from skyrange.runtime.live.deployment import LOOPBACK
+from skyrange.runtime.live.supervisor.launch import CONFIG_FILE
+from skyrange.runtime.live.taps.external_tap import TapTerms
+from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, MAX_WAITING_BYTES, SOCKET, line_of, socket_path
 
 RETRY_S: Final = 0.1
 """Between two attempts to reach the node."""
@@ -30,10 +30,10 @@ OnWord = Callable[[str], None]
 
 
 @dataclass(slots=True)
-class Tapping:
+class TapProcess:
     """A tap's process: its terms, the address for its program, and the counts of what happened."""
 
-    terms: Terms
+    terms: TapTerms
     listen: tuple[str, int]
     """Port 0 takes any that is free."""
     run: Path
@@ -149,7 +149,7 @@ def find_node_folder(run: Path, link: str) -> Path | None:
     if folders and all((folder / SOCKET).exists() for folder in folders):
         hint = f"{nearest(link, found)} One within a process has no socket: --group component gives each its own. "
         hint += "One between other machines is tapped on one of those."
-        raise InputError("tap", [Fault("LINK", link, "a link that crosses between processes", hint)])
+        raise InputError("tap", [Problem("LINK", link, "a link that crosses between processes", hint)])
     status = (_read_json(run / MANIFEST) or {}).get("status", "running")
     if status != "running":
         raise InputError.one("tap", "--run", f"{run} ({status})", "a live range that flies")
@@ -165,10 +165,12 @@ def _read_json(path: Path) -> dict[str, Any] | None:
     return found if isinstance(found, dict) else None
 
 
-def loopback(address: str) -> tuple[str, int]:
+def parse_loopback(address: str) -> tuple[str, int]:
     """Host and port of `HOST:PORT`; `InputError` unless it is on the loopback, since a tap has no keys."""
     host, _, port = address.rpartition(":")
     if host not in (LOOPBACK, "localhost", "") or not port.isdecimal() or int(port) > 65_535:
         hint = "From another machine let ssh carry it: ssh -L."
-        raise InputError("tap", [Fault("--listen", address, f"a port of the loopback, such as {LOOPBACK}:7000", hint)])
+        raise InputError(
+            "tap", [Problem("--listen", address, f"a port of the loopback, such as {LOOPBACK}:7000", hint)]
+        )
     return LOOPBACK, int(port)

@@ -17,11 +17,11 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from skyrange.agent.frames import Frame
+from skyrange.contracts.frames.frame import Frame
 from skyrange.core.errors import nearest
 from skyrange.core.time import NEVER, Time
-from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.tapping import ExternalTap, Record, Terms
+from skyrange.runtime.live.taps.external_tap import ExternalTap, Record, TapTerms
+from skyrange.runtime.live.transport.addresses import Crossing
 
 SOCKET: Final = "tap.sock"
 MAX_LINE_BYTES: Final = 4 << 20
@@ -168,7 +168,7 @@ class TapServer:
     def _attach(self, line: bytes) -> ExternalTap | str:
         """A new tap on the terms in `line`, or why there is none."""
         try:
-            terms = Terms.model_validate_json(line)
+            terms = TapTerms.model_validate_json(line)
         except ValidationError as error:
             return str(error.errors(include_url=False, include_input=False)[0]["msg"])
         crossing = self._crossings.get(terms.link)

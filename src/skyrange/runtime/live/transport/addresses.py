@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from skyrange.agent.links import LinkSpec
-from skyrange.core.errors import Fault, InputError
-from skyrange.runtime.live.plan import LOOPBACK, Plan
+from skyrange.contracts.links import LinkSpec
+from skyrange.core.errors import InputError, Problem
+from skyrange.runtime.live.deployment import LOOPBACK, Deployment
 
 STEP: Final = 10
 TransportKind = Literal["udp", "tcp", "zmq", "http"]
@@ -50,7 +50,7 @@ class Crossing:
     address: tuple[str, int]
 
 
-def crossings(links: Sequence[LinkSpec], planned: Plan, offset: int = 0) -> list[Crossing]:
+def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -> list[Crossing]:
     """The addresses of those of `links` that are between two processes; grouping moves no port.
 
     The n-th link of a kind has that kind's first port + 10 n + `offset`, on the loopback while both ends are on one
@@ -68,7 +68,7 @@ def crossings(links: Sequence[LinkSpec], planned: Plan, offset: int = 0) -> list
         port = kind.port + STEP * places[spec.name] + offset
         listener = next(end for end in (spec.a, spec.b) if end.rpartition(".")[2] == kind.listens)
         if not 1 <= port <= 65_535:
-            faults.append(Fault(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
+            faults.append(Problem(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
         hosts = {planned.host(spec.a), planned.host(spec.b)}
         host = planned.host(listener) if len(hosts) > 1 else LOOPBACK
         found.append(Crossing(spec, kind.transport, listener, (host, port)))
@@ -87,7 +87,7 @@ def check_free(places: Sequence[Crossing]) -> None:
         where = f"{one.link.name} at {one.address[0]}:{one.address[1]}/{family}"
         hint = "Move all ports with --port-offset, or end what uses it."
         if other != one.link.name:
-            faults.append(Fault(where, f"taken by {other}", "an address of its own", hint))
+            faults.append(Problem(where, f"taken by {other}", "an address of its own", hint))
             continue
         kind = socket.SOCK_DGRAM if family == "udp" else socket.SOCK_STREAM
         with socket.socket(socket.AF_INET6 if ":" in one.address[0] else socket.AF_INET, kind) as tried:
@@ -98,6 +98,6 @@ def check_free(places: Sequence[Crossing]) -> None:
             except OSError as error:
                 if error.errno == errno.EADDRNOTAVAIL:
                     hint = "Start the range on the machine that hosts.world names."
-                faults.append(Fault(where, error.strerror or str(error), "an address that is free", hint))
+                faults.append(Problem(where, error.strerror or str(error), "an address that is free", hint))
     if faults:
         raise InputError("live", faults)

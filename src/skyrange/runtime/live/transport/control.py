@@ -4,7 +4,7 @@ A node sends `hello`, `bound` (it has flown on trial, and holds its addresses), 
 twice a second, `attack` when the trigger of one holds in the world, `done`. The supervisor sends `warm_up` to the first
 node of each machine, and to the others once those are bound; `connect` once all are bound; `start` with the clock's
 zero once all are ready; `clock` when that is known better; `attack` as the world said; `stop`. The messages of
-machines are in `joining`. A message may carry bytes, a part of a file. Nothing that is received is evaluated;
+machines are in `remote_hosts`. A message may carry bytes, a part of a file. Nothing that is received is evaluated;
 anything but such an object is dropped and counted, and nobody without a key of the range is let in.
 """
 
@@ -19,10 +19,10 @@ import zmq
 import zmq.asyncio
 from zmq.utils.monitor import recv_monitor_message
 
-from skyrange.io.curve_keys import Keys
-from skyrange.io.ends import naming, text
-from skyrange.io.mavlink_sockets import LOOPBACK, Address
-from skyrange.io.zmq_room import AllowedKeys, authenticator_of
+from skyrange.io.addresses import format_address, with_address
+from skyrange.io.mavlink.transports import LOOPBACK, Address
+from skyrange.io.zeromq.context import AllowedKeys, authenticator_of
+from skyrange.io.zeromq.curve_keys import Keys
 
 Message = dict[str, Any]
 MAX_MESSAGE_BYTES: Final = 65_536
@@ -129,10 +129,10 @@ class ZmqControlServer:
         self._monitor = socket.get_monitor_socket(_REFUSED)
         self._watch = asyncio.ensure_future(self._count_refused())
         try:
-            socket.bind(f"tcp://{text(local)}")
+            socket.bind(f"tcp://{format_address(local)}")
         except zmq.ZMQError as error:
             number = error.errno or 0
-            raise naming(local, OSError(number, zmq.strerror(number))) from error
+            raise with_address(local, OSError(number, zmq.strerror(number))) from error
         bound = bytes(self._socket.get(zmq.LAST_ENDPOINT)).decode().rstrip("\0")
         self.address = (local[0], int(bound.rpartition(":")[2]))
 
@@ -189,7 +189,7 @@ class ZmqControlClient:
         (socket.curve_serverkey,) = self.keys.peers
         self._monitor = socket.get_monitor_socket(_REFUSED | _REACHED)
         self._watch = asyncio.ensure_future(self._count_events())
-        socket.connect(f"tcp://{text(self.address)}")
+        socket.connect(f"tcp://{format_address(self.address)}")
 
     async def _count_events(self) -> None:
         while True:

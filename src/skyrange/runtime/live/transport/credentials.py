@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import zmq
 
-from skyrange.io.curve_keys import Keys
+from skyrange.io.zeromq.curve_keys import Keys
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 from skyrange.core.errors import ComponentError
-from skyrange.runtime.live.control import CHUNK_BYTES
+from skyrange.runtime.live.transport.control import CHUNK_BYTES
 
 
 def split_chunks(data: bytes) -> Iterator[tuple[int, bytes]]:

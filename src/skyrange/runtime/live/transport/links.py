@@ -8,13 +8,13 @@ from __future__ import annotations
 import asyncio
 from typing import Final, Protocol
 
-from skyrange.io.ends import is_loopback
-from skyrange.io.http_ends import HttpClientEnd, HttpServerEnd
-from skyrange.io.mavlink_sockets import OnPiece, TcpEnd, UdpEnd, serve_tcp
-from skyrange.io.zmq_sockets import Counts as ZmqCounts
-from skyrange.io.zmq_sockets import ZmqEnd
-from skyrange.runtime.live.addresses import Crossing
-from skyrange.runtime.live.passes import Credentials
+from skyrange.io.addresses import is_loopback
+from skyrange.io.http.transports import HttpClientTransport, HttpServerTransport
+from skyrange.io.mavlink.transports import OnPiece, TcpTransport, UdpTransport, listen_tcp
+from skyrange.io.zeromq.transport import Counts as ZmqCounts
+from skyrange.io.zeromq.transport import ZmqTransport
+from skyrange.runtime.live.transport.addresses import Crossing
+from skyrange.runtime.live.transport.credentials import Credentials
 
 MAX_BYTES: Final = {"oracle": 1 << 20}
 """Longest message over ZeroMQ by kind of link: what ground receivers received in a step, as JSON, is the longest."""
@@ -46,30 +46,34 @@ class Transport(Protocol):
 async def listen(crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
     """The transport that waits at the link's address, on the machine `host`. `OSError` where the address is taken."""
     if crossing.transport == "udp":
-        return _Udp(await UdpEnd.open(on_piece, crossing.address))
+        return _Udp(await UdpTransport.open(on_piece, crossing.address))
     if crossing.transport == "tcp":
         return await TcpListener.open(on_piece, crossing.address)
     if crossing.transport == "zmq":
         keys = None if is_loopback(crossing.address[0]) else credentials.links
-        end = await ZmqEnd.bind(on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE)
+        end = await ZmqTransport.bind(
+            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE
+        )
         return _Counted(end)
     token = None if is_loopback(crossing.address[0]) else credentials.token
-    return _Counted(await HttpServerEnd.open(on_piece, crossing.address, token=token))
+    return _Counted(await HttpServerTransport.open(on_piece, crossing.address, token=token))
 
 
 async def connect(crossing: Crossing, on_piece: OnPiece, host: str, credentials: Credentials) -> Transport:
     """The transport that connects from `host` to the link's address, now or as soon as somebody is there."""
     if crossing.transport == "udp":
         own = crossing.address[0] if is_loopback(crossing.address[0]) else host
-        return _Udp(await UdpEnd.open(on_piece, (own, 0), remote=crossing.address))
+        return _Udp(await UdpTransport.open(on_piece, (own, 0), remote=crossing.address))
     if crossing.transport == "tcp":
         return TcpConnector(on_piece, crossing.address)
     if crossing.transport == "zmq":
         keys = None if is_loopback(crossing.address[0]) else credentials.links
-        end = await ZmqEnd.connect(on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE)
+        end = await ZmqTransport.connect(
+            on_piece, crossing.address, keys=keys, max_bytes=_max_bytes(crossing), queue=QUEUE
+        )
         return _Counted(end)
     token = None if is_loopback(crossing.address[0]) else credentials.token
-    return _Counted(await HttpClientEnd.open(on_piece, crossing.address, token=token))
+    return _Counted(await HttpClientTransport.open(on_piece, crossing.address, token=token))
 
 
 def _max_bytes(crossing: Crossing) -> int:
@@ -81,14 +85,14 @@ class _Udp:
 
     refused = 0
 
-    def __init__(self, end: UdpEnd) -> None:
+    def __init__(self, end: UdpTransport) -> None:
         self.send, self.close = end.send, end.close
 
 
 class _Counted:
     """A transport that counts itself whom it does not let in."""
 
-    def __init__(self, end: ZmqEnd | HttpServerEnd | HttpClientEnd) -> None:
+    def __init__(self, end: ZmqTransport | HttpServerTransport | HttpClientTransport) -> None:
         self.send, self.close = end.send, end.close
         self._end = end
 
@@ -120,13 +124,13 @@ class TcpListener:
         self.refused = 0
         self._on_piece = on_piece
         self._server: asyncio.Server | None = None
-        self._peer: TcpEnd | None = None
+        self._peer: TcpTransport | None = None
 
     @classmethod
     async def open(cls, on_piece: OnPiece, address: tuple[str, int]) -> TcpListener:
         """Listen at `address`; `OSError` where it is taken."""
         made = cls(on_piece)
-        made._server, _ = await serve_tcp(made._accept, address)
+        made._server, _ = await listen_tcp(made._accept, address)
         return made
 
     def _accept(self) -> asyncio.BaseProtocol:
@@ -135,7 +139,7 @@ class TcpListener:
                 self.refused += 1
                 return _RefusedConnection()
             self._peer.close()
-        self._peer = TcpEnd(self._on_piece)
+        self._peer = TcpTransport(self._on_piece)
         return self._peer
 
     def send(self, payload: bytes) -> bool:
@@ -157,13 +161,13 @@ class TcpConnector:
 
     def __init__(self, on_piece: OnPiece, address: tuple[str, int]) -> None:
         """Begin to connect, in the running event loop."""
-        self._peer: TcpEnd | None = None
+        self._peer: TcpTransport | None = None
         self._task = asyncio.get_running_loop().create_task(self._keep_connected(on_piece, address))
 
     async def _keep_connected(self, on_piece: OnPiece, address: tuple[str, int]) -> None:
         while True:
             try:
-                peer = await TcpEnd.connect(on_piece, address)
+                peer = await TcpTransport.connect(on_piece, address)
             except OSError:
                 await asyncio.sleep(RECONNECT_S)
                 continue

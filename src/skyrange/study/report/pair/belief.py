@@ -14,13 +14,13 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.study.chart import draw_chart
-from skyrange.study.marks import alarming
-from skyrange.study.report import words
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.time_chart import draw_chart
+from skyrange.study.figures.twins import Span
+from skyrange.study.measures.mishaps import mishap_kind
+from skyrange.study.measures.time_series import Record, Track, belief_errors_m, belief_tracks, hostile_acts, read_notes
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.series import Record, Track, belief_tracks, gaps_m, happenings, hostile_acts
-from skyrange.study.subject import Subject
-from skyrange.study.twin_figures import Span
 
 Line = tuple[NDArray[np.int64], NDArray[np.float64]]
 
@@ -95,14 +95,17 @@ def believed_tracks(run: Record, chosen: Sequence[str]) -> dict[str, Track]:
 def _ends(run: Record) -> dict[str, int]:
     """Time of each aircraft's first collision or crash, after which its estimator says nothing about an attack."""
     found: dict[str, int] = {}
-    for row in happenings(run, "events"):
-        if alarming(row) in ("collision", "crash"):
+    for row in read_notes(run, "events"):
+        if mishap_kind(row) in ("collision", "crash"):
             found.setdefault(row.about, row.time_ns)
     return found
 
 
 def _gaps(run: Record, tracks: Mapping[str, Track], chosen: Sequence[str]) -> dict[str, Line]:
-    return {name: (track.time_ns, gaps_m(tracks[name], track)) for name, track in believed_tracks(run, chosen).items()}
+    return {
+        name: (track.time_ns, belief_errors_m(tracks[name], track))
+        for name, track in believed_tracks(run, chosen).items()
+    }
 
 
 def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[str, Any]]:
@@ -110,8 +113,8 @@ def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[s
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     rows = [
         row
-        for row in happenings(run, "events")
-        if row.about in whom and (row.kind in _ESTIMATOR or alarming(row) == "failsafe")
+        for row in read_notes(run, "events")
+        if row.about in whom and (row.kind in _ESTIMATOR or mishap_kind(row) == "failsafe")
     ]
     return [
         {
@@ -119,7 +122,7 @@ def _notes(run: Record, subject: Subject, whom: Sequence[str]) -> list[Mapping[s
             "vehicle": row.about,
             "what": row.kind.removeprefix("event.").replace("_", " "),
             "data": row.data,
-            "time": words.quantity(row.time_ns / NS_PER_S, "s", 2),
+            "time": quantities.quantity(row.time_ns / NS_PER_S, "s", 2),
         }
         for row in rows[:MAX_NOTES]
     ]

@@ -7,10 +7,10 @@ from typing import Any
 
 from markupsafe import Markup
 
-from skyrange.study.report import words
+from skyrange.study.figures.subject import Subject
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.spread import Interval
-from skyrange.study.subject import Subject
+from skyrange.study.twins.confidence import Interval
 
 Row = Mapping[str, Any]
 
@@ -81,11 +81,11 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         "quiet": departed is None,
         "outcomes": [(_BADGES.get(state, "wait"), state) for state in states],
         "numbers": (
-            words.MISSING if departed is None else words.quantity(departed, "s", 1),
-            words.quantity(row["departure_m"], "m", 1),
-            words.signed(row["delay_s"], "s", 1),
-            words.signed(row["extra_distance_m"], "m", 1),
-            words.signed(None if energy is None else energy / 1000.0, "kJ", 2),
+            quantities.MISSING if departed is None else quantities.quantity(departed, "s", 1),
+            quantities.quantity(row["departure_m"], "m", 1),
+            quantities.signed(row["delay_s"], "s", 1),
+            quantities.signed(row["extra_distance_m"], "m", 1),
+            quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2),
             _change(row["min_separation_twin_m"], row["min_separation_m"]),
             _change(row["min_wall_twin_m"], row["min_wall_m"]),
             _counts(row["near_misses_twin"], row["near_misses"]),
@@ -94,15 +94,15 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     }
 
 
-def _together(rows: Sequence[Row]) -> Sequence[str | words.Quantity]:
+def _together(rows: Sequence[Row]) -> Sequence[str | quantities.Quantity]:
     """The sums over one operator's aircraft."""
     return (
-        words.count(len(rows)),
-        words.count(sum(row["departed_s"] is not None for row in rows)),
-        words.count(sum(row["outcome"] != row["outcome_twin"] for row in rows)),
-        words.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 1),
-        words.signed(sum(row["extra_distance_m"] for row in rows), "m", 1),
-        words.signed(sum(row["extra_energy_j"] or 0.0 for row in rows) / 1000.0, "kJ", 2),
+        quantities.count(len(rows)),
+        quantities.count(sum(row["departed_s"] is not None for row in rows)),
+        quantities.count(sum(row["outcome"] != row["outcome_twin"] for row in rows)),
+        quantities.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 1),
+        quantities.signed(sum(row["extra_distance_m"] for row in rows), "m", 1),
+        quantities.signed(sum(row["extra_energy_j"] or 0.0 for row in rows) / 1000.0, "kJ", 2),
         _counts(sum(row["near_misses_twin"] for row in rows), sum(row["near_misses"] for row in rows)),
         _counts(sum(row["collisions_twin"] for row in rows), sum(row["collisions"] for row in rows)),
     )
@@ -116,17 +116,17 @@ def _interval(found: Interval | None, unit: str, scale: float, decimals: int) ->
         for value in (found.low, found.high)
     ]
     return {
-        "mean": words.signed(found.mean * scale, unit, decimals),
+        "mean": quantities.signed(found.mean * scale, unit, decimals),
         "low": None if None in ends else ends[0],
         "high": ends[1],
         "n": found.n,
-        "bold": found.clear,
+        "bold": found.excludes_zero,
     }
 
 
-def _change(twin: float | None, attacked: float | None) -> words.Quantity:
+def _change(twin: float | None, attacked: float | None) -> quantities.Quantity:
     if twin is None and attacked is None:
-        return words.MISSING
+        return quantities.MISSING
     shown = ["far" if value is None else f"{value:.1f}" for value in (twin, attacked)]
     return ((" → ".join(dict.fromkeys(shown)), "m"),)
 

@@ -11,18 +11,19 @@ import numpy as np
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
-from skyrange.study.marks import find_mishaps
-from skyrange.study.pair_folder import Pair
-from skyrange.study.reception_map import draw_reception_map
-from skyrange.study.receptions import receptions_of, who_heard_whom
-from skyrange.study.report import believing, chain, effecttable, hearing, words
-from skyrange.study.report.page import colour_rules
+from skyrange.study.figures.reception_map import draw_reception_map
+from skyrange.study.figures.subject import Subject, subject_of
+from skyrange.study.figures.svg import Figure
+from skyrange.study.figures.symbols import Place
+from skyrange.study.figures.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.measures.mishaps import find_mishaps
+from skyrange.study.measures.receptions import read_receptions, summarise_receptions
+from skyrange.study.measures.time_series import RecordedNote, Track, read_notes, truth_tracks
+from skyrange.study.report import quantities, reception_tables
+from skyrange.study.report.pair import belief, effect_tables, propagation_timeline
 from skyrange.study.report.rendering import asset, content_policy, render
-from skyrange.study.series import Happening, Track, happenings, truth_tracks
-from skyrange.study.subject import Subject, subject_of
-from skyrange.study.svg import Figure
-from skyrange.study.symbols import Place
-from skyrange.study.twin_figures import Span, draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.report.run.page import colour_rules
+from skyrange.study.twins.pair_folder import Pair
 
 MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
@@ -47,7 +48,7 @@ def render_comparison(pair: Pair) -> str:
     attacked, twin = pair.run("attacked", seed), pair.run("nominal", seed)
     subject = subject_of(attacked)
     tracks, twins = truth_tracks(attacked), truth_tracks(twin)
-    events = happenings(attacked, "events")
+    events = read_notes(attacked, "events")
     propagation = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
     own = [row for row in effects if row["seed"] == seed and row["against"] == "nominal"]
@@ -72,15 +73,15 @@ def render_comparison(pair: Pair) -> str:
         heights=draw_twin_heights(subject, tracks, twins, shown, spans),
         departures=draw_departures(subject, tracks, twins, shown, spans),
         threshold=f"{pair.manifest['threshold_m']:g}",
-        chain=chain.render_timeline(
+        chain=propagation_timeline.render_timeline(
             subject, propagation, [row["id"] for row in _declared(attacked)], spans, attacked.duration
         ),
-        steps=chain.render_steps(subject, propagation),
+        steps=propagation_timeline.render_steps(subject, propagation),
         seed=seed,
         near=f"{pair.manifest['near_m']:g}",
         effects=[_effects(subject, effects, seed, arm) for arm in pair.arms if arm != "attacked"],
         ensemble=_ensemble(pair, subject, effects),
-        belief=believing.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
+        belief=belief.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
         receptions=_receptions(attacked, subject, places),
         folder=str(pair.path),
     )
@@ -90,7 +91,7 @@ def draw_pair_plan(pair: Pair) -> Figure:
     """Plan view of the attacked run and its nominal twin, of the pair's first seed."""
     seed = pair.seeds[0]
     attacked = pair.run("attacked", seed)
-    tracks, events = truth_tracks(attacked), happenings(attacked, "events")
+    tracks, events = truth_tracks(attacked), read_notes(attacked, "events")
     own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == "nominal"]
     spans = _spans(events, attacked.duration)
     return draw_twin_plan(
@@ -142,15 +143,15 @@ def _forged(run: RunRecord, tracks: Mapping[str, Track], spans: Sequence[Span]) 
 
 def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
     """Believed tracks of aircraft with altered sensors, from the start of the first attack."""
-    whom = believing.with_altered_sensors(run)
+    whom = belief.with_altered_sensors(run)
     if not whom or not spans:
         return {}
     start_ns = from_seconds(min(start for start, _, _ in spans))
-    found = {name: track.since(start_ns) for name, track in believing.believed_tracks(run, whom).items()}
+    found = {name: track.since(start_ns) for name, track in belief.believed_tracks(run, whom).items()}
     return {name: track for name, track in found.items() if len(track)}
 
 
-def _spans(events: Sequence[Happening], end_s: float) -> list[Span]:
+def _spans(events: Sequence[RecordedNote], end_s: float) -> list[Span]:
     """When each attack was active: from its start to its stop or to the run's end."""
     begun = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_start"}
     over = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_stop"}
@@ -172,20 +173,24 @@ def _numbers(
     energy = max((row["extra_energy_j"] for row in effects if row["extra_energy_j"] is not None), key=abs, default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     return [
-        ("onset", words.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),
-        ("hostile acts", words.count(acts), "labelled"),
-        ("led to", words.count(len(decided)), f"decisions and events, {words.count(len(led) - len(decided))} frames"),
-        ("departed", words.count(departed), f"of {words.count(len(effects))} aircraft"),
-        ("first effect", words.duration(None if first is None else first / NS_PER_S), "truth leaves the twin"),
+        ("onset", quantities.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),
+        ("hostile acts", quantities.count(acts), "labelled"),
+        (
+            "led to",
+            quantities.count(len(decided)),
+            f"decisions and events, {quantities.count(len(led) - len(decided))} frames",
+        ),
+        ("departed", quantities.count(departed), f"of {quantities.count(len(effects))} aircraft"),
+        ("first effect", quantities.duration(None if first is None else first / NS_PER_S), "truth leaves the twin"),
         (
             "delay",
-            words.signed(max(delays, key=abs, default=None), "s", 1),
+            quantities.signed(max(delays, key=abs, default=None), "s", 1),
             f"the most; {worse} missions end otherwise",
         ),
-        ("extra distance", words.signed(longer, "m", 1), "the most of one aircraft"),
+        ("extra distance", quantities.signed(longer, "m", 1), "the most of one aircraft"),
         (
             "extra energy",
-            words.signed(None if energy is None else energy / 1000.0, "kJ", 2),
+            quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2),
             "the most of one aircraft",
         ),
     ]
@@ -212,7 +217,7 @@ def _attack(
         "params": params,
         "touches": row["touches"],
         "technique": row["technique"],
-        "numbers": (words.quantity(begin, "s", 2), words.quantity(end, "s", 2), words.count(count)),
+        "numbers": (quantities.quantity(begin, "s", 2), quantities.quantity(end, "s", 2), quantities.count(count)),
     }
 
 
@@ -220,8 +225,8 @@ def _effects(subject: Subject, effects: Sequence[Mapping[str, Any]], seed: int, 
     rows = [row for row in effects if row["seed"] == seed and row["against"] == against]
     return {
         "meaning": _TWINS[against],
-        "operators": effecttable.render_operators(subject, rows),
-        "aircraft": effecttable.render_effects(subject, rows),
+        "operators": effect_tables.render_operators(subject, rows),
+        "aircraft": effect_tables.render_effects(subject, rows),
     }
 
 
@@ -229,14 +234,14 @@ def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]
     if len(pair.seeds) < 2:
         return None
     affected = list(dict.fromkeys(row["vehicle"] for row in effects if row["departed_s"] is not None))
-    table = effecttable.render_ensemble(subject, pair.intervals(), affected)
+    table = effect_tables.render_ensemble(subject, pair.intervals(), affected)
     return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table}
 
 
 def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> Mapping[str, Any] | None:
-    rows = who_heard_whom(run)
+    rows = summarise_receptions(run)
     if not rows:
         return None
-    hostile = receptions_of(run, [row["id"] for row in _declared(run) if row.get("radios")])
+    hostile = read_receptions(run, [row["id"] for row in _declared(run) if row.get("radios")])
     drawing = draw_reception_map(subject, hostile, places) if len(hostile) else None
-    return {"map": drawing, "table": hearing.render_receptions(rows)}
+    return {"map": drawing, "table": reception_tables.render_receptions(rows)}

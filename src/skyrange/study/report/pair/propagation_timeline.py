@@ -9,11 +9,11 @@ from typing import Any
 from markupsafe import Markup
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study.report import words
+from skyrange.study.figures.subject import Subject
+from skyrange.study.figures.svg import format_number, format_tick, ticks
+from skyrange.study.figures.twins import Span
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.subject import Subject
-from skyrange.study.svg import format_number, format_tick, ticks
-from skyrange.study.twin_figures import Span
 
 Row = Mapping[str, Any]
 
@@ -73,7 +73,7 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         what = f"alters {row['link'].partition(':')[0]}"
     if row["phase"] == "effect":
         what = f"departs from the twin, by up to {row['departure_m']:.1f} m"
-    depth = str(row["depth"]) if row["depth"] is not None else words.MISSING
+    depth = str(row["depth"]) if row["depth"] is not None else quantities.MISSING
     return {
         "badge": {"onset": "bad", "propagation": "wait", "effect": "ok"}[row["phase"]],
         "phase": row["phase"],
@@ -83,7 +83,7 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         "what": what,
         "data": json.loads(row["data"]) if row["data"] else None,
         "source": row["source"],
-        "numbers": (words.quantity(row["at_ns"] / NS_PER_S, "s", 2), depth),
+        "numbers": (quantities.quantity(row["at_ns"] / NS_PER_S, "s", 2), depth),
     }
 
 

@@ -1,1 +1,1 @@
-"""Run."""
+"""Page of a run: its contents, sections, tables and scene."""

@@ -10,26 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study.flights import Flight, flights
-from skyrange.study.linkstats import LinkStats, link_stats
-from skyrange.study.marks import Mark, find_mishaps
-from skyrange.study.palette import ThemeColour, base_colours, theme_colour
-from skyrange.study.receptions import Hearing, hearings
-from skyrange.study.series import (
-    Happening,
+from skyrange.study.figures.palette import ThemeColour, base_colours, theme_colour
+from skyrange.study.figures.subject import Subject, subject_of
+from skyrange.study.measures.flight_summary import FlightSummary, summarise_flights
+from skyrange.study.measures.link_statistics import LinkStatistics, link_statistics
+from skyrange.study.measures.mishaps import Mishap, find_mishaps
+from skyrange.study.measures.receptions import ReceptionSummary, reception_summaries
+from skyrange.study.measures.time_series import (
     Record,
+    RecordedNote,
     Track,
     Vehicle,
     belief_tracks,
-    calm_ns,
     end_ns,
-    happenings,
     hostile_acts,
+    last_activity_ns,
     operators,
+    read_notes,
     truth_tracks,
 )
-from skyrange.study.subject import Subject, subject_of
-from skyrange.study.waypoints import uploaded
+from skyrange.study.measures.waypoints import received_waypoints
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,13 +46,13 @@ class RunContents:
     truth: Mapping[str, Track]
     belief: Mapping[str, Track]
     waypoints: Mapping[str, NDArray[np.float64]]
-    events: Sequence[Happening]
-    decisions: Sequence[Happening]
-    attacks: Sequence[Happening]
-    marks: Sequence[Mark]
-    links: Sequence[LinkStats]
-    flights: Sequence[Flight]
-    hearings: Sequence[Hearing]
+    events: Sequence[RecordedNote]
+    decisions: Sequence[RecordedNote]
+    attacks: Sequence[RecordedNote]
+    marks: Sequence[Mishap]
+    links: Sequence[LinkStatistics]
+    flights: Sequence[FlightSummary]
+    reception_summaries: Sequence[ReceptionSummary]
     start_ns: int
     end_ns: int
     recorded_ns: int
@@ -82,10 +82,10 @@ def read_run(record: Record) -> RunContents:
     """Read a run."""
     subject = subject_of(record)
     truth, belief = truth_tracks(record), belief_tracks(record)
-    events, decisions, attacks = happenings(record, "events"), happenings(record, "decisions"), hostile_acts(record)
+    events, decisions, attacks = read_notes(record, "events"), read_notes(record, "decisions"), hostile_acts(record)
     recorded = end_ns(record, [*truth.values(), *belief.values()])
     start = min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0)
-    calm = calm_ns(truth.values(), [*events, *decisions, *attacks])
+    calm = last_activity_ns(truth.values(), [*events, *decisions, *attacks])
     view = recorded if calm is None else min(recorded, max(calm + (calm - start) // 25 + 2 * NS_PER_S, NS_PER_S))
     return RunContents(
         record=record,
@@ -93,14 +93,14 @@ def read_run(record: Record) -> RunContents:
         operator_colours={name: theme_colour(colour) for name, colour in base_colours(operators(record)).items()},
         truth={name: track.until(view) for name, track in truth.items()},
         belief={name: track.until(view) for name, track in belief.items()},
-        waypoints=uploaded(record),
+        waypoints=received_waypoints(record),
         events=events,
         decisions=decisions,
         attacks=attacks,
         marks=find_mishaps(events, truth),
-        links=link_stats(record),
-        flights=flights(record, subject.fleet, truth, belief, events),
-        hearings=hearings(record),
+        links=link_statistics(record),
+        flights=summarise_flights(record, subject.fleet, truth, belief, events),
+        reception_summaries=reception_summaries(record),
         start_ns=start,
         end_ns=view,
         recorded_ns=recorded,

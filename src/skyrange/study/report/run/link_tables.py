@@ -7,13 +7,13 @@ from typing import Any
 
 from markupsafe import Markup
 
-from skyrange.agent.frames import Fate
+from skyrange.contracts.frames.frame import Fate
 from skyrange.core.ids import owner_of
-from skyrange.study.linkstats import LinkStats, summed
-from skyrange.study.report import words
-from skyrange.study.report.gathered import RunContents
+from skyrange.study.figures.svg import format_number
+from skyrange.study.measures.link_statistics import LinkStatistics, sum_by_kind
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.svg import format_number
+from skyrange.study.report.run.contents import RunContents
 
 
 def render_links(run: RunContents) -> Markup:
@@ -36,11 +36,11 @@ def render_links(run: RunContents) -> Markup:
                 "rows": [_row(each, f"{each.kind}:{each.owner}", roles, seconds) for each in own if each.sent],
             }
         )
-    kinds = [_row(each, each.kind, roles, seconds) for each in summed(run.links)]
+    kinds = [_row(each, each.kind, roles, seconds) for each in sum_by_kind(run.links)]
     return render("run/links.html.jinja", kinds=kinds, folds=folds)
 
 
-def _row(stats: LinkStats, name: str, roles: Mapping[tuple[str, str], str], seconds: float) -> Mapping[str, Any]:
+def _row(stats: LinkStatistics, name: str, roles: Mapping[tuple[str, str], str], seconds: float) -> Mapping[str, Any]:
     """One direction of one link, or the sum of several. A delivered share below 100 % is not rounded up to 100 %."""
     lost, overflow = stats.fates.get(Fate.LOST, 0), stats.fates.get(Fate.OVERFLOW, 0)
     part = 100 * stats.delivered / stats.sent if stats.sent else 0.0
@@ -48,16 +48,16 @@ def _row(stats: LinkStats, name: str, roles: Mapping[tuple[str, str], str], seco
         "name": name,
         "ends": roles.get((stats.kind, stats.direction), stats.direction),
         "sent": stats.sent,
-        "delivered": words.quantity(part, "%", 2 if 99 < part < 100 else 1) if stats.sent else words.MISSING,
+        "delivered": quantities.quantity(part, "%", 2 if 99 < part < 100 else 1) if stats.sent else quantities.MISSING,
         "bar": format_number(part * 0.48),
         "lost": lost,
         "overflow": overflow,
         "other": stats.sent - stats.delivered - lost - overflow,
-        "size": words.size(stats.size_bytes),
-        "mean": words.latency(stats.mean_latency_s),
-        "p95": words.latency(stats.p95_latency_s),
-        "frame_rate": words.quantity(stats.sent / seconds, ""),
-        "byte_rate": words.size(stats.size_bytes / seconds),
+        "size": quantities.size(stats.size_bytes),
+        "mean": quantities.latency(stats.mean_latency_s),
+        "p95": quantities.latency(stats.p95_latency_s),
+        "frame_rate": quantities.quantity(stats.sent / seconds, ""),
+        "byte_rate": quantities.size(stats.size_bytes / seconds),
     }
 
 

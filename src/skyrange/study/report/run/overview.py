@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from skyrange.study.flights import Flight
-from skyrange.study.report import words
-from skyrange.study.report.gathered import RunContents
+from skyrange.study.figures.svg import format_number
+from skyrange.study.measures.flight_summary import FlightSummary
+from skyrange.study.measures.time_series import Track
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.series import Track
-from skyrange.study.svg import format_number
+from skyrange.study.report.run.contents import RunContents
 
 _WARNINGS = {
     "running": (
@@ -65,18 +65,26 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
     instances = len({(stats.kind, stats.owner) for stats in run.links})
     sent_bytes = sum(stats.size_bytes for stats in run.links)
     return [
-        ("aircraft", words.count(len(run.fleet)), f"{len(run.operator_colours)} operators"),
-        ("simulated", words.duration(simulated), ("of ", words.duration(run.manifest.get("duration_s")), " asked")),
-        ("wall time", words.duration(wall), "on this machine"),
-        ("real-time factor", words.quantity(simulated / wall, "×") if wall else words.MISSING, "simulated ÷ wall"),
-        ("frames", words.count(sent), (words.size(sent_bytes), f" on {instances} links")),
+        ("aircraft", quantities.count(len(run.fleet)), f"{len(run.operator_colours)} operators"),
+        (
+            "simulated",
+            quantities.duration(simulated),
+            ("of ", quantities.duration(run.manifest.get("duration_s")), " asked"),
+        ),
+        ("wall time", quantities.duration(wall), "on this machine"),
+        (
+            "real-time factor",
+            quantities.quantity(simulated / wall, "×") if wall else quantities.MISSING,
+            "simulated ÷ wall",
+        ),
+        ("frames", quantities.count(sent), (quantities.size(sent_bytes), f" on {instances} links")),
         (
             "delivered",
-            words.quantity(100 * delivered / sent, "%", 2) if sent else words.MISSING,
-            f"{words.count(sent - delivered)} not",
+            quantities.quantity(100 * delivered / sent, "%", 2) if sent else quantities.MISSING,
+            f"{quantities.count(sent - delivered)} not",
         ),
-        ("events", words.count(len(run.events)), f"{words.count(len(run.decisions))} decisions"),
-        ("hostile acts", words.count(len(run.attacks)), "labelled" if run.attacks else "none labelled"),
+        ("events", quantities.count(len(run.events)), f"{quantities.count(len(run.decisions))} decisions"),
+        ("hostile acts", quantities.count(len(run.attacks)), "labelled" if run.attacks else "none labelled"),
     ]
 
 
@@ -96,16 +104,16 @@ def render_gaps(run: RunContents) -> Markup:
 
 
 def left_out(notes: Mapping[str, int]) -> str:
-    """What the page shows only in part, in words; `notes` are the counts of `embedded.pack_scene`."""
+    """What the page shows only in part, in words; `notes` are the counts of `scene_data.pack_scene`."""
     thinned = (("points", "samples of tracks"), ("buildings", "buildings, the nearest to the flights,"))
     return " and ".join(
-        f"{words.count(notes[f'{what}_drawn'])} of {words.count(notes[what])} {said}"
+        f"{quantities.count(notes[f'{what}_drawn'])} of {quantities.count(notes[what])} {said}"
         for what, said in thinned
         if notes[f"{what}_drawn"] < notes[what]
     )
 
 
-def _outcome(run: RunContents, index: int, flight: Flight, top: float) -> Mapping[str, Any]:
+def _outcome(run: RunContents, index: int, flight: FlightSummary, top: float) -> Mapping[str, Any]:
     badge, state = _BADGES.get(flight.state, ("wait", flight.state))
     vehicle = flight.vehicle
     return {
@@ -118,16 +126,16 @@ def _outcome(run: RunContents, index: int, flight: Flight, top: float) -> Mappin
         "reason": flight.reason,
         **_heights(run.truth[vehicle.id], top, run),
         "numbers": (
-            words.duration(flight.finished_s),
-            words.duration(flight.airborne_s),
-            words.quantity(flight.distance_m, "m"),
-            words.quantity(flight.max_up_m, "m"),
-            words.quantity(flight.max_speed_mps, "m/s"),
+            quantities.duration(flight.finished_s),
+            quantities.duration(flight.airborne_s),
+            quantities.quantity(flight.distance_m, "m"),
+            quantities.quantity(flight.max_up_m, "m"),
+            quantities.quantity(flight.max_speed_mps, "m/s"),
         ),
     }
 
 
-def _gap(index: int, flight: Flight, worst: float) -> Mapping[str, Any]:
+def _gap(index: int, flight: FlightSummary, worst: float) -> Mapping[str, Any]:
     most, usual = (format_number(100 * (gap or 0.0) / worst) for gap in (flight.max_gap_m, flight.p95_gap_m))
     return {
         "index": index,
@@ -135,9 +143,9 @@ def _gap(index: int, flight: Flight, worst: float) -> Mapping[str, Any]:
         "most": most,
         "usual": usual,
         "numbers": (
-            words.quantity(flight.max_gap_m, "m", 2),
-            words.quantity(flight.p95_gap_m, "m", 2),
-            words.count(flight.positions),
+            quantities.quantity(flight.max_gap_m, "m", 2),
+            quantities.quantity(flight.p95_gap_m, "m", 2),
+            quantities.count(flight.positions),
         ),
     }
 

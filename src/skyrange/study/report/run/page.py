@@ -8,14 +8,15 @@ from typing import Any
 from markupsafe import Markup
 
 from skyrange.core.time import NS_PER_S
-from skyrange.study import run_figures
-from skyrange.study.palette import ThemeColour
-from skyrange.study.report import hearing, linktable, sections, timeline, words
-from skyrange.study.report.embedded import pack_scene
-from skyrange.study.report.gathered import RunContents, read_run
+from skyrange.study.figures import run as run_figures
+from skyrange.study.figures.palette import ThemeColour
+from skyrange.study.figures.subject import Subject
+from skyrange.study.measures.time_series import Record
+from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.rendering import asset, content_policy, render
-from skyrange.study.series import Record
-from skyrange.study.subject import Subject
+from skyrange.study.report.run import link_tables, overview, timeline
+from skyrange.study.report.run.contents import RunContents, read_run
+from skyrange.study.report.run.scene_data import pack_scene
 
 SCRIPTS = ("base.js", "city.js", "gl.js", "flat.js", "scene.js", "panels.js", "chart.js", "page.js")
 """Parts of the page's script in order, wrapped in one function."""
@@ -34,25 +35,25 @@ def render_run(record: Record) -> str:
         style=style,
         script=script,
         scene=scene,
-        warning=sections.warning(run),
-        **sections.identity(run),
-        numbers=sections.numbers(run),
+        warning=overview.warning(run),
+        **overview.identity(run),
+        numbers=overview.numbers(run),
         overview=run_figures.draw_overview(run.subject, run.truth, run.marks),
-        outcomes=sections.render_outcomes(run),
+        outcomes=overview.render_outcomes(run),
         panels=_panels(run),
         plan=run_figures.draw_plan(run.subject, run.truth, run.waypoints, marks=run.marks),
         marked=bool(run.marks),
         altitude=run_figures.draw_altitude(run.subject, run.truth),
-        gaps=sections.render_gaps(run),
+        gaps=overview.render_gaps(run),
         quiet=timeline.quiet_end(run),
-        recorded=words.duration(run.recorded_ns / NS_PER_S),
+        recorded=quantities.duration(run.recorded_ns / NS_PER_S),
         lanes=timeline.render_lanes(run),
-        links=linktable.render_links(run),
-        air=hearing.reception_section(run.hearings, len(run.fleet), run.recorded_ns / NS_PER_S),
+        links=link_tables.render_links(run),
+        air=reception_tables.reception_section(run.reception_summaries, len(run.fleet), run.recorded_ns / NS_PER_S),
         events=timeline.render_happenings([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.render_happenings(run.decisions, run, "decisions", "Decisions of ground stations"),
         folder=str(run.record.path),
-        left_out=sections.left_out(notes),
+        left_out=overview.left_out(notes),
         digests=run.manifest.get("digests") or {},
     )
 

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.study.report.gathered import RunContents
-from skyrange.study.series import Track, gaps_m
-from skyrange.study.thin import kept_rows
+from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.measures.time_series import Track, belief_errors_m
+from skyrange.study.report.run.contents import RunContents
 
 MAX_TRUTH_POINTS = 60_000
 """Samples of all true tracks."""
@@ -40,7 +40,7 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
     for vehicle in fleet:
         truth, belief = run.truth[vehicle.id], run.belief[vehicle.id]
         rows = _thinned(truth, truth.speed_mps, _budget(MAX_TRUTH_POINTS, len(fleet)))
-        seen_gaps = gaps_m(truth, belief)
+        seen_gaps = belief_errors_m(truth, belief)
         seen = _thinned(belief, seen_gaps, _budget(MAX_BELIEF_POINTS, len(fleet)))
         notes["points"] += len(truth) + len(belief)
         notes["points_drawn"] += len(rows) + len(seen)
@@ -85,7 +85,7 @@ def _budget(total: int, count: int) -> int:
 
 def _thinned(track: Track, fourth: Floats, budget: int) -> NDArray[np.int64]:
     values = np.column_stack([track.enu_m, fourth * _SPEED_WEIGHT_S])
-    return kept_rows(track.time_ns, values, budget, TOLERANCE_M)
+    return select_samples(track.time_ns, values, budget, TOLERANCE_M)
 
 
 def _packed(track: Track, fourth: Floats, rows: NDArray[np.int64]) -> dict[str, list[int]]:

@@ -10,12 +10,12 @@ from markupsafe import Markup
 
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S
-from skyrange.study.marks import alarming
-from skyrange.study.report import words
-from skyrange.study.report.gathered import RunContents
+from skyrange.study.figures.svg import format_tick, ticks
+from skyrange.study.measures.mishaps import mishap_kind
+from skyrange.study.measures.time_series import RecordedNote, Vehicle
+from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.series import Happening, Vehicle
-from skyrange.study.svg import format_tick, ticks
+from skyrange.study.report.run.contents import RunContents
 
 MAX_MARKS = 400
 """Marks drawn in one lane; the table has more."""
@@ -46,16 +46,16 @@ _SYMBOLS = {
 }
 
 
-def quiet_end(run: RunContents) -> words.Quantity | None:
+def quiet_end(run: RunContents) -> quantities.Quantity | None:
     """Duration of the record after the end of the page's clock; `None` if it is less than 5 % of the record."""
     if run.recorded_ns - run.end_ns < 0.05 * run.recorded_ns:
         return None
-    return words.duration((run.recorded_ns - run.end_ns) / NS_PER_S)
+    return quantities.duration((run.recorded_ns - run.end_ns) / NS_PER_S)
 
 
 def render_lanes(run: RunContents) -> Markup:
     """Render one lane per aircraft: modes as bands, events as marks, hostile acts as red strokes."""
-    by_owner: dict[str, list[Happening]] = {}
+    by_owner: dict[str, list[RecordedNote]] = {}
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
     modes: dict[str, int] = {}
@@ -74,7 +74,7 @@ def render_lanes(run: RunContents) -> Markup:
     )
 
 
-def render_happenings(rows: Sequence[Happening], run: RunContents, name: str, title: str) -> Markup:
+def render_happenings(rows: Sequence[RecordedNote], run: RunContents, name: str, title: str) -> Markup:
     """Render a table of events or decisions, which the page's script filters and whose rows set the clock."""
     shown = sorted(rows, key=lambda row: row.time_ns)[:MAX_ROWS]
     places = {vehicle.id: index for index, vehicle in enumerate(run.fleet)}
@@ -88,7 +88,7 @@ def render_happenings(rows: Sequence[Happening], run: RunContents, name: str, ti
     )
 
 
-def _row(row: Happening, places: Mapping[str, int]) -> Mapping[str, Any]:
+def _row(row: RecordedNote, places: Mapping[str, int]) -> Mapping[str, Any]:
     family, _, rest = row.kind.partition(".")
     return {
         "time_s": row.time_ns * 1e-9,
@@ -104,7 +104,7 @@ def _row(row: Happening, places: Mapping[str, int]) -> Mapping[str, Any]:
 
 
 def _lane(
-    run: RunContents, index: int, vehicle: Vehicle, own: Sequence[Happening], modes: dict[str, int]
+    run: RunContents, index: int, vehicle: Vehicle, own: Sequence[RecordedNote], modes: dict[str, int]
 ) -> Mapping[str, Any]:
     return {
         "index": index,
@@ -120,7 +120,7 @@ def _part(run: RunContents, time_ns: int) -> str:
     return f"{100 * min(max((time_ns - run.start_ns) / (run.end_ns - run.start_ns), 0.0), 1.0):.2f}"
 
 
-def _bands(run: RunContents, own: Sequence[Happening], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
+def _bands(run: RunContents, own: Sequence[RecordedNote], modes: dict[str, int]) -> Sequence[Mapping[str, Any]]:
     """The flight modes of one aircraft; `modes` numbers them in order of appearance and is extended."""
     changes = [row for row in own if row.kind == "event.mode"]
     bands = []
@@ -141,16 +141,16 @@ def _bands(run: RunContents, own: Sequence[Happening], modes: dict[str, int]) ->
     return bands
 
 
-def _marks(run: RunContents, own: Sequence[Happening]) -> Sequence[Mapping[str, str]]:
+def _marks(run: RunContents, own: Sequence[RecordedNote]) -> Sequence[Mapping[str, str]]:
     marks = []
-    for row in [row for row in own if row.kind != "event.mode" or alarming(row)][:MAX_MARKS]:
+    for row in [row for row in own if row.kind != "event.mode" or mishap_kind(row)][:MAX_MARKS]:
         said = " ".join(f"{key} {value}" for key, value in row.data.items())
         title = f"{row.kind} at {row.time_ns * 1e-9:.2f} s {said}"
         marks.append({"place": _part(run, row.time_ns), "symbol": _symbol(row), "title": title})
     return marks
 
 
-def _symbol(row: Happening) -> str:
+def _symbol(row: RecordedNote) -> str:
     """The name under which the template draws an event's symbol."""
     if row.kind.startswith("attack."):
         return "attack"
@@ -180,7 +180,7 @@ def _legend(run: RunContents) -> list[tuple[str, str]]:
     """Names and meanings of the symbols in use."""
     seen = {row.kind for row in run.events if _symbol(row) == _SYMBOLS.get(row.kind, ("", ""))[0]}
     used = [pair for kind, pair in _SYMBOLS.items() if kind in seen]
-    if any(alarming(row) == "failsafe" for row in run.events):
+    if any(mishap_kind(row) == "failsafe" for row in run.events):
         used.append(("alarm", "failsafe"))
     if any(_symbol(row) == "failed" for row in run.events):
         used.append(("failed", "mission failed"))
@@ -191,7 +191,7 @@ def _legend(run: RunContents) -> list[tuple[str, str]]:
     return used
 
 
-def _spoken(vehicle: str, own: Sequence[Happening]) -> str:
+def _spoken(vehicle: str, own: Sequence[RecordedNote]) -> str:
     """Description of a lane for screen readers."""
     said = []
     for row in own[:20]:

@@ -10,20 +10,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS
 
 Ints = NDArray[np.int64]
 
 
-class Batches:
+class ExchangeBatches:
     """The batches of all aircraft of a fleet. A moment is a tick with exchanges, whose lines are
     always sent together.
     """
 
     def __init__(self, per_tick: Ints, ticks: Ints, moments: Ints) -> None:
-        """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.steps_of`; `moments` per iteration."""
-        self.lines: Ints = np.zeros(len(ticks), dtype=np.int64)
+        """Arrays (n,): exchanges per tick and ticks per exchange, as `parameters.exchange_steps`; `moments` per
+        iteration.
+        """
+        self.pending_lines: Ints = np.zeros(len(ticks), dtype=np.int64)
         """(n,) how many lines are written and not answered."""
         self._per_tick, self._ticks, self._moments = per_tick, ticks, moments
         self._all_at_once = not (ticks > 1).any()
@@ -31,24 +33,24 @@ class Batches:
         """Number of moments in the next batch."""
         self._pulses: NDArray[np.uint8] = np.zeros((len(ticks), 2 * MOTORS), dtype=np.uint8)
 
-    def at(self, number: int, rows: Ints) -> Ints:
+    def due_rows(self, number: int, rows: Ints) -> Ints:
         """Those of `rows` that have a moment in the tick with this number."""
         return rows if self._all_at_once else _at(number, self._ticks, rows)
 
-    def written(self, rows: Ints) -> Ints:
+    def mark_written(self, rows: Ints) -> Ints:
         """Count the lines of a moment as written for `rows`; returns the rows whose batch is complete and has to be
         sent.
         """
-        return _written(rows, self._per_tick, self._wanted, self.lines)
+        return _written(rows, self._per_tick, self._wanted, self.pending_lines)
 
-    def answered(self, rows: Ints, taken: Ints, answers: NDArray[np.uint8]) -> None:
+    def mark_answered(self, rows: Ints, taken: Ints, answers: NDArray[np.uint8]) -> None:
         """Take in that `rows` have answered all their lines, or are lost: of `answers` (k, n, bytes) the first `taken`
         (n,).
         """
-        _answered(rows, taken, answers, self._per_tick, self._moments, self._pulses, self._wanted, self.lines)
+        _answered(rows, taken, answers, self._per_tick, self._moments, self._pulses, self._wanted, self.pending_lines)
 
 
-@kernel
+@compiled
 def _at(number: int, ticks: Ints, rows: Ints) -> Ints:
     there = np.empty_like(rows)
     count = 0
@@ -59,7 +61,7 @@ def _at(number: int, ticks: Ints, rows: Ints) -> Ints:
     return there[:count]
 
 
-@kernel
+@compiled
 def _written(rows: Ints, per_tick: Ints, wanted: Ints, lines: Ints) -> Ints:
     due = np.empty_like(rows)
     count = 0
@@ -71,7 +73,7 @@ def _written(rows: Ints, per_tick: Ints, wanted: Ints, lines: Ints) -> Ints:
     return due[:count]
 
 
-@kernel
+@compiled
 def _answered(
     rows: Ints,
     taken: Ints,

@@ -17,9 +17,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.ardupilot.packets import WIDTH, Motion, between, stamp_s
+from skyrange.contracts.components import Floats
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.ardupilot.json_backend.motion import WIDTH, Motion, interpolate, step_time_s
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -49,7 +49,7 @@ _MIN_SIZE, _MAX_SIZE = 1e-30, 1e15
 _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 
 
-class Writer:
+class LineWriter:
     """Writes the lines of some aircraft."""
 
     def __init__(self, count: int, most: int = 1) -> None:
@@ -78,7 +78,7 @@ class Writer:
                     self.lengths[which, row] = len(line)
 
 
-def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
+def format_lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     """The line of each aircraft; `times_s` is the time on each one's own clock."""
     text, written = np.zeros(_LENGTH, dtype=np.uint8), []
     for row in np.column_stack((np.array(times_s), motion.rows)):
@@ -87,7 +87,7 @@ def lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     return written
 
 
-@kernel
+@compiled
 def _write(
     rows: Ints,
     first: Ints,
@@ -109,17 +109,17 @@ def _write(
             which = first[i] + turn - 1
             steps[i] += 1
             now = said[which, i]
-            now[0] = stamp_s(steps[i], step_ns[i])
+            now[0] = step_time_s(steps[i], step_ns[i])
             if turn == per_tick[i]:
                 now[1:] = after[i]
             else:
-                between(before[i], after[i], turn / per_tick[i], now[1:])
+                interpolate(before[i], after[i], turn / per_tick[i], now[1:])
             lengths[which, i] = _line(now, text[which, i])
             whole = whole and lengths[which, i] > 0
     return whole
 
 
-@kernel
+@compiled
 def _line(said: Floats, line: Bytes) -> int:
     """Write time and motion; returns the length, or 0 if this kernel cannot format a number."""
     at = _fixed12(said[0], line, _copy(0, line, 0))
@@ -129,7 +129,7 @@ def _line(said: Floats, line: Bytes) -> int:
     return _copy(len(said), line, at) if at > 0 else 0
 
 
-@kernel
+@compiled
 def _copy(part: int, line: Bytes, at: int) -> int:
     """Copy a part of the text to `at`; returns its end."""
     begin = _ENDS[part - 1] if part > 0 else 0
@@ -139,7 +139,7 @@ def _copy(part: int, line: Bytes, at: int) -> int:
     return at
 
 
-@kernel
+@compiled
 def _rounded(scaled: float, doubt: float) -> int:
     """Rounded to an integer; -1 if it is nearer to a half than `doubt`."""
     whole = math.floor(scaled)
@@ -149,7 +149,7 @@ def _rounded(scaled: float, doubt: float) -> int:
     return whole + (1 if rest > 0.5 else 0)
 
 
-@kernel
+@compiled
 def _digits(number: int, count: int, line: Bytes, at: int) -> None:
     """Write `count` digits."""
     for k in range(count - 1, -1, -1):
@@ -157,7 +157,7 @@ def _digits(number: int, count: int, line: Bytes, at: int) -> None:
         number //= 10
 
 
-@kernel
+@compiled
 def _fixed12(value: float, line: Bytes, at: int) -> int:
     """Format as %.12f; returns the end, or 0."""
     if not 0.0 <= value < 1e9:
@@ -177,7 +177,7 @@ def _fixed12(value: float, line: Bytes, at: int) -> int:
     return at + count + 13
 
 
-@kernel
+@compiled
 def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     """Format as %.9g, or with other `digits` (at most 9); returns the end, or 0."""
     if math.copysign(1.0, value) < 0.0:
@@ -218,7 +218,7 @@ def _general(value: float, digits: int, line: Bytes, at: int) -> int:
     return _decimal(number, digits, exponent + 1, line, at)
 
 
-@kernel
+@compiled
 def _decimal(number: int, digits: int, before: int, line: Bytes, at: int) -> int:
     """Write digits with `before` of them before the decimal point; returns the end."""
     if digits == before:
@@ -232,7 +232,7 @@ def _decimal(number: int, digits: int, before: int, line: Bytes, at: int) -> int
     return at + digits + 1
 
 
-@kernel
+@compiled
 def _scaled(size: float, shift: int) -> int:
     """Multiplied by a power of ten and rounded; -1 if rounding is in doubt.
 

@@ -11,8 +11,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Sensors
-from skyrange.core.compiled import kernel
+from skyrange.contracts.components import Floats, Sensors
+from skyrange.core.compiled import compiled
 from skyrange.world.airframes import MOTORS
 
 PWM_MIN: Final = 1000.0
@@ -64,7 +64,7 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 """One aircraft that stands level at home, heading north."""
 
 
-def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
+def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats) -> Motion:
     """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude."""
     rows = np.empty((len(home_up_m), WIDTH))
     _to_ned(
@@ -74,7 +74,7 @@ def motion_of(sensors: Sensors, home_up_m: Floats) -> Motion:
     return Motion(rows)
 
 
-@kernel
+@compiled
 def _to_ned(
     gyro: Floats, force: Floats, baro_up: Floats, attitude: Floats, above: Floats, home_up: Floats, rows: Floats
 ) -> None:
@@ -92,8 +92,8 @@ def _to_ned(
         rows[i, 11] = above[i]
 
 
-@kernel
-def between(before: Floats, after: Floats, share: float, row: Floats) -> None:
+@compiled
+def interpolate(before: Floats, after: Floats, share: float, row: Floats) -> None:
     """Write to `row` the motion that is `share` of the way from one row to the next.
 
     The specific force is not interpolated, because it is already the mean over the interval.
@@ -119,16 +119,16 @@ class MeanForce:
         """Of `count` aircraft."""
         self._sum, self._ticks = np.zeros((count, 3)), np.zeros((count, 1))
 
-    def feel(self, force_mps2: Floats) -> None:
+    def add(self, force_mps2: Floats) -> None:
         """Add the specific forces of a tick: (n, 3), forward-left-up as from the sensors."""
         _add_force(force_mps2, self._sum, self._ticks)
 
-    def put(self, motion: Motion, due: NDArray[np.int64]) -> None:
+    def apply(self, motion: Motion, due: NDArray[np.int64]) -> None:
         """Replace the last tick's values by the means; the sums of the rows that are `due` start anew."""
         _mean(self._sum, self._ticks, due, motion.rows)
 
 
-@kernel
+@compiled
 def _add_force(force: Floats, total: Floats, ticks: Floats) -> None:
     for i in range(len(force)):
         for k in range(3):
@@ -136,7 +136,7 @@ def _add_force(force: Floats, total: Floats, ticks: Floats) -> None:
         ticks[i, 0] += 1.0
 
 
-@kernel
+@compiled
 def _mean(total: Floats, ticks: Floats, due: NDArray[np.int64], rows: Floats) -> None:
     for i in range(len(rows)):
         # forward-left-up to forward-right-down
@@ -147,14 +147,16 @@ def _mean(total: Floats, ticks: Floats, due: NDArray[np.int64], rows: Floats) ->
         total[i, 0] = total[i, 1] = total[i, 2] = ticks[i, 0] = 0.0
 
 
-@kernel
-def stamp_s(step: int, step_ns: int) -> float:
+@compiled
+def step_time_s(step: int, step_ns: int) -> float:
     """The time of a step since the start, slightly increased, because ArduPilot truncates to microseconds."""
     return step * step_ns * 1e-9 * (1.0 + 1e-7)
 
 
-@kernel
-def commands_of(answers: NDArray[np.uint8], last: NDArray[np.int64], rows: NDArray[np.int64], commands: Floats) -> None:
+@compiled
+def read_commands(
+    answers: NDArray[np.uint8], last: NDArray[np.int64], rows: NDArray[np.int64], commands: Floats
+) -> None:
     """Write to `commands` (n, motors) what each of `rows` answered: of its answers (k, n, bytes) the one at `last`
     (n,).
 

@@ -1,1 +1,1 @@
-"""Program."""
+"""The arducopter program: finding it, examining it, and listing its parameters."""

@@ -14,26 +14,26 @@ from pathlib import Path
 from typing import Final, Literal
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.vehicle.ardupilot.executable import ailment
+from skyrange.vehicle.ardupilot.program.elf_check import why_not_executable
 
 VARIABLE: Final = "SKYRANGE_ARDUCOPTER"
 """Environment variable that names the binary; it precedes all other places."""
 
 PROGRAM: Final = "arducopter"
 
-LEAST: Final = (4, 5)
+MIN_VERSION: Final = (4, 5)
 """Older versions (major, minor) are refused: names of parameters and of command-line options differ."""
 
-SUPPORTED: Final = (4, 6)
+SUPPORTED_VERSION: Final = (4, 6)
 """From this version (major, minor) on, flights are expected to work."""
 
-MOST_BYTES: Final = 256 << 20
+MAX_BYTES: Final = 256 << 20
 """A larger file is not read; ArduPilot's own binaries have 4 to 10 MB, with debug symbols 80 MB."""
 
 ANSWER_S: Final = 10.0
 """Wall time within which a binary must answer `--help`; it takes some 10 ms."""
 
-OPTIONS: Final = (
+REQUIRED_OPTIONS: Final = (
     "--model",
     "--home",
     "--defaults",
@@ -62,7 +62,7 @@ _FIRMWARE: Final = re.compile(
 _SIMULATION_MARK: Final = b"--speedup"
 """Occurs in the help text of a build for SITL and in no build for a flight controller."""
 
-_SUPPORTED: Final = ".".join(map(str, SUPPORTED))
+_SUPPORTED_TEXT: Final = ".".join(map(str, SUPPORTED_VERSION))
 
 Source = Literal["SKYRANGE_ARDUCOPTER", "PATH", "installed"]
 
@@ -95,27 +95,27 @@ def data_folder() -> Path:
 
 def installed() -> list[Path]:
     """Installed copies, the newest version first, by name only."""
-    return sorted(data_folder().glob(f"*/{PROGRAM}"), key=lambda path: order(path.parent.name), reverse=True)
+    return sorted(data_folder().glob(f"*/{PROGRAM}"), key=lambda path: version_key(path.parent.name), reverse=True)
 
 
-def find() -> Binary:
+def find_binary() -> Binary:
     """The `arducopter` to use: from the variable SKYRANGE_ARDUCOPTER, else on PATH, else the newest installed one.
 
     The first one that exists is used. Raises `InputError` if it is unsuitable, or if there is none.
     """
     named = os.environ.get(VARIABLE)
     if named:
-        return examine(Path(named).expanduser(), VARIABLE)
+        return examine_binary(Path(named).expanduser(), VARIABLE)
     on_path = shutil.which(PROGRAM)
     if on_path is not None:
-        return examine(Path(on_path), "PATH")
+        return examine_binary(Path(on_path), "PATH")
     for path in installed():
-        return examine(path)
+        return examine_binary(path)
     places = f"{VARIABLE} (not set), PATH and {data_folder()}"
     raise InputError.one("ArduPilot", places, "no arducopter", "ArduPilot's ArduCopter for SITL", _HOW_TO_GET)
 
 
-def examine(path: Path, source: Source = "installed") -> Binary:
+def examine_binary(path: Path, source: Source = "installed") -> Binary:
     """Examine a file without running it: it must be a complete program for this machine, and a recent enough
     ArduCopter.
 
@@ -131,8 +131,8 @@ def examine(path: Path, source: Source = "installed") -> Binary:
             raise InputError.one(who, where, "a folder", "the arducopter file itself", hint)
         if not stat.S_ISREG(facts.st_mode):
             raise InputError.one(who, where, "not a regular file", "an arducopter file", _HOW_TO_GET)
-        if facts.st_size > MOST_BYTES:
-            expected = f"an arducopter, no larger than {MOST_BYTES:,}"
+        if facts.st_size > MAX_BYTES:
+            expected = f"an arducopter, no larger than {MAX_BYTES:,}"
             raise InputError.one(who, where, f"a file of {facts.st_size:,} bytes", expected, _HOW_TO_GET)
         key = (where, facts.st_size, facts.st_mtime_ns)
         if key not in _seen:
@@ -153,7 +153,7 @@ def _version(data: bytes, who: str, where: str) -> str:
     """The version of the ArduCopter in `data`; raises `InputError` if it is not one for this machine."""
     machine = platform.machine()
     expected = f"ArduPilot's ArduCopter for SITL, a Linux program for {machine}"
-    wrong = ailment(data, machine)
+    wrong = why_not_executable(data, machine)
     if wrong:
         raise InputError.one(who, where, wrong, expected, _HOW_TO_GET)
     vehicles: dict[str, str] = {}
@@ -164,16 +164,16 @@ def _version(data: bytes, who: str, where: str) -> str:
         for name, other in vehicles.items():
             raise InputError.one(who, where, f"{name} {other}", "ArduCopter, the only vehicle flown here", _HOW_TO_GET)
         raise InputError.one(who, where, "a program without ArduPilot's version in it", expected, _HOW_TO_GET)
-    if order(version)[0][:2] < LEAST:
+    if version_key(version)[0][:2] < MIN_VERSION:
         hint = "`skyrange install ardupilot` gets a newer one."
-        raise InputError.one(who, where, f"ArduCopter {version}", f"version {_SUPPORTED} or newer", hint)
+        raise InputError.one(who, where, f"ArduCopter {version}", f"version {_SUPPORTED_TEXT} or newer", hint)
     if _SIMULATION_MARK not in data:
         value = f"ArduCopter {version} for a flight controller"
         raise InputError.one(who, where, value, "a build for SITL", _HOW_TO_GET)
     return version
 
 
-def order(version: str) -> tuple[tuple[int, ...], int, int]:
+def version_key(version: str) -> tuple[tuple[int, ...], int, int]:
     """Sort key of a version: numbers, then dev, beta, rc, released, then the number of the beta or rc."""
     found = re.match(r"(\d+(?:\.\d+)*)-?([A-Za-z]*)(\d*)", version)
     if found is None:
@@ -182,13 +182,13 @@ def order(version: str) -> tuple[tuple[int, ...], int, int]:
     return tuple(map(int, found[1].split("."))), stages.get(found[2].lower(), 3), int(found[3] or 0)
 
 
-def confirm(who: str, ended: str, text: str) -> None:
+def check_help(who: str, ended: str, text: str) -> None:
     """Check how `who` answered `--help`: how it ended, and its output. Raises `ComponentError` unless both are as in
     SITL.
     """
     if ended != "exit 0":
         said = text.strip().splitlines()
         raise ComponentError(who, f"`--help` ended with {ended}" + (f": {said[-1][:200]}" if said else ""))
-    missing = [option for option in OPTIONS if option not in text]
+    missing = [option for option in REQUIRED_OPTIONS if option not in text]
     if missing:
         raise ComponentError(who, f"`--help` does not list {', '.join(missing)}", _HOW_TO_GET)

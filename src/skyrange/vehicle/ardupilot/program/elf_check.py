@@ -51,7 +51,7 @@ _EXECUTABLE, _SHARED_OBJECT, _CORE = 2, 3, 4
 _LOADED: Final = 1
 
 
-def ailment(data: bytes, machine: str) -> str:
+def why_not_executable(data: bytes, machine: str) -> str:
     """Why the file `data` is not a program for `machine`, a name of `MACHINES`; "" if it is one.
 
     For a machine that is not listed, any word length and type is accepted.

@@ -11,12 +11,12 @@ from typing import Final
 from skyrange.codec.mavlink import Deframer, Packer, decode, dialect
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
-from skyrange.io.sitl import LockstepSitl, wall_s
-from skyrange.vehicle.ardupilot.lines import lines
-from skyrange.vehicle.ardupilot.packets import STANDING, stamp_s
+from skyrange.io.ardupilot.sitl import LockstepSitl, wall_s
+from skyrange.vehicle.ardupilot.json_backend.json_lines import format_lines
+from skyrange.vehicle.ardupilot.json_backend.motion import STANDING, step_time_s
 
 STEP_NS: Final = 2_500_000
-MOST_S: Final = 30.0
+MAX_S: Final = 30.0
 """Simulated seconds within which the list has to be complete; it takes two to four."""
 READY_NS: Final = 5 * NS_PER_S
 """It has booted by then; a list that is requested earlier arrives slowly."""
@@ -25,7 +25,7 @@ _STATION: Final = 255
 
 
 @lru_cache(maxsize=64)
-def parameters_of(binary: Path, sha256: str, text: str = "") -> Mapping[str, float]:
+def list_parameters(binary: Path, sha256: str, text: str = "") -> Mapping[str, float]:
     """Every parameter of a firmware with its value, given the file of defaults `text`; `sha256` identifies the binary.
 
     Raises `ComponentError` if it does not answer.
@@ -46,7 +46,7 @@ def _request_list(sitl: LockstepSitl) -> Mapping[str, float]:
     found: dict[str, float] = {}
     total, asked = -1, False
     deadline = wall_s() + WALL_S
-    for step in range(1, round(MOST_S * NS_PER_S / STEP_NS)):
+    for step in range(1, round(MAX_S * NS_PER_S / STEP_NS)):
         if sitl.servos(deadline) is None:
             raise sitl.lost("did not answer when asked for its parameters")
         sitl.accept()
@@ -60,5 +60,5 @@ def _request_list(sitl: LockstepSitl) -> Mapping[str, float]:
                     total = message.param_count
         if total > 0 and len(found) >= total:
             return found
-        sitl.send(lines([stamp_s(step, STEP_NS)], STANDING)[0])
-    raise ComponentError(sitl.name, f"sent {len(found)} of {total} parameters in {MOST_S:g} simulated seconds")
+        sitl.send(format_lines([step_time_s(step, STEP_NS)], STANDING)[0])
+    raise ComponentError(sitl.name, f"sent {len(found)} of {total} parameters in {MAX_S:g} simulated seconds")

@@ -10,102 +10,108 @@ import math
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, Time, from_seconds
-from skyrange.vehicle.builtin import auto_rtl, fence, loop, prearm, sticks_in
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control, Heading
-from skyrange.vehicle.builtin.modes import PILOTED, Mode, armable
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.arming import prearm
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, SubMode, Timer, Vehicle
+from skyrange.vehicle.builtin.flight_modes import auto_rtl
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.modes import PILOT_CONTROLS, Mode, allows_arming
+from skyrange.vehicle.builtin.pilot import rc_channels
 
-FORCE_ARM = 2989.0
-FORCE = 21196.0
+MAGIC_FORCE_ARM = 2989.0
+MAGIC_FORCE_ARM_DISARM = 21196.0
 """Magic numbers in param2 of MAV_CMD_COMPONENT_ARM_DISARM (GCS_Common.cpp): to force arming; to force either."""
 
 
-def arm(fleet: Fleet, craft: Craft, checked: bool, causes: Causes) -> bool:
+def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
     """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle.
 
     Without `checked` only the mandatory checks run.
     """
-    if not prearm.passes(fleet, craft, not checked, causes):
+    if not prearm.run_checks(fleet, vehicle, not checked, causes):
         return False
-    why = _refusal(fleet, craft) if checked else ""
+    why = _refusal(fleet, vehicle) if checked else ""
     if why:
-        fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, f"Arm: {why}", causes)
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_CRITICAL, f"Arm: {why}", causes)
         return False
-    if checked and fleet.param(craft, "ARMING_CHECK") == 0:
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Warning: Arming Checks Disabled", causes)
-    row = craft.row
+    if checked and fleet.param(vehicle, "ARMING_CHECK") == 0:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Warning: Arming Checks Disabled", causes)
+    row = vehicle.row
     flight = fleet.flight
-    if not craft.home_locked:
-        fleet.take_home(craft, fleet.position(craft))
-    craft.armed_yaw = float(fleet.estimate["yaw"][craft.row])
-    craft.ready = craft.mode == Mode.AUTO and bool(int(fleet.param(craft, "AUTO_OPTIONS")) & 2)
+    if not vehicle.home_locked:
+        fleet.assign_home(vehicle, fleet.position(vehicle))
+    vehicle.armed_yaw = float(fleet.estimate["yaw"][vehicle.row])
+    vehicle.auto_armed = vehicle.mode == Mode.AUTO and bool(int(fleet.param(vehicle, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
-    fleet.watch["armed_up_m"][row], fleet.watch["crashed"][row] = fleet.estimate["pos"][row, 2], 0
+    fleet.checks["armed_up_m"][row], fleet.checks["crashed"][row] = fleet.estimate["pos"][row, 2], 0
     flight["landed"][row] = 1
-    flight["control"][row] = PILOTED.get(craft.mode, Control.IDLE)
-    flight["flags"][row] = flight["seen"][row] = 0
-    fleet.limits(craft)
-    fleet.timer(craft, Timer.IDLE, idle_end(fleet, craft))
-    fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Arming motors", causes)
-    fleet.note("event.armed", craft, {"forced": not checked}, causes)
-    fence.on_arming(fleet, craft)
+    flight["control"][row] = PILOT_CONTROLS.get(vehicle.mode, ControlMode.IDLE)
+    flight["flags"][row] = flight["handled_flags"][row] = 0
+    fleet.set_default_limits(vehicle)
+    fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Arming motors", causes)
+    fleet.note("event.armed", vehicle, {"forced": not checked}, causes)
+    fence.auto_enable_on_arming(fleet, vehicle)
     return True
 
 
-def _refusal(fleet: Fleet, craft: Craft) -> str:
+def _refusal(fleet: Fleet, vehicle: Vehicle) -> str:
     """Return why an aircraft that passes the pre-arm checks may not be armed (`arm_checks`), or ""."""
-    if not armable(craft.shown_mode, int(fleet.param(craft, "AUTO_OPTIONS"))):
-        return f"{Mode(craft.shown_mode).name} mode not armable"
-    checks = int(fleet.param(craft, "ARMING_CHECK"))
-    lean = math.hypot(float(fleet.estimate["roll"][craft.row]), float(fleet.estimate["pitch"][craft.row]))
-    if checks & (prearm.Bit.ALL | prearm.Bit.INS) and lean > math.radians(fleet.param(craft, "ANGLE_MAX") * 0.01):
+    if not allows_arming(vehicle.reported_mode, int(fleet.param(vehicle, "AUTO_OPTIONS"))):
+        return f"{Mode(vehicle.reported_mode).name} mode not armable"
+    checks = int(fleet.param(vehicle, "ARMING_CHECK"))
+    lean = math.hypot(float(fleet.estimate["roll"][vehicle.row]), float(fleet.estimate["pitch"][vehicle.row]))
+    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.INS) and lean > math.radians(
+        fleet.param(vehicle, "ANGLE_MAX") * 0.01
+    ):
         return "Leaning"
-    if checks & (prearm.Bit.ALL | prearm.Bit.RC) and sticks_in.too_high(fleet, craft):
+    if checks & (prearm.ArmingCheck.ALL | prearm.ArmingCheck.RC) and rc_channels.throttle_too_high(fleet, vehicle):
         return "Throttle too high"
     return ""
 
 
-def disarm(fleet: Fleet, craft: Craft, reason: str, causes: Causes) -> None:
+def disarm(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> None:
     """Stop the motors, also in flight, and set the mission back to its start."""
-    flight, row = fleet.flight, craft.row
+    flight, row = fleet.flight, vehicle.row
     flight["armed"][row] = 0
     flight["landed"][row] = 1
-    flight["control"][row] = Control.OFF
-    flight["spool"][row] = 0.0
-    flight["flags"][row] = flight["seen"][row] = 0
-    craft.ready = False
-    craft.stage = Stage.NONE
-    craft.flown = None
-    craft.in_landing = False
-    craft.current = 0
-    craft.jumps.clear()
-    craft.do_next = 0
-    craft.condition = (0, 0.0)
-    craft.reached.clear()
-    for timer in (Timer.HOLD, Timer.LANDED, Timer.IDLE, Timer.STALE, Timer.CONDITION):
-        fleet.timer(craft, timer)
-    fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
-    fleet.note("event.disarmed", craft, {"reason": reason}, causes)
-    auto_rtl.look(fleet, craft)
-    fence.on_disarming(fleet, craft)
+    flight["control"][row] = ControlMode.OFF
+    flight["spool_state"][row] = 0.0
+    flight["flags"][row] = flight["handled_flags"][row] = 0
+    vehicle.auto_armed = False
+    vehicle.submode = SubMode.NONE
+    vehicle.active_item = None
+    vehicle.in_landing_sequence = False
+    vehicle.current = 0
+    vehicle.jump_counts.clear()
+    vehicle.next_do = 0
+    vehicle.condition = (0, 0.0)
+    vehicle.reached_ns.clear()
+    for timer in (Timer.HOLD, Timer.LANDED, Timer.DISARM_DELAY, Timer.GUIDED_TIMEOUT, Timer.CONDITION):
+        fleet.set_timer(vehicle, timer)
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Disarming motors", causes)
+    fleet.note("event.disarmed", vehicle, {"reason": reason}, causes)
+    auto_rtl.update(fleet, vehicle)
+    fence.auto_disable_on_disarming(fleet, vehicle)
 
 
-def idle_end(fleet: Fleet, craft: Craft) -> Time:
+def auto_disarm_time(fleet: Fleet, vehicle: Vehicle) -> Time:
     """Return when an aircraft that stands armed from now on disarms automatically: after DISARM_DELAY, never for 0."""
-    delay_s = fleet.param(craft, "DISARM_DELAY")
+    delay_s = fleet.param(vehicle, "DISARM_DELAY")
     return fleet.now + from_seconds(delay_s) if delay_s > 0 else NEVER
 
 
-def take_off(fleet: Fleet, craft: Craft, up: float) -> None:
+def start_takeoff(fleet: Fleet, vehicle: Vehicle, up: float) -> None:
     """Climb to a height `up` (m above the origin) at the speeds in force: with spool-up on the ground, or in flight."""
-    row, flight = craft.row, fleet.flight
-    flight["flags"][row] = flight["seen"][row] = 0
+    row, flight = vehicle.row, fleet.flight
+    flight["flags"][row] = flight["handled_flags"][row] = 0
     flight["target_pos"][row, 2] = up
-    flight["heading"][row] = Heading.HOLD
+    flight["auto_yaw_mode"][row] = AutoYawMode.HOLD
     if flight["landed"][row]:
         flight["throttle"][row] = 0.0
-        loop.rest(flight, row)
-        fleet.timer(craft, Timer.IDLE)
+        loop.reset_controllers(flight, row)
+        fleet.set_timer(vehicle, Timer.DISARM_DELAY)
     else:
-        loop.hold(fleet.estimate, flight, row)
-    flight["control"][row] = Control.TAKEOFF
+        loop.init_reference(fleet.estimate, flight, row)
+    flight["control"][row] = ControlMode.TAKEOFF

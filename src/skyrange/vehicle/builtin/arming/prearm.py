@@ -17,13 +17,17 @@ from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import battery, fence, position, rally, remote_id
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
-from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, NEEDS_POSITION, Mode
+from skyrange.vehicle.builtin import battery_monitor
+from skyrange.vehicle.builtin.arming import open_drone_id
+from skyrange.vehicle.builtin.estimation import validity
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
+from skyrange.vehicle.builtin.locations import rally
+from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, REQUIRES_POSITION, Mode
 
 Mask = NDArray[np.bool_]
-Words = str | Callable[[Craft], str]
-Reason = tuple[Mask, Words]
+Text = str | Callable[[Vehicle], str]
+Failure = tuple[Mask, Text]
 """Which rows fail, and the text: a string, or a function of the aircraft that makes one."""
 
 _DISPLAY_PERIOD_NS = 30 * NS_PER_S  # PREARM_DISPLAY_PERIOD
@@ -36,10 +40,10 @@ _MAX_ALT_DISPARITY_M = 1.0  # PREARM_MAX_ALT_DISPARITY_CM
 _FIELD_MIN_MGAUSS, _FIELD_MAX_MGAUSS = 185, 875  # AP_ARMING_COMPASS_MAGFIELD_MIN, …_MAX
 _PRED_POS_ABS = int(dialect.EKF_PRED_POS_HORIZ_ABS)
 _PRED_POS_REL = int(dialect.EKF_PRED_POS_HORIZ_REL)
-_HORIZONTAL_TYPES = int(fence.Kind.CIRCLE | fence.Kind.POLYGON)
+_HORIZONTAL_TYPES = int(fence.FenceType.CIRCLE | fence.FenceType.POLYGON)
 
 
-class Bit(IntFlag):
+class ArmingCheck(IntFlag):
     """ARMING_CHECK's bits that have a check here."""
 
     ALL = 1 << 0
@@ -53,7 +57,7 @@ class Bit(IntFlag):
     MISSION = 1 << 14
 
 
-class View(NamedTuple):
+class CheckInputs(NamedTuple):
     """Some rows and the inputs of the checks."""
 
     rows: NDArray[np.int64]
@@ -69,82 +73,82 @@ class View(NamedTuple):
     fence_requires_position: Mask
     """A fence that requires a position is in force."""
 
-    def check_enabled(self, bit: Bit) -> Mask:
+    def check_enabled(self, bit: ArmingCheck) -> Mask:
         """Where ARMING_CHECK has a bit, or all."""
-        return np.asarray(self.bits & (Bit.ALL | bit) != 0)
+        return np.asarray(self.bits & (ArmingCheck.ALL | bit) != 0)
 
 
-def view(fleet: Fleet, rows: NDArray[np.int64]) -> View:
+def gather_inputs(fleet: Fleet, rows: NDArray[np.int64]) -> CheckInputs:
     """Gather the inputs of the checks for some rows."""
     modes = fleet.modes[rows].tolist()
-    kinds = fleet.boundary["enabled"][rows] & fleet.settings["FENCE_TYPE"][rows].astype(np.int64)
-    kinds = np.where(fleet.zones["count"][rows] > 0, kinds, kinds & ~int(fence.Kind.POLYGON))
-    return View(
+    kinds = fleet.fence["enabled"][rows] & fleet.settings["FENCE_TYPE"][rows].astype(np.int64)
+    kinds = np.where(fleet.fence_zones["count"][rows] > 0, kinds, kinds & ~int(fence.FenceType.POLYGON))
+    return CheckInputs(
         rows,
         fleet.settings["ARMING_CHECK"][rows].astype(np.int64),
-        np.array([mode in NEEDS_POSITION for mode in modes], dtype=bool),
+        np.array([mode in REQUIRES_POSITION for mode in modes], dtype=bool),
         np.array([mode in MANUAL_THROTTLE for mode in modes], dtype=bool),
         np.array([mode == Mode.AUTO for mode in modes], dtype=bool),
-        position.known(fleet, rows),
+        validity.has_position(fleet, rows),
         kinds & _HORIZONTAL_TYPES != 0,
     )
 
 
-def _gcs_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
-    return [(fleet.watch["station_lost"][inputs.rows] != 0, "GCS failsafe on")]
+def _gcs_failsafe_check(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    return [(fleet.checks["gcs_lost"][inputs.rows] != 0, "GCS failsafe on")]
 
 
-def _alt_checks(fleet: Fleet, inputs: View) -> list[Reason]:
-    return [(~inputs.manual_throttle & ~position.height_known(fleet, inputs.rows), "Need Alt Estimate")]
+def _alt_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    return [(~inputs.manual_throttle & ~validity.has_altitude(fleet, inputs.rows), "Need Alt Estimate")]
 
 
-def _barometer_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+def _barometer_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
     by_baro = (status & _PRED_POS_REL == 0) & (status & _PRED_POS_ABS != 0)
     apart = np.abs(estimate["pos"][rows, 2] - estimate["baro_up"][rows]) > _MAX_ALT_DISPARITY_M
-    return [(inputs.check_enabled(Bit.BARO) & by_baro & apart, "Altitude disparity")]
+    return [(inputs.check_enabled(ArmingCheck.BARO) & by_baro & apart, "Altitude disparity")]
 
 
-def _ins_checks(fleet: Fleet, inputs: View) -> list[Reason]:
-    bad = fleet.estimate["status"][inputs.rows] & position.ATTITUDE == 0
-    return [(inputs.check_enabled(Bit.INS) & bad, "EKF attitude is bad")]
+def _ins_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    bad = fleet.estimate["status"][inputs.rows] & validity.ATTITUDE == 0
+    return [(inputs.check_enabled(ArmingCheck.INS) & bad, "EKF attitude is bad")]
 
 
-def _compass_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+def _compass_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     field = 1000.0 * np.sqrt((fleet.estimate["compass"][inputs.rows] ** 2).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
-    def words(craft: Craft) -> str:
-        mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][craft.row] ** 2).sum()))
+    def words(vehicle: Vehicle) -> str:
+        mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][vehicle.row] ** 2).sum()))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
-    return [(inputs.check_enabled(Bit.COMPASS) & odd, words)]
+    return [(inputs.check_enabled(ArmingCheck.COMPASS) & odd, words)]
 
 
-def _gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     """`gps_checks`: the receiver, where a position is required; then the estimate (`mandatory_gps_checks`)."""
     estimate, rows = fleet.estimate, inputs.rows
-    asked = inputs.check_enabled(Bit.GPS) & (inputs.requires_position | inputs.fence_requires_position)
+    asked = inputs.check_enabled(ArmingCheck.GPS) & (inputs.requires_position | inputs.fence_requires_position)
     lost = (estimate["gnss_fix"][rows] < _FIX_3D) | (estimate["gnss_age_s"][rows] > _GNSS_LOST_S)
     away = estimate["pos"][rows, :2] - estimate["gnss_pos"][rows, :2]
     apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
     rough = estimate["gnss_hdop"][rows] * 100.0 > fleet.settings["GPS_HDOP_GOOD"][rows]
 
-    def words(craft: Craft) -> str:
-        east, north, _ = (estimate["pos"][craft.row] - estimate["gnss_pos"][craft.row]).tolist()
+    def words(vehicle: Vehicle) -> str:
+        east, north, _ = (estimate["pos"][vehicle.row] - estimate["gnss_pos"][vehicle.row]).tolist()
         return f"GPS and AHRS differ by {np.hypot(east, north):4.1f}m"
 
     return [
         (asked & lost, "GPS 1: Bad fix"),
-        (asked & (fleet.watch["located"][rows] == 0), "AHRS: waiting for home"),
+        (asked & (fleet.checks["located"][rows] == 0), "AHRS: waiting for home"),
         (asked & (apart > _MAX_GPS_AHRS_ERROR_M), words),
         *_mandatory_gps_checks(fleet, inputs),
         (asked & rough, "High GPS HDOP"),
     ]
 
 
-def _mandatory_gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+def _mandatory_gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     """`mandatory_gps_checks`, also run for forced arming."""
     estimate, rows = fleet.estimate, inputs.rows
     status = estimate["status"][rows]
@@ -152,10 +156,10 @@ def _mandatory_gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
     needed = inputs.requires_position | inputs.fence_requires_position
     ratios = {"compass": "mag_ratio", "position": "pos_ratio", "velocity": "vel_ratio", "height": "hgt_ratio"}
     return [
-        (status & position.UNINITIALIZED != 0, "AHRS: EKF3 still initialising"),
+        (status & validity.UNINITIALIZED != 0, "AHRS: EKF3 still initialising"),
         (inputs.requires_position & ~inputs.has_position, "Need Position Estimate"),
         (inputs.fence_requires_position & ~inputs.has_position, "Fence enabled, need position estimate"),
-        (needed & (status & position.GLITCHING != 0), "GPS glitching"),
+        (needed & (status & validity.GLITCHING != 0), "GPS glitching"),
         *(
             (needed & (most > 0.0) & (estimate[field][rows] >= most), f"EKF {name} variance")
             for name, field in ratios.items()
@@ -163,13 +167,18 @@ def _mandatory_gps_checks(fleet: Fleet, inputs: View) -> list[Reason]:
     ]
 
 
-def _battery_checks(fleet: Fleet, inputs: View) -> list[Reason]:
-    asked = inputs.check_enabled(Bit.BATTERY)
-    return [(asked & bad, words) for bad, words in battery.troubles(fleet, inputs.rows)]
+def _battery_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    asked = inputs.check_enabled(ArmingCheck.BATTERY)
+    return [(asked & bad, words) for bad, words in battery_monitor.prearm_failures(fleet, inputs.rows)]
 
 
-def _battery_failsafe_check(fleet: Fleet, inputs: View) -> list[Reason]:
-    return [(inputs.check_enabled(Bit.VOLTAGE) & (fleet.power["tripped"][inputs.rows] != 0), "Battery failsafe")]
+def _battery_failsafe_check(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    return [
+        (
+            inputs.check_enabled(ArmingCheck.VOLTAGE) & (fleet.battery["failsafe_triggered"][inputs.rows] != 0),
+            "Battery failsafe",
+        )
+    ]
 
 
 _REQUIRED_ITEMS: Final = {
@@ -182,40 +191,40 @@ _REQUIRED_ITEMS: Final = {
 _REQUIRED_RALLY = 32
 
 
-def _mission_checks(fleet: Fleet, inputs: View) -> list[Reason]:
+def _mission_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     rows = inputs.rows
     wanted = fleet.settings["ARMING_MIS_ITEMS"][rows].astype(np.int64)
     lacks, empty = np.zeros(rows.size, dtype=bool), np.zeros(rows.size, dtype=bool)
     missing: dict[int, str] = {}
-    for place in np.flatnonzero(inputs.check_enabled(Bit.MISSION) & (wanted != 0)).tolist():
+    for place in np.flatnonzero(inputs.check_enabled(ArmingCheck.MISSION) & (wanted != 0)).tolist():
         row = int(rows[place])
         missing[row] = _missing_item(fleet, row, int(wanted[place]))
         lacks[place] = bool(missing[row])
     for place in np.flatnonzero(inputs.needs_mission).tolist():
-        empty[place] = not fleet.crafts[rows[place]].sees_mission
-    return [(lacks, lambda craft: missing[craft.row]), (empty, "Mode requires mission")]
+        empty[place] = not fleet.vehicles[rows[place]].has_mission
+    return [(lacks, lambda vehicle: missing[vehicle.row]), (empty, "Mode requires mission")]
 
 
 def _missing_item(fleet: Fleet, row: int, bits: int) -> str:
-    craft = fleet.crafts[row]
-    commands = {slot.command for slot in craft.mission[1:]}
+    vehicle = fleet.vehicles[row]
+    commands = {slot.command for slot in vehicle.mission[1:]}
     for bit, (command, name) in _REQUIRED_ITEMS.items():
         if bits & bit and command not in commands:
             return f"Missing mission item: {name}"
-    if bits & _REQUIRED_RALLY and rally.nearest(fleet, craft) is None:
+    if bits & _REQUIRED_RALLY and rally.nearest_rally_point(fleet, vehicle) is None:
         return "No sufficiently close rally point located"
     return ""
 
 
-def _fence_checks(fleet: Fleet, inputs: View) -> list[Reason]:
-    return list(fence.troubles(fleet, inputs.rows, inputs.has_position))
+def _fence_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    return list(fence.prearm_failures(fleet, inputs.rows, inputs.has_position))
 
 
-def _opendroneid_checks(fleet: Fleet, inputs: View) -> list[Reason]:
-    return list(remote_id.troubles(fleet, inputs.rows))
+def _opendroneid_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
+    return list(open_drone_id.prearm_failures(fleet, inputs.rows))
 
 
-CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
+CHECKS: Final[list[Callable[[Fleet, CheckInputs], Sequence[Failure]]]] = [
     _gcs_failsafe_check,
     _alt_checks,
     _barometer_checks,
@@ -230,7 +239,7 @@ CHECKS: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
 ]
 """In ArduPilot's order."""
 
-MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
+MANDATORY_CHECKS: Final[list[Callable[[Fleet, CheckInputs], Sequence[Failure]]]] = [
     _mandatory_gps_checks,
     _alt_checks,
     _opendroneid_checks,
@@ -240,50 +249,50 @@ MANDATORY: Final[list[Callable[[Fleet, View], Sequence[Reason]]]] = [
 
 def update(fleet: Fleet) -> None:
     """Check all disarmed aircraft, once a second; report failures every 30 s, or within 4 s of their beginning."""
-    watch, flight = fleet.watch, fleet.flight
+    watch, flight = fleet.checks, fleet.flight
     watch["prearm_ok"][flight["armed"] != 0] = 1
     rows = np.flatnonzero(flight["armed"] == 0)
     if not rows.size:
         return
-    inputs = view(fleet, rows)
+    inputs = gather_inputs(fleet, rows)
     every = inputs.bits != 0
-    found = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(fleet, inputs, MANDATORY, ~every)
+    found = _run_selected(fleet, inputs, CHECKS, every) + _run_selected(fleet, inputs, MANDATORY_CHECKS, ~every)
     failing = np.zeros(rows.size, dtype=bool)
     for reasons in found:
         for bad, _ in reasons:
             failing |= bad
-    told = fleet.now - watch["prearm_told_ns"][rows]
+    told = fleet.now - watch["prearm_reported_ns"][rows]
     due = (told > _DISPLAY_PERIOD_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _URGENT_PERIOD_NS))
-    watch["prearm_told_ns"][rows[due]] = fleet.now
+    watch["prearm_reported_ns"][rows[due]] = fleet.now
     watch["prearm_urgent"][rows[due]] = 0
     quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _DISABLE_DISPLAY != 0
     for place in np.flatnonzero(failing & due & ~quiet).tolist():
-        _send_failures(fleet, fleet.crafts[rows[place]], place, found, "PreArm", ())
+        _send_failures(fleet, fleet.vehicles[rows[place]], place, found, "PreArm", ())
     watch["prearm_urgent"][rows[failing & (watch["prearm_ok"][rows] != 0)]] = 1
     watch["prearm_ok"][rows] = ~failing
 
 
-def report(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+def report_failures(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
     """Report what prevents arming, if anything does."""
-    inputs = view(fleet, np.array([craft.row]))
-    found = _run_selected(fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY, np.ones(1, dtype=bool))
-    _send_failures(fleet, craft, 0, found, "PreArm", causes)
+    inputs = gather_inputs(fleet, np.array([vehicle.row]))
+    found = _run_selected(fleet, inputs, CHECKS if inputs.bits[0] else MANDATORY_CHECKS, np.ones(1, dtype=bool))
+    _send_failures(fleet, vehicle, 0, found, "PreArm", causes)
 
 
-def passes(fleet: Fleet, craft: Craft, forced: bool, causes: Causes) -> bool:
+def run_checks(fleet: Fleet, vehicle: Vehicle, forced: bool, causes: Causes) -> bool:
     """Run the checks for an aircraft to be armed now and report failures; if `forced`, only the mandatory ones."""
-    inputs = view(fleet, np.array([craft.row]))
+    inputs = gather_inputs(fleet, np.array([vehicle.row]))
     few = forced or inputs.bits[0] == 0
-    found = _run_selected(fleet, inputs, MANDATORY if few else CHECKS, np.ones(1, dtype=bool))
+    found = _run_selected(fleet, inputs, MANDATORY_CHECKS if few else CHECKS, np.ones(1, dtype=bool))
     failing = any(bad[0] for reasons in found for bad, _ in reasons)
     if failing:
-        _send_failures(fleet, craft, 0, found, "Arm", causes)
+        _send_failures(fleet, vehicle, 0, found, "Arm", causes)
     return not failing
 
 
 def _run_selected(
-    fleet: Fleet, inputs: View, checks: Sequence[Callable[[Fleet, View], Sequence[Reason]]], where: Mask
-) -> list[list[Reason]]:
+    fleet: Fleet, inputs: CheckInputs, checks: Sequence[Callable[[Fleet, CheckInputs], Sequence[Failure]]], where: Mask
+) -> list[list[Failure]]:
     """Return the failures that checks find, restricted to `where`."""
     if not where.any():
         return []
@@ -291,11 +300,11 @@ def _run_selected(
 
 
 def _send_failures(
-    fleet: Fleet, craft: Craft, place: int, found: list[list[Reason]], head: str, causes: Causes
+    fleet: Fleet, vehicle: Vehicle, place: int, found: list[list[Failure]], head: str, causes: Causes
 ) -> None:
     """Send the first failure of every failing check as STATUSTEXT."""
     for reasons in found:
         words = next((words for bad, words in reasons if bad[place]), None)
         if words is not None:
-            text = words if isinstance(words, str) else words(craft)
-            fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, f"{head}: {text}", causes)
+            text = words if isinstance(words, str) else words(vehicle)
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_CRITICAL, f"{head}: {text}", causes)

@@ -11,14 +11,19 @@ from dataclasses import dataclass, field
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet
-from skyrange.vehicle.builtin.places import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES, datum_m
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Vehicle
+from skyrange.vehicle.builtin.locations.location import (
+    ABSOLUTE_FRAMES,
+    RELATIVE_FRAMES,
+    TERRAIN_FRAMES,
+    altitude_datum_m,
+)
 
 ACCEPTED: Final = int(mav.MAV_RESULT_ACCEPTED)
 DENIED: Final = int(mav.MAV_RESULT_DENIED)
 FAILED: Final = int(mav.MAV_RESULT_FAILED)
 UNSUPPORTED: Final = int(mav.MAV_RESULT_UNSUPPORTED)
-BUSY: Final = int(mav.MAV_RESULT_TEMPORARILY_REJECTED)
+TEMPORARILY_REJECTED: Final = int(mav.MAV_RESULT_TEMPORARILY_REJECTED)
 
 ALT_MAX_M: Final = 83_000.0
 """LOCATION_ALT_MAX_M (AP_Common/Location.h)."""
@@ -50,18 +55,18 @@ class Command:
     y: int
     z: float
     frame: int
-    partner: tuple[int, int]
+    peer: tuple[int, int]
     causes: Causes
     after: list[int] = field(default_factory=list)
     """Messages that follow the acknowledgement."""
 
 
-def of(message: Any, partner: tuple[int, int], causes: Causes) -> Command | None:
+def decode_command(message: Any, peer: tuple[int, int], causes: Causes) -> Command | None:
     """Return the command of a COMMAND_INT or COMMAND_LONG; `None` where it is not accepted as COMMAND_LONG."""
     params = (message.param1, message.param2, message.param3, message.param4)
     number = message.command
     if message.get_msgId() == mav.MAVLINK_MSG_ID_COMMAND_INT:
-        return Command(number, params, message.x, message.y, message.z, message.frame, partner, causes)
+        return Command(number, params, message.x, message.y, message.z, message.frame, peer, causes)
     frame = int(mav.MAV_FRAME_GLOBAL_RELATIVE_ALT)
     scale = 1.0
     if number in _LOCATED:
@@ -69,7 +74,7 @@ def of(message: Any, partner: tuple[int, int], causes: Causes) -> Command | None
             return None
         frame, scale = int(_FRAME_OF_LONG[number]), 1e7
     x, y = (0 if math.isnan(part) else int32(part * scale) for part in (message.param5, message.param6))
-    return Command(number, params, x, y, message.param7, frame, partner, causes)
+    return Command(number, params, x, y, message.param7, frame, peer, causes)
 
 
 def int32(value: float) -> int:
@@ -93,12 +98,12 @@ def uint8(value: float) -> int:
     return uint32(value) & 0xFF
 
 
-def on_earth(x: int, y: int) -> bool:
+def check_latlng(x: int, y: int) -> bool:
     """Whether these are a latitude and a longitude in 1e-7 degrees (AP_Math/location.cpp `check_latlng`)."""
     return abs(x) <= 900_000_000 and abs(y) <= 1_800_000_000
 
 
-def place(fleet: Fleet, craft: Craft, command: Command) -> tuple[float, float, float] | None:
+def location_of(fleet: Fleet, vehicle: Vehicle, command: Command) -> tuple[float, float, float] | None:
     """Return the command's place in ENU metres; `None` for an invalid altitude or frame. Terrain is flat."""
     if not abs(command.z) <= ALT_MAX_M:
         return None
@@ -106,7 +111,7 @@ def place(fleet: Fleet, craft: Craft, command: Command) -> tuple[float, float, f
         return None
     held = (max(min(command.x, 900_000_000), -900_000_000), max(min(command.y, 1_800_000_000), -1_800_000_000))
     east, north = fleet.origin.enu_of(held[0] * 1e-7, held[1] * 1e-7)
-    return east, north, command.z + datum_m(fleet, craft, command.frame)
+    return east, north, command.z + altitude_datum_m(fleet, vehicle, command.frame)
 
 
 def is_relative(command: Command) -> bool:

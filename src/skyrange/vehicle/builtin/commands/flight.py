@@ -10,25 +10,28 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.vehicle.builtin import do_items, facing, fence, navigator, pausing, targets
-from skyrange.vehicle.builtin.arming import FORCE, FORCE_ARM, arm, disarm, take_off
+from skyrange.vehicle.builtin.arming.arming import MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM, arm, disarm, start_takeoff
 from skyrange.vehicle.builtin.commands.command import (
     ACCEPTED,
     DENIED,
     FAILED,
     UNSUPPORTED,
     Command,
+    check_latlng,
     int32,
     is_relative,
-    on_earth,
-    place,
+    location_of,
     uint8,
     uint32,
 )  # fmt: skip
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState
-from skyrange.vehicle.builtin.home import announce
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Vehicle
+from skyrange.vehicle.builtin.flight_modes import guided
+from skyrange.vehicle.builtin.guidance import auto_yaw
+from skyrange.vehicle.builtin.locations.home import send_home
+from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.mode_change import enter_landing_sequence, set_mode
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.switching import set_mode, start_landing
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
 _SPEED_TYPE_END: Final = 4
@@ -36,104 +39,109 @@ _CHANGE_MODE: Final = int(mav.MAV_DO_REPOSITION_FLAGS_CHANGE_MODE)
 _MAX_ALT_M: Final = 1e5
 
 
-def arm_disarm(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def arm_disarm(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """COMPONENT_ARM_DISARM: 2989 in param2 forces arming, 21196 forces it and stops the motors in the air."""
     want, magic = command.params[0], command.params[1]
     if want == 1.0:
-        if fleet.armed(craft):
+        if fleet.armed(vehicle):
             return ACCEPTED
-        if not arm(fleet, craft, magic not in (FORCE_ARM, FORCE), command.causes):
+        if not arm(fleet, vehicle, magic not in (MAGIC_FORCE_ARM, MAGIC_FORCE_ARM_DISARM), command.causes):
             return FAILED
-        announce(fleet, craft, command.causes)
-        navigator.update(fleet, craft)
+        send_home(fleet, vehicle, command.causes)
+        execution.update(fleet, vehicle)
         return ACCEPTED
     if want == 0.0:
-        if fleet.armed(craft):
-            if magic != FORCE and not fleet.landed(craft):
+        if fleet.armed(vehicle):
+            if magic != MAGIC_FORCE_ARM_DISARM and not fleet.landed(vehicle):
                 return FAILED
-            disarm(fleet, craft, "forced" if magic == FORCE else "command", command.causes)
+            disarm(fleet, vehicle, "forced" if magic == MAGIC_FORCE_ARM_DISARM else "command", command.causes)
         return ACCEPTED
     return UNSUPPORTED
 
 
-def takeoff(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def takeoff(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """NAV_TAKEOFF to a height above home: in GUIDED, armed, on the ground (Mode::do_user_takeoff)."""
     if command.frame != mav.MAV_FRAME_GLOBAL_RELATIVE_ALT:
         return DENIED
     # ArduCopter converts any value to integer centimetres; a value that is not a number is refused here
     if not abs(command.z) <= _MAX_ALT_M:
         return DENIED
-    up = craft.home[2] + command.z
-    if craft.mode != Mode.GUIDED or not fleet.armed(craft) or not fleet.landed(craft) or up <= fleet.position(craft)[2]:
+    up = vehicle.home[2] + command.z
+    if (
+        vehicle.mode != Mode.GUIDED
+        or not fleet.armed(vehicle)
+        or not fleet.landed(vehicle)
+        or up <= fleet.position(vehicle)[2]
+    ):
         return FAILED
-    craft.ready = True
-    craft.target_causes = command.causes
-    fleet.limits(craft)
-    take_off(fleet, craft, up)
+    vehicle.auto_armed = True
+    vehicle.target_causes = command.causes
+    fleet.set_default_limits(vehicle)
+    start_takeoff(fleet, vehicle, up)
     return ACCEPTED
 
 
-def _change_mode(fleet: Fleet, craft: Craft, mode: int, causes: Causes) -> int:
-    return ACCEPTED if set_mode(fleet, craft, mode, "gcs_command", causes) else FAILED
+def _change_mode(fleet: Fleet, vehicle: Vehicle, mode: int, causes: Causes) -> int:
+    return ACCEPTED if set_mode(fleet, vehicle, mode, "gcs_command", causes) else FAILED
 
 
-def land(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def land(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """NAV_LAND: LAND at the present position, whatever place the command names."""
-    return _change_mode(fleet, craft, Mode.LAND, command.causes)
+    return _change_mode(fleet, vehicle, Mode.LAND, command.causes)
 
 
-def go_home(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def return_to_launch(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """NAV_RETURN_TO_LAUNCH: change to RTL."""
-    return _change_mode(fleet, craft, Mode.RTL, command.causes)
+    return _change_mode(fleet, vehicle, Mode.RTL, command.causes)
 
 
-def loiter(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def loiter_unlim(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """NAV_LOITER_UNLIM: change to LOITER."""
-    return _change_mode(fleet, craft, Mode.LOITER, command.causes)
+    return _change_mode(fleet, vehicle, Mode.LOITER, command.causes)
 
 
-def choose_mode(fleet: Fleet, craft: Craft, base_mode: int, number: int, causes: Causes) -> int:
+def handle_set_mode(fleet: Fleet, vehicle: Vehicle, base_mode: int, number: int, causes: Causes) -> int:
     """Change the mode (SET_MODE, DO_SET_MODE). There is no safety switch, which the base mode can also address."""
     if base_mode & mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
-        return _change_mode(fleet, craft, number, causes)
+        return _change_mode(fleet, vehicle, number, causes)
     if base_mode == mav.MAV_MODE_FLAG_DECODE_POSITION_SAFETY and number in (0, 1):
         return ACCEPTED if number == 0 else FAILED
     return DENIED
 
 
-def do_set_mode(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def do_set_mode(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_SET_MODE. A value that is not a number is denied, where ArduCopter would read mode 0, STABILIZE."""
     base, number = command.params[0], command.params[1]
     if not (math.isfinite(base) and math.isfinite(number)):
         return DENIED
-    return choose_mode(fleet, craft, uint8(base), uint32(number), command.causes)
+    return handle_set_mode(fleet, vehicle, uint8(base), uint32(number), command.causes)
 
 
-def mission_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def mission_start(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """MISSION_START: fly the whole mission; the aircraft may leave the ground."""
     if command.params[0] != 0.0 or command.params[1] != 0.0:
         return DENIED  # first and last items are not supported
-    if not set_mode(fleet, craft, Mode.AUTO, "gcs_command", command.causes):
+    if not set_mode(fleet, vehicle, Mode.AUTO, "gcs_command", command.causes):
         return FAILED
-    craft.mode_causes = command.causes
-    craft.ready = fleet.armed(craft)
-    if craft.mission_state != MissionState.ACTIVE:
-        navigator.start_or_resume(fleet, craft)
-    navigator.update(fleet, craft)
+    vehicle.mode_causes = command.causes
+    vehicle.auto_armed = fleet.armed(vehicle)
+    if vehicle.mission_state != MissionState.ACTIVE:
+        execution.start_or_resume(fleet, vehicle)
+    execution.update(fleet, vehicle)
     return ACCEPTED
 
 
-def change_speed(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def change_speed(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_CHANGE_SPEED: set the horizontal (0, 1), climb (2) or descent (3) speed until the mode changes."""
     kind, speed = int32(command.params[0]), command.params[1]
     if not speed > 0.0 or kind == _SPEED_TYPE_END:
         return DENIED
-    if craft.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
+    if vehicle.mode not in (Mode.AUTO, Mode.GUIDED, Mode.RTL):
         return FAILED
-    return ACCEPTED if do_items.change_speed(fleet, craft, kind, speed) else FAILED
+    return ACCEPTED if do_commands.change_speed(fleet, vehicle, kind, speed) else FAILED
 
 
-def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def condition_yaw(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """CONDITION_YAW: turn to an angle from north, or by an angle (param4 1), at most at the maximum rate.
 
     ArduCopter accepts it in any mode; it takes effect in modes that control the yaw themselves.
@@ -144,81 +152,83 @@ def turn(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> in
     if not (math.isfinite(rate) and math.isfinite(direction)):
         return FAILED
     sense = (direction > 0.0) - (direction < 0.0)
-    facing.turn(fleet, craft, angle, max(rate, 0.0), sense, relative == 1.0)
+    auto_yaw.set_fixed_yaw(fleet, vehicle, angle, max(rate, 0.0), sense, relative == 1.0)
     return ACCEPTED
 
 
-def reposition(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def reposition(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_REPOSITION: fly to a place in GUIDED, or (bit 0 of param2) change to GUIDED for it. COMMAND_INT only."""
     may_change = bool(int32(command.params[1]) & _CHANGE_MODE)
-    if craft.mode != Mode.GUIDED and not may_change:
+    if vehicle.mode != Mode.GUIDED and not may_change:
         return DENIED
-    if not on_earth(command.x, command.y) or (command.x == 0 and command.y == 0):
+    if not check_latlng(command.x, command.y) or (command.x == 0 and command.y == 0):
         return DENIED
-    goal = place(fleet, craft, command)
+    goal = location_of(fleet, vehicle, command)
     if goal is None or (command.z == 0.0 and is_relative(command)):
         return DENIED
-    if not fence.allows(fleet, craft, goal):
+    if not fence.destination_within_fence(fleet, vehicle, goal):
         return FAILED  # before the mode is changed for it
-    if craft.mode != Mode.GUIDED and not set_mode(fleet, craft, Mode.GUIDED, "gcs_command", command.causes):
+    if vehicle.mode != Mode.GUIDED and not set_mode(fleet, vehicle, Mode.GUIDED, "gcs_command", command.causes):
         return FAILED
-    return ACCEPTED if targets.order(fleet, craft, goal, command.causes) else FAILED
+    return ACCEPTED if guided.set_destination(fleet, vehicle, goal, command.causes) else FAILED
 
 
-def terminate(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def flight_termination(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_FLIGHTTERMINATION: stop the motors, also in flight."""
     if not command.params[0] > 0.5:
         return FAILED
-    if fleet.armed(craft):
-        disarm(fleet, craft, "termination", command.causes)
+    if fleet.armed(vehicle):
+        disarm(fleet, vehicle, "termination", command.causes)
     return ACCEPTED
 
 
-def set_current(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def set_mission_current(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_SET_MISSION_CURRENT; param2 1 clears the jump counters and continues after the end."""
     seq = uint32(command.params[0])
-    if seq >= len(craft.mission):
+    if seq >= len(vehicle.mission):
         return DENIED
     again = command.params[1] == 1.0
     if again:
-        navigator.reset(craft)
-    if not navigator.set_current(fleet, craft, seq):
+        execution.reset(vehicle)
+    if not execution.set_current_cmd(fleet, vehicle, seq):
         return FAILED
-    if again and craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:
-        navigator.start_or_resume(fleet, craft)
+    if again and vehicle.mode == Mode.AUTO and vehicle.mission_state != MissionState.ACTIVE:
+        execution.start_or_resume(fleet, vehicle)
     command.after.append(mav.MAVLINK_MSG_ID_MISSION_CURRENT)
     return ACCEPTED
 
 
-def jump_tag(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def jump_tag(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_JUMP_TAG: no mission item has a tag here."""
     return DENIED if uint32(command.params[0]) > 0xFFFF else FAILED
 
 
-def land_start(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def land_start(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_LAND_START: fly the mission from its nearest landing sequence on."""
-    return ACCEPTED if start_landing(fleet, craft, "gcs_command", command.causes) else FAILED
+    return ACCEPTED if enter_landing_sequence(fleet, vehicle, "gcs_command", command.causes) else FAILED
 
 
-def pause(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def pause_continue(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_PAUSE_CONTINUE: pause on the way to a place, or continue (`handle_command_pause_continue`)."""
     what = uint8(command.params[0])
     if what > 1:
         return DENIED
-    if what == 0 and pausing.pause(fleet, craft):
+    if what == 0 and pause.pause(fleet, vehicle):
         return ACCEPTED
-    if what == 1 and craft.mode in (Mode.AUTO, Mode.GUIDED):
-        if craft.mode == Mode.AUTO:
-            navigator.go_on(fleet, craft)
-        craft.paused = False
+    if what == 1 and vehicle.mode in (Mode.AUTO, Mode.GUIDED):
+        if vehicle.mode == Mode.AUTO:
+            execution.resume(fleet, vehicle)
+        vehicle.paused = False
         return ACCEPTED
-    fleet.text(craft, mav.MAV_SEVERITY_INFO, "Failed to pause" if what == 0 else "Failed to resume", command.causes)
+    fleet.send_text(
+        vehicle, mav.MAV_SEVERITY_INFO, "Failed to pause" if what == 0 else "Failed to resume", command.causes
+    )
     return FAILED
 
 
-def motor_test(fleet: Fleet, schedule: Schedule, craft: Craft, command: Command) -> int:
+def motor_test(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
     """DO_MOTOR_TEST: refused in the air as by ArduCopter; unsupported on the ground, as in a build without it."""
-    if fleet.landed(craft):
+    if fleet.landed(vehicle):
         return UNSUPPORTED
-    fleet.text(craft, mav.MAV_SEVERITY_CRITICAL, "Motor Test: vehicle not landed", command.causes)
+    fleet.send_text(vehicle, mav.MAV_SEVERITY_CRITICAL, "Motor Test: vehicle not landed", command.causes)
     return FAILED

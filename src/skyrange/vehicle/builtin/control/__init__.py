@@ -1,1 +1,1 @@
-"""Control."""
+"""Controllers: attitude and position control, input shaping, and their gains."""

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
-from skyrange.vehicle.builtin.shaping import clamp, sqrt_controller
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.control.shaping import clamp, sqrt_controller
 
 _TILT_ERROR_RAD = math.radians(30.0)  # AC_ATTITUDE_THRUST_ERROR_ANGLE_RAD
 _TILT_NEAR2 = math.sin(0.5 * _TILT_ERROR_RAD) ** 2
@@ -22,7 +22,7 @@ _SERIES_LIMIT = 1e-3  # squared sine up to which three terms of a series are exa
 _YAW_HEADROOM = 0.2  # MOT_YAW_HEADROOM's 200 of 1000
 
 
-@kernel
+@compiled
 def _double_arcsine(s2: float) -> float:
     """2·asin(s)/s as a series of s², exact to 1e-9 for squares up to 0.04."""
     if s2 < _SERIES_LIMIT:
@@ -32,22 +32,22 @@ def _double_arcsine(s2: float) -> float:
     )
 
 
-@kernel
-def whole_angle(s2: float) -> float:
+@compiled
+def angle_of_half_sine2(s2: float) -> float:
     """Return an angle from the squared sine of its half."""
     s2 = clamp(s2, 0.0, 1.0)
     s = math.sqrt(s2)
     return s * _double_arcsine(s2) if s2 < 0.04 else 2.0 * math.asin(s)
 
 
-@kernel
+@compiled
 def _angle_over_sine(s: float, c: float) -> float:
     """2·atan2(s, c) / s for the sine s ≥ 0 and cosine c of half an angle."""
     return 2.0 * math.atan2(s, c) / s if s > 0.0 else 2.0
 
 
-@kernel
-def rotation(
+@compiled
+def relative_rotation(
     aw: float, ax: float, ay: float, az: float, bw: float, bx: float, by: float, bz: float
 ) -> tuple[float, float, float, float]:
     """Return the rotation from attitude a to attitude b in the frame of a: conj(a) times b, with w at least 0."""
@@ -60,8 +60,8 @@ def rotation(
     return w, x, y, z
 
 
-@kernel
-def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+@compiled
+def thrust_heading_rotation_angles(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return a rotation as (roll, pitch, yaw errors in rad, squared sine of half the tilt): tilt first, then turn.
 
     Small tilts and turns use series that are exact to 1e-9: asin(s)/(s·√(1-s²)) and 1/√(1-s²).
@@ -87,59 +87,61 @@ def tilt_and_turn(w: float, x: float, y: float, z: float) -> tuple[float, float,
     return (x * w - y * z) * ratio, (y * w + x * z) * ratio, yaw, s2
 
 
-@kernel
-def cos_lean(e: Any) -> float:
+@compiled
+def cos_tilt(e: Any) -> float:
     """Return the cosine of the lean angle: the share of the thrust that points up."""
     return float(1.0 - 2.0 * (e.quat[1] * e.quat[1] + e.quat[2] * e.quat[2]))
 
 
-@kernel
-def start(e: Any, f: Any) -> None:
+@compiled
+def reset_target_and_rate(e: Any, f: Any) -> None:
     """Set the attitude target to the estimated attitude, at rest (`reset_target_and_rate`)."""
     for part in range(4):
-        f.att[part] = e.quat[part]
+        f.att_target[part] = e.quat[part]
     for axis in range(3):
-        f.att_rate[axis] = 0.0
+        f.att_target_rate[axis] = 0.0
 
 
-@kernel
-def start_at(e: Any, f: Any) -> None:
+@compiled
+def reset_target(e: Any, f: Any) -> None:
     """Set the attitude target to the estimated attitude and keep its rates (`input_rate_bf_roll_pitch_yaw_rads`)."""
     for part in range(4):
-        f.att[part] = e.quat[part]
+        f.att_target[part] = e.quat[part]
 
 
-@kernel
-def follow(f: Any, g: Any, dt_s: float) -> None:
+@compiled
+def input_quaternion(f: Any, g: Any, dt_s: float) -> None:
     """Shape the attitude target towards `guided_quat`, which turns at `guided_ang_vel` (`input_quaternion`)."""
-    _rotate_by_rates(f.want_quat, f.want_rate, dt_s)
-    q = f.want_quat
-    steer(f, g, q[0], q[1], q[2], q[3], False, f.want_rate[2], dt_s)
+    _rotate_by_rates(f.guided_quat, f.guided_ang_vel, dt_s)
+    q = f.guided_quat
+    shape_target(f, g, q[0], q[1], q[2], q[3], False, f.guided_ang_vel[2], dt_s)
 
 
-@kernel
-def turn_by(f: Any, yaw: float) -> None:
+@compiled
+def inertial_frame_reset(f: Any, yaw: float) -> None:
     """Turn the attitude target about the vertical (`inertial_frame_reset`)."""
     s = math.sin(0.5 * yaw)
     c = math.cos(0.5 * yaw)
-    w = f.att[0]
-    x = f.att[1]
-    y = f.att[2]
-    z = f.att[3]
-    f.att[0] = c * w - s * z
-    f.att[1] = c * x - s * y
-    f.att[2] = c * y + s * x
-    f.att[3] = c * z + s * w
+    w = f.att_target[0]
+    x = f.att_target[1]
+    y = f.att_target[2]
+    z = f.att_target[3]
+    f.att_target[0] = c * w - s * z
+    f.att_target[1] = c * x - s * y
+    f.att_target[2] = c * y + s * x
+    f.att_target[3] = c * z + s * w
 
 
-@kernel
+@compiled
 def _input_shaping_ang_vel(rate: float, wanted: float, accel: float, dt_s: float) -> float:
     """Move a rate towards another within an angular acceleration (`input_shaping_ang_vel`)."""
     return rate + clamp(wanted - rate, -accel * dt_s, accel * dt_s)
 
 
-@kernel
-def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float) -> None:
+@compiled
+def input_thrust_vector(
+    f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, yaw_rate: float, dt_s: float
+) -> None:
     """Shape the attitude target towards a thrust direction and a heading (or, with `turning`, a yaw rate alone).
 
     The thrust shall point along the requested acceleration, m/s² (east, north), on top of gravity.
@@ -159,27 +161,35 @@ def aim(f: Any, g: Any, acc_e: float, acc_n: float, turning: bool, yaw: float, y
         z = w * s
         w = w * c
         x, y = x * c + y * s, y * c - x * s
-    steer(f, g, w, x, y, z, turning, yaw_rate, dt_s)
+    shape_target(f, g, w, x, y, z, turning, yaw_rate, dt_s)
 
 
-@kernel
-def steer(f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float) -> None:
+@compiled
+def shape_target(
+    f: Any, g: Any, w: float, x: float, y: float, z: float, turning: bool, yaw_rate: float, dt_s: float
+) -> None:
     """Shape the attitude target towards an attitude; with `turning`, its heading follows the yaw rate alone."""
-    ew, ex, ey, ez = rotation(f.att[0], f.att[1], f.att[2], f.att[3], w, x, y, z)
-    roll, pitch, turn, _ = tilt_and_turn(ew, ex, ey, ez)
+    ew, ex, ey, ez = relative_rotation(f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3], w, x, y, z)
+    roll, pitch, turn, _ = thrust_heading_rotation_angles(ew, ex, ey, ez)
     accel = g.accel_max[0]
-    f.att_rate[0] = _input_shaping_ang_vel(f.att_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_target_rate[0] = _input_shaping_ang_vel(
+        f.att_target_rate[0], sqrt_controller(roll, g.input_p, accel, dt_s), accel, dt_s
+    )
     accel = g.accel_max[1]
-    f.att_rate[1] = _input_shaping_ang_vel(f.att_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s)
+    f.att_target_rate[1] = _input_shaping_ang_vel(
+        f.att_target_rate[1], sqrt_controller(pitch, g.input_p, accel, dt_s), accel, dt_s
+    )
     accel = g.accel_max[2]
     if turning:
-        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], yaw_rate, accel, dt_s)
+        f.att_target_rate[2] = _input_shaping_ang_vel(f.att_target_rate[2], yaw_rate, accel, dt_s)
     else:
-        wanted = clamp(yaw_rate, -g.slew, g.slew) + sqrt_controller(turn, g.input_p, accel, dt_s)
-        f.att_rate[2] = _input_shaping_ang_vel(f.att_rate[2], clamp(wanted, -g.slew, g.slew), accel, dt_s)
+        wanted = clamp(yaw_rate, -g.slew_yaw, g.slew_yaw) + sqrt_controller(turn, g.input_p, accel, dt_s)
+        f.att_target_rate[2] = _input_shaping_ang_vel(
+            f.att_target_rate[2], clamp(wanted, -g.slew_yaw, g.slew_yaw), accel, dt_s
+        )
 
 
-@kernel
+@compiled
 def _rotate_by_rates(q: Any, rate: Any, dt_s: float) -> None:
     """Turn an attitude by its body rates for one step."""
     x = 0.5 * dt_s * rate[0]
@@ -206,13 +216,13 @@ def _rotate_by_rates(q: Any, rate: Any, dt_s: float) -> None:
     q[3] = k * scale
 
 
-@kernel
-def advance(f: Any, dt_s: float) -> None:
+@compiled
+def update_attitude_target(f: Any, dt_s: float) -> None:
     """Turn the attitude target by its rates for one step (`update_attitude_target`)."""
-    _rotate_by_rates(f.att, f.att_rate, dt_s)
+    _rotate_by_rates(f.att_target, f.att_target_rate, dt_s)
 
 
-@kernel
+@compiled
 def _angle_to_rate(error: float, p: float, linear: float, accel: float) -> float:
     """Return the rate that corrects an angle error: linear up to `linear`, a square root beyond."""
     if error > linear:
@@ -222,33 +232,35 @@ def _angle_to_rate(error: float, p: float, linear: float, accel: float) -> float
     return error * p
 
 
-@kernel
-def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
+@compiled
+def run_angle_controller(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
     """Return body rates, rad/s (forward, left, up), that bring the attitude to its target and follow its rates."""
-    w, x, y, z = rotation(e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att[0], f.att[1], f.att[2], f.att[3])
-    roll, pitch, yaw, tilted = tilt_and_turn(w, x, y, z)
+    w, x, y, z = relative_rotation(
+        e.quat[0], e.quat[1], e.quat[2], e.quat[3], f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3]
+    )
+    roll, pitch, yaw, tilted = thrust_heading_rotation_angles(w, x, y, z)
     f.tilt_half2 = tilted
     if abs(yaw) > g.yaw_error_max:  # limit the lead of the target over a yaw that cannot follow
         held = clamp(yaw, -g.yaw_error_max, g.yaw_error_max)
         s = math.sin(0.5 * (held - yaw))
         c = math.cos(0.5 * (held - yaw))
-        aw = f.att[0]
-        ax = f.att[1]
-        ay = f.att[2]
-        az = f.att[3]
-        f.att[0] = aw * c - az * s
-        f.att[1] = ax * c + ay * s
-        f.att[2] = ay * c - ax * s
-        f.att[3] = az * c + aw * s
+        aw = f.att_target[0]
+        ax = f.att_target[1]
+        ay = f.att_target[2]
+        az = f.att_target[3]
+        f.att_target[0] = aw * c - az * s
+        f.att_target[1] = ax * c + ay * s
+        f.att_target[2] = ay * c - ax * s
+        f.att_target[3] = az * c + aw * s
         w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
         yaw = held
     roll_rate = _angle_to_rate(roll, g.angle_p[0], g.angle_linear[0], g.angle_accel[0])
     pitch_rate = _angle_to_rate(pitch, g.angle_p[1], g.angle_linear[1], g.angle_accel[1])
     yaw_rate = _angle_to_rate(yaw, g.angle_p[2], g.angle_linear[2], g.angle_accel[2])
     # the target's rates in the body frame
-    a = f.att_rate[0]
-    b = f.att_rate[1]
-    c = f.att_rate[2]
+    a = f.att_target_rate[0]
+    b = f.att_target_rate[1]
+    c = f.att_target_rate[2]
     u = 2.0 * (y * c - z * b)
     v = 2.0 * (z * a - x * c)
     t = 2.0 * (x * b - y * a)
@@ -267,26 +279,30 @@ def wanted_rates(e: Any, f: Any, g: Any) -> tuple[float, float, float]:
     return roll_rate, pitch_rate, yaw_rate
 
 
-@kernel
-def efforts(e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rate: float) -> tuple[float, float, float]:
+@compiled
+def run_rate_controller(
+    e: Any, f: Any, g: Any, roll_rate: float, pitch_rate: float, yaw_rate: float
+) -> tuple[float, float, float]:
     """Return roll, pitch and yaw demands, -1…1 each, from the errors of the body rates (AC_PID::update_all)."""
-    f.target_rate[0] += (roll_rate - f.target_rate[0]) * g.target_share[0]
-    f.target_rate[1] += (pitch_rate - f.target_rate[1]) * g.target_share[1]
-    f.target_rate[2] += (yaw_rate - f.target_rate[2]) * g.target_share[2]
+    f.target_rate[0] += (roll_rate - f.target_rate[0]) * g.target_alpha[0]
+    f.target_rate[1] += (pitch_rate - f.target_rate[1]) * g.target_alpha[1]
+    f.target_rate[2] += (yaw_rate - f.target_rate[2]) * g.target_alpha[2]
     for axis in range(3):
         last = f.rate_err[axis]
-        error = last + (f.target_rate[axis] - e.rate[axis] - last) * g.error_share[axis]
+        error = last + (f.target_rate[axis] - e.rate[axis] - last) * g.error_alpha[axis]
         f.rate_err[axis] = error
-        f.rate_i[axis] = clamp(f.rate_i[axis] + g.rate_i[axis] * error * f.spool, -g.rate_imax[axis], g.rate_imax[axis])
+        f.rate_i[axis] = clamp(
+            f.rate_i[axis] + g.rate_i[axis] * error * f.spool_state, -g.rate_imax[axis], g.rate_imax[axis]
+        )
         if axis < 2:
-            f.rate_d[axis] += (error - last - f.rate_d[axis]) * g.d_share[axis]
+            f.rate_d[axis] += (error - last - f.rate_d[axis]) * g.d_alpha[axis]
     roll = g.rate_p[0] * f.rate_err[0] + f.rate_i[0] + g.rate_d[0] * f.rate_d[0]
     pitch = g.rate_p[1] * f.rate_err[1] + f.rate_i[1] + g.rate_d[1] * f.rate_d[1]
     yaw = g.rate_p[2] * f.rate_err[2] + f.rate_i[2]
     return clamp(roll, -1.0, 1.0), clamp(pitch, -1.0, 1.0), clamp(yaw, -1.0, 1.0)
 
 
-@kernel
+@compiled
 def _thrust_to_actuator(g: Any, thrust: float) -> float:
     """Return the actuator command for a thrust 0…1: the inverse thrust curve, from MOT_SPIN_MIN to MOT_SPIN_MAX.
 
@@ -302,14 +318,14 @@ def _thrust_to_actuator(g: Any, thrust: float) -> float:
     return command
 
 
-@kernel
+@compiled
 def _yaw_allowed(part: float, factor: float, best: float, yaw: float) -> float:
     """Return how much yaw a motor, whose yaw factor is ±½, allows on top of its part in roll and pitch."""
     # up to full thrust where yaw adds to it, else down to none; without a branch that noise would make unpredictable
     return 1.0 + math.copysign(1.0, yaw * factor) * (1.0 - 2.0 * (best + part))
 
 
-@kernel
+@compiled
 def _fit_to_range(throttle: float, average: float, low: float, high: float) -> tuple[float, float, bool]:
     """Return (offset added to every motor, scale of the demands, whether thrust was reduced)."""
     scale = 1.0
@@ -332,8 +348,8 @@ def _fit_to_range(throttle: float, average: float, low: float, high: float) -> t
     return more - low, scale, full
 
 
-@kernel
-def mix(
+@compiled
+def mix_motors(
     g: Any, throttle: float, average: float, roll: float, pitch: float, yaw: float
 ) -> tuple[bool, float, float, float, float]:
     """Return whether thrust was reduced, and the commands of four motors for a thrust 0…1 and three demands.
@@ -343,10 +359,10 @@ def mix(
     """
     throttle = clamp(throttle, 0.0, 1.0)
     average = clamp(average, throttle, 1.0)
-    a = roll * g.roll[0] + pitch * g.pitch[0]
-    b = roll * g.roll[1] + pitch * g.pitch[1]
-    c = roll * g.roll[2] + pitch * g.pitch[2]
-    d = roll * g.roll[3] + pitch * g.pitch[3]
+    a = roll * g.roll_factor[0] + pitch * g.pitch_factor[0]
+    b = roll * g.roll_factor[1] + pitch * g.pitch_factor[1]
+    c = roll * g.roll_factor[2] + pitch * g.pitch_factor[2]
+    d = roll * g.roll_factor[3] + pitch * g.pitch_factor[3]
     best = min(0.5, average)
     span = 0.5 * (abs(roll) + abs(pitch) + abs(yaw))
     base = throttle
@@ -354,14 +370,16 @@ def mix(
     full = False
     near = span > min(best, throttle) or throttle + span >= 1.0  # else far from every limit: nothing is reduced
     if near:
-        allowed = min(_yaw_allowed(a, g.yaw[0], best, yaw), _yaw_allowed(b, g.yaw[1], best, yaw))
-        allowed = min(allowed, min(_yaw_allowed(c, g.yaw[2], best, yaw), _yaw_allowed(d, g.yaw[3], best, yaw)))
+        allowed = min(_yaw_allowed(a, g.yaw_factor[0], best, yaw), _yaw_allowed(b, g.yaw_factor[1], best, yaw))
+        allowed = min(
+            allowed, min(_yaw_allowed(c, g.yaw_factor[2], best, yaw), _yaw_allowed(d, g.yaw_factor[3], best, yaw))
+        )
         allowed = max(min(allowed, 1.0), _YAW_HEADROOM)
         yaw = clamp(yaw, -allowed, allowed)
-    a += yaw * g.yaw[0]
-    b += yaw * g.yaw[1]
-    c += yaw * g.yaw[2]
-    d += yaw * g.yaw[3]
+    a += yaw * g.yaw_factor[0]
+    b += yaw * g.yaw_factor[1]
+    c += yaw * g.yaw_factor[2]
+    d += yaw * g.yaw_factor[3]
     if near:
         base, scale, full = _fit_to_range(throttle, average, min(min(a, b), min(c, d)), max(max(a, b), max(c, d)))
     return (

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.layout import Records
-from skyrange.vehicle.builtin.shaping import clamp
 from skyrange.world.airframes import Airframe
 
-SLOW_S = 0.01
+SLOW_LOOP_S = 0.01
 """Interval of guidance and position control, s; at least one step of the loop."""
 GRAVITY_MPS2 = 9.80665
 """ArduPilot's GRAVITY_MSS (libraries/AP_Math/definitions.h)."""
@@ -23,16 +23,16 @@ _ACCEL_Y_MAX = math.radians(120.0)
 _YAW_ERROR_MAX = math.radians(45.0)
 
 
-@kernel
-def share(hz: float, dt_s: float) -> float:
+@compiled
+def lowpass_alpha(hz: float, dt_s: float) -> float:
     """Return the weight of a new value in one step of a low-pass filter (Filter/LowPassFilter.cpp); 0 Hz is none."""
     if hz <= 0.0:
         return 1.0
     return dt_s / (dt_s + 1.0 / (2.0 * math.pi * hz))
 
 
-@kernel
-def tune(g: Any, p: Any, dt_s: float) -> None:
+@compiled
+def compute_gains(g: Any, p: Any, dt_s: float) -> None:
     """Compute one aircraft's gains from its parameters for steps of `dt_s`."""
     g.angle_p[0] = p.ATC_ANG_RLL_P
     g.angle_p[1] = p.ATC_ANG_PIT_P
@@ -60,19 +60,19 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     g.rate_imax[0] = p.ATC_RAT_RLL_IMAX
     g.rate_imax[1] = p.ATC_RAT_PIT_IMAX
     g.rate_imax[2] = p.ATC_RAT_YAW_IMAX
-    g.target_share[0] = share(p.ATC_RAT_RLL_FLTT, dt_s)
-    g.target_share[1] = share(p.ATC_RAT_PIT_FLTT, dt_s)
-    g.target_share[2] = share(p.ATC_RAT_YAW_FLTT, dt_s)
-    g.error_share[0] = share(p.ATC_RAT_RLL_FLTE, dt_s)
-    g.error_share[1] = share(p.ATC_RAT_PIT_FLTE, dt_s)
-    g.error_share[2] = share(p.ATC_RAT_YAW_FLTE, dt_s)
-    g.d_share[0] = share(p.ATC_RAT_RLL_FLTD, dt_s)
-    g.d_share[1] = share(p.ATC_RAT_PIT_FLTD, dt_s)
-    g.accel_share = share(p.PSC_ACCZ_FLTE, dt_s)
-    slow_s = math.ceil(SLOW_S / dt_s - 1e-6) * dt_s
-    g.vel_share = share(p.PSC_VELXY_FLTE, slow_s)
-    g.vel_d_share = share(p.PSC_VELXY_FLTD, slow_s)
-    g.climb_share = share(p.PSC_VELZ_FLTE, slow_s)
+    g.target_alpha[0] = lowpass_alpha(p.ATC_RAT_RLL_FLTT, dt_s)
+    g.target_alpha[1] = lowpass_alpha(p.ATC_RAT_PIT_FLTT, dt_s)
+    g.target_alpha[2] = lowpass_alpha(p.ATC_RAT_YAW_FLTT, dt_s)
+    g.error_alpha[0] = lowpass_alpha(p.ATC_RAT_RLL_FLTE, dt_s)
+    g.error_alpha[1] = lowpass_alpha(p.ATC_RAT_PIT_FLTE, dt_s)
+    g.error_alpha[2] = lowpass_alpha(p.ATC_RAT_YAW_FLTE, dt_s)
+    g.d_alpha[0] = lowpass_alpha(p.ATC_RAT_RLL_FLTD, dt_s)
+    g.d_alpha[1] = lowpass_alpha(p.ATC_RAT_PIT_FLTD, dt_s)
+    g.accel_alpha = lowpass_alpha(p.PSC_ACCZ_FLTE, dt_s)
+    slow_s = math.ceil(SLOW_LOOP_S / dt_s - 1e-6) * dt_s
+    g.vel_alpha = lowpass_alpha(p.PSC_VELXY_FLTE, slow_s)
+    g.vel_d_alpha = lowpass_alpha(p.PSC_VELXY_FLTD, slow_s)
+    g.climb_alpha = lowpass_alpha(p.PSC_VELZ_FLTE, slow_s)
     g.pos_p = p.PSC_POSXY_P
     g.vel_p = p.PSC_VELXY_P
     g.vel_i = p.PSC_VELXY_I
@@ -84,14 +84,14 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
     g.accel_max[0] = p.ATC_ACCEL_R_MAX * _CDEG
     g.accel_max[1] = p.ATC_ACCEL_P_MAX * _CDEG
     g.accel_max[2] = p.ATC_ACCEL_Y_MAX * _CDEG
-    g.slew = p.ATC_SLEW_YAW * _CDEG
+    g.slew_yaw = p.ATC_SLEW_YAW * _CDEG
     g.lean_accel = GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG)
     # PSC_ACCZ gains are per cm/s² and in 1/1000 of full throttle: 0.1 per m/s²
     g.accel_p = 0.1 * p.PSC_ACCZ_P
     g.accel_i = 0.1 * p.PSC_ACCZ_I * dt_s
     # update_U_controller: the integral can always remove the whole hover throttle
     g.accel_imax = max(0.001 * p.PSC_ACCZ_IMAX, p.MOT_THST_HOVER)
-    g.hover = p.MOT_THST_HOVER
+    g.throttle_hover = p.MOT_THST_HOVER
     g.spin_min = p.MOT_SPIN_MIN
     g.spin_range = p.MOT_SPIN_MAX - p.MOT_SPIN_MIN
     g.expo = p.MOT_THST_EXPO
@@ -101,13 +101,13 @@ def tune(g: Any, p: Any, dt_s: float) -> None:
         g.expo_b = 1.0 / g.expo
 
 
-def mixing(gains: Records, row: int, airframe: Airframe) -> None:
+def set_motor_factors(gains: Records, row: int, airframe: Airframe) -> None:
     """Write one row of motor factors, as AP_MotorsMatrix does: half for the outermost motors, on both sides.
 
     The four motors of a QUAD X have equal factors, whatever the angles of its arms.
     """
     rotors = airframe.rotors
-    for name in ("roll", "pitch", "yaw"):
+    for name in ("roll_factor", "pitch_factor", "yaw_factor"):
         gains[name][row] = 0.0
     far_left = max(abs(rotor.left_m) for rotor in rotors)
     far_forward = max(abs(rotor.forward_m) for rotor in rotors)
@@ -115,6 +115,6 @@ def mixing(gains: Records, row: int, airframe: Airframe) -> None:
         left, back = rotor.left_m / far_left, -rotor.forward_m / far_forward
         if len(rotors) == 4:
             left, back = math.copysign(1.0, left), math.copysign(1.0, back)
-        gains["roll"][row, motor] = 0.5 * left
-        gains["pitch"][row, motor] = 0.5 * back
-        gains["yaw"][row, motor] = -0.5 * rotor.spin
+        gains["roll_factor"][row, motor] = 0.5 * left
+        gains["pitch_factor"][row, motor] = 0.5 * back
+        gains["yaw_factor"][row, motor] = -0.5 * rotor.spin

@@ -9,18 +9,18 @@ from __future__ import annotations
 
 import math
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 _CORNER = 1.0 / math.sqrt(2.0)  # CORNER_ACCELERATION_RATIO
 
 
-@kernel
+@compiled
 def clamp(value: float, low: float, high: float) -> float:
     """Limit `value` to [low, high]."""
     return min(max(value, low), high)
 
 
-@kernel
+@compiled
 def wrap_pi(angle_rad: float) -> float:
     """Return the same angle in [-π, π)."""
     if -math.pi <= angle_rad < math.pi:
@@ -28,7 +28,7 @@ def wrap_pi(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@kernel
+@compiled
 def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) -> float:
     """Return the correction rate for `error`: linear with gain `p` near 0, a square root beyond.
 
@@ -43,7 +43,7 @@ def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) ->
     return math.copysign(rate, error)
 
 
-@kernel
+@compiled
 def sqrt_controller_xy(east: float, north: float, p: float, second_limit: float, dt_s: float) -> tuple[float, float]:
     """Apply `sqrt_controller` to the length of a horizontal vector, along its direction."""
     length = math.sqrt(east * east + north * north)
@@ -53,7 +53,7 @@ def sqrt_controller_xy(east: float, north: float, p: float, second_limit: float,
     return east * scale, north * scale
 
 
-@kernel
+@compiled
 def stopping_distance(speed: float, p: float, second_limit: float) -> float:
     """Return the error at which `sqrt_controller` requests `speed` (its inverse): the distance to brake."""
     linear = second_limit / p
@@ -63,7 +63,7 @@ def stopping_distance(speed: float, p: float, second_limit: float) -> float:
     return far if speed > 0.0 else -far
 
 
-@kernel
+@compiled
 def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
     """Return the vector, shortened to length `most` where it is longer."""
     square = east * east + north * north
@@ -73,8 +73,8 @@ def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
     return east, north
 
 
-@kernel
-def shape_velocity(
+@compiled
+def shape_vel_accel(
     target: float, added: float, velocity: float, accel: float, accel_max: float, jerk_max: float, dt_s: float
 ) -> float:
     """Return the next acceleration to bring `velocity` to `target`.
@@ -86,8 +86,8 @@ def shape_velocity(
     return accel + clamp(wanted - accel, -jerk_max * dt_s, jerk_max * dt_s)
 
 
-@kernel
-def shape_velocity_xy(
+@compiled
+def shape_vel_accel_xy(
     target_e: float, target_n: float, added_e: float, added_n: float, vel_e: float, vel_n: float,
     acc_e: float, acc_n: float, accel_max: float, jerk_max: float, dt_s: float,
 ) -> tuple[float, float]:  # fmt: skip
@@ -117,7 +117,7 @@ def shape_velocity_xy(
     return acc_e + step_e, acc_n + step_n
 
 
-@kernel
+@compiled
 def approach_velocity(error: float, accel_max: float, jerk_max: float, dt_s: float) -> float:
     """Return the velocity that closes a position `error` and can still be stopped within the limits."""
     return sqrt_controller(error, 0.5 * jerk_max / accel_max, 0.5 * accel_max, dt_s)

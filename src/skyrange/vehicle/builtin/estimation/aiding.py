@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin.estimation.covariance import forget_position, forget_velocity
+from skyrange.vehicle.builtin.control.shaping import clamp
+from skyrange.vehicle.builtin.estimation.covariance import reset_position_variance, reset_velocity_variance
 from skyrange.vehicle.builtin.estimation.state import (
     GPS_FAIL_NS,
     GPS_PASS_NS,
@@ -20,16 +21,15 @@ from skyrange.vehicle.builtin.estimation.state import (
     POS_RETRY_USE_VEL_NS,
     TILT_DRIFT_MAX_NS,
     Aiding,
-    News,
+    EstimatorEvent,
 )
-from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)
 _ABSOLUTE = int(Aiding.ABSOLUTE)
-_STOPPED = int(News.STOPPED_AIDING)
-_STARTED = int(News.STARTED_AIDING)
-_POSITION = int(News.POSITION_RESET)
-_VELOCITY = int(News.VELOCITY_RESET)
+_STOPPED = int(EstimatorEvent.STOPPED_AIDING)
+_STARTED = int(EstimatorEvent.STARTED_AIDING)
+_POSITION = int(EstimatorEvent.POSITION_RESET)
+_VELOCITY = int(EstimatorEvent.VELOCITY_RESET)
 _HYSTERESIS = 1.3  # calcGpsGoodToAlign: looser once passed
 _NSATS, _HDOP, _SPEED, _POSITION_ERROR, _YAW = 1, 2, 4, 8, 16  # bits of EK3_GPS_CHECK (MASK_GPS_…)
 _HDOP_MAX = 2.5
@@ -37,31 +37,31 @@ _SATELLITES_MIN = 6
 _HOLD_S = 10.0  # time constant of the peak hold on speed accuracy
 
 
-@kernel
+@compiled
 def set_position(k: Any, east: float, north: float) -> None:
     """Set the horizontal position, and add the jump of the output to the reset deltas."""
     for axis in range(2):
         to = east if axis == 0 else north
-        k.shift_pos[axis] += to - (k.pos[axis] - k.slack_pos[axis])
-        k.moved_pos[axis] += to - k.pos[axis]
+        k.reset_delta_pos[axis] += to - (k.pos[axis] - k.pending_pos[axis])
+        k.corrected_pos[axis] += to - k.pos[axis]
         k.pos[axis] = to
-        k.slack_pos[axis] = 0.0
-    k.news |= _POSITION
+        k.pending_pos[axis] = 0.0
+    k.events |= _POSITION
 
 
-@kernel
+@compiled
 def set_velocity(k: Any, east: float, north: float) -> None:
     """Set the horizontal velocity, and add the jump of the output to the reset deltas."""
     for axis in range(2):
         to = east if axis == 0 else north
-        k.shift_vel[axis] += to - (k.vel[axis] - k.slack_vel[axis])
-        k.moved_vel[axis] += to - k.vel[axis]
+        k.reset_delta_vel[axis] += to - (k.vel[axis] - k.pending_vel[axis])
+        k.corrected_vel[axis] += to - k.vel[axis]
         k.vel[axis] = to
-        k.slack_vel[axis] = 0.0
-    k.news |= _VELOCITY
+        k.pending_vel[axis] = 0.0
+    k.events |= _VELOCITY
 
 
-@kernel
+@compiled
 def check_aiding(k: Any, p: Any, now: int) -> None:
     """Declare position, velocity, and finally all aiding lost, after EKF3's times without an accepted measurement."""
     if k.aiding != _ABSOLUTE:
@@ -79,7 +79,7 @@ def check_aiding(k: Any, p: Any, now: int) -> None:
         k.vel_timeout = 0 if vel_used else 1
 
 
-@kernel
+@compiled
 def stop_aiding(k: Any, p: Any) -> None:
     """Enter constant position mode: hold the last known position, as if at rest."""
     k.aiding = _NONE
@@ -87,16 +87,16 @@ def stop_aiding(k: Any, p: Any) -> None:
     k.vel_timeout = 1
     k.pos_test = 0.0
     k.vel_test = 0.0
-    k.held[0] = k.pos[0]
-    k.held[1] = k.pos[1]
+    k.last_known_pos[0] = k.pos[0]
+    k.last_known_pos[1] = k.pos[1]
     set_velocity(k, 0.0, 0.0)
-    forget_velocity(k, p.EK3_VELNE_M_NSE * p.EK3_VELNE_M_NSE)
-    set_position(k, k.held[0], k.held[1])
-    forget_position(k, p.EK3_POSNE_M_NSE * p.EK3_POSNE_M_NSE)
-    k.news |= _STOPPED
+    reset_velocity_variance(k, p.EK3_VELNE_M_NSE * p.EK3_VELNE_M_NSE)
+    set_position(k, k.last_known_pos[0], k.last_known_pos[1])
+    reset_position_variance(k, p.EK3_POSNE_M_NSE * p.EK3_POSNE_M_NSE)
+    k.events |= _STOPPED
 
 
-@kernel
+@compiled
 def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
     """Start with a fix (present position, velocity): set state and variances from it."""
     k.aiding = _ABSOLUTE
@@ -106,13 +106,13 @@ def start_aiding(k: Any, p: Any, now: int, fix: Any) -> None:
     k.vel_pass = now
     k.vel_aiding = 1
     set_velocity(k, fix[3], fix[4])
-    forget_velocity(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
+    reset_velocity_variance(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
     set_position(k, fix[0], fix[1])
-    forget_position(k, max(p.EK3_POSNE_M_NSE, k.pos_acc) ** 2)
-    k.news |= _STARTED
+    reset_position_variance(k, max(p.EK3_POSNE_M_NSE, k.pos_acc) ** 2)
+    k.events |= _STARTED
 
 
-@kernel
+@compiled
 def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, satellites: int, scale: float) -> bool:
     """Whether a fix passes the checks of EK3_GPS_CHECK, their limits multiplied by `scale`."""
     mask = int(p.EK3_GPS_CHECK)
@@ -127,24 +127,26 @@ def receiver_passes(k: Any, p: Any, h_acc: float, v_acc: float, hdop: float, sat
     return not (mask & _YAW and k.mag_test > 1.0)
 
 
-@kernel
-def judge_receiver(k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: float, satellites: int) -> None:
+@compiled
+def update_gps_good_to_align(
+    k: Any, p: Any, now: int, h_acc: float, v_acc: float, hdop: float, satellites: int
+) -> None:
     """Update whether GNSS is good to align: after 10 s of passed, until 5 s of failed checks (calcGpsGoodToAlign)."""
     scale = 0.01 * p.EK3_CHECK_SCALE
-    if k.good == 1:
+    if k.gps_good_to_align == 1:
         scale *= _HYSTERESIS
     if receiver_passes(k, p, h_acc, v_acc, hdop, satellites, scale):
         k.check_pass = now
     else:
         k.check_fail = now
-    if k.good == 0 and now - k.check_fail > GPS_PASS_NS:
-        k.good = 1
-    elif k.good == 1 and now - k.check_pass > GPS_FAIL_NS:
-        k.good = 0
+    if k.gps_good_to_align == 0 and now - k.check_fail > GPS_PASS_NS:
+        k.gps_good_to_align = 1
+    elif k.gps_good_to_align == 1 and now - k.check_pass > GPS_FAIL_NS:
+        k.gps_good_to_align = 0
 
 
-@kernel
-def judge_flight(k: Any, now: int, gap_ns: int, s_acc: float) -> None:
+@compiled
+def update_gps_good_for_flight(k: Any, now: int, gap_ns: int, s_acc: float) -> None:
     """Update whether GNSS is glitching (calcGpsGoodForFlight), from speed accuracy and innovations."""
     k.sacc_low = clamp(0.2 * s_acc + 0.8 * k.sacc_low, 0.0, 10.0)
     decay = clamp(gap_ns / NS_PER_S / _HOLD_S, 0.0, 1.0)

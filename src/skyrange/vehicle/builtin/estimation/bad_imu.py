@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 
 HOLD_NS: Final = 10 * NS_PER_S
@@ -20,35 +20,35 @@ ACCEL_NOISE_MPS2: Final = 5.0
 """BAD_IMU_DATA_ACC_P_NSE: the accelerometers' process noise while their data are bad."""
 
 
-@kernel
-def judge_accelerometers(k: Any, now: int, climb: float, off: float, climb_noise: float, height_noise: float) -> bool:
+@compiled
+def update_bad_imu(k: Any, now: int, climb: float, off: float, climb_noise: float, height_noise: float) -> bool:
     """At a fix, return whether IMU data are bad; then the climb rate becomes the fix's.
 
     `climb` is the fix's climb rate, `off` its difference to the estimated one at that time, m/s. Noises are variances.
     Both innovations must lie beyond three standard deviations on the same side; beyond two or one soon afterwards.
     """
-    since = now - k.bad_at
+    since = now - k.bad_imu_at
     gain = 9.0
     if since <= 3 * HOLD_NS // 2:
         gain = 1.0
     elif since <= 2 * HOLD_NS:
         gain = 4.0
-    if k.hgt_off * off > 0.0 and k.hgt_off**2 > gain * height_noise and off * off > gain * climb_noise:
-        k.bad_at = now
+    if k.hgt_innov * off > 0.0 and k.hgt_innov**2 > gain * height_noise and off * off > gain * climb_noise:
+        k.bad_imu_at = now
     else:
-        k.good_at = now
+        k.good_imu_at = now
     bad: bool = since < HOLD_NS
-    k.bad = 1 if bad else 0
+    k.bad_imu = 1 if bad else 0
     if bad:
         by = climb - k.vel[2]
         k.vel[2] = climb
-        k.slack_vel[2] += by
-        k.moved_vel[2] += by
+        k.pending_vel[2] += by
+        k.corrected_vel[2] += by
     return bad
 
 
-@kernel
-def height_lost(k: Any, now: int) -> bool:
+@compiled
+def needs_height_reset(k: Any, now: int) -> bool:
     """Whether to reset the height to the barometer's at once."""
-    lost: bool = k.bad == 1 and now - k.good_at > RESET_NS
+    lost: bool = k.bad_imu == 1 and now - k.good_imu_at > RESET_NS
     return lost

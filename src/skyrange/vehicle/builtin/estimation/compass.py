@@ -11,22 +11,22 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.estimation.covariance import shift_gyro_bias, turn_attitude
-from skyrange.vehicle.builtin.estimation.gnss import gate
-from skyrange.vehicle.builtin.estimation.state import HEIGHT_NS, INTERVAL_MIN_NS, MAG_RESET_NS, News
-from skyrange.vehicle.builtin.estimation.strapdown import Triple
-from skyrange.vehicle.builtin.shaping import clamp
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.shaping import clamp
+from skyrange.vehicle.builtin.estimation.covariance import correct_gyro_bias, rotate_attitude
+from skyrange.vehicle.builtin.estimation.gnss import gate_squared
+from skyrange.vehicle.builtin.estimation.state import HGT_AVG_NS, INTERVAL_MIN_NS, MAG_RESET_NS, EstimatorEvent
+from skyrange.vehicle.builtin.estimation.strapdown import Vector3
 
-_YAW = int(News.YAW_RESET)
+_YAW = int(EstimatorEvent.YAW_RESET)
 _RATE_SCALE = 0.005  # magVarRateScale, gauss per rad/s
 _MIN_FIELD_GAUSS = 0.05
 """A smaller horizontal field gives no direction: near a magnetic pole, or without a compass."""
 _YAW_SD_RAD = math.radians(5.0)
 
 
-@kernel
-def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
+@compiled
+def body_to_local(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
     """Rotate a reading to east, north and up with the estimated attitude."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
@@ -35,12 +35,12 @@ def turned(e: Any, a: float, b: float, c: float) -> tuple[float, float, float]:
     return east, north, up
 
 
-@kernel
-def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Triple, armed: bool) -> None:
+@compiled
+def read_compass(e: Any, k: Any, p: Any, now: int, compass: Vector3, field: Vector3, armed: bool) -> None:
     """Fuse a reading that is new."""
     since = now - k.compass_at
     same = compass[0] == k.compass[0] and compass[1] == k.compass[1] and compass[2] == k.compass[2]
-    if since < INTERVAL_MIN_NS or (same and since < HEIGHT_NS):
+    if since < INTERVAL_MIN_NS or (same and since < HGT_AVG_NS):
         return
     for axis in range(3):
         if not abs(compass[axis]) < 10.0:
@@ -49,7 +49,7 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Tripl
         k.compass[axis] = compass[axis]
         e.compass[axis] = compass[axis]
     k.compass_at = now
-    east, north, up = turned(e, compass[0], compass[1], compass[2])
+    east, north, up = body_to_local(e, compass[0], compass[1], compass[2])
     level = math.sqrt(field[0] * field[0] + field[1] * field[1])
     if level < _MIN_FIELD_GAUSS or east * east + north * north < _MIN_FIELD_GAUSS * _MIN_FIELD_GAUSS:
         return
@@ -58,25 +58,25 @@ def read_compass(e: Any, k: Any, p: Any, now: int, compass: Triple, field: Tripl
     yaw_noise = noise / (level * level)
     # a wrong yaw shows in the horizontal components; their length and the vertical one show a wrong field
     worst = max(max(abs(east - field[0]), abs(north - field[1])), abs(up - field[2]))
-    k.mag_test = worst * worst / (gate(p.EK3_MAG_I_GATE) * (noise + k.turn[0] * level * level))
+    k.mag_test = worst * worst / (gate_squared(p.EK3_MAG_I_GATE) * (noise + k.cov_yaw[0] * level * level))
     off = math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1])
     if k.mag_test < 1.0:
         k.mag_pass = now
-        w = k.turn
+        w = k.cov_yaw
         spread = w[0] + yaw_noise
         k_y, k_b = w[0] / spread, w[1] / spread
         w[2] -= k_b * w[1]
         w[0] -= k_y * w[0]
         w[1] -= k_y * w[1]
-        turn_attitude(e, 0.0, 0.0, k_y * off)
-        shift_gyro_bias(e, k, 0.0, 0.0, -k_b * off)
+        rotate_attitude(e, 0.0, 0.0, k_y * off)
+        correct_gyro_bias(e, k, 0.0, 0.0, -k_b * off)
     elif not armed and now - k.mag_pass > MAG_RESET_NS:
         align_yaw(e, k, off)
         k.mag_pass = now
-        k.news |= _YAW
+        k.events |= _YAW
 
 
-@kernel
+@compiled
 def align_yaw(e: Any, k: Any, by: float) -> None:
     """Turn the estimated attitude about the vertical, by any angle."""
     cosine, sine = math.cos(0.5 * by), math.sin(0.5 * by)
@@ -85,6 +85,6 @@ def align_yaw(e: Any, k: Any, by: float) -> None:
     e.quat[1] = x * cosine - y * sine
     e.quat[2] = y * cosine + x * sine
     e.quat[3] = z * cosine + w * sine
-    k.turn[0] = _YAW_SD_RAD * _YAW_SD_RAD
-    k.turn[1] = 0.0
-    k.shift_yaw += by
+    k.cov_yaw[0] = _YAW_SD_RAD * _YAW_SD_RAD
+    k.cov_yaw[1] = 0.0
+    k.reset_delta_yaw += by

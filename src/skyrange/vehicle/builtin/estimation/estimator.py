@@ -12,33 +12,38 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.contracts import Floats, Sensors
-from skyrange.core.compiled import kernel
+from skyrange.contracts.components import Floats, Sensors
+from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.estimation.aiding import check_aiding, receiver_passes
-from skyrange.vehicle.builtin.estimation.compass import align_yaw, read_compass, turned
+from skyrange.vehicle.builtin.estimation.bad_imu import HOLD_NS
+from skyrange.vehicle.builtin.estimation.compass import align_yaw, body_to_local, read_compass
 from skyrange.vehicle.builtin.estimation.covariance import predict
-from skyrange.vehicle.builtin.estimation.disbelief import HOLD_NS
-from skyrange.vehicle.builtin.estimation.gnss import claimed, read_fix, see_receiver
+from skyrange.vehicle.builtin.estimation.filter_status import update_filter_status
+from skyrange.vehicle.builtin.estimation.gnss import claimed_accuracy, process_fix, update_receiver_status
 from skyrange.vehicle.builtin.estimation.height import read_baro
-from skyrange.vehicle.builtin.estimation.report import report
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
     GYRO_BIAS_LIMIT_RADPS,
     HEIGHT_MAX_M,
+    HISTORY_LENGTH,
     INTERVAL_MIN_NS,
     POS_LIMIT_M,
-    SLOTS,
     STEP_NS,
     VEL_LIMIT_MPS,
     Aiding,
-    blank,
+    new_filters,
 )
-from skyrange.vehicle.builtin.estimation.strapdown import carry, reading, show, show_lean
+from skyrange.vehicle.builtin.estimation.strapdown import (
+    update_output,
+    update_roll_pitch,
+    update_strapdown,
+    valid_reading,
+)
 from skyrange.vehicle.builtin.layout import Records
-from skyrange.vehicle.builtin.shaping import clamp
-from skyrange.world.magnetism import field_at
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 Ints = NDArray[np.int64]
 
@@ -54,8 +59,8 @@ _START_ACCEL_MPS2 = 0.1
 _START_YAW_RAD = math.radians(5.0)
 
 
-@kernel
-def begin(
+@compiled
+def initialise_filters(
     now: int,
     accel: Floats,
     position: Floats,
@@ -69,7 +74,7 @@ def begin(
     field: Floats,
     estimate: Records,
     filters: Records,
-    which: Ints,
+    set_index: Ints,
     settings: Records,
 ) -> None:
     """Initialise every row as long after boot: at rest, aligned, receiver checks passed if they pass now.
@@ -80,28 +85,32 @@ def begin(
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        p: Any = settings[which[i]]
+        p: Any = settings[set_index[i]]
         heading = e.yaw
         for axis in range(3):
-            k.force[axis] = reading(accel[i, axis], 0.0, ACCEL_MAX_MPS2)
+            k.force[axis] = valid_reading(accel[i, axis], 0.0, ACCEL_MAX_MPS2)
         a, b, c = k.force[0], k.force[1], k.force[2]
         pitch = math.atan2(-a, math.sqrt(b * b + c * c)) if a * a + b * b + c * c > 1.0 else 0.0
         roll = math.atan2(b, c) if b * b + c * c > 1.0 else 0.0
         cr, sr, cp, sp = math.cos(0.5 * roll), math.sin(0.5 * roll), math.cos(0.5 * pitch), math.sin(0.5 * pitch)
         e.quat[0], e.quat[1], e.quat[2], e.quat[3] = cr * cp, sr * cp, cr * sp, -sr * sp
-        east, north, _ = turned(e, compass[i, 0], compass[i, 1], compass[i, 2])
+        east, north, _ = body_to_local(e, compass[i, 0], compass[i, 1], compass[i, 2])
         level = field[0] * field[0] + field[1] * field[1]
         if level > 0.0 and east * east + north * north > 1e-4:
             align_yaw(e, k, math.atan2(east * field[1] - north * field[0], east * field[0] + north * field[1]))
         else:
             align_yaw(e, k, heading)
-        k.shift_yaw = 0.0
-        show(e, k)
-        show_lean(e)
-        k.turn[0], k.turn[1], k.turn[2] = _START_YAW_RAD * _START_YAW_RAD, 0.0, _START_BIAS_RADPS * _START_BIAS_RADPS
+        k.reset_delta_yaw = 0.0
+        update_output(e, k)
+        update_roll_pitch(e)
+        k.cov_yaw[0], k.cov_yaw[1], k.cov_yaw[2] = (
+            _START_YAW_RAD * _START_YAW_RAD,
+            0.0,
+            _START_BIAS_RADPS * _START_BIAS_RADPS,
+        )
 
-        h_acc, v_acc = claimed(accuracy[i, 0], 100.0), claimed(accuracy[i, 1], 100.0)
-        s_acc = claimed(accuracy[i, 2], 50.0)
+        h_acc, v_acc = claimed_accuracy(accuracy[i, 0], 100.0), claimed_accuracy(accuracy[i, 1], 100.0)
+        s_acc = claimed_accuracy(accuracy[i, 2], 50.0)
         k.pos_acc = max(h_acc, p.EK3_POSNE_M_NSE)
         k.spd_acc = max(s_acc, p.EK3_VELNE_M_NSE)
         usable = fix[i] >= 3
@@ -111,7 +120,7 @@ def begin(
         k.check_fail = now
         k.check_pass = now
         if usable and receiver_passes(k, p, h_acc, v_acc, 1.0, satellites[i], 0.01 * p.EK3_CHECK_SCALE):
-            k.good = 1
+            k.gps_good_to_align = 1
             k.aiding = _ABSOLUTE
             for axis in range(2):
                 k.pos[axis] = position[i, axis]
@@ -119,22 +128,22 @@ def begin(
             k.aiding = _NONE
             k.pos_timeout = 1
             k.vel_timeout = 1
-        k.held[0], k.held[1] = k.pos[0], k.pos[1]
+        k.last_known_pos[0], k.last_known_pos[1] = k.pos[0], k.pos[1]
         if abs(baro[i]) < 1e4:
             k.pos[2] = baro[i]
-        k.level[0] = k.pos_acc * k.pos_acc
-        k.level[4] = _START_VEL_MPS * _START_VEL_MPS
-        k.level[7] = _START_TILT_RAD * _START_TILT_RAD
-        k.level[9] = _START_BIAS_RADPS * _START_BIAS_RADPS
-        k.up[0] = 1.0
-        k.up[3] = _START_VEL_MPS * _START_VEL_MPS
-        k.up[5] = _START_ACCEL_MPS2 * _START_ACCEL_MPS2
+        k.cov_horizontal[0] = k.pos_acc * k.pos_acc
+        k.cov_horizontal[4] = _START_VEL_MPS * _START_VEL_MPS
+        k.cov_horizontal[7] = _START_TILT_RAD * _START_TILT_RAD
+        k.cov_horizontal[9] = _START_BIAS_RADPS * _START_BIAS_RADPS
+        k.cov_vertical[0] = 1.0
+        k.cov_vertical[3] = _START_VEL_MPS * _START_VEL_MPS
+        k.cov_vertical[5] = _START_ACCEL_MPS2 * _START_ACCEL_MPS2
         k.pos_pass = k.vel_pass = k.hgt_pass = k.mag_pass = now
         k.innov_pass = k.innov_fail = now
         k.innov_good = k.sacc_good = 1
         k.vel_aiding = 1
-        k.bad_at = now - 3 * HOLD_NS  # long past
-        k.good_at = now
+        k.bad_imu_at = now - 3 * HOLD_NS  # long past
+        k.good_imu_at = now
         k.fix_time = time[i]
         k.fix_at = now
         k.baro_at = k.compass_at = now - STEP_NS
@@ -147,8 +156,8 @@ def begin(
             e.gnss_vel[axis] = velocity[i, axis] if usable else 0.0
 
 
-@kernel
-def turn(
+@compiled
+def step_filters(
     now: int,
     dt_s: float,
     step_s: float,
@@ -172,7 +181,7 @@ def turn(
     history: Floats,
     estimate: Records,
     filters: Records,
-    which: Ints,
+    set_index: Ints,
     settings: Records,
 ) -> int:
     """Run one tick of every row; if `step_s` is not 0, also a filter step of that length, number `slot`.
@@ -184,21 +193,21 @@ def turn(
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        carry(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
+        update_strapdown(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
         if step_s > 0.0:
-            p: Any = settings[which[i]]
+            p: Any = settings[set_index[i]]
             on = armed[i] != 0
-            here = slot & (SLOTS - 1)
+            here = slot & (HISTORY_LENGTH - 1)
             for axis in range(3):
-                history[i, here, axis] = k.pos[axis] - k.moved_pos[axis]
-                history[i, here, 3 + axis] = k.vel[axis] - k.moved_vel[axis]
+                history[i, here, axis] = k.pos[axis] - k.corrected_pos[axis]
+                history[i, here, 3 + axis] = k.vel[axis] - k.corrected_vel[axis]
                 k.accel_slow[axis] += _ACCEL_FILTER * (e.accel[axis] - k.accel_slow[axis])
             check_aiding(k, p, now)
             predict(k, p, step_s)
             read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
-            see_receiver(e, k, now, fix[i], satellites[i])
+            update_receiver_status(e, k, now, fix[i], satellites[i])
             if time[i] != k.fix_time and now - k.fix_at >= INTERVAL_MIN_NS:
-                read_fix(
+                process_fix(
                     e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
                 )
             read_baro(e, k, p, now, baro[i], on)
@@ -206,16 +215,16 @@ def turn(
             seen = rangefinder[i]
             ranged = math.isfinite(seen) and seen >= 0.0
             e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
-            report(e, k, p, ranged)
-            e.battery_v = reading(volts[i], e.battery_v, _VOLTS_MAX)
-            e.battery_a = reading(amperes[i], e.battery_a, _AMPERES_MAX)
-            if k.news != 0:
+            update_filter_status(e, k, p, ranged)
+            e.battery_v = valid_reading(volts[i], e.battery_v, _VOLTS_MAX)
+            e.battery_a = valid_reading(amperes[i], e.battery_a, _AMPERES_MAX)
+            if k.events != 0:
                 news += 1
-        show(e, k)
+        update_output(e, k)
     return news
 
 
-@kernel
+@compiled
 def _finish_step(e: Any, k: Any, p: Any, step_s: float) -> None:
     """After a filter step, apply corrections over EK3_TAU_OUTPUT, normalise the attitude and limit the biases."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)
@@ -224,11 +233,11 @@ def _finish_step(e: Any, k: Any, p: Any, step_s: float) -> None:
     for part in range(4):
         e.quat[part] *= norm
     for axis in range(3):
-        k.slack_pos[axis] *= keep
-        k.slack_vel[axis] *= keep
+        k.pending_pos[axis] *= keep
+        k.pending_vel[axis] *= keep
         k.gyro_bias[axis] = clamp(k.gyro_bias[axis], -GYRO_BIAS_LIMIT_RADPS, GYRO_BIAS_LIMIT_RADPS)
         e.imu_accel[axis] = k.force[axis]
-    show_lean(e)
+    update_roll_pitch(e)
 
 
 class Estimator:
@@ -236,27 +245,34 @@ class Estimator:
 
     def __init__(self, count: int, origin: Origin) -> None:
         """`origin` gives the magnetic field where the fleet flies."""
-        self.filters, self._history = blank(count)
-        self._field = np.array(field_at(origin), dtype=np.float64)
+        self.filters, self._history = new_filters(count)
+        self._field = np.array(magnetic_field_at(origin), dtype=np.float64)
         self._buffer = np.zeros(6)
         self._slot = 0
         self._last_step: Time | None = None
 
     def update(
-        self, now: Time, dt_s: float, sensors: Sensors, estimate: Records, armed: Ints, which: Ints, settings: Records
+        self,
+        now: Time,
+        dt_s: float,
+        sensors: Sensors,
+        estimate: Records,
+        armed: Ints,
+        set_index: Ints,
+        settings: Records,
     ) -> int:
         """Process one tick's sensors, `dt_s` after the last; `estimate` then holds the estimated state.
 
         At the first call `estimate` holds the known initial position and yaw of each aircraft. `armed` is (n,), not 0
-        where motors may turn; `which` (n,) the row in `settings` of each. Returns how many aircraft have new events
+        where motors may turn; `set_index` (n,) the row in `settings` of each. Returns how many aircraft have new events
         (`filters["events"]`), which stay until they are cleared.
         """
         s = sensors
         fix = (s.gnss_fix, s.gnss_satellites, s.gnss_time_ns)
         if self._last_step is None:
-            begin(
+            initialise_filters(
                 now, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m, s.compass_gauss, s.gnss_accuracy,
-                *fix, self._field, estimate, self.filters, which, settings,
+                *fix, self._field, estimate, self.filters, set_index, settings,
             )  # fmt: skip
             self._last_step = now - STEP_NS
             dt_s = 0.0
@@ -265,8 +281,8 @@ class Estimator:
             step_s = (now - self._last_step) / NS_PER_S
             self._last_step = now
             self._slot += 1
-        return turn(
+        return step_filters(
             now, dt_s, step_s, self._slot, s.gyro_radps, s.accel_mps2, s.gnss_enu_m, s.gnss_vel_enu_mps, s.baro_up_m,
             s.rangefinder_m, s.compass_gauss, s.gnss_accuracy, *fix, s.battery_v, s.battery_a, self._field,
-            self._buffer, armed, self._history, estimate, self.filters, which, settings,
+            self._buffer, armed, self._history, estimate, self.filters, set_index, settings,
         )  # fmt: skip

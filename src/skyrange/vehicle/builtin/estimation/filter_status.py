@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.estimation.state import Aiding, Status
 
 _ABSOLUTE = int(Aiding.ABSOLUTE)
@@ -25,8 +25,8 @@ _CONST_POS = int(Status.CONST_POS_MODE)
 _GLITCHING = int(Status.GPS_GLITCHING)
 
 
-@kernel
-def report(e: Any, k: Any, p: Any, ranged: bool) -> None:
+@compiled
+def update_filter_status(e: Any, k: Any, p: Any, ranged: bool) -> None:
     """Update the status fields of the estimate; `ranged` is whether the rangefinder sees the ground.
 
     Dead reckoning is a position that has timed out while the wind is known (`doingWindRelNav`), which a copter knows

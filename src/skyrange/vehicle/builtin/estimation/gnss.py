@@ -10,33 +10,33 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
+from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.estimation.aiding import (
-    judge_flight,
-    judge_receiver,
     set_position,
     set_velocity,
     start_aiding,
+    update_gps_good_for_flight,
+    update_gps_good_to_align,
 )
+from skyrange.vehicle.builtin.estimation.bad_imu import update_bad_imu
 from skyrange.vehicle.builtin.estimation.covariance import (
-    correct_level,
-    correct_up,
-    forget_position,
-    forget_velocity,
-    take_level,
-    take_up,
+    correct_horizontal,
+    correct_vertical,
+    reset_position_variance,
+    reset_velocity_variance,
+    update_horizontal_covariance,
+    update_vertical_covariance,
 )
-from skyrange.vehicle.builtin.estimation.disbelief import judge_accelerometers
 from skyrange.vehicle.builtin.estimation.state import (
     HEIGHT_MAX_M,
+    HISTORY_LENGTH,
     POS_LIMIT_M,
-    SLOTS,
     STEP_NS,
     VEL_LIMIT_MPS,
     Aiding,
 )
-from skyrange.vehicle.builtin.shaping import clamp
 
 _NONE = int(Aiding.NONE)
 _FIX_3D = 3
@@ -48,29 +48,29 @@ _RANGE_ERROR_M = 1.5  # stated accuracy over dilution of precision
 _MAX_GAP_NS = 10 * NS_PER_S
 
 
-@kernel
-def gate(percent: float) -> float:
+@compiled
+def gate_squared(percent: float) -> float:
     """Return a gate's square: `EK3_…_I_GATE` is in hundredths of a standard deviation, at least one."""
     wide = max(0.01 * percent, 1.0)
     return wide * wide
 
 
-@kernel
-def claimed(value: float, worst: float) -> float:
+@compiled
+def claimed_accuracy(value: float, worst: float) -> float:
     """Return the receiver's stated accuracy, or `worst` where it is not a number."""
     return clamp(value, 0.0, worst) if value == value else worst
 
 
-@kernel
-def see_receiver(e: Any, k: Any, now: int, kind: int, satellites: int) -> None:
+@compiled
+def update_receiver_status(e: Any, k: Any, now: int, kind: int, satellites: int) -> None:
     """Update the receiver's status, in every step."""
     e.gnss_fix = min(max(kind, 0), 8)
     e.gnss_sats = min(max(satellites, 0), 255)
     e.gnss_age_s = (now - k.fix_at) / NS_PER_S
 
 
-@kernel
-def read_fix(
+@compiled
+def process_fix(
     e: Any,
     k: Any,
     p: Any,
@@ -102,9 +102,9 @@ def read_fix(
         e.gnss_pos[axis] = fix[axis]
         e.gnss_vel[axis] = fix[3 + axis]
         k.gnss_vel[axis] = fix[3 + axis]
-    h_acc = claimed(accuracy[i, 0], _MAX_ACCURACY_M)
-    v_acc = claimed(accuracy[i, 1], _MAX_ACCURACY_M)
-    s_acc = claimed(accuracy[i, 2], _MAX_ACCURACY_MPS)
+    h_acc = claimed_accuracy(accuracy[i, 0], _MAX_ACCURACY_M)
+    v_acc = claimed_accuracy(accuracy[i, 1], _MAX_ACCURACY_M)
+    s_acc = claimed_accuracy(accuracy[i, 2], _MAX_ACCURACY_MPS)
     e.gnss_acc[0], e.gnss_acc[1], e.gnss_acc[2] = h_acc, v_acc, s_acc
     hdop = clamp(h_acc / _RANGE_ERROR_M, 0.5, 99.99)
     e.gnss_hdop = hdop
@@ -114,28 +114,28 @@ def read_fix(
     keep = 1.0 - clamp(_ACCURACY_DECAY * gap / NS_PER_S, 0.0, 1.0)
     k.spd_acc = clamp(max(k.spd_acc * keep, s_acc), p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS)
     k.pos_acc = clamp(max(k.pos_acc * keep, h_acc), p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M)
-    judge_receiver(k, p, now, h_acc, v_acc, hdop, satellites)
-    judge_flight(k, now, gap, s_acc)
+    update_gps_good_to_align(k, p, now, h_acc, v_acc, hdop, satellites)
+    update_gps_good_for_flight(k, now, gap, s_acc)
 
-    late = min(max(now - time, 0), (SLOTS - 2) * STEP_NS)
+    late = min(max(now - time, 0), (HISTORY_LENGTH - 2) * STEP_NS)
     if k.aiding == _NONE:
-        if k.good == 1:
+        if k.gps_good_to_align == 1:
             _extrapolate(fix, late)
             start_aiding(k, p, now, fix)
             e.resets += 1
         return
-    then = history[i, (slot - (late + STEP_NS // 2) // STEP_NS) & (SLOTS - 1)]
+    then = history[i, (slot - (late + STEP_NS // 2) // STEP_NS) & (HISTORY_LENGTH - 1)]
     _fuse_vel_pos(e, k, p, now, satellites, late, fix, then)
 
 
-@kernel
+@compiled
 def _extrapolate(fix: Any, late: int) -> None:
     """Extrapolate a fix to the present at its own velocity (ResetPosition's tdiff)."""
     fix[0] += fix[3] * late / NS_PER_S
     fix[1] += fix[4] * late / NS_PER_S
 
 
-@kernel
+@compiled
 def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, fix: Any, then: Any) -> None:
     """FuseVelPosNED for one fix: test position, test velocity, then fuse what passed."""
     noise = 1.0 if satellites >= 6 else (1.4 if satellites == 5 else 2.0)  # gpsNoiseScaler
@@ -144,17 +144,17 @@ def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, 
     pos_noise = clamp(k.pos_acc, p.EK3_POSNE_M_NSE, _MAX_ACCURACY_M) ** 2
     vel_noise = clamp(k.spd_acc, p.EK3_VELNE_M_NSE, _MAX_ACCURACY_MPS) ** 2
     climb_noise = clamp(k.spd_acc, p.EK3_VELD_M_NSE, _MAX_ACCURACY_MPS) ** 2
-    d_e = fix[0] - then[0] - k.moved_pos[0]
-    d_n = fix[1] - then[1] - k.moved_pos[1]
-    v_e = fix[3] - then[3] - k.moved_vel[0]
-    v_n = fix[4] - then[4] - k.moved_vel[1]
-    v_u = fix[5] - then[5] - k.moved_vel[2]
-    bad = judge_accelerometers(k, now, fix[5], v_u, climb_noise, clamp(p.EK3_ALT_M_NSE, 0.1, 100.0) ** 2)
+    d_e = fix[0] - then[0] - k.corrected_pos[0]
+    d_n = fix[1] - then[1] - k.corrected_pos[1]
+    v_e = fix[3] - then[3] - k.corrected_vel[0]
+    v_n = fix[4] - then[4] - k.corrected_vel[1]
+    v_u = fix[5] - then[5] - k.corrected_vel[2]
+    bad = update_bad_imu(k, now, fix[5], v_u, climb_noise, clamp(p.EK3_ALT_M_NSE, 0.1, 100.0) ** 2)
     if bad:
         v_u = 0.0
 
-    spread = 2.0 * (k.level[0] + pos_noise)
-    k.pos_test = (d_e * d_e + d_n * d_n) / (gate(p.EK3_POS_I_GATE) * spread)
+    spread = 2.0 * (k.cov_horizontal[0] + pos_noise)
+    k.pos_test = (d_e * d_e + d_n * d_n) / (gate_squared(p.EK3_POS_I_GATE) * spread)
     widen_pos = 1.0
     pos_passed = k.pos_test < 1.0
     if pos_passed:
@@ -167,8 +167,8 @@ def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, 
     fuse_vel = True
     if fuse_pos:
         radius = p.EK3_GLITCH_RAD
-        unsure = radius > 0.0 and 2.0 * k.level[0] > radius * radius
-        if (k.pos_timeout == 1 or unsure) and (k.vel_aiding == 0 or k.good == 1):
+        unsure = radius > 0.0 and 2.0 * k.cov_horizontal[0] > radius * radius
+        if (k.pos_timeout == 1 or unsure) and (k.vel_aiding == 0 or k.gps_good_to_align == 1):
             _reset_position(e, k, p, now, late, fix)
             fuse_pos = False
             if k.vel_timeout == 1:
@@ -177,8 +177,8 @@ def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, 
 
     if fuse_vel:
         climb_check = vel_check
-        spread = 2.0 * (k.level[4] + vel_check) + k.up[3] + climb_check
-        k.vel_test = (v_e * v_e + v_n * v_n + v_u * v_u) / (gate(p.EK3_VEL_I_GATE) * spread)
+        spread = 2.0 * (k.cov_horizontal[4] + vel_check) + k.cov_vertical[3] + climb_check
+        k.vel_test = (v_e * v_e + v_n * v_n + v_u * v_u) / (gate_squared(p.EK3_VEL_I_GATE) * spread)
         widen_vel = 1.0
         passed = k.vel_test < 1.0
         if passed:
@@ -192,39 +192,41 @@ def _fuse_vel_pos(e: Any, k: Any, p: Any, now: int, satellites: int, late: int, 
         elif passed or bad:
             _fuse_velocity(e, k, v_e, v_n, v_u, vel_noise * noise * noise, climb_noise * noise * noise, widen_vel)
             if fuse_pos:  # minus what the velocity fusion has corrected
-                d_e = fix[0] - then[0] - k.moved_pos[0]
-                d_n = fix[1] - then[1] - k.moved_pos[1]
+                d_e = fix[0] - then[0] - k.corrected_pos[0]
+                d_n = fix[1] - then[1] - k.corrected_pos[1]
     if fuse_pos:
-        variance = widen_pos * (k.level[0] + pos_noise * noise * noise)
-        c = k.level
-        correct_level(e, k, take_level(c, c[0], c[1], c[2], c[3], variance), d_e, d_n)
+        variance = widen_pos * (k.cov_horizontal[0] + pos_noise * noise * noise)
+        c = k.cov_horizontal
+        correct_horizontal(e, k, update_horizontal_covariance(c, c[0], c[1], c[2], c[3], variance), d_e, d_n)
 
 
-@kernel
+@compiled
 def _fuse_velocity(
     e: Any, k: Any, east: float, north: float, up: float, noise: float, climb_noise: float, widen: float
 ) -> None:
-    c = k.level
-    correct_level(e, k, take_level(c, c[1], c[4], c[5], c[6], widen * (c[4] + noise)), east, north)
-    u = k.up
-    correct_up(k, take_up(u, u[1], u[3], u[4], widen * (u[3] + climb_noise)), up)
+    c = k.cov_horizontal
+    correct_horizontal(
+        e, k, update_horizontal_covariance(c, c[1], c[4], c[5], c[6], widen * (c[4] + noise)), east, north
+    )
+    u = k.cov_vertical
+    correct_vertical(k, update_vertical_covariance(u, u[1], u[3], u[4], widen * (u[3] + climb_noise)), up)
 
 
-@kernel
+@compiled
 def _reset_position(e: Any, k: Any, p: Any, now: int, late: int, fix: Any) -> None:
     """Reset the position to the fix, with half the glitch radius as its standard deviation."""
     set_position(k, fix[0] + fix[3] * late / NS_PER_S, fix[1] + fix[4] * late / NS_PER_S)
-    forget_position(k, (0.5 * p.EK3_GLITCH_RAD) ** 2)
+    reset_position_variance(k, (0.5 * p.EK3_GLITCH_RAD) ** 2)
     k.pos_timeout = 0
     k.pos_pass = now
     k.pos_test = 0.0
     e.resets += 1
 
 
-@kernel
+@compiled
 def _reset_velocity(k: Any, p: Any, now: int, fix: Any) -> None:
     set_velocity(k, fix[3], fix[4])
-    forget_velocity(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
+    reset_velocity_variance(k, max(p.EK3_VELNE_M_NSE, k.spd_acc) ** 2)
     k.vel_timeout = 0
     k.vel_pass = now
     k.vel_test = 0.0

@@ -16,60 +16,60 @@ from typing import Any
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.attitude import turn_by
-from skyrange.vehicle.builtin.estimation.state import News
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.attitude import inertial_frame_reset
+from skyrange.vehicle.builtin.control.shaping import wrap_pi
+from skyrange.vehicle.builtin.estimation.state import EstimatorEvent
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.layout import Records
-from skyrange.vehicle.builtin.shaping import wrap_pi
 
 _RESET_NAMES = {
-    News.POSITION_RESET: "position",
-    News.VELOCITY_RESET: "velocity",
-    News.HEIGHT_RESET: "height",
-    News.YAW_RESET: "yaw",
+    EstimatorEvent.POSITION_RESET: "position",
+    EstimatorEvent.VELOCITY_RESET: "velocity",
+    EstimatorEvent.HEIGHT_RESET: "height",
+    EstimatorEvent.YAW_RESET: "yaw",
 }
 
 
-@kernel
-def follow(filters: Records, flight: Records) -> None:
+@compiled
+def shift_references(filters: Records, flight: Records) -> None:
     """Move every row's reference by the resets of its estimate, and clear them."""
     for i in range(filters.shape[0]):
         k: Any = filters[i]
         f: Any = flight[i]
-        if k.news == 0:
+        if k.events == 0:
             continue
         for axis in range(3):
-            f.ref_pos[axis] += k.shift_pos[axis]
-            f.ref_vel[axis] += k.shift_vel[axis]
-            k.shift_pos[axis] = 0.0
-            k.shift_vel[axis] = 0.0
-        turn_by(f, k.shift_yaw)
-        f.target_yaw = wrap_pi(f.target_yaw + k.shift_yaw)
-        k.shift_yaw = 0.0
+            f.ref_pos[axis] += k.reset_delta_pos[axis]
+            f.ref_vel[axis] += k.reset_delta_vel[axis]
+            k.reset_delta_pos[axis] = 0.0
+            k.reset_delta_vel[axis] = 0.0
+        inertial_frame_reset(f, k.reset_delta_yaw)
+        f.target_yaw = wrap_pi(f.target_yaw + k.reset_delta_yaw)
+        k.reset_delta_yaw = 0.0
 
 
-def tell(fleet: Fleet, filters: Records) -> None:
+def report_events(fleet: Fleet, filters: Records) -> None:
     """Move references along and report events: STATUSTEXT in EKF3's words, and a note of each jump.
 
     Notes: `event.estimator` {aiding: "gnss" or "none"} when aiding starts or stops, and {reset, east_m, north_m, up_m}
     for each jump, with the distance by which the estimate moved.
     """
-    rows = np.flatnonzero(filters["news"])
-    shifts = filters["shift_pos"][rows].tolist()
-    follow(filters, fleet.flight)
+    rows = np.flatnonzero(filters["events"])
+    shifts = filters["reset_delta_pos"][rows].tolist()
+    shift_references(filters, fleet.flight)
     for row, (east, north, up) in zip(rows.tolist(), shifts, strict=True):
-        craft = fleet.crafts[row]
-        news = News(int(filters["news"][row]))
-        filters["news"][row] = 0
-        if news & News.STOPPED_AIDING:
-            fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "EKF3 IMU0 stopped aiding")
-            fleet.note("event.estimator", craft, {"aiding": "none"})
+        vehicle = fleet.vehicles[row]
+        news = EstimatorEvent(int(filters["events"][row]))
+        filters["events"][row] = 0
+        if news & EstimatorEvent.STOPPED_AIDING:
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "EKF3 IMU0 stopped aiding")
+            fleet.note("event.estimator", vehicle, {"aiding": "none"})
             continue
-        if news & News.STARTED_AIDING:
-            fleet.text(craft, dialect.MAV_SEVERITY_INFO, "EKF3 IMU0 is using GPS")
-            fleet.note("event.estimator", craft, {"aiding": "gnss"})
+        if news & EstimatorEvent.STARTED_AIDING:
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "EKF3 IMU0 is using GPS")
+            fleet.note("event.estimator", vehicle, {"aiding": "gnss"})
         what = " and ".join(name for kind, name in _RESET_NAMES.items() if news & kind)
         sizes = (east, north, up)
         if what and all(map(math.isfinite, sizes)):
-            fleet.note("event.estimator", craft, {"reset": what, "east_m": east, "north_m": north, "up_m": up})
+            fleet.note("event.estimator", vehicle, {"reset": what, "east_m": east, "north_m": north, "up_m": up})

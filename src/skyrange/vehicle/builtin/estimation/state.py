@@ -19,7 +19,7 @@ TARGET_DT_S: Final = 0.012
 """EKF_TARGET_DT: EKF3's noise parameters apply to this step, so the noise added per second is the same at any step."""
 INTERVAL_MIN_NS: Final = 50 * NS_PER_MS
 """`sensorIntervalMin_ms`: minimum interval between readings of a sensor."""
-HEIGHT_NS: Final = 100 * NS_PER_MS
+HGT_AVG_NS: Final = 100 * NS_PER_MS
 """`hgtAvg_ms`."""
 POS_RETRY_USE_VEL_NS: Final = 10 * NS_PER_S
 """`posRetryTimeUseVel_ms`."""
@@ -53,7 +53,7 @@ GYRO_MAX_RADPS: Final = 34.9
 ACCEL_MAX_MPS2: Final = 157.0
 """Full scale of the inertial sensors, 2000 deg/s and 16 g (ICM-42688-P): larger values cannot be read."""
 
-SLOTS: Final = 32
+HISTORY_LENGTH: Final = 32
 """Past steps stored, to compare a delayed fix with the state when it was measured (`storedOutput`)."""
 
 
@@ -83,7 +83,7 @@ class Status(IntFlag):
     GPS_GLITCHING = 1 << 15
 
 
-class News(IntFlag):
+class EstimatorEvent(IntFlag):
     """Events of a step."""
 
     STOPPED_AIDING = 1
@@ -99,31 +99,31 @@ FILTER: Final = np.dtype(
         # used in every tick, kept together: the state, local frame
         ("pos", "f8", (3,)),
         ("vel", "f8", (3,)),
-        ("slack_pos", "f8", (3,)),  # corrections that the output does not contain yet
-        ("slack_vel", "f8", (3,)),
+        ("pending_pos", "f8", (3,)),  # corrections that the output does not contain yet
+        ("pending_vel", "f8", (3,)),
         ("rate", "f8", (3,)),  # the last inertial readings
         ("force", "f8", (3,)),
         ("gyro_bias", "f8", (3,)),  # rad/s, body
         ("accel_bias", "f8"),  # m/s², up
         ("yaw_cos", "f8"),
         ("yaw_sin", "f8"),
-        ("yaw_from", "f8"),  # yaw of that direction
+        ("yaw_ref", "f8"),  # yaw of that direction
         ("aiding", "i8"),
-        ("news", "i8"),
+        ("events", "i8"),
         # sum of all corrections; deltas of resets that the references have not followed yet
-        ("moved_pos", "f8", (3,)),
-        ("moved_vel", "f8", (3,)),
-        ("shift_pos", "f8", (3,)),
-        ("shift_vel", "f8", (3,)),
-        ("shift_yaw", "f8"),
+        ("corrected_pos", "f8", (3,)),
+        ("corrected_vel", "f8", (3,)),
+        ("reset_delta_pos", "f8", (3,)),
+        ("reset_delta_vel", "f8", (3,)),
+        ("reset_delta_yaw", "f8"),
         ("accel_slow", "f8", (3,)),  # velDotNEDfilt
         # variances, upper triangles: (position, velocity, tilt, gyro bias), the same for east and north;
         # (height, climb, accelerometer bias); (yaw, gyro bias)
-        ("level", "f8", (10,)),
-        ("up", "f8", (6,)),
-        ("turn", "f8", (3,)),
+        ("cov_horizontal", "f8", (10,)),
+        ("cov_vertical", "f8", (6,)),
+        ("cov_yaw", "f8", (3,)),
         # aiding
-        ("held", "f8", (2,)),  # lastKnownPositionNE
+        ("last_known_pos", "f8", (2,)),  # lastKnownPositionNE
         ("pos_timeout", "i8"),
         ("vel_timeout", "i8"),
         ("hgt_timeout", "i8"),
@@ -142,7 +142,7 @@ FILTER: Final = np.dtype(
         ("gnss_vel", "f8", (3,)),
         ("pos_acc", "f8"),
         ("spd_acc", "f8"),
-        ("good", "i8"),  # gpsGoodToAlign
+        ("gps_good_to_align", "i8"),  # gpsGoodToAlign
         ("check_pass", "i8"),
         ("check_fail", "i8"),
         ("innov_good", "i8"),
@@ -154,10 +154,10 @@ FILTER: Final = np.dtype(
         # barometer and compass
         ("baro", "f8"),
         ("baro_at", "i8"),
-        ("hgt_off", "f8"),  # innovation of the last reading, m
-        ("bad", "i8"),  # badIMUdata
-        ("bad_at", "i8"),  # when it was last detected
-        ("good_at", "i8"),  # when data were last good
+        ("hgt_innov", "f8"),  # innovation of the last reading, m
+        ("bad_imu", "i8"),  # badIMUdata
+        ("bad_imu_at", "i8"),  # when it was last detected
+        ("good_imu_at", "i8"),  # when data were last good
         ("compass", "f8", (3,)),
         ("compass_at", "i8"),
     ]
@@ -165,6 +165,6 @@ FILTER: Final = np.dtype(
 """One aircraft's filter."""
 
 
-def blank(count: int) -> Any:
+def new_filters(count: int) -> Any:
     """Return records and history of filters that have not been started."""
-    return np.zeros(count, dtype=FILTER), np.zeros((count, SLOTS, 6))
+    return np.zeros(count, dtype=FILTER), np.zeros((count, HISTORY_LENGTH, 6))

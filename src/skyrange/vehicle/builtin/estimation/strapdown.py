@@ -10,7 +10,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.estimation.state import (
     ACCEL_MAX_MPS2,
     GYRO_MAX_RADPS,
@@ -20,25 +22,23 @@ from skyrange.vehicle.builtin.estimation.state import (
     VEL_LIMIT_MPS,
     Aiding,
 )
-from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
-from skyrange.vehicle.builtin.shaping import clamp
 
-Triple = tuple[float, float, float]
+Vector3 = tuple[float, float, float]
 _NONE = int(Aiding.NONE)
 _SERIES_LIMIT = 0.05  # tangent below which an angle is computed by a series
 _ACCEL_UNAIDED_MPS2 = 5.0  # UpdateStrapdownEquationsNED: manoeuvres without aiding
 
 
-@kernel
-def reading(value: float, before: float, most: float) -> float:
+@compiled
+def valid_reading(value: float, before: float, most: float) -> float:
     """Return a plausible sensor value: the last one instead of a NaN, full scale instead of more."""
     if value != value:
         return before
     return clamp(value, -most, most)
 
 
-@kernel
-def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
+@compiled
+def update_strapdown(e: Any, k: Any, gyro: Vector3, accel: Vector3, dt_s: float) -> None:
     """Advance the state by a tick, with everything of the estimate that changes in every tick.
 
     Readings are passed as numbers because a compiled function that is passed an array counts a reference to it, which
@@ -46,7 +46,7 @@ def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
     """
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     for axis in range(3):
-        k.force[axis] = reading(accel[axis], k.force[axis], ACCEL_MAX_MPS2)
+        k.force[axis] = valid_reading(accel[axis], k.force[axis], ACCEL_MAX_MPS2)
     a, b, c = k.force[0], k.force[1], k.force[2]
     east = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - w * z) * b + 2 * (x * z + w * y) * c
     north = 2 * (x * y + w * z) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - w * x) * c
@@ -74,7 +74,7 @@ def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
     tx, ty, tz = k.rate[0], k.rate[1], k.rate[2]
     for axis in range(3):
         bias = k.gyro_bias[axis]
-        k.rate[axis] = reading(gyro[axis], k.rate[axis] + bias, GYRO_MAX_RADPS) - bias
+        k.rate[axis] = valid_reading(gyro[axis], k.rate[axis] + bias, GYRO_MAX_RADPS) - bias
         e.rate[axis] = k.rate[axis]
     tx = half * (tx + k.rate[0])
     ty = half * (ty + k.rate[1])
@@ -97,12 +97,12 @@ def carry(e: Any, k: Any, gyro: Triple, accel: Triple, dt_s: float) -> None:
     e.quat[3] = nz * norm
 
 
-@kernel
-def show(e: Any, k: Any) -> None:
+@compiled
+def update_output(e: Any, k: Any) -> None:
     """Update position, velocity and yaw of the output, which controllers and telemetry use."""
     for axis in range(3):
-        e.pos[axis] = k.pos[axis] - k.slack_pos[axis]
-        e.vel[axis] = k.vel[axis] - k.slack_vel[axis]
+        e.pos[axis] = k.pos[axis] - k.pending_pos[axis]
+        e.vel[axis] = k.vel[axis] - k.pending_vel[axis]
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     cosine = 1 - 2 * (y * y + z * z)
     sine = 2 * (w * z + x * y)
@@ -112,7 +112,7 @@ def show(e: Any, k: Any) -> None:
     if abs(across) < _SERIES_LIMIT * ahead:
         t = across / ahead
         t2 = t * t
-        yaw = k.yaw_from + t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
+        yaw = k.yaw_ref + t * (1.0 - t2 * (1.0 / 3.0 - t2 * (0.2 - t2 / 7.0)))
         if yaw >= math.pi:
             yaw -= 2.0 * math.pi
         elif yaw < -math.pi:
@@ -121,12 +121,12 @@ def show(e: Any, k: Any) -> None:
     else:
         k.yaw_cos = cosine
         k.yaw_sin = sine
-        k.yaw_from = math.atan2(sine, cosine)
-        e.yaw = k.yaw_from
+        k.yaw_ref = math.atan2(sine, cosine)
+        e.yaw = k.yaw_ref
 
 
-@kernel
-def show_lean(e: Any) -> None:
+@compiled
+def update_roll_pitch(e: Any) -> None:
     """Update roll and pitch of the output from the attitude, in every filter step."""
     w, x, y, z = e.quat[0], e.quat[1], e.quat[2], e.quat[3]
     across = 2 * (w * x + y * z)

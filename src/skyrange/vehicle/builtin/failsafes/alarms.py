@@ -18,13 +18,13 @@ class Alarm(IntFlag):
     FENCE_CLEARED = 1 << 2
     BATTERY = 1 << 3
     """A worse level; see `BATTERY_STATE.pending_level`."""
-    STATION_LOST = 1 << 4
-    STATION_BACK = 1 << 5
-    RECKONING_STARTED = 1 << 6
-    RECKONING_STOPPED = 1 << 7
-    RECKONING_OVER = 1 << 8
+    GCS_LOST = 1 << 4
+    GCS_RECOVERED = 1 << 5
+    DEAD_RECKONING_STARTED = 1 << 6
+    DEAD_RECKONING_STOPPED = 1 << 7
+    DEAD_RECKONING_TIMEOUT = 1 << 8
     """Dead reckoning for longer than FS_DR_TIMEOUT."""
-    RECKONING_FAILSAFE = 1 << 9
+    DEAD_RECKONING_FAILSAFE = 1 << 9
     ESTIMATOR_BAD = 1 << 10
     ESTIMATOR_GOOD = 1 << 11
     GLITCH_STARTED = 1 << 12

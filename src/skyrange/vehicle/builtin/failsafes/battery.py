@@ -10,12 +10,20 @@ from __future__ import annotations
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.battery import measure
-from skyrange.vehicle.builtin.failsafes.actions import Action, Option, act, announce, is_landing, option, should_disarm
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.arming.arming import disarm
+from skyrange.vehicle.builtin.battery_monitor import update_battery
+from skyrange.vehicle.builtin.failsafes.actions import (
+    Action,
+    Option,
+    announce_failsafe,
+    do_failsafe_action,
+    has_option,
+    is_landing,
+    should_disarm,
+)
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 
 LOW: Final = 2
 CRITICAL: Final = 3
@@ -34,20 +42,20 @@ PRIORITIES: Final = (
 _LAND_PRIORITY = 1  # Copter.h FAILSAFE_LAND_PRIORITY
 
 
-@kernel
+@compiled
 def _is_low(volts: float, least: float) -> bool:
     """Whether a voltage is known and below a threshold that is set."""
     return volts > 0.0 and least > 0.0 and volts < least
 
 
-@kernel
+@compiled
 def _compared_voltage(p: Any, b: Any) -> float:
     """Return the voltage compared with the thresholds: as measured, or without the sag (BATT_FS_VOLTSRC)."""
     volts: float = b.resting_v if p.BATT_FS_VOLTSRC == 1 else b.voltage
     return volts
 
 
-@kernel
+@compiled
 def _level(p: Any, b: Any, now_ns: int) -> int:
     """Return the failsafe level: a low voltage counts once it has lasted for BATT_LOW_TIMER, a low charge at once."""
     volts = _compared_voltage(p, b)
@@ -74,51 +82,53 @@ def _level(p: Any, b: Any, now_ns: int) -> int:
     return 0
 
 
-@kernel
+@compiled
 def check_battery(e: Any, f: Any, p: Any, b: Any, now_ns: int, dt_s: float) -> int:
     """Check one aircraft: measure and, while armed, raise an alarm at a level worse than any before."""
     if p.BATT_MONITOR == 0:
         b.remaining_pct = -1
         return 0
-    measure(e, p, b, dt_s)
+    update_battery(e, p, b, dt_s)
     if f.armed == 0:
         return 0
-    b.noticed = _level(p, b, now_ns)
-    return _BATTERY if b.noticed > b.level else 0
+    b.pending_level = _level(p, b, now_ns)
+    return _BATTERY if b.pending_level > b.level else 0
 
 
-def lands_for_battery(fleet: Fleet, craft: Craft) -> bool:
+def lands_for_battery(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether a battery failsafe lands the aircraft, which no later failsafe may undo."""
-    power = fleet.power[craft.row]
-    return bool(power["tripped"]) and int(power["priority"]) <= _LAND_PRIORITY
+    power = fleet.battery[vehicle.row]
+    return bool(power["failsafe_triggered"]) and int(power["priority"]) <= _LAND_PRIORITY
 
 
-def worse(fleet: Fleet, craft: Craft) -> None:
+def on_battery_failsafe(fleet: Fleet, vehicle: Vehicle) -> None:
     """Report a battery that has become low or critical, and act unless an earlier action has priority."""
-    power = fleet.power
-    row = craft.row
-    level = int(power["noticed"][row])
+    power = fleet.battery
+    row = vehicle.row
+    level = int(power["pending_level"][row])
     words, name = ("critical", "BATT_FS_CRT_ACT") if level == CRITICAL else ("low", "BATT_FS_LOW_ACT")
     volts, used = float(power["voltage"][row]), float(power["consumed_mah"][row])
-    fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Battery 1 is {words} {volts:.2f}V used {used:.0f} mAh")
-    fleet.note("event.battery", craft, {"level": words, "voltage_v": volts, "used_mah": used})
-    power["tripped"][row] = 1
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, f"Battery 1 is {words} {volts:.2f}V used {used:.0f} mAh")
+    fleet.note("event.battery", vehicle, {"level": words, "voltage_v": volts, "used_mah": used})
+    power["failsafe_triggered"][row] = 1
     power["level"][row] = level
-    action = int(fleet.param(craft, name))
+    action = int(fleet.param(vehicle, name))
     priority = PRIORITIES.index(Action(action)) if action in PRIORITIES else len(PRIORITIES)
     if priority <= power["priority"][row]:
-        _handle_failsafe(fleet, craft, action)
+        _handle_failsafe(fleet, vehicle, action)
         power["priority"][row] = priority
 
 
-def _handle_failsafe(fleet: Fleet, craft: Craft, action: int) -> None:
-    if should_disarm(fleet, craft):
-        disarm(fleet, craft, "battery_failsafe", ())
+def _handle_failsafe(fleet: Fleet, vehicle: Vehicle, action: int) -> None:
+    if should_disarm(fleet, vehicle):
+        disarm(fleet, vehicle, "battery_failsafe", ())
         action = Action.NONE
-        announce(fleet, craft, "Battery", "Disarming")
-    elif is_landing(fleet, craft) and option(fleet, craft, Option.CONTINUE_IF_LANDING) and action != Action.NONE:
+        announce_failsafe(fleet, vehicle, "Battery", "Disarming")
+    elif (
+        is_landing(fleet, vehicle) and has_option(fleet, vehicle, Option.CONTINUE_IF_LANDING) and action != Action.NONE
+    ):
         action = Action.LAND
-        announce(fleet, craft, "Battery", "Continuing Landing")
+        announce_failsafe(fleet, vehicle, "Battery", "Continuing Landing")
     else:
-        announce(fleet, craft, "Battery")
-    act(fleet, craft, action, "battery_failsafe")
+        announce_failsafe(fleet, vehicle, "Battery")
+    do_failsafe_action(fleet, vehicle, action, "battery_failsafe")

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.agent.contracts import Floats
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
+from skyrange.contracts.components import Floats
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.builtin.failsafes.alarms import Alarm
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 
 _LOST = int(Alarm.THRUST_LOST)
 _TRIGGER_NS = NS_PER_S  # THRUST_LOSS_CHECK_TRIGGER_SEC
@@ -26,8 +26,8 @@ _ERROR_RAD = math.radians(30.0)  # CRASH_CHECK_ANGLE_DEVIATION_DEG
 _OPTION = 1  # FLIGHT_OPTIONS bit 0: DISABLE_THRUST_LOSS_CHECK
 
 
-@kernel
-def check_thrust(e: Any, f: Any, p: Any, w: Any, now_ns: int) -> int:
+@compiled
+def check_thrust_loss(e: Any, f: Any, p: Any, w: Any, now_ns: int) -> int:
     """Check one aircraft: an alarm once the condition has held for a second, and after each further second."""
     failing = (
         f.armed == 1
@@ -49,7 +49,7 @@ def check_thrust(e: Any, f: Any, p: Any, w: Any, now_ns: int) -> int:
     return 0
 
 
-def lost(fleet: Fleet, craft: Craft, actuators: Floats) -> None:
+def on_thrust_loss(fleet: Fleet, vehicle: Vehicle, actuators: Floats) -> None:
     """Report it, with the number of the motor with the highest output (`check_for_failed_motor`)."""
-    motor = int(np.argmax(actuators[craft.row])) + 1
-    fleet.text(craft, dialect.MAV_SEVERITY_EMERGENCY, f"Potential Thrust Loss ({motor})")
+    motor = int(np.argmax(actuators[vehicle.row])) + 1
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_EMERGENCY, f"Potential Thrust Loss ({motor})")

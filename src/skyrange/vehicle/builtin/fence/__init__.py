@@ -1,1 +1,1 @@
-"""Fence."""
+"""Fence: its types and state, and the geometry of its zones."""

@@ -9,13 +9,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, POLYGON_IN, POLYGON_OUT
 
 _UNSET = -1e30
 
 
-@kernel
+@compiled
 def _in_polygon(z: Any, first: int, size: int, east: float, north: float) -> bool:
     """Whether an odd number of edges lies on one side (`Polygon_outside`)."""
     inside = False
@@ -31,7 +31,7 @@ def _in_polygon(z: Any, first: int, size: int, east: float, north: float) -> boo
     return inside
 
 
-@kernel
+@compiled
 def _edge_distance(z: Any, first: int, size: int, east: float, north: float) -> float:
     """Return the distance to the nearest edge, m (`Polygon_closest_distance_point`)."""
     least = 1e30
@@ -52,8 +52,8 @@ def _edge_distance(z: Any, first: int, size: int, east: float, north: float) -> 
     return math.sqrt(least)
 
 
-@kernel
-def outside(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:
+@compiled
+def zone_breach(z: Any, east: float, north: float, union: bool) -> tuple[bool, float]:
     """Return whether a place breaches the zones, and how far outside it is, m; negative inside.
 
     A place must be inside all inclusion zones (with `union`, inside any of them) and outside all exclusion zones. As in

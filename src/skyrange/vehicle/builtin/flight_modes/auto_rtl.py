@@ -5,30 +5,30 @@ After the end of ModeAuto::run (ArduCopter/mode_auto.cpp), which checks it in ev
 
 from __future__ import annotations
 
-from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState
+from skyrange.vehicle.builtin.fleet import Fleet, MissionState, Vehicle
 from skyrange.vehicle.builtin.modes import Mode
 
 
-def begin(fleet: Fleet, craft: Craft, reason: str) -> None:
+def enter(fleet: Fleet, vehicle: Vehicle, reason: str) -> None:
     """Start to report AUTO as AUTO_RTL; `reason` is ArduCopter's ModeReason in lower case."""
-    craft.mode_reason = reason
-    fleet.show_auto_rtl(craft, True)
-    _note_mode(fleet, craft)
+    vehicle.mode_reason = reason
+    fleet.set_auto_rtl(vehicle, True)
+    _note_mode(fleet, vehicle)
 
 
-def look(fleet: Fleet, craft: Craft) -> None:
+def update(fleet: Fleet, vehicle: Vehicle) -> None:
     """Report AUTO again once the mission has left its landing sequence."""
-    if craft.auto_rtl and not craft.in_landing and craft.mission_state != MissionState.COMPLETE:
-        craft.mode_reason = "auto_rtl_exit"
-        fleet.show_auto_rtl(craft, False)
-        _note_mode(fleet, craft)
+    if vehicle.auto_rtl and not vehicle.in_landing_sequence and vehicle.mission_state != MissionState.COMPLETE:
+        vehicle.mode_reason = "auto_rtl_exit"
+        fleet.set_auto_rtl(vehicle, False)
+        _note_mode(fleet, vehicle)
 
 
-def _note_mode(fleet: Fleet, craft: Craft) -> None:
-    mode = Mode(craft.shown_mode)
+def _note_mode(fleet: Fleet, vehicle: Vehicle) -> None:
+    mode = Mode(vehicle.reported_mode)
     fleet.note(
         "event.mode",
-        craft,
-        {"mode": mode.name, "number": int(mode), "reason": str(craft.mode_reason)},
-        craft.mode_causes,
+        vehicle,
+        {"mode": mode.name, "number": int(mode), "reason": str(vehicle.mode_reason)},
+        vehicle.mode_causes,
     )

@@ -13,9 +13,12 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import from_seconds
-from skyrange.vehicle.builtin import facing, fence, loop, places, wpnav
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Timer
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
+from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
+from skyrange.vehicle.builtin.layout import ControlMode
+from skyrange.vehicle.builtin.locations import location
 from skyrange.vehicle.builtin.modes import Mode
 
 _POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
@@ -30,52 +33,56 @@ _LOCAL_FRAMES = frozenset(
 )
 _BODY_FRAMES = frozenset((dialect.MAV_FRAME_BODY_NED, dialect.MAV_FRAME_BODY_OFFSET_NED))
 _RATES_IGNORE, _THRUST_IGNORE, _ATTITUDE_IGNORE = 0b111, 1 << 6, 1 << 7
-FAR_M = 1e6
+MAX_POSITION_M = 1e6
 """Larger than any sensible local position: such a target counts as invalid."""
 _MAX_VELOCITY_MPS = 1e3
 """GCS_MAVLINK_Copter::sane_vel_or_acc_vector."""
 _QUAT_NORM_TOLERANCE = 1e-3
 _MAX_RATE_RADPS = 20.0
 _OPTION_WPNAV = 1 << 6  # GUID_OPTIONS: positions are flown as waypoints
-_TIMED_CONTROLS = frozenset((Control.VELOCITY, Control.TRACK, Control.ACCEL, Control.ATTITUDE))
+_TIMED_CONTROLS = frozenset((ControlMode.VELOCITY, ControlMode.POS_VEL_ACCEL, ControlMode.ACCEL, ControlMode.ATTITUDE))
 
 Vector = tuple[float, float, float]
 _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-def on_local(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_position_target_local(
+    fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes
+) -> None:
     """SET_POSITION_TARGET_LOCAL_NED: relative to the origin, the aircraft or its heading, by frame."""
-    if craft.mode != Mode.GUIDED:
+    if vehicle.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
     if frame not in _LOCAL_FRAMES:
-        stop(fleet, craft, causes)
+        stop_and_hold(fleet, vehicle, causes)
         return
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = _to_enu(fleet, craft, frame, message.x, message.y, message.z)
+        position = _to_enu(fleet, vehicle, frame, message.x, message.y, message.z)
         if frame != dialect.MAV_FRAME_LOCAL_NED:
-            here = fleet.position(craft)
+            here = fleet.position(vehicle)
             position = (position[0] + here[0], position[1] + here[1], position[2] + here[2])
     if mask & _VEL_IGNORE == 0:
-        velocity = _to_enu(fleet, craft, frame, message.vx, message.vy, message.vz)
+        velocity = _to_enu(fleet, vehicle, frame, message.vx, message.vy, message.vz)
     if mask & _ACC_IGNORE == 0:
-        accel = _to_enu(fleet, craft, frame, message.afx, message.afy, message.afz)
+        accel = _to_enu(fleet, vehicle, frame, message.afx, message.afy, message.afz)
     yaw = None if mask & _YAW_IGNORE else message.yaw
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
-    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
+    _set_target(fleet, vehicle, position, velocity, accel, (yaw, rate, frame in _BODY_FRAMES), causes, mask)
 
 
-def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_position_target_global(
+    fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes
+) -> None:
     """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above sea level, home or terrain."""
-    if craft.mode != Mode.GUIDED:
+    if vehicle.mode != Mode.GUIDED:
         return
     frame, mask = message.coordinate_frame, message.type_mask
     position = velocity = accel = None
     if mask & _POS_IGNORE == 0:
-        position = places.enu(fleet, craft, frame, message.lat_int, message.lon_int, message.alt)
-        if position is None or (mask & _VEL_IGNORE == 0 and frame in places.TERRAIN_FRAMES):
-            stop(fleet, craft, causes)
+        position = location.to_enu(fleet, vehicle, frame, message.lat_int, message.lon_int, message.alt)
+        if position is None or (mask & _VEL_IGNORE == 0 and frame in location.TERRAIN_FRAMES):
+            stop_and_hold(fleet, vehicle, causes)
             return
     if mask & _VEL_IGNORE == 0:
         velocity = (message.vy, message.vx, -message.vz)
@@ -85,25 +92,25 @@ def on_global(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int]
     rate = None if mask & _YAW_RATE_IGNORE else message.yaw_rate
     if position is not None and velocity is not None and accel is not None:
         accel = _ZERO  # set_destination_posvel has no acceleration
-    _set_target(fleet, craft, position, velocity, accel, (yaw, rate, False), causes, mask)
+    _set_target(fleet, vehicle, position, velocity, accel, (yaw, rate, False), causes, mask)
 
 
-def _to_enu(fleet: Fleet, craft: Craft, frame: int, x: float, y: float, z: float) -> Vector:
+def _to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, x: float, y: float, z: float) -> Vector:
     """Return a vector of the message as east, north, up."""
     if frame not in _BODY_FRAMES:
         return y, x, -z
-    yaw = float(fleet.estimate["yaw"][craft.row])
+    yaw = float(fleet.estimate["yaw"][vehicle.row])
     return x * math.cos(yaw) + y * math.sin(yaw), x * math.sin(yaw) - y * math.cos(yaw), -z
 
 
-def sane(vector: Vector | None, most: float) -> bool:
+def is_sane(vector: Vector | None, most: float) -> bool:
     """Whether a vector, if there is one, is finite and within `most`."""
     return vector is None or all(abs(part) <= most for part in vector)
 
 
 def _set_target(
     fleet: Fleet,
-    craft: Craft,
+    vehicle: Vehicle,
     position: Vector | None,
     velocity: Vector | None,
     accel: Vector | None,
@@ -112,99 +119,107 @@ def _set_target(
     mask: int,
 ) -> None:
     """Fly the requested combination of fields; stop where it is invalid or has a value that is not a number."""
-    good = sane(position, FAR_M) and sane(velocity, _MAX_VELOCITY_MPS) and sane(accel, _MAX_VELOCITY_MPS)
+    good = (
+        is_sane(position, MAX_POSITION_M) and is_sane(velocity, _MAX_VELOCITY_MPS) and is_sane(accel, _MAX_VELOCITY_MPS)
+    )
     good = good and all(part is None or math.isfinite(part) for part in yaw[:2])
     forced = bool(mask & _FORCE) and accel is not None
     alone = position is not None and velocity is None and accel is not None
     if not good or forced or alone or (position is None and velocity is None and accel is None):
-        stop(fleet, craft, causes)
+        stop_and_hold(fleet, vehicle, causes)
         return
-    if not fleet.armed(craft) or fleet.landed(craft) or not (position is None or fence.allows(fleet, craft, position)):
+    if (
+        not fleet.armed(vehicle)
+        or fleet.landed(vehicle)
+        or not (position is None or fence.destination_within_fence(fleet, vehicle, position))
+    ):
         return  # a place outside the fence changes nothing
-    craft.target_causes = causes
+    vehicle.target_causes = causes
     if position is not None and velocity is not None:
-        _start_control(fleet, craft, Control.TRACK)
-        fleet.fly(craft, Control.TRACK, velocity)
-        fleet.flight["target_pos"][craft.row] = position
+        _start_control(fleet, vehicle, ControlMode.POS_VEL_ACCEL)
+        fleet.set_control(vehicle, ControlMode.POS_VEL_ACCEL, velocity)
+        fleet.flight["target_pos"][vehicle.row] = position
     elif position is not None:
-        go_to(fleet, craft, position)
+        start_position(fleet, vehicle, position)
     elif velocity is not None:
-        _start_control(fleet, craft, Control.VELOCITY)
-        fleet.fly(craft, Control.VELOCITY, velocity)
+        _start_control(fleet, vehicle, ControlMode.VELOCITY)
+        fleet.set_control(vehicle, ControlMode.VELOCITY, velocity)
     else:
-        _start_control(fleet, craft, Control.ACCEL)
-        fleet.fly(craft, Control.ACCEL)
+        _start_control(fleet, vehicle, ControlMode.ACCEL)
+        fleet.set_control(vehicle, ControlMode.ACCEL)
     if accel is not None:
-        fleet.flight["target_acc"][craft.row] = accel
-    _set_yaw(fleet, craft, *yaw)
-    _restart_timeout(fleet, craft)
+        fleet.flight["target_acc"][vehicle.row] = accel
+    _set_yaw(fleet, vehicle, *yaw)
+    _restart_timeout(fleet, vehicle)
 
 
-def _start_control(fleet: Fleet, craft: Craft, control: Control) -> None:
+def _start_control(fleet: Fleet, vehicle: Vehicle, control: ControlMode) -> None:
     """Start another kind of target from the present state, at the limits of the WPNAV parameters."""
-    if fleet.control(craft) != control:
-        loop.hold(fleet.estimate, fleet.flight, craft.row)
-        fleet.limits(craft)
-        facing.default(fleet, craft)
+    if fleet.control(vehicle) != control:
+        loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
+        fleet.set_default_limits(vehicle)
+        auto_yaw.set_mode_to_default(fleet, vehicle)
 
 
-def order(fleet: Fleet, craft: Craft, position: Vector, causes: Causes) -> bool:
+def set_destination(fleet: Fleet, vehicle: Vehicle, position: Vector, causes: Causes) -> bool:
     """Fly to a commanded place in GUIDED; `False` outside the fence (ModeGuided::set_destination)."""
-    if not fence.allows(fleet, craft, position):
+    if not fence.destination_within_fence(fleet, vehicle, position):
         return False
-    craft.target_causes = causes
-    if fleet.armed(craft) and not fleet.landed(craft):
-        fleet.timer(craft, Timer.STALE)
-        go_to(fleet, craft, position)
-        facing.default(fleet, craft)
+    vehicle.target_causes = causes
+    if fleet.armed(vehicle) and not fleet.landed(vehicle):
+        fleet.set_timer(vehicle, Timer.GUIDED_TIMEOUT)
+        start_position(fleet, vehicle, position)
+        auto_yaw.set_mode_to_default(fleet, vehicle)
     return True
 
 
-def go_to(fleet: Fleet, craft: Craft, position: Vector) -> None:
+def start_position(fleet: Fleet, vehicle: Vehicle, position: Vector) -> None:
     """Fly to a place and hold it."""
-    if int(fleet.param(craft, "GUID_OPTIONS")) & _OPTION_WPNAV:
-        anew = fleet.control(craft) != Control.LEG
+    if int(fleet.param(vehicle, "GUID_OPTIONS")) & _OPTION_WPNAV:
+        anew = fleet.control(vehicle) != ControlMode.LEG
         if anew:
-            fleet.limits(craft)
-        wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(position), anew)
+            fleet.set_default_limits(vehicle)
+        wpnav.start_leg(
+            fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(position), anew
+        )
         return
-    _start_control(fleet, craft, Control.POSITION)
-    fleet.fly(craft, Control.POSITION)
-    fleet.flight["target_pos"][craft.row] = position
+    _start_control(fleet, vehicle, ControlMode.POSITION)
+    fleet.set_control(vehicle, ControlMode.POSITION)
+    fleet.flight["target_pos"][vehicle.row] = position
 
 
-def _set_yaw(fleet: Fleet, craft: Craft, yaw: float | None, rate: float | None, relative: bool) -> None:
+def _set_yaw(fleet: Fleet, vehicle: Vehicle, yaw: float | None, rate: float | None, relative: bool) -> None:
     """Set the yaw target (ModeGuided::set_yaw_state_rad)."""
     if yaw is not None and relative:
-        facing.turn(fleet, craft, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
+        auto_yaw.set_fixed_yaw(fleet, vehicle, math.degrees(math.remainder(yaw, 2.0 * math.pi)), 0.0, 0, True)
     elif yaw is not None:
-        facing.angle_and_rate(fleet, craft, yaw, rate or 0.0)
+        auto_yaw.set_yaw_angle_and_rate(fleet, vehicle, yaw, rate or 0.0)
     elif rate is not None:
-        facing.rate(fleet, craft, rate)
+        auto_yaw.set_rate(fleet, vehicle, rate)
     else:
-        facing.default(fleet, craft)
+        auto_yaw.set_mode_to_default(fleet, vehicle)
 
 
-def stop(fleet: Fleet, craft: Craft, causes: Causes) -> None:
+def stop_and_hold(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
     """Stop and hold (ModeGuided::init)."""
-    fleet.timer(craft, Timer.STALE)
-    if not fleet.armed(craft) or fleet.landed(craft):
+    fleet.set_timer(vehicle, Timer.GUIDED_TIMEOUT)
+    if not fleet.armed(vehicle) or fleet.landed(vehicle):
         return
-    craft.target_causes = causes
-    halt(fleet, craft)
+    vehicle.target_causes = causes
+    hold_velocity(fleet, vehicle)
 
 
-def halt(fleet: Fleet, craft: Craft) -> None:
+def hold_velocity(fleet: Fleet, vehicle: Vehicle) -> None:
     """Hold at zero velocity from the present state, at the limits of the WPNAV parameters."""
-    loop.hold(fleet.estimate, fleet.flight, craft.row)
-    fleet.limits(craft)
-    facing.default(fleet, craft)
-    fleet.fly(craft, Control.VELOCITY)
+    loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
+    fleet.set_default_limits(vehicle)
+    auto_yaw.set_mode_to_default(fleet, vehicle)
+    fleet.set_control(vehicle, ControlMode.VELOCITY)
 
 
-def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_attitude_target(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the maximum)."""
-    if craft.mode != Mode.GUIDED:
+    if vehicle.mode != Mode.GUIDED:
         return
     mask = message.type_mask
     rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
@@ -215,37 +230,37 @@ def on_attitude(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, in
     bad = bad or (turned and not abs(math.fsum(part * part for part in quat) - 1.0) < _QUAT_NORM_TOLERANCE)
     bad = bad or (given == 0 and not all(math.isfinite(part) for part in rates))
     if bad:
-        stop(fleet, craft, causes)
+        stop_and_hold(fleet, vehicle, causes)
         return
     thrust = min(max(message.thrust, 0.0), 1.0)
     limit = "WPNAV_SPEED_UP" if thrust > 0.5 else "WPNAV_SPEED_DN"
-    climb_mps = (thrust - 0.5) * 2.0 * fleet.param(craft, limit) * 0.01
-    if not fleet.armed(craft) or (fleet.landed(craft) and climb_mps <= 0.0):
+    climb_mps = (thrust - 0.5) * 2.0 * fleet.param(vehicle, limit) * 0.01
+    if not fleet.armed(vehicle) or (fleet.landed(vehicle) and climb_mps <= 0.0):
         return
-    craft.target_causes = causes
-    row, flight = craft.row, fleet.flight
-    if fleet.control(craft) != Control.ATTITUDE:
-        loop.hold(fleet.estimate, flight, row)
-        fleet.limits(craft)
-        if fleet.landed(craft):
-            craft.ready = True
+    vehicle.target_causes = causes
+    row, flight = vehicle.row, fleet.flight
+    if fleet.control(vehicle) != ControlMode.ATTITUDE:
+        loop.init_reference(fleet.estimate, flight, row)
+        fleet.set_default_limits(vehicle)
+        if fleet.landed(vehicle):
+            vehicle.auto_armed = True
             flight["throttle"][row] = 0.0
-            loop.rest(flight, row)
-            fleet.timer(craft, Timer.IDLE)
-            flight["flags"][row] = flight["seen"][row] = 0
-        fleet.fly(craft, Control.ATTITUDE)
-    flight["want_climb"][row] = climb_mps
+            loop.reset_controllers(flight, row)
+            fleet.set_timer(vehicle, Timer.DISARM_DELAY)
+            flight["flags"][row] = flight["handled_flags"][row] = 0
+        fleet.set_control(vehicle, ControlMode.ATTITUDE)
+    flight["guided_climb_rate"][row] = climb_mps
     flight["rates_only"][row] = int(not turned)
     forward, right, down = (
         (min(max(part, -_MAX_RATE_RADPS), _MAX_RATE_RADPS) for part in rates) if given == 0 else _ZERO
     )
-    flight["want_rate"][row] = (forward, -right, -down)
+    flight["guided_ang_vel"][row] = (forward, -right, -down)
     if turned:
-        flight["want_quat"][row] = flu_enu(*quat)
-    _restart_timeout(fleet, craft)
+        flight["guided_quat"][row] = frd_ned_to_flu_enu(*quat)
+    _restart_timeout(fleet, vehicle)
 
 
-def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
+def frd_ned_to_flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Convert a quaternion from front-right-down, north-east-down to front-left-up, east-north-up, of length 1."""
     scale = math.sqrt(0.5 / (w * w + x * x + y * y + z * z))
     # half a turn about the north-east axis, the rotation, half a turn about the forward axis
@@ -253,26 +268,28 @@ def flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, float, float
     return a * scale, b * scale, c * scale, d * scale
 
 
-def _restart_timeout(fleet: Fleet, craft: Craft) -> None:
-    fleet.timer(craft, Timer.STALE, fleet.now + from_seconds(max(fleet.param(craft, "GUID_TIMEOUT"), 0.1)))
+def _restart_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
+    fleet.set_timer(
+        vehicle, Timer.GUIDED_TIMEOUT, fleet.now + from_seconds(max(fleet.param(vehicle, "GUID_TIMEOUT"), 0.1))
+    )
 
 
-def stale(fleet: Fleet, craft: Craft) -> None:
+def on_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
     """Stop moving, level and stop turning when no new target came in time (mode_guided.cpp, `get_timeout_ms`)."""
-    if craft.mode != Mode.GUIDED:
+    if vehicle.mode != Mode.GUIDED:
         return
-    row, flight, control = craft.row, fleet.flight, fleet.control(craft)
-    if control not in (*_TIMED_CONTROLS, Control.POSITION):
+    row, flight, control = vehicle.row, fleet.flight, fleet.control(vehicle)
+    if control not in (*_TIMED_CONTROLS, ControlMode.POSITION):
         return
-    facing.stop_turning(fleet, craft)
-    if control == Control.ATTITUDE:
+    auto_yaw.stop_yaw_rate(fleet, vehicle)
+    if control == ControlMode.ATTITUDE:
         yaw = float(fleet.estimate["yaw"][row])
-        flight["want_quat"][row] = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
-        flight["want_rate"][row] = 0.0
-        flight["want_climb"][row] = 0.0
+        flight["guided_quat"][row] = (math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))
+        flight["guided_ang_vel"][row] = 0.0
+        flight["guided_climb_rate"][row] = 0.0
         flight["rates_only"][row] = 0
         return
     flight["target_vel"][row] = 0.0
     flight["target_acc"][row] = 0.0
-    if control == Control.ACCEL:
-        fleet.fly(craft, Control.VELOCITY)
+    if control == ControlMode.ACCEL:
+        fleet.set_control(vehicle, ControlMode.VELOCITY)

@@ -10,74 +10,79 @@ from __future__ import annotations
 import math
 
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin import facing, fence, loop, places, rally, wpnav
-from skyrange.vehicle.builtin.fleet import Craft, Fleet, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control, Heading
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Fleet, SubMode, Timer, Vehicle
+from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
+from skyrange.vehicle.builtin.locations import location, rally
 
 _ALT_MIN_M = 0.3  # config.h RTL_ALT_MIN
 _CHECK_NS = 20 * NS_PER_MS
 _MIN_CONE_SLOPE = 0.5  # config.h RTL_MIN_CONE_SLOPE
 
 
-def start(fleet: Fleet, craft: Craft) -> None:
+def start(fleet: Fleet, vehicle: Vehicle) -> None:
     """Start the return of a flying aircraft with the climb from its stopping point."""
-    fleet.limits(craft)
-    craft.return_to = rally.return_point(fleet, craft)
-    speed = fleet.param(craft, "RTL_SPEED") * 0.01
+    fleet.set_default_limits(vehicle)
+    vehicle.return_target = rally.best_rally_or_home(fleet, vehicle)
+    speed = fleet.param(vehicle, "RTL_SPEED") * 0.01
     if speed > 0.0:
-        fleet.flight["speed_xy"][craft.row] = speed
-    craft.stage = Stage.CLIMB
-    facing.set_kind(fleet, craft, Heading.HOLD)
-    east, north, up = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
-    height = _return_altitude(fleet, craft, east, north, up)
-    _start_leg(fleet, craft, (east, north, height), True)
+        fleet.flight["speed_xy"][vehicle.row] = speed
+    vehicle.submode = SubMode.INITIAL_CLIMB
+    auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
+    east, north, up = wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
+    height = _return_altitude(fleet, vehicle, east, north, up)
+    _start_leg(fleet, vehicle, (east, north, height), True)
     # it turns home before the climb has stopped (climb_start)
-    home = places.array((craft.return_to[0], craft.return_to[1], height))
-    wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, home)
+    home = location.as_array((vehicle.return_target[0], vehicle.return_target[1], height))
+    wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, home)
 
 
-def _start_leg(fleet: Fleet, craft: Craft, goal: tuple[float, float, float], anew: bool) -> None:
-    wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(goal), anew)
+def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float], anew: bool) -> None:
+    wpnav.start_leg(
+        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(goal), anew
+    )
 
 
-def _return_altitude(fleet: Fleet, craft: Craft, east: float, north: float, up: float) -> float:
+def _return_altitude(fleet: Fleet, vehicle: Vehicle, east: float, north: float, up: float) -> float:
     """Return the altitude of the return, m above the origin."""
-    home_up = craft.home[2]
-    to_east, to_north, to_up = craft.return_to
+    home_up = vehicle.home[2]
+    to_east, to_north, to_up = vehicle.return_target
     now = up - home_up
-    least = max(_ALT_MIN_M, now + fleet.param(craft, "RTL_CLIMB_MIN") * 0.01)
-    height = max(fleet.param(craft, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
-    slope = fleet.param(craft, "RTL_CONE_SLOPE")
+    least = max(_ALT_MIN_M, now + fleet.param(vehicle, "RTL_CLIMB_MIN") * 0.01)
+    height = max(fleet.param(vehicle, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
+    slope = fleet.param(vehicle, "RTL_CONE_SLOPE")
     if slope >= _MIN_CONE_SLOPE:
         height = min(height, max(math.hypot(east - to_east, north - to_north) * slope, least))
-    return home_up + max(min(height, fence.safe_alt_m(fleet, craft)), now)
+    return home_up + max(min(height, fence.safe_alt_max_m(fleet, vehicle)), now)
 
 
-def arrived(fleet: Fleet, craft: Craft) -> None:
+def on_destination_reached(fleet: Fleet, vehicle: Vehicle) -> None:
     """Continue with the next sub-mode when a leg is complete."""
-    if craft.stage == Stage.CLIMB:
-        craft.stage = Stage.RETURN
-        up = float(fleet.flight["target_pos"][craft.row, 2])
-        facing.default(fleet, craft, returning=True)
-        _start_leg(fleet, craft, (craft.return_to[0], craft.return_to[1], up), False)
-    elif craft.stage == Stage.RETURN:
-        craft.stage = Stage.LOITER
-        facing.as_armed(fleet, craft)
-        fleet.timer(craft, Timer.HOLD, fleet.now + int(fleet.param(craft, "RTL_LOIT_TIME")) * NS_PER_MS)
+    if vehicle.submode == SubMode.INITIAL_CLIMB:
+        vehicle.submode = SubMode.RETURN_HOME
+        up = float(fleet.flight["target_pos"][vehicle.row, 2])
+        auto_yaw.set_mode_to_default(fleet, vehicle, returning=True)
+        _start_leg(fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], up), False)
+    elif vehicle.submode == SubMode.RETURN_HOME:
+        vehicle.submode = SubMode.LOITER_AT_HOME
+        auto_yaw.set_to_armed_yaw(fleet, vehicle)
+        fleet.set_timer(vehicle, Timer.HOLD, fleet.now + int(fleet.param(vehicle, "RTL_LOIT_TIME")) * NS_PER_MS)
 
 
-def waited(fleet: Fleet, craft: Craft) -> None:
+def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """End the loiter once the nose is at the yaw of arming: land, or descend to RTL_ALT_FINAL and stay."""
-    if not facing.is_as_armed(fleet, craft):
-        fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
+    if not auto_yaw.reached_armed_yaw(fleet, vehicle):
+        fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)
         return
-    final = fleet.param(craft, "RTL_ALT_FINAL") * 0.01
-    facing.set_kind(fleet, craft, Heading.HOLD)
+    final = fleet.param(vehicle, "RTL_ALT_FINAL") * 0.01
+    auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
     if final <= 0.0:
-        craft.stage = Stage.LAND
-        fleet.limits(craft)
-        loop.hold(fleet.estimate, fleet.flight, craft.row)
-        fleet.fly(craft, Control.LAND)
+        vehicle.submode = SubMode.LAND
+        fleet.set_default_limits(vehicle)
+        loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
+        fleet.set_control(vehicle, ControlMode.LAND)
         return
-    craft.stage = Stage.DESCEND
-    _start_leg(fleet, craft, (craft.return_to[0], craft.return_to[1], craft.home[2] + final), False)
+    vehicle.submode = SubMode.FINAL_DESCENT
+    _start_leg(fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], vehicle.home[2] + final), False)

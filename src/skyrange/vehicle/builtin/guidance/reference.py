@@ -11,65 +11,66 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import sticks, wpnav
-from skyrange.vehicle.builtin.layout import Control, Flag
-from skyrange.vehicle.builtin.scurve import kinematic_limit
-from skyrange.vehicle.builtin.shaping import (
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.shaping import (
     approach_velocity,
     clamp,
     limit_xy,
-    shape_velocity,
-    shape_velocity_xy,
+    shape_vel_accel,
+    shape_vel_accel_xy,
     sqrt_controller,
     wrap_pi,
 )
+from skyrange.vehicle.builtin.guidance import wpnav
+from skyrange.vehicle.builtin.guidance.scurve import kinematic_limit
+from skyrange.vehicle.builtin.layout import ControlMode, FlightEvent
+from skyrange.vehicle.builtin.pilot import stick_input
 
-_TAKEOFF_COMPLETE = int(Flag.CLIMBED)
-_ALTITUDE_REACHED = int(Flag.LEVELLED)
-_LEG = int(Control.LEG)
-_POSITION = int(Control.POSITION)
-_VELOCITY = int(Control.VELOCITY)
-_LAND = int(Control.LAND)
-_TAKEOFF = int(Control.TAKEOFF)
-_POS_VEL_ACCEL = int(Control.TRACK)
-_ACCEL = int(Control.ACCEL)
-_CIRCLE = int(Control.CIRCLE)
-_LOITER_TO_ALT = int(Control.ALTITUDE)
-_ATTITUDE = int(Control.ATTITUDE)
-_ALT_HOLD = int(Control.ALT_HOLD)
-_LOITER = int(Control.LOITER)
+_TAKEOFF_COMPLETE = int(FlightEvent.TAKEOFF_COMPLETE)
+_ALTITUDE_REACHED = int(FlightEvent.ALTITUDE_REACHED)
+_LEG = int(ControlMode.LEG)
+_POSITION = int(ControlMode.POSITION)
+_VELOCITY = int(ControlMode.VELOCITY)
+_LAND = int(ControlMode.LAND)
+_TAKEOFF = int(ControlMode.TAKEOFF)
+_POS_VEL_ACCEL = int(ControlMode.POS_VEL_ACCEL)
+_ACCEL = int(ControlMode.ACCEL)
+_CIRCLE = int(ControlMode.CIRCLE)
+_LOITER_TO_ALT = int(ControlMode.LOITER_TO_ALT)
+_ATTITUDE = int(ControlMode.ATTITUDE)
+_ALT_HOLD = int(ControlMode.ALT_HOLD)
+_LOITER = int(ControlMode.LOITER)
 _LEVEL_M = 0.05  # loiter_to_alt_run
 _TURN_ACCEL_MIN = math.radians(2.0)  # AC_CIRCLE_ANGULAR_ACCEL_MIN
 
 
-@kernel
+@compiled
 def _update_pos_vel_accel_ne(e: Any, f: Any, dt_s: float) -> None:
     """Move the reference horizontally, but not farther away at the lean limit (`update_pos_vel_accel_xy`)."""
     d_e = f.ref_vel[0] * dt_s + 0.5 * f.ref_acc[0] * dt_s * dt_s
     d_n = f.ref_vel[1] * dt_s + 0.5 * f.ref_acc[1] * dt_s * dt_s
-    limited = f.limit[0] != 0.0 or f.limit[1] != 0.0
+    limited = f.limited_accel[0] != 0.0 or f.limited_accel[1] != 0.0
     if not (
         limited
-        and d_e * f.limit[0] + d_n * f.limit[1] > 0.0
-        and f.pos_err[0] * f.limit[0] + f.pos_err[1] * f.limit[1] > 0.0
+        and d_e * f.limited_accel[0] + d_n * f.limited_accel[1] > 0.0
+        and f.pos_err[0] * f.limited_accel[0] + f.pos_err[1] * f.limited_accel[1] > 0.0
     ):
         f.ref_pos[0] += d_e
         f.ref_pos[1] += d_n
     if not (
         limited
-        and f.ref_acc[0] * f.limit[0] + f.ref_acc[1] * f.limit[1] > 0.0
-        and f.vel_err[0] * f.limit[0] + f.vel_err[1] * f.limit[1] > 0.0
-        and f.ref_vel[0] * f.limit[0] + f.ref_vel[1] * f.limit[1] >= 0.0
+        and f.ref_acc[0] * f.limited_accel[0] + f.ref_acc[1] * f.limited_accel[1] > 0.0
+        and f.vel_err[0] * f.limited_accel[0] + f.vel_err[1] * f.limited_accel[1] > 0.0
+        and f.ref_vel[0] * f.limited_accel[0] + f.ref_vel[1] * f.limited_accel[1] >= 0.0
     ):
         f.ref_vel[0] += f.ref_acc[0] * dt_s
         f.ref_vel[1] += f.ref_acc[1] * dt_s
 
 
-@kernel
+@compiled
 def _update_pos_vel_accel_u(e: Any, f: Any, dt_s: float) -> None:
     """Move the reference vertically, but not farther away at the limits of thrust (`update_pos_vel_accel`)."""
-    limit = 1.0 if f.throttle_full == 1 else (-1.0 if f.throttle <= 0.0 else 0.0)
+    limit = 1.0 if f.throttle_limited == 1 else (-1.0 if f.throttle <= 0.0 else 0.0)
     d_u = f.ref_vel[2] * dt_s + 0.5 * f.ref_acc[2] * dt_s * dt_s
     if not (d_u * limit > 0.0 and (f.ref_pos[2] - e.pos[2]) * limit > 0.0):
         f.ref_pos[2] += d_u
@@ -79,26 +80,26 @@ def _update_pos_vel_accel_u(e: Any, f: Any, dt_s: float) -> None:
     f.ref_vel[2] += d_v
 
 
-@kernel
+@compiled
 def _input_vel_accel_ne(
     e: Any, f: Any, p: Any, want_e: float, want_n: float, acc_e: float, acc_n: float, dt_s: float
 ) -> None:
     """Shape the reference's horizontal velocity towards a target (`input_vel_accel_NE_m`)."""
     _update_pos_vel_accel_ne(e, f, dt_s)
-    f.ref_acc[0], f.ref_acc[1] = shape_velocity_xy(
+    f.ref_acc[0], f.ref_acc[1] = shape_vel_accel_xy(
         want_e, want_n, acc_e, acc_n, f.ref_vel[0], f.ref_vel[1], f.ref_acc[0], f.ref_acc[1],
         f.accel_xy, p.PSC_JERK_XY, dt_s,
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _input_vel_accel_u(e: Any, f: Any, p: Any, want: float, acc: float, dt_s: float) -> None:
     """Shape the reference's vertical velocity towards a target (`input_vel_accel_U_m`)."""
     _update_pos_vel_accel_u(e, f, dt_s)
-    f.ref_acc[2] = shape_velocity(want, acc, f.ref_vel[2], f.ref_acc[2], f.accel_z, p.PSC_JERK_Z, dt_s)
+    f.ref_acc[2] = shape_vel_accel(want, acc, f.ref_vel[2], f.ref_acc[2], f.accel_z, p.PSC_JERK_Z, dt_s)
 
 
-@kernel
+@compiled
 def _input_pos_vel_accel_ne(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Shape the reference's horizontal position towards the target's (`input_pos_vel_accel_NE_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
@@ -112,14 +113,14 @@ def _input_pos_vel_accel_ne(e: Any, f: Any, p: Any, dt_s: float) -> None:
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _input_pos_vel_accel_u(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Shape the reference's height towards the target's (`input_pos_vel_accel_U_m`)."""
     want = approach_velocity(f.target_pos[2] - f.ref_pos[2], f.accel_z, p.PSC_JERK_Z, dt_s)
     _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up) + f.target_vel[2], f.target_acc[2], dt_s)
 
 
-@kernel
+@compiled
 def _input_pos_neu(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Shape the reference towards a fixed position, on a straight line (`input_pos_NEU_m`)."""
     d_e = f.target_pos[0] - f.ref_pos[0]
@@ -136,7 +137,7 @@ def _input_pos_neu(e: Any, f: Any, p: Any, dt_s: float) -> None:
     _input_vel_accel_u(e, f, p, clamp(climb, -abs(d_u) * per, abs(d_u) * per), 0.0, dt_s)
 
 
-@kernel
+@compiled
 def _land_descent_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """Return the climb rate of a landing, m/s (negative): fast down to LAND_ALT_LOW, then LAND_SPEED."""
     slow = p.LAND_SPEED * 0.01
@@ -145,7 +146,7 @@ def _land_descent_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
     return clamp(rate, -max(quick, slow), -slow)
 
 
-@kernel
+@compiled
 def _update_circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Move the target around the circle (AC_Circle::update_cms), no faster than half the acceleration allows."""
     radius = f.circle_radius
@@ -156,16 +157,16 @@ def _update_circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
     else:
         most = f.circle_rate
         accel = max(abs(most), _TURN_ACCEL_MIN)
-    f.circle_speed += clamp(most - f.circle_speed, -accel * dt_s, accel * dt_s)
-    f.circle_angle = wrap_pi(f.circle_angle - f.circle_speed * dt_s)
-    f.circle_total += f.circle_speed * dt_s
+    f.circle_ang_vel += clamp(most - f.circle_ang_vel, -accel * dt_s, accel * dt_s)
+    f.circle_angle = wrap_pi(f.circle_angle - f.circle_ang_vel * dt_s)
+    f.circle_angle_total += f.circle_ang_vel * dt_s
     f.target_pos[0] = f.centre[0] + radius * math.cos(f.circle_angle)
     f.target_pos[1] = f.centre[1] + radius * math.sin(f.circle_angle)
     _input_pos_vel_accel_ne(e, f, p, dt_s)
     _input_vel_accel_u(e, f, p, 0.0, 0.0, dt_s)
 
 
-@kernel
+@compiled
 def _loiter_to_alt(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Hold the position and go to the height of the target; raise ALTITUDE_REACHED there (loiter_to_alt_run)."""
     error = e.pos[2] - f.target_pos[2]
@@ -177,7 +178,7 @@ def _loiter_to_alt(e: Any, f: Any, p: Any, dt_s: float) -> None:
     f.target_vel[2] = error  # only its sign is used, in the next step
 
 
-@kernel
+@compiled
 def _follow_estimate(e: Any, f: Any) -> None:
     """Let the reference follow the estimate where there is no position to hold."""
     for axis in range(2):
@@ -186,12 +187,12 @@ def _follow_estimate(e: Any, f: Any) -> None:
         f.ref_acc[axis] = 0.0
 
 
-@kernel
-def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
+@compiled
+def update_reference(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
     """Move the reference of one flying aircraft by one step, according to its control mode."""
     control = f.control
     if control == _LEG:
-        wpnav.follow(e, f, w, p, dt_s)
+        wpnav.advance_along_track(e, f, w, p, dt_s)
     elif control == _POSITION:
         _input_pos_neu(e, f, p, dt_s)
     elif control == _VELOCITY:
@@ -213,12 +214,12 @@ def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
         _update_pos_vel_accel_u(e, f, dt_s)
         f.ref_acc[2] += clamp(f.target_acc[2] - f.ref_acc[2], -p.PSC_JERK_Z * dt_s, p.PSC_JERK_Z * dt_s)
     elif control == _LAND:
-        if f.blind == 1:
+        if f.land_nogps == 1:
             _follow_estimate(e, f)
         else:
             _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
-        f.pause_s = max(f.pause_s - dt_s, 0.0)
-        _input_vel_accel_u(e, f, p, 0.0 if f.pause_s > 0.0 else _land_descent_rate(e, f, p, dt_s), 0.0, dt_s)
+        f.land_delay_s = max(f.land_delay_s - dt_s, 0.0)
+        _input_vel_accel_u(e, f, p, 0.0 if f.land_delay_s > 0.0 else _land_descent_rate(e, f, p, dt_s), 0.0, dt_s)
     elif control == _TAKEOFF:
         _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
         want = approach_velocity(f.target_pos[2] - f.ref_pos[2], f.accel_z, p.PSC_JERK_Z, dt_s)
@@ -232,9 +233,9 @@ def guide(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
     elif control == _LOITER_TO_ALT:
         _loiter_to_alt(e, f, p, dt_s)
     elif control == _LOITER:
-        sticks.loiter(e, f, p, dt_s)
-        _input_vel_accel_u(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
+        stick_input.update_loiter(e, f, p, dt_s)
+        _input_vel_accel_u(e, f, p, stick_input.desired_climb_rate(f, p), 0.0, dt_s)
     elif control == _ALT_HOLD:
-        _input_vel_accel_u(e, f, p, sticks.climb_rate(f, p), 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, stick_input.desired_climb_rate(f, p), 0.0, dt_s)
     elif control == _ATTITUDE:
-        _input_vel_accel_u(e, f, p, f.want_climb, 0.0, dt_s)
+        _input_vel_accel_u(e, f, p, f.guided_climb_rate, 0.0, dt_s)

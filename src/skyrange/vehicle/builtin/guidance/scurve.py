@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
+from skyrange.core.compiled import compiled
 
 SEGMENTS = 23
 _ACCEL_MAX, _ACCEL_END, _CHANGE_END, _CONST, _DECEL_END = 4, 7, 14, 15, 22
@@ -19,13 +19,13 @@ _T, _A, _V, _P, _JM = range(5)  # columns of a segment: end time; acceleration, 
 _ACCEL_SHARE = 0.5  # share of a leg for acceleration; the other half is for deceleration
 
 
-@kernel
+@compiled
 def _root(value: float) -> float:
     return math.sqrt(value) if value > 0.0 else 0.0
 
 
-@kernel
-def path_times(
+@compiled
+def calculate_path(
     snap: float, jerk: float, v0: float, accel: float, v1: float, length: float
 ) -> tuple[float, float, float, float, float]:
     """Return (peak jerk, rise time, then times at jerk, acceleration and jerk) of a change from `v0` towards `v1`.
@@ -66,7 +66,7 @@ def path_times(
     return jerk, tj, max(t2, 0.0), t4, max(t2, 0.0)
 
 
-@kernel
+@compiled
 def _constant_accel_time(v0: float, accel: float, v1: float, length: float, jerk: float, tj: float) -> float:
     """Return how long the acceleration is held: until the speed or half the leg is reached (`calculate_path`)."""
     a2 = accel * accel
@@ -80,7 +80,7 @@ def _constant_accel_time(v0: float, accel: float, v1: float, length: float, jerk
     return max(min(by_speed, by_length), 0.0)
 
 
-@kernel
+@compiled
 def _peak_accel(v0: float, length: float, jerk: float, tj: float) -> float:
     """Return the acceleration whose rise and fall, without holding it, takes the whole of `length`.
 
@@ -99,7 +99,7 @@ def _peak_accel(v0: float, length: float, jerk: float, tj: float) -> float:
     return low
 
 
-@kernel
+@compiled
 def _set_segment(c: Any, i: int, t: float, jm: float, a: float, v: float, p: float) -> None:
     c.seg[i, _T] = t
     c.seg[i, _JM] = jm
@@ -108,7 +108,7 @@ def _set_segment(c: Any, i: int, t: float, jm: float, a: float, v: float, p: flo
     c.seg[i, _P] = p
 
 
-@kernel
+@compiled
 def _add_segment_const_jerk(c: Any, i: int, seconds: float, jm: float) -> None:
     """Append a segment of constant jerk after segment i - 1."""
     k = i - 1
@@ -121,7 +121,7 @@ def _add_segment_const_jerk(c: Any, i: int, seconds: float, jm: float) -> None:
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _raised_cosine(tj: float, jm: float) -> tuple[float, float, float]:
     """Return what a jerk that rises to `jm` as a raised cosine adds in acceleration, speed and distance, from rest."""
     half = 0.5 * jm
@@ -129,7 +129,7 @@ def _raised_cosine(tj: float, jm: float) -> tuple[float, float, float]:
     return half * tj, half * (0.5 * tj * tj - 2.0 * per * per), half * (tj * tj * tj / 6.0 - per * per * tj)
 
 
-@kernel
+@compiled
 def _add_segment_incr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
     """Append a segment in which the jerk rises from 0 to `jm` as a raised cosine."""
     k = i - 1
@@ -144,7 +144,7 @@ def _add_segment_incr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _add_segment_decr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
     """Append a segment in which the jerk falls from `jm` to 0: the reverse of `_add_segment_incr_jerk`."""
     k = i - 1
@@ -163,7 +163,7 @@ def _add_segment_decr_jerk(c: Any, i: int, tj: float, jm: float) -> None:
     )  # fmt: skip
 
 
-@kernel
+@compiled
 def _add_segments_jerk(c: Any, i: int, jm: float, tj: float, t_a: float, t4: float, t_b: float) -> None:
     """Append seven segments from i on that change the speed: up for positive `jm`, down for negative."""
     _add_segment_incr_jerk(c, i, tj, jm)
@@ -175,26 +175,26 @@ def _add_segments_jerk(c: Any, i: int, jm: float, tj: float, t_a: float, t4: flo
     _add_segment_decr_jerk(c, i + 6, tj, -jm)
 
 
-@kernel
+@compiled
 def _fill_empty_segments(c: Any, first: int, last: int) -> None:
     """Fill segments with zero duration, at the state in which the one before `first` ends."""
     for i in range(first, last + 1):
         _set_segment(c, i, c.seg[first - 1, _T], 0.0, 0.0, c.seg[first - 1, _V], c.seg[first - 1, _P])
 
 
-@kernel
+@compiled
 def _add_deceleration(c: Any, v_end: float, room: float) -> None:
     """Append the constant segment and the seven after it, so that the leg ends at its length with at most `v_end`."""
     _add_segment_const_jerk(c, _CONST, 0.0, 0.0)
     c.seg[_CONST, _A] = 0.0
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, v_end, c.accel, c.seg[_CONST, _V], room)
+    jm, tj, t2, t4, t6 = calculate_path(c.snap, c.jerk, v_end, c.accel, c.seg[_CONST, _V], room)
     _add_segments_jerk(c, _CONST + 1, -jm, tj, t6, t4, t2)
     c.seg[_DECEL_END, _A] = 0.0
     c.seg[_DECEL_END, _V] = max(0.0, c.seg[_DECEL_END, _V])
     _extend_constant_segment(c)
 
 
-@kernel
+@compiled
 def _extend_constant_segment(c: Any) -> None:
     """Extend the constant segment so that the last one ends at the leg's length."""
     more = max(0.0, c.length - c.seg[_DECEL_END, _P])
@@ -204,19 +204,19 @@ def _extend_constant_segment(c: Any) -> None:
         c.seg[i, _P] += more
 
 
-@kernel
-def clear(c: Any) -> None:
+@compiled
+def clear_leg(c: Any) -> None:
     """Remove the leg: position, speed and acceleration are 0, and it is finished."""
-    c.live = 0
+    c.active = 0
     c.t = 0.0
-    c.at = 0
+    c.segment = 0
     c.length = 0.0
     c.done = 0.0
     for axis in range(3):
         c.unit[axis] = 0.0
 
 
-@kernel
+@compiled
 def kinematic_limit(e: float, n: float, u: float, level: float, up: float, down: float) -> float:
     """Return the largest magnitude along a direction whose horizontal and vertical parts keep their limits.
 
@@ -234,13 +234,13 @@ def kinematic_limit(e: float, n: float, u: float, level: float, up: float, down:
     return most
 
 
-@kernel
-def lay(
+@compiled
+def calculate_track(
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     level: float, up: float, down: float, accel: float, accel_z: float, snap: float, jerk: float,
 ) -> None:  # fmt: skip
     """Compute a leg from o to d, at rest at both ends (`SCurve::calculate_track`)."""
-    clear(c)
+    clear_leg(c)
     e, n, u = de - oe, dn - on, du - ou
     length = math.sqrt(e * e + n * n + u * u)
     c.origin[0], c.origin[1], c.origin[2] = oe, on, ou
@@ -254,12 +254,12 @@ def lay(
     c.snap = snap
     c.jerk = jerk
     _calculate_from_rest(c)
-    c.live = 1
+    c.active = 1
 
 
-@kernel
+@compiled
 def _calculate_from_rest(c: Any) -> None:
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, 0.0, c.accel, c.speed, _ACCEL_SHARE * c.length)
+    jm, tj, t2, t4, t6 = calculate_path(c.snap, c.jerk, 0.0, c.accel, c.speed, _ACCEL_SHARE * c.length)
     _set_segment(c, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
     _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
     c.seg[_ACCEL_END, _A] = 0.0
@@ -269,19 +269,19 @@ def _calculate_from_rest(c: Any) -> None:
     _add_segments_jerk(c, _CONST + 1, -jm, tj, t6, t4, t2)
     c.seg[_DECEL_END, _A] = 0.0
     c.seg[_DECEL_END, _V] = 0.0
-    c.at = 0
+    c.segment = 0
 
 
-@kernel
-def set_origin_speed(c: Any, speed: float) -> float:
+@compiled
+def set_origin_speed_max(c: Any, speed: float) -> float:
     """Let the leg begin at a speed; return the speed that is possible (`set_origin_speed_max`)."""
-    if c.live == 0:
+    if c.active == 0:
         return 0.0
     if abs(c.seg[0, _V] - speed) < 1e-9:
         return speed
     top = c.seg[_ACCEL_END, _V]
     speed = min(speed, top)
-    jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * c.length)
+    jm, tj, t2, t4, t6 = calculate_path(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * c.length)
     _set_segment(c, 0, 0.0, 0.0, 0.0, speed, 0.0)
     _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
     c.seg[_ACCEL_END, _A] = 0.0
@@ -292,24 +292,24 @@ def set_origin_speed(c: Any, speed: float) -> float:
         c.seg[i, _P] += back
     _fill_empty_segments(c, _ACCEL_END + 1, _CHANGE_END)
     _add_deceleration(c, 0.0, _ACCEL_SHARE * c.length)
-    c.at = 0
+    c.segment = 0
     return speed
 
 
-@kernel
-def set_destination_speed(c: Any, speed: float) -> None:
+@compiled
+def set_destination_speed_max(c: Any, speed: float) -> None:
     """Let the leg end at a speed (`set_destination_speed_max`)."""
-    if c.live == 0 or abs(c.seg[_DECEL_END, _V] - speed) < 1e-9:
+    if c.active == 0 or abs(c.seg[_DECEL_END, _V] - speed) < 1e-9:
         return
     c.seg[_CONST, _T] = c.seg[_CHANGE_END, _T]
     _add_deceleration(c, min(speed, c.seg[_CHANGE_END, _V]), _ACCEL_SHARE * c.length)
-    c.at = 0
+    c.segment = 0
 
 
-@kernel
-def set_speed(c: Any, level: float, up: float, down: float) -> None:
+@compiled
+def set_speed_max(c: Any, level: float, up: float, down: float) -> None:
     """Change the speed limit of a leg, also in flight (`set_speed_max`); ignored once it decelerates."""
-    if c.live == 0:
+    if c.active == 0:
         return
     speed = kinematic_limit(c.unit[0], c.unit[1], c.unit[2], level, up, down)
     if abs(speed - c.speed) < 1e-9 or not speed > 0.0:
@@ -321,8 +321,8 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
     if c.t == 0.0:
         v_start = min(speed, c.seg[0, _V])
         _calculate_from_rest(c)
-        set_origin_speed(c, v_start)
-        set_destination_speed(c, v_end)
+        set_origin_speed_max(c, v_start)
+        set_destination_speed_max(c, v_end)
         return
     if c.seg[_ACCEL_END, _T] <= c.t <= c.seg[_CHANGE_END, _T]:
         # the change in progress moves to the first group, which leaves room for another
@@ -333,7 +333,7 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
             k = i + 7
             _set_segment(c, i, c.seg[k, _T], c.seg[k, _JM], c.seg[k, _A], c.seg[k, _V], c.seg[k, _P])
     elif c.seg[_CHANGE_END, _T] < c.t <= c.seg[_CONST, _T]:
-        done, now, _ = at(c, c.t)
+        done, now, _ = motion_at(c, c.t)
         k = _CHANGE_END
         _set_segment(c, 0, c.seg[k, _T], 0.0, 0.0, c.seg[k, _V], c.seg[k, _P])
         for i in range(1, _ACCEL_END + 1):
@@ -343,7 +343,7 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
         # still at constant acceleration: shorten the rest of it
         cut = c.seg[_ACCEL_MAX, _T] - max(c.t, c.seg[_ACCEL_MAX - 1, _T])
         least = max(c.seg[_ACCEL_END, _V] - c.seg[_ACCEL_MAX, _A] * cut, speed)
-        jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ACCEL_SHARE * c.length)
+        jm, tj, t2, t4, t6 = calculate_path(c.snap, c.jerk, c.seg[0, _V], c.accel, least, _ACCEL_SHARE * c.length)
         _add_segments_jerk(c, 1, jm, tj, t2, t4, t6)
         c.seg[_ACCEL_END, _A] = 0.0
     _fill_empty_segments(c, _ACCEL_END + 1, _CHANGE_END)
@@ -353,24 +353,24 @@ def set_speed(c: Any, level: float, up: float, down: float) -> None:
         # ArduPilot raises to the integer quotient 1/3, which is 0: the first of the two values is then 1
         rise = min(1.0, c.jerk * math.pi / (2.0 * c.snap))
         if speed < top and top > 0.0 and rise * 12.0 < length / top:
-            jm, tj, t6, t4, t2 = path_times(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * length)
+            jm, tj, t6, t4, t2 = calculate_path(c.snap, c.jerk, speed, c.accel, top, _ACCEL_SHARE * length)
             _add_segments_jerk(c, _ACCEL_END + 1, -jm, tj, t2, t4, t6)
         elif speed > top and length / (rise * 12.0) > top:
             most = min(speed, length / (rise * 12.0))
-            jm, tj, t2, t4, t6 = path_times(c.snap, c.jerk, top, c.accel, most, _ACCEL_SHARE * length)
+            jm, tj, t2, t4, t6 = calculate_path(c.snap, c.jerk, top, c.accel, most, _ACCEL_SHARE * length)
             _add_segments_jerk(c, _ACCEL_END + 1, jm, tj, t2, t4, t6)
         c.seg[_CHANGE_END, _A] = 0.0
     v_end = min(v_end, c.seg[_CHANGE_END, _V])
     _add_deceleration(c, v_end, c.length - c.seg[_CHANGE_END, _P])
-    c.at = 0
+    c.segment = 0
 
 
-@kernel
-def at(c: Any, t: float) -> tuple[float, float, float]:
+@compiled
+def motion_at(c: Any, t: float) -> tuple[float, float, float]:
     """Return (distance from the origin, speed, acceleration) `t` seconds into the leg."""
-    if c.live == 0:
+    if c.active == 0:
         return 0.0, 0.0, 0.0
-    i = c.at
+    i = c.segment
     if i > 0 and t < c.seg[i - 1, _T]:
         i = 0
     while i < SEGMENTS and t >= c.seg[i, _T]:
@@ -384,7 +384,7 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
     s = t - c.seg[k, _T]
     if i == SEGMENTS:
         return p, v, 0.0
-    c.at = i
+    c.segment = i
     jm = c.seg[i, _JM]
     place = (i - 1) % 7 if i < _CONST else (i - 2) % 7
     if i == _CONST or place in (1, 3, 5):  # constant jerk
@@ -412,36 +412,36 @@ def at(c: Any, t: float) -> tuple[float, float, float]:
     )
 
 
-@kernel
+@compiled
 def duration(c: Any) -> float:
     """Return the time from start to end, s; 0 without a leg."""
-    return c.seg[_DECEL_END, _T] if c.live == 1 else 0.0
+    return c.seg[_DECEL_END, _T] if c.active == 1 else 0.0
 
 
-@kernel
-def slows_at(c: Any) -> float:
+@compiled
+def decel_start_time(c: Any) -> float:
     """Return when deceleration begins, s."""
-    return c.seg[_CONST, _T] if c.live == 1 else 0.0
+    return c.seg[_CONST, _T] if c.active == 1 else 0.0
 
 
-@kernel
-def fast_at(c: Any) -> float:
+@compiled
+def accel_end_time(c: Any) -> float:
     """Return when acceleration ends, s."""
-    return c.seg[_ACCEL_END, _T] if c.live == 1 else 0.0
+    return c.seg[_ACCEL_END, _T] if c.active == 1 else 0.0
 
 
-@kernel
+@compiled
 def finished(c: Any) -> bool:
     """Whether the leg has been flown to its end."""
     # in ArduPilot's single floats the last tenth of a second adds no distance
-    return bool(c.live == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8))
+    return bool(c.active == 0 or c.t >= c.seg[_DECEL_END, _T] or c.done >= c.length * (1.0 - 6e-8))
 
 
-@kernel
-def copy(to: Any, c: Any) -> None:
+@compiled
+def copy_leg(to: Any, c: Any) -> None:
     """Copy one leg to another."""
     to.length, to.speed, to.accel, to.accel_z = c.length, c.speed, c.accel, c.accel_z
-    to.jerk, to.snap, to.t, to.live, to.at, to.done = c.jerk, c.snap, c.t, c.live, c.at, c.done
+    to.jerk, to.snap, to.t, to.active, to.segment, to.done = c.jerk, c.snap, c.t, c.active, c.segment, c.done
     for axis in range(3):
         to.unit[axis] = c.unit[axis]
         to.origin[axis] = c.origin[axis]

@@ -9,17 +9,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.scurve import kinematic_limit
-from skyrange.vehicle.builtin.shaping import clamp
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.shaping import clamp
+from skyrange.vehicle.builtin.guidance.scurve import kinematic_limit
 
 _SPLINE_FACTOR = 4.0  # SPLINE_FACTOR
 _TANGENTIAL_ACCEL_SCALER = 0.5  # TANGENTIAL_ACCEL_SCALER
 _LATERAL_ACCEL_SCALER = 0.5  # LATERAL_ACCEL_SCALER
 
 
-@kernel
-def lay(
+@compiled
+def set_origin_and_destination(
     c: Any, f: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
 ) -> None:  # fmt: skip
@@ -41,12 +41,12 @@ def lay(
     k = min(1.0, apart * _SPLINE_FACTOR / long) if long > 0.0 else 1.0
     _update_solution(c, oe, on, ou, de, dn, du, ve * k, vn * k, vu * k, we * k, wn * k, wu * k)
     c.to_speed = 0.0  # for the braking distance in the next call
-    _, _, _, _, c.from_speed, _ = step(c, f, 0.0, 0.0)
+    _, _, _, _, c.from_speed, _ = calc_dt_speed_max(c, f, 0.0, 0.0)
     if we != 0.0 or wn != 0.0 or wu != 0.0:
         _, _, _, _, c.to_speed, _ = _calc_limits(c, f, 1.0, 0.0)
 
 
-@kernel
+@compiled
 def _update_solution(
     c: Any, oe: float, on: float, ou: float, de: float, dn: float, du: float,
     ve: float, vn: float, vu: float, we: float, wn: float, wu: float,
@@ -62,14 +62,14 @@ def _update_solution(
         c.terms[3, axis] = 2.0 * (o[axis] - d[axis]) + v[axis] + w[axis]
 
 
-@kernel
-def place(c: Any, t: float, axis: int) -> float:
+@compiled
+def position_at(c: Any, t: float, axis: int) -> float:
     """Return the curve's coordinate at its time 0…1, m."""
     at: float = c.terms[0, axis] + t * (c.terms[1, axis] + t * (c.terms[2, axis] + t * c.terms[3, axis]))
     return at
 
 
-@kernel
+@compiled
 def _calc_limits(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
     """Return (time for `ahead_m`, direction, maximum speed, maximum acceleration along it) at a time of the curve."""
     ve = c.terms[1, 0] + t * (2.0 * c.terms[2, 0] + 3.0 * t * c.terms[3, 0])
@@ -103,20 +103,20 @@ def _calc_limits(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float
     return dt, e, n, u, fastest, _TANGENTIAL_ACCEL_SCALER * kinematic_limit(e, n, u, f.accel_xy, f.accel_z, f.accel_z)
 
 
-@kernel
-def step(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
+@compiled
+def calc_dt_speed_max(c: Any, f: Any, t: float, ahead_m: float) -> tuple[float, float, float, float, float, float]:
     """Return the limits at a time of the curve, with a speed low enough to brake to its end (`calc_dt_speed_max`)."""
     dt, e, n, u, fastest, accel = _calc_limits(c, f, t, ahead_m)
     left = 0.0
     for axis in range(3):
-        away = c.goal[axis] - place(c, t, axis)
+        away = c.goal[axis] - position_at(c, t, axis)
         left += away * away
     fastest = min(fastest, math.sqrt(2.0 * accel * math.sqrt(left) + c.to_speed * c.to_speed))
     return dt, e, n, u, fastest, accel
 
 
-@kernel
-def follow(c: Any, f: Any, dt_s: float) -> None:
+@compiled
+def advance_target_along_track(c: Any, f: Any, dt_s: float) -> None:
     """Move the reference by one step along the curve (`advance_target_along_track`)."""
     if c.reached == 1 and c.t >= 1.0 and c.from_speed == 0.0 and c.to_speed == 0.0:
         for axis in range(3):
@@ -124,9 +124,9 @@ def follow(c: Any, f: Any, dt_s: float) -> None:
             f.ref_vel[axis] = 0.0
         return
     speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
-    dt, e, n, u, fastest, accel = step(c, f, c.t, speed * dt_s)
+    dt, e, n, u, fastest, accel = calc_dt_speed_max(c, f, c.t, speed * dt_s)
     for axis in range(3):
-        f.ref_pos[axis] = place(c, c.t, axis)
+        f.ref_pos[axis] = position_at(c, c.t, axis)
     speed = clamp(fastest, speed - accel * dt_s, speed + accel * dt_s)
     f.ref_vel[0] = e * speed
     f.ref_vel[1] = n * speed

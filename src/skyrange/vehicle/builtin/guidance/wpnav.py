@@ -13,22 +13,22 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin import scurve, spline
-from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
-from skyrange.vehicle.builtin.layout import Control, Flag, Records
-from skyrange.vehicle.builtin.shaping import clamp, stopping_distance
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.control.shaping import clamp, stopping_distance
+from skyrange.vehicle.builtin.guidance import scurve, spline
+from skyrange.vehicle.builtin.layout import ControlMode, FlightEvent, Records
 
-_LEG = int(Control.LEG)
-_DESTINATION_REACHED = int(Flag.ARRIVED)
+_LEG = int(ControlMode.LEG)
+_DESTINATION_REACHED = int(FlightEvent.DESTINATION_REACHED)
 _CDEG = math.pi / 18_000.0
 # AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
 _MAX_STOP_UP_M = 3.0
 _MAX_STOP_DOWN_M = 2.0
 
 
-@kernel
-def stop_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
+@compiled
+def stopping_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
     """Return where the aircraft comes to rest if it brakes now (AC_PosControl::get_stopping_point_…)."""
     speed = math.sqrt(e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1])
     ahead_s = 0.0
@@ -38,144 +38,155 @@ def stop_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
     return e.pos[0] + e.vel[0] * ahead_s, e.pos[1] + e.vel[1] * ahead_s, e.pos[2] + rise
 
 
-@kernel
-def begin(e: Any, f: Any, w: Any, p: Any) -> None:
+@compiled
+def wp_init(e: Any, f: Any, w: Any, p: Any) -> None:
     """Reset all legs; the destination reached is the stopping point (`wp_and_spline_init_cm`)."""
-    for c in (w.tail, w.leg, w.next):
-        scurve.clear(c)
-    stop = stop_point(e, f, p)
+    for c in (w.prev_leg, w.this_leg, w.next_leg):
+        scurve.clear_leg(c)
+    stop = stopping_point(e, f, p)
     for axis in range(3):
         w.origin[axis] = stop[axis]
-        w.goal[axis] = stop[axis]
+        w.destination[axis] = stop[axis]
         f.ref_pos[axis] = stop[axis]
         f.ref_vel[axis] = 0.0
         f.ref_acc[axis] = 0.0
         f.target_pos[axis] = stop[axis]
-    w.curved = 0
-    w.next_curved = 0
-    w.fast = 0
-    w.reached = 1
+    w.this_leg_is_spline = 0
+    w.next_leg_is_spline = 0
+    w.fast_waypoint = 0
+    w.reached_destination = 1
     f.track_lag = 0.0
-    f.replan = 0
+    f.speed_changed = 0
     f.control = _LEG
 
 
-@kernel
+@compiled
 def _calculate_scurve(f: Any, p: Any, c: Any, o: Any, de: float, dn: float, du: float) -> None:
     """Compute a straight leg from a point within the limits in force (`calc_scurve_jerk_and_snap`)."""
     jerk = p.WPNAV_JERK
     snap = jerk * math.pi / (2.0 * max(p.ATC_INPUT_TC, 0.1))
     snap = min(snap, min(p.ATC_ACCEL_R_MAX, p.ATC_ACCEL_P_MAX) * _CDEG * GRAVITY_MPS2)
-    scurve.lay(
+    scurve.calculate_track(
         c, o[0], o[1], o[2], de, dn, du, f.speed_xy, f.speed_up, f.speed_down, f.accel_xy, f.accel_z, 0.5 * snap, jerk
     )
 
 
-@kernel
+@compiled
 def _init_unless_active(e: Any, f: Any, w: Any, p: Any) -> None:
-    if w.reached == 0 or f.control != _LEG:
-        begin(e, f, w, p)
+    if w.reached_destination == 0 or f.control != _LEG:
+        wp_init(e, f, w, p)
     f.control = _LEG
     f.flags &= ~_DESTINATION_REACHED
-    f.seen &= ~_DESTINATION_REACHED
+    f.handled_flags &= ~_DESTINATION_REACHED
 
 
-@kernel
+@compiled
 def _set_destination(w: Any, f: Any, de: float, dn: float, du: float) -> None:
-    w.goal[0], w.goal[1], w.goal[2] = de, dn, du
+    w.destination[0], w.destination[1], w.destination[2] = de, dn, du
     f.target_pos[0], f.target_pos[1], f.target_pos[2] = de, dn, du
-    w.reached = 0
+    w.reached_destination = 0
 
 
-@kernel
-def straight_to(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
+@compiled
+def set_wp_destination(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
     """Fly to a point from the destination reached, or from the stopping point."""
     _init_unless_active(e, f, w, p)
-    scurve.clear(w.tail)
+    scurve.clear_leg(w.prev_leg)
     from_speed = 0.0
-    if w.curved == 1:
+    if w.this_leg_is_spline == 1:
         from_speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
     else:
-        scurve.copy(w.tail, w.leg)
+        scurve.copy_leg(w.prev_leg, w.this_leg)
     for axis in range(3):
-        w.origin[axis] = w.goal[axis]
-    same = w.next.live == 1
+        w.origin[axis] = w.destination[axis]
+    same = w.next_leg.active == 1
     for axis in range(3):
-        same = same and abs((de, dn, du)[axis] - w.next.origin[axis] - w.next.unit[axis] * w.next.length) < 1e-3
-    if w.fast == 1 and w.curved == 0 and w.next_curved == 0 and same and not scurve.finished(w.next):
-        scurve.copy(w.leg, w.next)
+        same = (
+            same
+            and abs((de, dn, du)[axis] - w.next_leg.origin[axis] - w.next_leg.unit[axis] * w.next_leg.length) < 1e-3
+        )
+    if (
+        w.fast_waypoint == 1
+        and w.this_leg_is_spline == 0
+        and w.next_leg_is_spline == 0
+        and same
+        and not scurve.finished(w.next_leg)
+    ):
+        scurve.copy_leg(w.this_leg, w.next_leg)
     else:
-        _calculate_scurve(f, p, w.leg, w.origin, de, dn, du)
+        _calculate_scurve(f, p, w.this_leg, w.origin, de, dn, du)
         if from_speed > 0.0:
-            scurve.set_origin_speed(w.leg, from_speed)
+            scurve.set_origin_speed_max(w.this_leg, from_speed)
     _set_destination(w, f, de, dn, du)
-    w.curved = 0
-    w.next_curved = 0
-    scurve.clear(w.next)
-    w.fast = 0
+    w.this_leg_is_spline = 0
+    w.next_leg_is_spline = 0
+    scurve.clear_leg(w.next_leg)
+    w.fast_waypoint = 0
 
 
-@kernel
-def then_straight(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
+@compiled
+def set_wp_destination_next(f: Any, w: Any, p: Any, de: float, dn: float, du: float) -> None:
     """Let a straight leg to a point follow this leg without a stop."""
-    _calculate_scurve(f, p, w.next, w.goal, de, dn, du)
-    if w.curved == 1:
-        w.spline.to_speed = min(w.spline.to_speed, scurve.set_origin_speed(w.next, w.spline.to_speed))
-    w.next_curved = 0
-    w.fast = 1
+    _calculate_scurve(f, p, w.next_leg, w.destination, de, dn, du)
+    if w.this_leg_is_spline == 1:
+        w.this_spline.to_speed = min(
+            w.this_spline.to_speed, scurve.set_origin_speed_max(w.next_leg, w.this_spline.to_speed)
+        )
+    w.next_leg_is_spline = 0
+    w.fast_waypoint = 1
 
 
-@kernel
-def curve_to(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
+@compiled
+def set_spline_destination(e: Any, f: Any, w: Any, p: Any, goal: Any, after: Any, after_curved: bool) -> None:
     """Fly to a point on a curve that departs towards `after`; it stops there if `after` is the same point."""
     _init_unless_active(e, f, w, p)
     leave = (0.0, 0.0, 0.0)
-    if w.fast == 1:
-        if w.curved == 1:
-            leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
+    if w.fast_waypoint == 1:
+        if w.this_leg_is_spline == 1:
+            leave = (w.this_spline.leave[0], w.this_spline.leave[1], w.this_spline.leave[2])
         else:
-            leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
+            leave = (w.destination[0] - w.origin[0], w.destination[1] - w.origin[1], w.destination[2] - w.origin[2])
     for axis in range(3):
-        w.origin[axis] = w.goal[axis]
+        w.origin[axis] = w.destination[axis]
     # numbers, not arrays: numba cannot unify a record's field and a separate array in one type
     x, y, z = goal[0], goal[1], goal[2]
     if after_curved:
         x, y, z = w.origin[0], w.origin[1], w.origin[2]
     arrive = (after[0] - x, after[1] - y, after[2] - z)
-    spline.lay(
-        w.spline, f, w.origin[0], w.origin[1], w.origin[2], goal[0], goal[1], goal[2],
+    spline.set_origin_and_destination(
+        w.this_spline, f, w.origin[0], w.origin[1], w.origin[2], goal[0], goal[1], goal[2],
         leave[0], leave[1], leave[2], arrive[0], arrive[1], arrive[2],
     )  # fmt: skip
-    w.fast = 0 if arrive[0] == 0.0 and arrive[1] == 0.0 and arrive[2] == 0.0 else 1
+    w.fast_waypoint = 0 if arrive[0] == 0.0 and arrive[1] == 0.0 and arrive[2] == 0.0 else 1
     _set_destination(w, f, goal[0], goal[1], goal[2])
-    w.curved = 1
-    w.next_curved = 0
-    scurve.clear(w.next)
+    w.this_leg_is_spline = 1
+    w.next_leg_is_spline = 0
+    scurve.clear_leg(w.next_leg)
 
 
-@kernel
-def then_curve(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
+@compiled
+def set_spline_destination_next(f: Any, w: Any, goal: Any, after: Any, after_curved: bool) -> None:
     """Let a curve to a point, departing towards `after`, follow this leg; end this leg at the curve's initial speed."""
-    if w.curved == 1:
-        leave = (w.spline.leave[0], w.spline.leave[1], w.spline.leave[2])
+    if w.this_leg_is_spline == 1:
+        leave = (w.this_spline.leave[0], w.this_spline.leave[1], w.this_spline.leave[2])
     else:
-        leave = (w.goal[0] - w.origin[0], w.goal[1] - w.origin[1], w.goal[2] - w.origin[2])
+        leave = (w.destination[0] - w.origin[0], w.destination[1] - w.origin[1], w.destination[2] - w.origin[2])
     x, y, z = goal[0], goal[1], goal[2]
     if after_curved:
-        x, y, z = w.goal[0], w.goal[1], w.goal[2]
-    spline.lay(
-        w.spline_next, f, w.goal[0], w.goal[1], w.goal[2], goal[0], goal[1], goal[2],
+        x, y, z = w.destination[0], w.destination[1], w.destination[2]
+    spline.set_origin_and_destination(
+        w.next_spline, f, w.destination[0], w.destination[1], w.destination[2], goal[0], goal[1], goal[2],
         leave[0], leave[1], leave[2], after[0] - x, after[1] - y, after[2] - z,
     )  # fmt: skip
-    w.next_curved = 1
-    w.fast = 1
-    if w.curved == 1:
-        w.spline.to_speed = min(w.spline.to_speed, w.spline_next.from_speed)
+    w.next_leg_is_spline = 1
+    w.fast_waypoint = 1
+    if w.this_leg_is_spline == 1:
+        w.this_spline.to_speed = min(w.this_spline.to_speed, w.next_spline.from_speed)
     else:
-        scurve.set_destination_speed(w.leg, w.spline_next.from_speed)
+        scurve.set_destination_speed_max(w.this_leg, w.next_spline.from_speed)
 
 
-@kernel
+@compiled
 def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """Return how far to advance along the track in a step: less where the aircraft lags, as in strong wind.
 
@@ -197,10 +208,10 @@ def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
     return scaled
 
 
-@kernel
+@compiled
 def _add_motion(f: Any, c: Any, t: float) -> float:
     """Add a leg's motion at a time to the reference; return the distance along the leg."""
-    s, v, a = scurve.at(c, t)
+    s, v, a = scurve.motion_at(c, t)
     for axis in range(3):
         f.ref_pos[axis] += c.unit[axis] * s
         f.ref_vel[axis] += c.unit[axis] * v
@@ -208,26 +219,26 @@ def _add_motion(f: Any, c: Any, t: float) -> float:
     return s
 
 
-@kernel
+@compiled
 def _advance_leg(f: Any, c: Any, dt_s: float) -> None:
     c.t = min(c.t + dt_s, scurve.duration(c))
     c.done = _add_motion(f, c, c.t)
 
 
-@kernel
+@compiled
 def _corner_within_limits(f: Any, w: Any, p: Any) -> bool:
     """Whether the middle of a turn onto the next leg, begun now, keeps within radius, speed and accelerations."""
-    half = 0.5 * (scurve.duration(w.leg) - w.leg.t)
-    s, v, a = scurve.at(w.leg, w.leg.t + half)
-    s2, v2, a2 = scurve.at(w.next, half)
+    half = 0.5 * (scurve.duration(w.this_leg) - w.this_leg.t)
+    s, v, a = scurve.motion_at(w.this_leg, w.this_leg.t + half)
+    s2, v2, a2 = scurve.motion_at(w.next_leg, half)
     off = 0.0
     speed = 0.0
     level = 0.0
     upward = 0.0
     for axis in range(3):
-        place = w.leg.unit[axis] * (s - w.leg.length) + w.next.unit[axis] * s2
-        moving = w.leg.unit[axis] * v + w.next.unit[axis] * v2
-        turning = w.leg.unit[axis] * a + w.next.unit[axis] * a2
+        place = w.this_leg.unit[axis] * (s - w.this_leg.length) + w.next_leg.unit[axis] * s2
+        moving = w.this_leg.unit[axis] * v + w.next_leg.unit[axis] * v2
+        turning = w.this_leg.unit[axis] * a + w.next_leg.unit[axis] * a2
         off += place * place
         speed += moving * moving
         if axis < 2:
@@ -237,90 +248,96 @@ def _corner_within_limits(f: Any, w: Any, p: Any) -> bool:
     radius = p.WPNAV_RADIUS * 0.01
     corner = p.WPNAV_ACCEL_C * 0.01 if p.WPNAV_ACCEL_C > 0.0 else 2.0 * p.WPNAV_ACCEL * 0.01
     # the next leg has not begun, yet ArduPilot compares with its speed limit too
-    least = min(w.leg.speed, w.next.speed)
+    least = min(w.this_leg.speed, w.next_leg.speed)
     return bool(
         off < radius * radius
         and speed < least * least
         and level < corner * corner
-        and upward < min(w.leg.accel_z, w.next.accel_z)
+        and upward < min(w.this_leg.accel_z, w.next_leg.accel_z)
     )
 
 
-@kernel
-def follow(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
+@compiled
+def advance_along_track(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
     """Advance the reference along the legs; raise DESTINATION_REACHED once."""
-    if f.replan == 1:
-        f.replan = 0
-        scurve.set_speed(w.leg, f.speed_xy, f.speed_up, f.speed_down)
-        scurve.set_speed(w.next, f.speed_xy, f.speed_up, f.speed_down)
+    if f.speed_changed == 1:
+        f.speed_changed = 0
+        scurve.set_speed_max(w.this_leg, f.speed_xy, f.speed_up, f.speed_down)
+        scurve.set_speed_max(w.next_leg, f.speed_xy, f.speed_up, f.speed_down)
     step_s = _track_dt(e, f, p, dt_s)
-    if w.curved == 1:
-        spline.follow(w.spline, f, step_s)
+    if w.this_leg_is_spline == 1:
+        spline.advance_target_along_track(w.this_spline, f, step_s)
         for axis in range(3):
             f.ref_acc[axis] = 0.0
-        done = w.spline.reached == 1
+        done = w.this_spline.reached == 1
     else:
         for axis in range(3):
-            f.ref_pos[axis] = w.origin[axis] - w.tail.unit[axis] * w.tail.length
+            f.ref_pos[axis] = w.origin[axis] - w.prev_leg.unit[axis] * w.prev_leg.length
             f.ref_vel[axis] = 0.0
             f.ref_acc[axis] = 0.0
-        if w.tail.live == 1:
-            _advance_leg(f, w.tail, step_s)
-        _advance_leg(f, w.leg, step_s)
-        done = scurve.finished(w.leg)
-        left = scurve.duration(w.leg) - w.leg.t
-        if w.fast == 1 and w.next_curved == 0 and w.next.t == 0.0:
-            if w.leg.t >= scurve.slows_at(w.leg) and left <= scurve.fast_at(w.next) and _corner_within_limits(f, w, p):
-                _advance_leg(f, w.next, step_s)
-        elif w.next.t > 0.0:
-            _advance_leg(f, w.next, step_s)
-            done = done or w.next.t >= left
-    if w.reached == 1 or not done:
+        if w.prev_leg.active == 1:
+            _advance_leg(f, w.prev_leg, step_s)
+        _advance_leg(f, w.this_leg, step_s)
+        done = scurve.finished(w.this_leg)
+        left = scurve.duration(w.this_leg) - w.this_leg.t
+        if w.fast_waypoint == 1 and w.next_leg_is_spline == 0 and w.next_leg.t == 0.0:
+            if (
+                w.this_leg.t >= scurve.decel_start_time(w.this_leg)
+                and left <= scurve.accel_end_time(w.next_leg)
+                and _corner_within_limits(f, w, p)
+            ):
+                _advance_leg(f, w.next_leg, step_s)
+        elif w.next_leg.t > 0.0:
+            _advance_leg(f, w.next_leg, step_s)
+            done = done or w.next_leg.t >= left
+    if w.reached_destination == 1 or not done:
         return
-    if w.fast == 0:
+    if w.fast_waypoint == 0:
         radius = p.WPNAV_RADIUS * 0.01
         off = 0.0
         for axis in range(3):
-            away = e.pos[axis] - w.goal[axis]
+            away = e.pos[axis] - w.destination[axis]
             off += away * away
         if off > radius * radius:
             return
-    w.reached = 1
+    w.reached_destination = 1
     f.flags |= _DESTINATION_REACHED
 
 
-@kernel
-def fly_to(
+@compiled
+def start_leg(
     estimate: Records, flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any], anew: bool
 ) -> None:
     """Call `set_wp_destination` for one row; with `anew`, from the stopping point, whatever it flies."""
     if anew:
-        begin(estimate[row], flight[row], legs[row], settings[row])
-    straight_to(estimate[row], flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
+        wp_init(estimate[row], flight[row], legs[row], settings[row])
+    set_wp_destination(estimate[row], flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
 
 
-@kernel
-def fly_on_to(flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any]) -> None:
+@compiled
+def queue_leg(flight: Records, legs: Records, settings: Records, row: int, goal: NDArray[Any]) -> None:
     """Call `set_wp_destination_next` for one row."""
-    then_straight(flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
+    set_wp_destination_next(flight[row], legs[row], settings[row], goal[0], goal[1], goal[2])
 
 
-@kernel
-def curve(
+@compiled
+def start_spline(
     estimate: Records, flight: Records, legs: Records, settings: Records, row: int,
     goal: NDArray[Any], after: NDArray[Any], after_curved: bool,
 ) -> None:  # fmt: skip
     """Call `set_spline_destination` for one row."""
-    curve_to(estimate[row], flight[row], legs[row], settings[row], goal, after, after_curved)
+    set_spline_destination(estimate[row], flight[row], legs[row], settings[row], goal, after, after_curved)
 
 
-@kernel
-def curve_on(flight: Records, legs: Records, row: int, goal: NDArray[Any], after: NDArray[Any], curved: bool) -> None:
+@compiled
+def queue_spline(
+    flight: Records, legs: Records, row: int, goal: NDArray[Any], after: NDArray[Any], curved: bool
+) -> None:
     """Call `set_spline_destination_next` for one row."""
-    then_curve(flight[row], legs[row], goal, after, curved)
+    set_spline_destination_next(flight[row], legs[row], goal, after, curved)
 
 
-@kernel
-def rest_at(estimate: Records, flight: Records, settings: Records, row: int) -> tuple[float, float, float]:
+@compiled
+def stopping_point_of(estimate: Records, flight: Records, settings: Records, row: int) -> tuple[float, float, float]:
     """Return `stopping_point` of one row."""
-    return stop_point(estimate[row], flight[row], settings[row])
+    return stopping_point(estimate[row], flight[row], settings[row])

@@ -9,32 +9,32 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.layout import Heading, Records
-from skyrange.vehicle.builtin.shaping import clamp, wrap_pi
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.shaping import clamp, wrap_pi
+from skyrange.vehicle.builtin.layout import AutoYawMode, Records
 
-_HOLD = int(Heading.HOLD)
-_LOOK_AT_NEXT_WP = int(Heading.NEXT)
-_ROI = int(Heading.ROI)
-_FIXED = int(Heading.FIXED)
-_LOOK_AHEAD = int(Heading.AHEAD)
-_ANGLE_RATE = int(Heading.ANGLE_RATE)
-_RATE = int(Heading.RATE)
-_CIRCLE = int(Heading.CIRCLE)
+_HOLD = int(AutoYawMode.HOLD)
+_LOOK_AT_NEXT_WP = int(AutoYawMode.LOOK_AT_NEXT_WP)
+_ROI = int(AutoYawMode.ROI)
+_FIXED = int(AutoYawMode.FIXED)
+_LOOK_AHEAD = int(AutoYawMode.LOOK_AHEAD)
+_ANGLE_RATE = int(AutoYawMode.ANGLE_RATE)
+_RATE = int(AutoYawMode.RATE)
+_CIRCLE = int(AutoYawMode.CIRCLE)
 _LOOK_AHEAD_MPS = 1.0  # YAW_LOOK_AHEAD_MIN_SPEED
 _MIN_SPEED_SHARE = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
 
 
-@kernel
-def yaw_of(w: float, x: float, y: float, z: float) -> float:
+@compiled
+def yaw_of_quat(w: float, x: float, y: float, z: float) -> float:
     """Return the yaw of an attitude quaternion."""
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
-@kernel
-def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
+@compiled
+def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     """Return (whether only a rate is requested, yaw, yaw rate) of this step, rad and rad/s."""
-    kind = f.heading
+    kind = f.auto_yaw_mode
     if kind == _HOLD:
         f.target_yaw = e.yaw
         return True, 0.0, 0.0
@@ -50,13 +50,13 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
             return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
         # too slow: use the yaw of the attitude target. While it leans sideways, that is not the heading that it is
         # shaped from, so it keeps turning until it is, as in ArduCopter
-        f.target_yaw = yaw_of(f.att[0], f.att[1], f.att[2], f.att[3])
+        f.target_yaw = yaw_of_quat(f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3])
         return False, f.target_yaw, 0.0
     if kind == _ROI:
         f.target_yaw = _yaw_towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:
-        step = clamp(f.turn_left, -dt_s * f.turn_rate, dt_s * f.turn_rate)
-        f.turn_left -= step
+        step = clamp(f.fixed_yaw_offset, -dt_s * f.fixed_yaw_slewrate, dt_s * f.fixed_yaw_slewrate)
+        f.fixed_yaw_offset -= step
         f.target_yaw = wrap_pi(f.target_yaw + step)
     elif kind == _LOOK_AHEAD:
         if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
@@ -71,7 +71,7 @@ def turn(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     return False, f.target_yaw, 0.0
 
 
-@kernel
+@compiled
 def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
     d_e = east - e.pos[0]
     d_n = north - e.pos[1]
@@ -81,8 +81,8 @@ def _yaw_towards(f: Any, e: Any, east: float, north: float) -> float:
     return math.atan2(d_n, d_e)
 
 
-@kernel
-def ask_turn(
+@compiled
+def set_fixed_yaw_target(
     estimate: Records, flight: Records, settings: Records, row: int,
     angle: float, rate: float, direction: int, relative: bool,
 ) -> None:  # fmt: skip
@@ -92,7 +92,7 @@ def ask_turn(
     """
     f: Any = flight[row]
     p: Any = settings[row]
-    if f.heading == _HOLD or f.heading == _RATE:
+    if f.auto_yaw_mode == _HOLD or f.auto_yaw_mode == _RATE:
         f.target_yaw = estimate[row].yaw
     if relative:
         left = angle if direction >= 0 else -angle
@@ -103,15 +103,15 @@ def ask_turn(
         elif direction > 0 and left < 0.0:
             left += 2.0 * math.pi
     most = p.ATC_SLEW_YAW * math.pi / 18_000.0
-    f.turn_left = -left
-    f.turn_rate = min(rate, most) if rate > 0.0 else most
-    f.heading = _FIXED
+    f.fixed_yaw_offset = -left
+    f.fixed_yaw_slewrate = min(rate, most) if rate > 0.0 else most
+    f.auto_yaw_mode = _FIXED
 
 
-@kernel
-def turned(estimate: Records, flight: Records, row: int) -> bool:
+@compiled
+def reached_fixed_yaw_target(estimate: Records, flight: Records, row: int) -> bool:
     """Whether a fixed turn is complete, to 2° (`reached_fixed_yaw_target`)."""
     f: Any = flight[row]
-    if f.heading != _FIXED:
+    if f.auto_yaw_mode != _FIXED:
         return True
-    return f.turn_left == 0.0 and abs(wrap_pi(f.target_yaw - estimate[row].yaw)) <= math.radians(2.0)
+    return f.fixed_yaw_offset == 0.0 and abs(wrap_pi(f.target_yaw - estimate[row].yaw)) <= math.radians(2.0)

@@ -1,1 +1,1 @@
-"""Locations."""
+"""Locations: coordinate conversion, home, and rally points."""

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 
 RELATIVE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
 TERRAIN_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
@@ -21,19 +21,19 @@ ABSOLUTE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_
 Vector = tuple[float, float, float]
 
 
-def array(place: Vector) -> NDArray[Any]:
+def as_array(place: Vector) -> NDArray[Any]:
     """Return a point as an array, for compiled functions."""
     return np.array(place)
 
 
-def datum_m(fleet: Fleet, craft: Craft, frame: int) -> float:
+def altitude_datum_m(fleet: Fleet, vehicle: Vehicle, frame: int) -> float:
     """Return what to add to an altitude in a frame to get the height above the origin, m."""
     if frame in RELATIVE_FRAMES:
-        return craft.home[2]
+        return vehicle.home[2]
     return 0.0 if frame in TERRAIN_FRAMES else -fleet.origin.alt_msl_m
 
 
-def enu(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> Vector | None:
+def to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> Vector | None:
     """Return the point in ENU metres; `None` for an unknown frame or an invalid latitude or longitude."""
     lat, lon = lat_e7 * 1e-7, lon_e7 * 1e-7
     if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 180.0):
@@ -41,4 +41,4 @@ def enu(fleet: Fleet, craft: Craft, frame: int, lat_e7: int, lon_e7: int, alt_m:
     if frame not in RELATIVE_FRAMES | TERRAIN_FRAMES | ABSOLUTE_FRAMES:
         return None
     east, north = fleet.origin.enu_of(lat, lon)
-    return east, north, alt_m + datum_m(fleet, craft, frame)
+    return east, north, alt_m + altitude_datum_m(fleet, vehicle, frame)

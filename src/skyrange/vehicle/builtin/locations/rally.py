@@ -9,8 +9,8 @@ import math
 from typing import Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin import fence
-from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot
+from skyrange.vehicle.builtin.fence import fence
+from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, Vehicle
 
 MAX_ITEMS: Final = 46
 """(90 + 300 + 300) / 15 bytes (StorageManager.cpp StorageRally, 15 areas; AP_Rally.cpp `RallyLocation`)."""
@@ -23,36 +23,36 @@ ABOVE_HOME: Final = dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT
 """Frames of stored points; the third is MAV_FRAME_GLOBAL_TERRAIN_ALT."""
 
 
-def place_of(fleet: Fleet, craft: Craft, point: Slot) -> Place:
+def location_of(fleet: Fleet, vehicle: Vehicle, point: MissionItem) -> Place:
     """Return a rally point's place; the ground is flat, at the origin's height."""
     east, north = fleet.origin.enu_of(point.x * 1e-7, point.y * 1e-7)
-    datum = {ABSOLUTE: -fleet.origin.alt_msl_m, ABOVE_HOME: craft.home[2]}.get(point.frame, 0.0)
+    datum = {ABSOLUTE: -fleet.origin.alt_msl_m, ABOVE_HOME: vehicle.home[2]}.get(point.frame, 0.0)
     return east, north, point.z + datum
 
 
-def nearest(fleet: Fleet, craft: Craft) -> Place | None:
+def nearest_rally_point(fleet: Fleet, vehicle: Vehicle) -> Place | None:
     """Return the nearest rally point inside the fence; `None` beyond RALLY_LIMIT_KM (`find_nearest_rally_point`)."""
-    here = fleet.position(craft)
-    places = (place_of(fleet, craft, point) for point in craft.rally if point.x != 0 or point.y != 0)
-    good = [place for place in places if fence.allows(fleet, craft, place)]
+    here = fleet.position(vehicle)
+    places = (location_of(fleet, vehicle, point) for point in vehicle.rally if point.x != 0 or point.y != 0)
+    good = [place for place in places if fence.destination_within_fence(fleet, vehicle, place)]
     best = min(good, key=lambda place: _distance(here, place), default=None)
-    limit_m = fleet.param(craft, "RALLY_LIMIT_KM") * 1000.0
+    limit_m = fleet.param(vehicle, "RALLY_LIMIT_KM") * 1000.0
     if best is None or 0.0 < limit_m < _distance(here, best):
         return None
     return best
 
 
-def return_point(fleet: Fleet, craft: Craft) -> Place:
+def best_rally_or_home(fleet: Fleet, vehicle: Vehicle) -> Place:
     """Return the destination of RTL: the nearest rally point, or home if that is nearer and RALLY_INCL_HOME is set.
 
     `up` is the point's own height, below which the return does not fly (`calc_best_rally_or_home_location`).
     """
-    best = nearest(fleet, craft)
+    best = nearest_rally_point(fleet, vehicle)
     if best is None:
-        return craft.home
-    here = fleet.position(craft)
-    if fleet.param(craft, "RALLY_INCL_HOME") != 0 and _distance(here, craft.home) <= _distance(here, best):
-        return craft.home
+        return vehicle.home
+    here = fleet.position(vehicle)
+    if fleet.param(vehicle, "RALLY_INCL_HOME") != 0 and _distance(here, vehicle.home) <= _distance(here, best):
+        return vehicle.home
     return best
 
 

@@ -1,1 +1,1 @@
-"""Messages."""
+"""Handlers of single MAVLink messages: heartbeats, RC overrides, parameters."""

@@ -10,20 +10,20 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.messages import Columns
-from skyrange.agent.payloads import Bytes, Ints
-from skyrange.codec.columns import TABLES, kind_at, kind_of
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.message_columns import KIND_TABLES, kind_at, kind_of_message
+from skyrange.contracts.frames.payloads import Bytes, Ints
+from skyrange.contracts.mailboxes import Columns
+from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.fleet import Fleet
-from skyrange.vehicle.builtin.parameters import HIGH, INDEX, LOW
+from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES
 
-_HEARTBEAT: Final = kind_of(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+_HEARTBEAT: Final = kind_of_message(dialect.MAVLINK_MSG_ID_HEARTBEAT)
 _SYSTEM_ID_OFFSET: Final = 5  # offset of the sender's system id in a frame
 _GCS_INDEX: Final = INDEX["SYSID_MYGCS"]
 
 
-@kernel
+@compiled
 def _mark_heartbeats(
     now: int, data: Bytes, starts: Ints, sizes: Ints, places: Ints, kinds: NDArray[np.int32], extras: Ints,
     crcs: NDArray[np.uint16], stations: Ints, systems: Ints, heard_ns: Ints, single: NDArray[np.bool_],
@@ -40,19 +40,19 @@ def _mark_heartbeats(
                 single[row] = False
 
 
-def take_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
+def consume_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
     """Process the heartbeats of each aircraft's own ground station and return the rows of `mail` that remain.
 
     Same effect as `failsafes.ground_station.on_heartbeat` for one heartbeat. Heartbeats of other senders remain,
     because they may have to be refused.
     """
-    column = fleet.stored[:, _GCS_INDEX]
-    stations = np.clip(column, LOW[_GCS_INDEX], HIGH[_GCS_INDEX]).astype(np.int64)
+    column = fleet.stored_params[:, _GCS_INDEX]
+    stations = np.clip(column, MIN_VALUES[_GCS_INDEX], MAX_VALUES[_GCS_INDEX]).astype(np.int64)
     single = np.empty(len(mail.payloads), dtype=np.bool_)
     payloads = mail.payloads
     _mark_heartbeats(
-        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *TABLES, stations,
-        fleet.systems, fleet.watch["station_ns"], single,
+        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *KIND_TABLES, stations,
+        fleet.system_ids, fleet.checks["gcs_heard_ns"], single,
     )  # fmt: skip
     left: list[int] = np.flatnonzero(single).tolist()
     return left

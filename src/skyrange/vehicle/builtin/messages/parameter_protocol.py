@@ -14,9 +14,9 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Timer
-from skyrange.vehicle.builtin.parameter_names import from_nominal, nominal, to_nominal
-from skyrange.vehicle.builtin.parameters import IN_KERNELS, INDEX, PARAMETERS, held, stored
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
+from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
+from skyrange.vehicle.builtin.parameters.table import INDEX, PARAMETERS, SETTINGS_NAMES, stored_value, value_in_range
 
 BANNER: Final = ("ArduCopter V4.6.0-dev (skyrange)", "Frame: QUAD/X")
 """The texts that precede a list, as in ArduCopter (`send_banner`)."""
@@ -26,58 +26,58 @@ _PAUSE_NS = 10 * NS_PER_MS
 _NO_INDEX = 0xFFFF
 
 
-def send_banner(fleet: Fleet, craft: Craft) -> None:
+def send_banner(fleet: Fleet, vehicle: Vehicle) -> None:
     """Send firmware and frame as texts."""
     for words in BANNER:
-        fleet.text(craft, dialect.MAV_SEVERITY_INFO, words)
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, words)
 
 
-def on_list(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_request_list(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """PARAM_REQUEST_LIST: send every parameter, from the first again where a list was in progress."""
-    send_banner(fleet, craft)
-    craft.params_next = 0
-    fleet.timer(craft, Timer.PARAMS, fleet.now)
+    send_banner(fleet, vehicle)
+    vehicle.next_param = 0
+    fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now)
 
 
-def on_timer(fleet: Fleet, craft: Craft) -> None:
+def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """Send the next values of the list."""
-    last = min(craft.params_next + _VALUES_PER_BATCH, len(PARAMETERS))
-    for index in range(craft.params_next, last):
-        _send_value(fleet, craft, index, index, PARAMETERS[index].name)
-    craft.params_next = last
+    last = min(vehicle.next_param + _VALUES_PER_BATCH, len(PARAMETERS))
+    for index in range(vehicle.next_param, last):
+        _send_value(fleet, vehicle, index, index, PARAMETERS[index].name)
+    vehicle.next_param = last
     if last < len(PARAMETERS):
-        fleet.timer(craft, Timer.PARAMS, fleet.now + _PAUSE_NS)
+        fleet.set_timer(vehicle, Timer.PARAM_LIST, fleet.now + _PAUSE_NS)
 
 
-def on_read(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_request_read(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """PARAM_REQUEST_READ: send one parameter by index, or by name where the index is -1."""
     index = message.param_index
     if index != -1:
         if 0 <= index < len(PARAMETERS):
-            _send_value(fleet, craft, index, index, PARAMETERS[index].name)
+            _send_value(fleet, vehicle, index, index, PARAMETERS[index].name)
         return
     name = clean_name(message.param_id)
-    known = nominal(name)
+    known = canonical_name(name)
     if known in INDEX:
-        _send_value(fleet, craft, INDEX[known], _NO_INDEX, name)
+        _send_value(fleet, vehicle, INDEX[known], _NO_INDEX, name)
 
 
-def on_set(fleet: Fleet, craft: Craft, message: Any, partner: tuple[int, int], causes: Causes) -> None:
+def on_set(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """PARAM_SET: store a finite value of a known parameter and report what is stored."""
     name = clean_name(message.param_id).upper()
-    known = nominal(name)
+    known = canonical_name(name)
     if known not in INDEX or not math.isfinite(message.param_value):
         return
     index = INDEX[known]
     parameter = PARAMETERS[index]
-    value = stored(parameter, to_nominal(name, message.param_value))
-    row = craft.row
-    fleet.stored[row, index] = value
-    craft.unsaved.pop(index, None)
-    if known in IN_KERNELS:
-        fleet.settings[known][row] = held(parameter, value)
-    fleet.note("event.parameter", craft, {"name": known, "value": value}, causes)
-    _send_value(fleet, craft, index, _NO_INDEX, name, causes)
+    value = stored_value(parameter, to_canonical(name, message.param_value))
+    row = vehicle.row
+    fleet.stored_params[row, index] = value
+    vehicle.unsaved_params.pop(index, None)
+    if known in SETTINGS_NAMES:
+        fleet.settings[known][row] = value_in_range(parameter, value)
+    fleet.note("event.parameter", vehicle, {"name": known, "value": value}, causes)
+    _send_value(fleet, vehicle, index, _NO_INDEX, name, causes)
 
 
 def clean_name(raw: object) -> str:
@@ -87,13 +87,13 @@ def clean_name(raw: object) -> str:
     return str(raw).split("\0", 1)[0]
 
 
-def _send_value(fleet: Fleet, craft: Craft, index: int, told_index: int, name: str, causes: Causes = ()) -> None:
+def _send_value(fleet: Fleet, vehicle: Vehicle, index: int, told_index: int, name: str, causes: Causes = ()) -> None:
     """Send PARAM_VALUE of the parameter at `index`, under the requested name and in its unit."""
     parameter = PARAMETERS[index]
-    value = float(fleet.stored[craft.row, index])
+    value = float(fleet.stored_params[vehicle.row, index])
     kind = parameter.kind
     if name.upper() != parameter.name:
-        value = from_nominal(name, value)
+        value = from_canonical(name, value)
         kind = dialect.MAV_PARAM_TYPE_REAL32
     message = dialect.MAVLink_param_value_message(name.encode(), value, kind, len(PARAMETERS), told_index)
-    fleet.send(craft, message, causes)
+    fleet.send(vehicle, message, causes)

@@ -1,1 +1,1 @@
-"""Mission."""
+"""Missions: stored items, their order, and the execution of their commands."""

@@ -5,61 +5,93 @@ from __future__ import annotations
 from typing import Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.mission_fittings import FITTINGS
+from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS
 
-WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
-SPLINE: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
-UNLIM: Final = dialect.MAV_CMD_NAV_LOITER_UNLIM
-TURNS: Final = dialect.MAV_CMD_NAV_LOITER_TURNS
-TIME: Final = dialect.MAV_CMD_NAV_LOITER_TIME
-TO_ALT: Final = dialect.MAV_CMD_NAV_LOITER_TO_ALT
-DELAY: Final = dialect.MAV_CMD_NAV_DELAY
-RTL: Final = dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
-LAND: Final = dialect.MAV_CMD_NAV_LAND
-TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
-NAVIGATION: Final = frozenset((WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, DELAY, RTL, LAND, TAKEOFF))
+NAV_WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
+NAV_SPLINE_WAYPOINT: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
+NAV_LOITER_UNLIM: Final = dialect.MAV_CMD_NAV_LOITER_UNLIM
+NAV_LOITER_TURNS: Final = dialect.MAV_CMD_NAV_LOITER_TURNS
+NAV_LOITER_TIME: Final = dialect.MAV_CMD_NAV_LOITER_TIME
+NAV_LOITER_TO_ALT: Final = dialect.MAV_CMD_NAV_LOITER_TO_ALT
+NAV_DELAY: Final = dialect.MAV_CMD_NAV_DELAY
+NAV_RETURN_TO_LAUNCH: Final = dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
+NAV_LAND: Final = dialect.MAV_CMD_NAV_LAND
+NAV_TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
+NAV_COMMANDS: Final = frozenset(
+    (
+        NAV_WAYPOINT,
+        NAV_SPLINE_WAYPOINT,
+        NAV_LOITER_UNLIM,
+        NAV_LOITER_TURNS,
+        NAV_LOITER_TIME,
+        NAV_LOITER_TO_ALT,
+        NAV_DELAY,
+        NAV_RETURN_TO_LAUNCH,
+        NAV_LAND,
+        NAV_TAKEOFF,
+    )
+)
 """Commands that take time and are flown one after another."""
 
-JUMP: Final = dialect.MAV_CMD_DO_JUMP
-SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
-SET_HOME: Final = dialect.MAV_CMD_DO_SET_HOME
-LAND_START: Final = dialect.MAV_CMD_DO_LAND_START
-PARACHUTE: Final = dialect.MAV_CMD_DO_PARACHUTE
-ROI: Final = dialect.MAV_CMD_DO_SET_ROI
-ROI_LOCATION: Final = dialect.MAV_CMD_DO_SET_ROI_LOCATION
-ROI_NONE: Final = dialect.MAV_CMD_DO_SET_ROI_NONE
-WAIT: Final = dialect.MAV_CMD_CONDITION_DELAY
-NEAR: Final = dialect.MAV_CMD_CONDITION_DISTANCE
-YAW: Final = dialect.MAV_CMD_CONDITION_YAW
-CONDITIONS: Final = frozenset((WAIT, NEAR, YAW))
+DO_JUMP: Final = dialect.MAV_CMD_DO_JUMP
+DO_CHANGE_SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
+DO_SET_HOME: Final = dialect.MAV_CMD_DO_SET_HOME
+DO_LAND_START: Final = dialect.MAV_CMD_DO_LAND_START
+DO_PARACHUTE: Final = dialect.MAV_CMD_DO_PARACHUTE
+DO_SET_ROI: Final = dialect.MAV_CMD_DO_SET_ROI
+DO_SET_ROI_LOCATION: Final = dialect.MAV_CMD_DO_SET_ROI_LOCATION
+DO_SET_ROI_NONE: Final = dialect.MAV_CMD_DO_SET_ROI_NONE
+CONDITION_DELAY: Final = dialect.MAV_CMD_CONDITION_DELAY
+CONDITION_DISTANCE: Final = dialect.MAV_CMD_CONDITION_DISTANCE
+CONDITION_YAW: Final = dialect.MAV_CMD_CONDITION_YAW
+CONDITION_COMMANDS: Final = frozenset((CONDITION_DELAY, CONDITION_DISTANCE, CONDITION_YAW))
 """Commands that delay those behind them."""
 
-LOCATED: Final = frozenset(
-    (WAYPOINT, SPLINE, UNLIM, TURNS, TIME, TO_ALT, LAND, TAKEOFF, SET_HOME, LAND_START, ROI, ROI_LOCATION, ROI_NONE)
+STORED_IN_LOCATION: Final = frozenset(
+    (
+        NAV_WAYPOINT,
+        NAV_SPLINE_WAYPOINT,
+        NAV_LOITER_UNLIM,
+        NAV_LOITER_TURNS,
+        NAV_LOITER_TIME,
+        NAV_LOITER_TO_ALT,
+        NAV_LAND,
+        NAV_TAKEOFF,
+        DO_SET_HOME,
+        DO_LAND_START,
+        DO_SET_ROI,
+        DO_SET_ROI_LOCATION,
+        DO_SET_ROI_NONE,
+    )
 )
 """Commands that are stored with a place (AP_Mission::stored_in_location)."""
-SUPPORTED: Final = LOCATED | CONDITIONS | {DELAY, RTL, JUMP, SPEED} | FITTINGS.keys()
+SUPPORTED: Final = (
+    STORED_IN_LOCATION
+    | CONDITION_COMMANDS
+    | {NAV_DELAY, NAV_RETURN_TO_LAUNCH, DO_JUMP, DO_CHANGE_SPEED}
+    | DEVICE_COMMANDS.keys()
+)
 
-NAMES: Final = {
-    WAYPOINT: "WP",
-    SPLINE: "SplineWP",
-    RTL: "RTL",
-    UNLIM: "LoitUnlim",
-    TIME: "LoitTime",
-    TURNS: "LoitTurns",
-    TO_ALT: "LoitAltitude",
-    TAKEOFF: "Takeoff",
-    LAND: "Land",
-    DELAY: "Delay",
-    WAIT: "CondDelay",
-    NEAR: "CondDist",
-    YAW: "CondYaw",
-    SPEED: "ChangeSpeed",
-    SET_HOME: "SetHome",
-    ROI: "SetROI",
-    ROI_LOCATION: "SetROILocation",
-    ROI_NONE: "SetROINone",
-    LAND_START: "LandStart",
+COMMAND_NAMES: Final = {
+    NAV_WAYPOINT: "WP",
+    NAV_SPLINE_WAYPOINT: "SplineWP",
+    NAV_RETURN_TO_LAUNCH: "RTL",
+    NAV_LOITER_UNLIM: "LoitUnlim",
+    NAV_LOITER_TIME: "LoitTime",
+    NAV_LOITER_TURNS: "LoitTurns",
+    NAV_LOITER_TO_ALT: "LoitAltitude",
+    NAV_TAKEOFF: "Takeoff",
+    NAV_LAND: "Land",
+    NAV_DELAY: "Delay",
+    CONDITION_DELAY: "CondDelay",
+    CONDITION_DISTANCE: "CondDist",
+    CONDITION_YAW: "CondYaw",
+    DO_CHANGE_SPEED: "ChangeSpeed",
+    DO_SET_HOME: "SetHome",
+    DO_SET_ROI: "SetROI",
+    DO_SET_ROI_LOCATION: "SetROILocation",
+    DO_SET_ROI_NONE: "SetROINone",
+    DO_LAND_START: "LandStart",
     dialect.MAV_CMD_DO_SET_RELAY: "SetRelay",
     dialect.MAV_CMD_DO_REPEAT_RELAY: "RepeatRelay",
     dialect.MAV_CMD_DO_SET_SERVO: "SetServo",
@@ -69,7 +101,7 @@ NAMES: Final = {
     dialect.MAV_CMD_DO_MOUNT_CONTROL: "MountControl",
     dialect.MAV_CMD_DO_SET_CAM_TRIGG_DIST: "SetCamTrigDst",
     dialect.MAV_CMD_DO_FENCE_ENABLE: "FenceEnable",
-    PARACHUTE: "Parachute",
+    DO_PARACHUTE: "Parachute",
     dialect.MAV_CMD_DO_GRIPPER: "Gripper",
     dialect.MAV_CMD_DO_SPRAYER: "Sprayer",
     dialect.MAV_CMD_DO_AUX_FUNCTION: "AuxFunction",

@@ -15,12 +15,12 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect as mav
 
-FENCE_ENABLE: Final = mav.MAV_CMD_DO_FENCE_ENABLE
+DO_FENCE_ENABLE: Final = mav.MAV_CMD_DO_FENCE_ENABLE
 """The only one of them that has an effect."""
 
 _RANGES: Final = {"B": (0, 255), "b": (-128, 127), "H": (0, 65_535), "h": (-32_768, 32_767)}
 
-FITTINGS: Final = {
+DEVICE_COMMANDS: Final = {
     mav.MAV_CMD_DO_SET_RELAY: "BB-----",
     mav.MAV_CMD_DO_REPEAT_RELAY: "Bhf----",
     mav.MAV_CMD_DO_SET_SERVO: "BH-----",
@@ -29,7 +29,7 @@ FITTINGS: Final = {
     mav.MAV_CMD_DO_DIGICAM_CONTROL: "BBbBBB-",
     mav.MAV_CMD_DO_MOUNT_CONTROL: "fff----",
     mav.MAV_CMD_DO_SET_CAM_TRIGG_DIST: "f-B----",
-    FENCE_ENABLE: "H------",
+    DO_FENCE_ENABLE: "H------",
     mav.MAV_CMD_DO_PARACHUTE: "H------",
     mav.MAV_CMD_DO_GRIPPER: "BB-----",
     mav.MAV_CMD_DO_SPRAYER: "H------",
@@ -45,13 +45,13 @@ FITTINGS: Final = {
 }
 """What is stored of param1 … param4, x, y and z: integers as `struct` names them, `f` a float, `-` nothing."""
 
-TOLD: Final = frozenset((mav.MAV_CMD_DO_MOUNT_CONTROL, FENCE_ENABLE, mav.MAV_CMD_DO_WINCH))
+REPORTED: Final = frozenset((mav.MAV_CMD_DO_MOUNT_CONTROL, DO_FENCE_ENABLE, mav.MAV_CMD_DO_WINCH))
 """Commands reported with MISSION_ITEM_REACHED (ModeAuto::verify_command); AP_Mission skips the others silently."""
 
 
-def kept(command: int, values: Sequence[float]) -> tuple[float, ...]:
+def stored_fields(command: int, values: Sequence[float]) -> tuple[float, ...]:
     """Return the seven numbers of such an item as ArduPilot stores them; a value that is not a number becomes 0."""
-    return tuple(_stored_field(kind, value) for kind, value in zip(FITTINGS[command], values, strict=True))
+    return tuple(_stored_field(kind, value) for kind, value in zip(DEVICE_COMMANDS[command], values, strict=True))
 
 
 def _stored_field(kind: str, value: float) -> float:

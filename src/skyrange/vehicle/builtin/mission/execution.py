@@ -9,201 +9,210 @@ from __future__ import annotations
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_S
-from skyrange.vehicle.builtin import auto_rtl, do_items, facing, flown_items, loop, pausing
-from skyrange.vehicle.builtin.arming import disarm
-from skyrange.vehicle.builtin.fleet import Craft, Fleet, MissionState, Slot, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control, Flag, Heading
-from skyrange.vehicle.builtin.mission_kinds import (
-    CONDITIONS,
-    DELAY,
-    LAND,
-    LAND_START,
-    NAVIGATION,
-    RTL,
-    SPLINE,
-    TAKEOFF,
-    TIME,
-    TO_ALT,
-    WAYPOINT,
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.arming.arming import disarm
+from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, MissionState, SubMode, Timer, Vehicle
+from skyrange.vehicle.builtin.flight_modes import auto_rtl
+from skyrange.vehicle.builtin.guidance import auto_yaw
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent
+from skyrange.vehicle.builtin.mission import do_commands, nav_commands, pause
+from skyrange.vehicle.builtin.mission.command_ids import (
+    CONDITION_COMMANDS,
+    DO_LAND_START,
+    NAV_COMMANDS,
+    NAV_DELAY,
+    NAV_LAND,
+    NAV_LOITER_TIME,
+    NAV_LOITER_TO_ALT,
+    NAV_RETURN_TO_LAUNCH,
+    NAV_SPLINE_WAYPOINT,
+    NAV_TAKEOFF,
+    NAV_WAYPOINT,
 )
+from skyrange.vehicle.builtin.mission.sequence import MAX_COMMANDS, next_command, next_nav_command
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.sequence import MAX_ITEMS, next_navigation, resolve
 
 _MIN_REPEAT_NS = NS_PER_S
 """Minimum time before an item can be reached again: a loop of jumps between places already reached does not spin."""
 _CHANGE_DETECT_COMMANDS = 3  # mis_change_detect_cmd_max
 _MAX_JUMP_TEXTS = 30
 """Jumps that are reported at once: the length of ArduPilot's queue of texts (GCS.h `_status_capacity`)."""
-_REPORTED_COMMANDS = frozenset((WAYPOINT, SPLINE, TIME))
-_GROUND_COMMANDS = frozenset((TAKEOFF, DELAY))
+_REPORTED_COMMANDS = frozenset((NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_LOITER_TIME))
+_GROUND_COMMANDS = frozenset((NAV_TAKEOFF, NAV_DELAY))
 """Commands that continue a mission on the ground: a take-off, or a delay between a landing and a take-off."""
 
 
-def starts_with_takeoff(fleet: Fleet, craft: Craft) -> bool:
+def starts_with_takeoff_cmd(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether the first navigation command to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
-    seq = next_navigation(craft, 1 if fleet.param(craft, "MIS_RESTART") == 1 else craft.current or 1)
-    return seq is not None and craft.mission[seq].command == TAKEOFF
+    seq = next_nav_command(vehicle, 1 if fleet.param(vehicle, "MIS_RESTART") == 1 else vehicle.current or 1)
+    return seq is not None and vehicle.mission[seq].command == NAV_TAKEOFF
 
 
-def start_or_resume(fleet: Fleet, craft: Craft) -> None:
+def start_or_resume(fleet: Fleet, vehicle: Vehicle) -> None:
     """Start the mission on entry of AUTO: anew after its end or by MIS_RESTART, else from the current item."""
-    anew = fleet.param(craft, "MIS_RESTART") == 1 and not craft.resumes
-    craft.resumes = False
-    if craft.mission_state == MissionState.COMPLETE or anew:
-        reset(craft)
-    craft.mission_state = MissionState.ACTIVE
-    craft.flown = None
-    update(fleet, craft)
+    anew = fleet.param(vehicle, "MIS_RESTART") == 1 and not vehicle.resume_mission
+    vehicle.resume_mission = False
+    if vehicle.mission_state == MissionState.COMPLETE or anew:
+        reset(vehicle)
+    vehicle.mission_state = MissionState.ACTIVE
+    vehicle.active_item = None
+    update(fleet, vehicle)
 
 
-def reset(craft: Craft) -> None:
+def reset(vehicle: Vehicle) -> None:
     """Return to the first item and clear the jump counters."""
-    craft.current = 0
-    craft.flown = None
-    craft.in_landing = False
-    craft.jumps.clear()
-    craft.reached.clear()
+    vehicle.current = 0
+    vehicle.active_item = None
+    vehicle.in_landing_sequence = False
+    vehicle.jump_counts.clear()
+    vehicle.reached_ns.clear()
 
 
-def stop(fleet: Fleet, craft: Craft) -> None:
+def stop(fleet: Fleet, vehicle: Vehicle) -> None:
     """Stop the mission when AUTO is left; the current item is kept."""
-    if craft.mission_state == MissionState.ACTIVE:
-        craft.mission_state = MissionState.NOT_STARTED
-    craft.stage = Stage.NONE
-    do_items.drop(fleet, craft)
+    if vehicle.mission_state == MissionState.ACTIVE:
+        vehicle.mission_state = MissionState.NOT_STARTED
+    vehicle.submode = SubMode.NONE
+    do_commands.drop_pending(fleet, vehicle)
 
 
-def update(fleet: Fleet, craft: Craft) -> None:
+def update(fleet: Fleet, vehicle: Vehicle) -> None:
     """Start the current item if the mission runs, the motors are armed and none has been started."""
-    if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and fleet.armed(craft):
-        if craft.flown is None:
-            _advance_nav_command(fleet, craft, craft.current or 1)
-        elif craft.ready and craft.flown.command == TAKEOFF and fleet.control(craft) == Control.IDLE:
-            _start_nav_command(fleet, craft, craft.flown)
+    if vehicle.mode == Mode.AUTO and vehicle.mission_state == MissionState.ACTIVE and fleet.armed(vehicle):
+        if vehicle.active_item is None:
+            _advance_nav_command(fleet, vehicle, vehicle.current or 1)
+        elif (
+            vehicle.auto_armed
+            and vehicle.active_item.command == NAV_TAKEOFF
+            and fleet.control(vehicle) == ControlMode.IDLE
+        ):
+            _start_nav_command(fleet, vehicle, vehicle.active_item)
 
 
-def set_current(fleet: Fleet, craft: Craft, seq: int) -> bool:
+def set_current_cmd(fleet: Fleet, vehicle: Vehicle, seq: int) -> bool:
     """Make an item current (MISSION_SET_CURRENT); 0 restarts. `False` where there is no such item."""
-    if seq >= len(craft.mission) or len(craft.mission) <= 1:
+    if seq >= len(vehicle.mission) or len(vehicle.mission) <= 1:
         return False
-    if seq == 0 or craft.mission_state == MissionState.COMPLETE:
-        craft.jumps.clear()
-    craft.in_landing = craft.mission[seq].command == LAND_START
+    if seq == 0 or vehicle.mission_state == MissionState.COMPLETE:
+        vehicle.jump_counts.clear()
+    vehicle.in_landing_sequence = vehicle.mission[seq].command == DO_LAND_START
     seq = max(seq, 1)
-    craft.flown = None
-    craft.stage = Stage.NONE
-    fleet.timer(craft, Timer.HOLD)
-    if craft.mission_state == MissionState.ACTIVE and craft.mode == Mode.AUTO and fleet.armed(craft):
-        _advance_nav_command(fleet, craft, seq)
-        return craft.flown is not None
-    found = next_navigation(craft, seq)
+    vehicle.active_item = None
+    vehicle.submode = SubMode.NONE
+    fleet.set_timer(vehicle, Timer.HOLD)
+    if vehicle.mission_state == MissionState.ACTIVE and vehicle.mode == Mode.AUTO and fleet.armed(vehicle):
+        _advance_nav_command(fleet, vehicle, seq)
+        return vehicle.active_item is not None
+    found = next_nav_command(vehicle, seq)
     if found is None:
         return False
-    craft.current = seq
-    if craft.mission_state != MissionState.ACTIVE:
-        craft.mission_state = MissionState.NOT_STARTED
-    auto_rtl.look(fleet, craft)
+    vehicle.current = seq
+    if vehicle.mission_state != MissionState.ACTIVE:
+        vehicle.mission_state = MissionState.NOT_STARTED
+    auto_rtl.update(fleet, vehicle)
     return True
 
 
-def changed(fleet: Fleet, craft: Craft) -> None:
+def on_mission_changed(fleet: Fleet, vehicle: Vehicle) -> None:
     """Process a changed mission: an item that is gone is not current; a waypoint in progress is started again.
 
     The latter only if it or one of the two navigation commands after it has changed (MissionChangeDetector).
     """
-    if craft.current >= len(craft.mission):
-        reset(craft)
-        if craft.mode == Mode.AUTO and craft.mission_state == MissionState.ACTIVE and not craft.sees_mission:
-            _exit_mission(fleet, craft)
+    if vehicle.current >= len(vehicle.mission):
+        reset(vehicle)
+        if vehicle.mode == Mode.AUTO and vehicle.mission_state == MissionState.ACTIVE and not vehicle.has_mission:
+            _exit_mission(fleet, vehicle)
             return
-        auto_rtl.look(fleet, craft)
-    if craft.mode != Mode.AUTO or craft.flown is None or _upcoming_commands(craft) == craft.ahead:
+        auto_rtl.update(fleet, vehicle)
+    if vehicle.mode != Mode.AUTO or vehicle.active_item is None or _upcoming_commands(vehicle) == vehicle.upcoming:
         return
-    if craft.flown.command in _REPORTED_COMMANDS and craft.mission_state == MissionState.ACTIVE:
-        fleet.text(craft, dialect.MAV_SEVERITY_CRITICAL, "Auto mission changed, restarted command")
-        fleet.timer(craft, Timer.HOLD)
-        craft.flown = None
-        _advance_nav_command(fleet, craft, craft.current)
+    if vehicle.active_item.command in _REPORTED_COMMANDS and vehicle.mission_state == MissionState.ACTIVE:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_CRITICAL, "Auto mission changed, restarted command")
+        fleet.set_timer(vehicle, Timer.HOLD)
+        vehicle.active_item = None
+        _advance_nav_command(fleet, vehicle, vehicle.current)
 
 
-def _upcoming_commands(craft: Craft) -> tuple[object, ...]:
+def _upcoming_commands(vehicle: Vehicle) -> tuple[object, ...]:
     """Return the contents of the navigation command in progress and of the two after it."""
     found: list[object] = []
-    seq: int | None = craft.current
+    seq: int | None = vehicle.current
     for _ in range(_CHANGE_DETECT_COMMANDS):
-        seq = None if seq is None else next_navigation(craft, seq)
+        seq = None if seq is None else next_nav_command(vehicle, seq)
         if seq is None:
             break
-        slot = craft.mission[seq]
-        place = (slot.x, slot.y, slot.z)
-        found.append((seq, slot.command, slot.frame, slot.param1, slot.param2, slot.param3, slot.param4, place))
+        item = vehicle.mission[seq]
+        place = (item.x, item.y, item.z)
+        found.append((seq, item.command, item.frame, item.param1, item.param2, item.param3, item.param4, place))
         seq += 1
     return tuple(found)
 
 
-def on_flag(fleet: Fleet, craft: Craft, flag: Flag) -> None:
+def on_event(fleet: Fleet, vehicle: Vehicle, flag: FlightEvent) -> None:
     """Process an event of the loop (arrival, end of a climb, landing) while AUTO flies a command."""
-    slot = craft.flown
-    if slot is not None and flown_items.on_flag(fleet, craft, slot, flag):
-        _complete_command(fleet, craft, slot)
+    item = vehicle.active_item
+    if item is not None and nav_commands.verify_event(fleet, vehicle, item, flag):
+        _complete_command(fleet, vehicle, item)
 
 
-def waited(fleet: Fleet, craft: Craft) -> None:
+def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """Process the end of a wait: at a waypoint, above home, or before another check."""
-    slot = craft.flown
-    if slot is not None and flown_items.waited(fleet, craft, slot):
-        _complete_command(fleet, craft, slot)
+    item = vehicle.active_item
+    if item is not None and nav_commands.verify_timer(fleet, vehicle, item):
+        _complete_command(fleet, vehicle, item)
 
 
-def settled(fleet: Fleet, craft: Craft) -> None:
+def on_landed(fleet: Fleet, vehicle: Vehicle) -> None:
     """Process a landing with idle motors: it ends the mission unless a take-off follows."""
-    slot = craft.flown
-    if slot is None:
+    item = vehicle.active_item
+    if item is None:
         return
-    following = next_navigation(craft, craft.current + 1)
-    if slot.command == RTL or (following is not None and craft.mission[following].command in _GROUND_COMMANDS):
-        _complete_command(fleet, craft, slot)
+    following = next_nav_command(vehicle, vehicle.current + 1)
+    if item.command == NAV_RETURN_TO_LAUNCH or (
+        following is not None and vehicle.mission[following].command in _GROUND_COMMANDS
+    ):
+        _complete_command(fleet, vehicle, item)
     else:
-        disarm(fleet, craft, "landed", slot.causes)
+        disarm(fleet, vehicle, "landed", item.causes)
 
 
-def _complete_command(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+def _complete_command(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Report that the current command is complete, and start the next."""
-    seq = craft.current
-    again = craft.reached.get(seq, -_MIN_REPEAT_NS) + _MIN_REPEAT_NS
+    seq = vehicle.current
+    again = vehicle.reached_ns.get(seq, -_MIN_REPEAT_NS) + _MIN_REPEAT_NS
     if fleet.now < again:
-        fleet.timer(craft, Timer.HOLD, again)
+        fleet.set_timer(vehicle, Timer.HOLD, again)
         return
-    craft.reached[seq] = fleet.now
-    _report_reached(fleet, craft)
-    if slot.command != TO_ALT:  # verify_command returns before it reports this
-        craft.untold = seq
-    if slot.command in _REPORTED_COMMANDS:
-        fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
-    fleet.note("event.item_reached", craft, {"seq": seq, "command": slot.command}, slot.causes)
-    craft.flown = None
-    craft.stage = Stage.NONE
-    _advance_nav_command(fleet, craft, seq + 1)
-    _report_reached(fleet, craft)
+    vehicle.reached_ns[seq] = fleet.now
+    _report_reached(fleet, vehicle)
+    if item.command != NAV_LOITER_TO_ALT:  # verify_command returns before it reports this
+        vehicle.item_to_report = seq
+    if item.command in _REPORTED_COMMANDS:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Reached command #{seq}")
+    fleet.note("event.item_reached", vehicle, {"seq": seq, "command": item.command}, item.causes)
+    vehicle.active_item = None
+    vehicle.submode = SubMode.NONE
+    _advance_nav_command(fleet, vehicle, seq + 1)
+    _report_reached(fleet, vehicle)
 
 
-def _report_reached(fleet: Fleet, craft: Craft) -> None:
+def _report_reached(fleet: Fleet, vehicle: Vehicle) -> None:
     """Send MISSION_ITEM_REACHED, unless a DO command completed in the same pass has replaced the number.
 
     ArduPilot keeps one number until it is sent (`GCS::send_mission_item_reached_message`), and `AP_Mission::update`
     completes the first DO command after a navigation command in the pass that completes the latter.
     """
-    if craft.untold:
-        fleet.send(craft, dialect.MAVLink_mission_item_reached_message(craft.untold))
-        craft.untold = 0
+    if vehicle.item_to_report:
+        fleet.send(vehicle, dialect.MAVLink_mission_item_reached_message(vehicle.item_to_report))
+        vehicle.item_to_report = 0
 
 
-def _advance_nav_command(fleet: Fleet, craft: Craft, seq: int) -> None:
+def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
     """Find the next navigation command and start it, with the DO commands before it; else complete the mission.
 
     The first DO command runs before the navigation command starts, the others after, as in advance_current_nav_cmd.
     """
-    do_items.drop(fleet, craft)
+    do_commands.drop_pending(fleet, vehicle)
     first = jumps = 0
 
     def jumped(jump: int, made: int, times: int) -> None:
@@ -211,73 +220,73 @@ def _advance_nav_command(fleet: Fleet, craft: Craft, seq: int) -> None:
         jumps += 1
         if jumps <= _MAX_JUMP_TEXTS:
             most = "unlimited" if times < 0 else str(times)
-            fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {jump} Jump {made}/{most}")
 
-    for _ in range(MAX_ITEMS):
-        found = resolve(craft, seq, True, jumped)
+    for _ in range(MAX_COMMANDS):
+        found = next_command(vehicle, seq, True, jumped)
         if found is None:
             break
         place = found
-        slot = craft.mission[place]
-        if slot.command in NAVIGATION:
-            craft.current = place
-            craft.flown = slot
-            craft.ahead = _upcoming_commands(craft)
-            fleet.timer(craft, Timer.HOLD)
-            do_items.announce(fleet, craft, place)
-            if not _start_nav_command(fleet, craft, slot):
-                _complete_command(fleet, craft, slot)
-            elif first and craft.flown is slot:
-                _run_do_commands(fleet, craft, first)
-            auto_rtl.look(fleet, craft)
+        item = vehicle.mission[place]
+        if item.command in NAV_COMMANDS:
+            vehicle.current = place
+            vehicle.active_item = item
+            vehicle.upcoming = _upcoming_commands(vehicle)
+            fleet.set_timer(vehicle, Timer.HOLD)
+            do_commands.announce_command(fleet, vehicle, place)
+            if not _start_nav_command(fleet, vehicle, item):
+                _complete_command(fleet, vehicle, item)
+            elif first and vehicle.active_item is item:
+                _run_do_commands(fleet, vehicle, first)
+            auto_rtl.update(fleet, vehicle)
             return
         if not first:
             first = place
-            if slot.command not in CONDITIONS:
-                do_items.start(fleet, craft, place)
+            if item.command not in CONDITION_COMMANDS:
+                do_commands.start_command(fleet, vehicle, place)
         seq = place + 1
-    _exit_mission(fleet, craft)
+    _exit_mission(fleet, vehicle)
 
 
-def _run_do_commands(fleet: Fleet, craft: Craft, first: int) -> None:
+def _run_do_commands(fleet: Fleet, vehicle: Vehicle, first: int) -> None:
     """Run the DO commands from the first on, which has already run unless it is a condition."""
-    if craft.mission[first].command in CONDITIONS:
-        do_items.run(fleet, craft, first)
+    if vehicle.mission[first].command in CONDITION_COMMANDS:
+        do_commands.run_commands(fleet, vehicle, first)
     else:
-        do_items.done(fleet, craft, first)
-        _report_reached(fleet, craft)
-        do_items.run(fleet, craft, first + 1)
+        do_commands.report_complete(fleet, vehicle, first)
+        _report_reached(fleet, vehicle)
+        do_commands.run_commands(fleet, vehicle, first + 1)
 
 
-def _start_nav_command(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
+def _start_nav_command(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
     """Start a navigation command, given the two that follow it; `False` where it is complete at once."""
-    if slot.command in (LAND, TAKEOFF):
-        craft.in_landing = slot.command == LAND
-    following = next_navigation(craft, craft.current + 1)
-    then = None if following is None else next_navigation(craft, following + 1)
-    after = None if following is None else craft.mission[following]
-    begun = flown_items.begin(fleet, craft, slot, after, None if then is None else craft.mission[then])
-    pausing.stay(fleet, craft)
+    if item.command in (NAV_LAND, NAV_TAKEOFF):
+        vehicle.in_landing_sequence = item.command == NAV_LAND
+    following = next_nav_command(vehicle, vehicle.current + 1)
+    then = None if following is None else next_nav_command(vehicle, following + 1)
+    after = None if following is None else vehicle.mission[following]
+    begun = nav_commands.start_command(fleet, vehicle, item, after, None if then is None else vehicle.mission[then])
+    pause.hold_if_paused(fleet, vehicle)
     return begun
 
 
-def go_on(fleet: Fleet, craft: Craft) -> None:
+def resume(fleet: Fleet, vehicle: Vehicle) -> None:
     """End a pause: continue to the current command along a leg from the point of rest (ModeAuto::resume)."""
-    if craft.paused and craft.flown is not None:
-        craft.paused = False
-        _start_nav_command(fleet, craft, craft.flown)
+    if vehicle.paused and vehicle.active_item is not None:
+        vehicle.paused = False
+        _start_nav_command(fleet, vehicle, vehicle.active_item)
 
 
-def _exit_mission(fleet: Fleet, craft: Craft) -> None:
+def _exit_mission(fleet: Fleet, vehicle: Vehicle) -> None:
     """End the mission when no command is left: hold in the air, disarm on the ground (ModeAuto::exit_mission)."""
-    craft.mission_state = MissionState.COMPLETE
-    craft.in_landing = craft.paused = False
-    craft.flown = None
-    do_items.drop(fleet, craft)
-    if fleet.landed(craft):
-        if fleet.armed(craft):
-            disarm(fleet, craft, "mission_exit", craft.mode_causes)
-    elif fleet.control(craft) != Control.LEG or not fleet.legs["reached"][craft.row]:
-        loop.hold(fleet.estimate, fleet.flight, craft.row)
-        facing.set_kind(fleet, craft, Heading.HOLD)
-        fleet.fly(craft, Control.VELOCITY)
+    vehicle.mission_state = MissionState.COMPLETE
+    vehicle.in_landing_sequence = vehicle.paused = False
+    vehicle.active_item = None
+    do_commands.drop_pending(fleet, vehicle)
+    if fleet.landed(vehicle):
+        if fleet.armed(vehicle):
+            disarm(fleet, vehicle, "mission_exit", vehicle.mode_causes)
+    elif fleet.control(vehicle) != ControlMode.LEG or not fleet.legs["reached_destination"][vehicle.row]:
+        loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
+        auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
+        fleet.set_control(vehicle, ControlMode.VELOCITY)

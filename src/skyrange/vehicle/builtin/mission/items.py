@@ -12,31 +12,31 @@ from typing import Any
 import numpy as np
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot
-from skyrange.vehicle.builtin.mission_fittings import FITTINGS, kept
-from skyrange.vehicle.builtin.mission_kinds import (
-    DELAY,
-    JUMP,
-    LAND,
-    LOCATED,
-    NEAR,
-    ROI,
-    ROI_LOCATION,
-    ROI_NONE,
-    SET_HOME,
-    SPEED,
-    SPLINE,
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Vehicle
+from skyrange.vehicle.builtin.locations.location import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES
+from skyrange.vehicle.builtin.mission.command_ids import (
+    CONDITION_DELAY,
+    CONDITION_DISTANCE,
+    CONDITION_YAW,
+    DO_CHANGE_SPEED,
+    DO_JUMP,
+    DO_SET_HOME,
+    DO_SET_ROI,
+    DO_SET_ROI_LOCATION,
+    DO_SET_ROI_NONE,
+    NAV_DELAY,
+    NAV_LAND,
+    NAV_LOITER_TIME,
+    NAV_LOITER_TO_ALT,
+    NAV_LOITER_TURNS,
+    NAV_LOITER_UNLIM,
+    NAV_SPLINE_WAYPOINT,
+    NAV_TAKEOFF,
+    NAV_WAYPOINT,
+    STORED_IN_LOCATION,
     SUPPORTED,
-    TAKEOFF,
-    TIME,
-    TO_ALT,
-    TURNS,
-    UNLIM,
-    WAIT,
-    WAYPOINT,
-    YAW,
 )
-from skyrange.vehicle.builtin.places import ABSOLUTE_FRAMES, RELATIVE_FRAMES, TERRAIN_FRAMES
+from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS, stored_fields
 
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
 _U8, _U16 = 255, 65535
@@ -49,7 +49,7 @@ _DATUMS = {
 """The frame in which a place is stored and read back (`mission_cmd_to_mavlink_int`): only its datum is kept."""
 _NO_FRAME = dialect.MAV_FRAME_GLOBAL
 """The frame of an item without a place."""
-_YAW_MAY_BE_NAN = frozenset((WAYPOINT, UNLIM, LAND, TAKEOFF))
+_YAW_MAY_BE_NAN = frozenset((NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LAND, NAV_TAKEOFF))
 """Commands whose yaw may be NaN, which leaves it to the autopilot (sanity_check_params)."""
 _INVALID_PARAM = (
     dialect.MAV_MISSION_INVALID_PARAM1,
@@ -61,7 +61,7 @@ _INVALID_PARAM = (
 Params = tuple[float, float, float, float]
 
 
-def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
+def decode_item(message: Any, causes: Causes) -> tuple[int, MissionItem | None]:
     """Return (MAV_MISSION_RESULT, item) of a MISSION_ITEM_INT or MISSION_ITEM; no item unless accepted."""
     command = message.command
     params = (message.param1, message.param2, message.param3, message.param4)
@@ -74,7 +74,7 @@ def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     if command not in SUPPORTED:
         return dialect.MAV_MISSION_UNSUPPORTED, None
     x, y, z = message.x, message.y, message.z
-    if command in LOCATED:
+    if command in STORED_IN_LOCATION:
         whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT
         lat, lon = (x * 1e-7, y * 1e-7) if whole else (x, y)
         if not -90.0 <= lat <= 90.0:
@@ -88,66 +88,77 @@ def slot_of(message: Any, causes: Causes) -> tuple[int, Slot | None]:
         if not whole:
             x, y = round(x * 1e7), round(y * 1e7)
         z = int(np.float32(z) * np.float32(100.0)) / 100.0  # whole centimetres
-        return ACCEPTED, Slot(command, _DATUMS[message.frame], *stored(command, params), x, y, z, causes=causes)
-    if command in FITTINGS:
-        a, b, c, d, e, f, g = kept(command, (*params, x, y, z))
-        return ACCEPTED, Slot(command, _NO_FRAME, a, b, c, d, int(e), int(f), g, causes=causes)
-    return ACCEPTED, Slot(command, _NO_FRAME, *stored(command, params), causes=causes)
+        return ACCEPTED, MissionItem(
+            command, _DATUMS[message.frame], *stored_params(command, params), x, y, z, causes=causes
+        )
+    if command in DEVICE_COMMANDS:
+        a, b, c, d, e, f, g = stored_fields(command, (*params, x, y, z))
+        return ACCEPTED, MissionItem(command, _NO_FRAME, a, b, c, d, int(e), int(f), g, causes=causes)
+    return ACCEPTED, MissionItem(command, _NO_FRAME, *stored_params(command, params), causes=causes)
 
 
 def _to_whole(value: float, low: int, high: int) -> float:
     return float(int(min(max(value, low), high)))
 
 
-def stored(command: int, params: Params) -> Params:
+def stored_params(command: int, params: Params) -> Params:
     """Return the parameters that ArduPilot keeps of an item in its 15 bytes (mavlink_int_to_mission_cmd), as read back.
 
     A waypoint's acceptance radius, pass-by distance and yaw are not stored: WPNAV_RADIUS applies to all.
     """
     a, b, c, d = params
-    if command in (WAYPOINT, SPLINE, LAND, TAKEOFF, SET_HOME, ROI, ROI_LOCATION, ROI_NONE):
+    if command in (
+        NAV_WAYPOINT,
+        NAV_SPLINE_WAYPOINT,
+        NAV_LAND,
+        NAV_TAKEOFF,
+        DO_SET_HOME,
+        DO_SET_ROI,
+        DO_SET_ROI_LOCATION,
+        DO_SET_ROI_NONE,
+    ):
         return _to_whole(a, 0, _U16), 0.0, 0.0, 0.0
-    if command == UNLIM:
+    if command == NAV_LOITER_UNLIM:
         return 0.0, 0.0, math.copysign(_to_whole(abs(c), 0, _U16), c), 0.0
-    if command == TURNS:
+    if command == NAV_LOITER_TURNS:
         turns = int(a * 256.0) / 256.0 if 0.0 < a < 1.0 else _to_whole(a, 0, _U8)
         radius = abs(c)
         radius = _to_whole(radius, 0, _U8) if radius <= _U8 else 10.0 * _to_whole(radius * 0.1, 0, _U8)
         return turns, 0.0, math.copysign(radius, c), float(d > 0.0)
-    if command == TIME:
+    if command == NAV_LOITER_TIME:
         return _to_whole(a, 0, _U16), 0.0, -1.0 if c < 0.0 else 1.0, float(d > 0.0)
-    if command == TO_ALT:
+    if command == NAV_LOITER_TO_ALT:
         return 0.0, math.copysign(_to_whole(abs(b), 0, _U16), b), 0.0, float(d > 0.0)
-    if command == DELAY:
+    if command == NAV_DELAY:
         return a, _to_whole(b, -128, 127), _to_whole(c, -128, 127), _to_whole(d, -128, 127)
-    if command == JUMP:
+    if command == DO_JUMP:
         return _to_whole(a, 0, _U16), _to_whole(b, -1, 32767), 0.0, 0.0
-    if command == SPEED:
+    if command == DO_CHANGE_SPEED:
         return _to_whole(a, 0, _U8), b, c, 0.0
-    if command == YAW:
+    if command == CONDITION_YAW:
         return a, b, _to_whole(c, -128, 127), _to_whole(d, 0, _U8)
-    if command in (WAIT, NEAR):
+    if command in (CONDITION_DELAY, CONDITION_DISTANCE):
         return a, 0.0, 0.0, 0.0
     return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, DO_LAND_START
 
 
-def item_message(fleet: Fleet, craft: Craft, seq: int, partner: tuple[int, int], whole: bool) -> Any:
+def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], whole: bool) -> Any:
     """Return item `seq` as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; item 0 is home, whatever was written there."""
     if seq == 0:
-        lat, lon = fleet.origin.geodetic_of(craft.home[0], craft.home[1])
-        slot = Slot(
-            WAYPOINT,
+        lat, lon = fleet.origin.geodetic_of(vehicle.home[0], vehicle.home[1])
+        item = MissionItem(
+            NAV_WAYPOINT,
             dialect.MAV_FRAME_GLOBAL,
             x=round(lat * 1e7),
             y=round(lon * 1e7),
-            z=craft.home[2] + fleet.origin.alt_msl_m,
+            z=vehicle.home[2] + fleet.origin.alt_msl_m,
         )
     else:
-        slot = craft.mission[seq]
-    current = int(seq == craft.current and seq > 0)
-    head = (*partner, seq, slot.frame, slot.command, current, 1)
-    params = (slot.param1, slot.param2, slot.param3, slot.param4)
+        item = vehicle.mission[seq]
+    current = int(seq == vehicle.current and seq > 0)
+    head = (*peer, seq, item.frame, item.command, current, 1)
+    params = (item.param1, item.param2, item.param3, item.param4)
     if whole:
-        return dialect.MAVLink_mission_item_int_message(*head, *params, slot.x, slot.y, slot.z, 0)
-    scale = 1.0 if slot.command in FITTINGS else 1e-7
-    return dialect.MAVLink_mission_item_message(*head, *params, slot.x * scale, slot.y * scale, slot.z, 0)
+        return dialect.MAVLink_mission_item_int_message(*head, *params, item.x, item.y, item.z, 0)
+    scale = 1.0 if item.command in DEVICE_COMMANDS else 1e-7
+    return dialect.MAVLink_mission_item_message(*head, *params, item.x * scale, item.y * scale, item.z, 0)

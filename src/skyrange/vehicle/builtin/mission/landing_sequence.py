@@ -9,52 +9,54 @@ from __future__ import annotations
 import math
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin import navigator, places, wpnav
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Slot
-from skyrange.vehicle.builtin.mission_kinds import LAND_START
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, MissionState, Vehicle
+from skyrange.vehicle.builtin.guidance import wpnav
+from skyrange.vehicle.builtin.locations import location
+from skyrange.vehicle.builtin.mission import execution
+from skyrange.vehicle.builtin.mission.command_ids import DO_LAND_START
+from skyrange.vehicle.builtin.mission.sequence import next_nav_command
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.sequence import next_navigation
 
 
-def nearest(fleet: Fleet, craft: Craft) -> int | None:
+def nearest_start(fleet: Fleet, vehicle: Vehicle) -> int | None:
     """Return the DO_LAND_START nearest to the point of rest of the aircraft, in three dimensions; `None` without one.
 
     One without a place is at the navigation command behind it.
     """
-    here = wpnav.rest_at(fleet.estimate, fleet.flight, fleet.settings, craft.row)
+    here = wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
     found, least = None, math.inf
-    for seq, slot in enumerate(craft.mission):
-        if seq == 0 or slot.command != LAND_START:
+    for seq, item in enumerate(vehicle.mission):
+        if seq == 0 or item.command != DO_LAND_START:
             continue
-        placed: Slot | None = slot
-        if slot.x == 0 and slot.y == 0 and slot.z == 0.0:
-            behind = next_navigation(craft, seq)
-            placed = None if behind is None else craft.mission[behind]
+        placed: MissionItem | None = item
+        if item.x == 0 and item.y == 0 and item.z == 0.0:
+            behind = next_nav_command(vehicle, seq)
+            placed = None if behind is None else vehicle.mission[behind]
         if placed is None:
             continue
-        place = places.enu(fleet, craft, placed.frame, placed.x, placed.y, placed.z)
+        place = location.to_enu(fleet, vehicle, placed.frame, placed.x, placed.y, placed.z)
         away = math.inf if place is None else math.dist(place, here)
         if found is None or away < least:
             found, least = seq, away
     return found
 
 
-def jump(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+def jump_to_start(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     """Make the nearest DO_LAND_START current; `False` and a text where there is none."""
-    seq = nearest(fleet, craft)
-    if seq is None or not navigator.set_current(fleet, craft, seq):
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Unable to start landing sequence", causes)
+    seq = nearest_start(fleet, vehicle)
+    if seq is None or not execution.set_current_cmd(fleet, vehicle, seq):
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Unable to start landing sequence", causes)
         return False
-    if craft.mode == Mode.AUTO and craft.mission_state != MissionState.ACTIVE:  # the mission had ended
-        craft.resumes = True
-        navigator.start_or_resume(fleet, craft)
-    fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence start", causes)
+    if vehicle.mode == Mode.AUTO and vehicle.mission_state != MissionState.ACTIVE:  # the mission had ended
+        vehicle.resume_mission = True
+        execution.start_or_resume(fleet, vehicle)
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Landing sequence start", causes)
     return True
 
 
-def join(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+def jump_unless_active(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     """Make the nearest DO_LAND_START current, unless the mission already flies its landing sequence."""
-    if craft.mission_state == MissionState.ACTIVE and craft.in_landing:
-        fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Landing sequence active", causes)
+    if vehicle.mission_state == MissionState.ACTIVE and vehicle.in_landing_sequence:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Landing sequence active", causes)
         return True
-    return jump(fleet, craft, causes)
+    return jump_to_start(fleet, vehicle, causes)

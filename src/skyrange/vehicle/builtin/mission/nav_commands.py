@@ -11,24 +11,28 @@ import numpy as np
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, from_seconds
-from skyrange.vehicle.builtin import do_items, facing, loop, places, returning, wpnav
-from skyrange.vehicle.builtin.arming import take_off
-from skyrange.vehicle.builtin.fleet import Craft, Fleet, Slot, Stage, Timer
-from skyrange.vehicle.builtin.layout import Control, Flag, Heading
-from skyrange.vehicle.builtin.mission_kinds import (
-    DELAY,
-    LAND,
-    RTL,
-    SPLINE,
-    TAKEOFF,
-    TIME,
-    TO_ALT,
-    TURNS,
-    UNLIM,
-    WAYPOINT,
+from skyrange.vehicle.builtin import loop
+from skyrange.vehicle.builtin.arming.arming import start_takeoff
+from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, SubMode, Timer, Vehicle
+from skyrange.vehicle.builtin.flight_modes import rtl
+from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent
+from skyrange.vehicle.builtin.locations import location
+from skyrange.vehicle.builtin.mission import do_commands
+from skyrange.vehicle.builtin.mission.command_ids import (
+    NAV_DELAY,
+    NAV_LAND,
+    NAV_LOITER_TIME,
+    NAV_LOITER_TO_ALT,
+    NAV_LOITER_TURNS,
+    NAV_LOITER_UNLIM,
+    NAV_RETURN_TO_LAUNCH,
+    NAV_SPLINE_WAYPOINT,
+    NAV_TAKEOFF,
+    NAV_WAYPOINT,
 )
 
-_WITHOUT_STOP = frozenset((WAYPOINT, UNLIM, TIME))
+_WITHOUT_STOP = frozenset((NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LOITER_TIME))
 """Commands that a leg continues to without a stop (set_next_wp)."""
 _CHECK_NS = 20 * NS_PER_MS
 _NEAR_EDGE_M = 3.0  # circle_movetoedge_start
@@ -37,121 +41,131 @@ _INSIDE_M = 5.0
 Vector = tuple[float, float, float]
 
 
-def goal_of(fleet: Fleet, craft: Craft, slot: Slot, default: Vector) -> Vector:
+def location_of(fleet: Fleet, vehicle: Vehicle, item: MissionItem, default: Vector) -> Vector:
     """Return a command's place, ENU metres; latitude and longitude both 0, or altitude 0, mean those of `default`."""
     east, north, up = default
-    if slot.x != 0 or slot.y != 0:
-        east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
-    if slot.z != 0.0:
-        up = slot.z + places.datum_m(fleet, craft, slot.frame)
+    if item.x != 0 or item.y != 0:
+        east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
+    if item.z != 0.0:
+        up = item.z + location.altitude_datum_m(fleet, vehicle, item.frame)
     return east, north, up
 
 
-def _is_terrain_alt(slot: Slot) -> bool:
-    return slot.frame in places.TERRAIN_FRAMES
+def _is_terrain_alt(item: MissionItem) -> bool:
+    return item.frame in location.TERRAIN_FRAMES
 
 
-def _default_location(fleet: Fleet, craft: Craft) -> Vector:
+def _default_location(fleet: Fleet, vehicle: Vehicle) -> Vector:
     """Return the place that a command without one means: the destination reached, or the present position."""
-    row = craft.row
-    if fleet.control(craft) == Control.LEG and fleet.legs["reached"][row]:
-        east, north, up = fleet.legs["goal"][row].tolist()
+    row = vehicle.row
+    if fleet.control(vehicle) == ControlMode.LEG and fleet.legs["reached_destination"][row]:
+        east, north, up = fleet.legs["destination"][row].tolist()
         return east, north, up
-    return fleet.position(craft)
+    return fleet.position(vehicle)
 
 
-def begin(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> bool:
+def start_command(
+    fleet: Fleet, vehicle: Vehicle, item: MissionItem, after: MissionItem | None, then: MissionItem | None
+) -> bool:
     """Start a command; `False` where it is complete at once. `after` and `then` are the navigation commands behind it.
 
     On the ground only a take-off moves the aircraft, and only once `auto_armed`; other commands wait.
     """
-    command = slot.command
-    landed = fleet.landed(craft)
-    craft.target_causes = slot.causes or craft.mode_causes
-    if command == TAKEOFF:
-        here = fleet.position(craft)
-        up = max(goal_of(fleet, craft, slot, here)[2], here[2] + (1.0 if landed else 0.0))
-        if not landed or craft.ready:
-            take_off(fleet, craft, up)
+    command = item.command
+    landed = fleet.landed(vehicle)
+    vehicle.target_causes = item.causes or vehicle.mode_causes
+    if command == NAV_TAKEOFF:
+        here = fleet.position(vehicle)
+        up = max(location_of(fleet, vehicle, item, here)[2], here[2] + (1.0 if landed else 0.0))
+        if not landed or vehicle.auto_armed:
+            start_takeoff(fleet, vehicle, up)
         return True
-    if command == DELAY:
-        _do_nav_delay(fleet, craft, slot)
+    if command == NAV_DELAY:
+        _do_nav_delay(fleet, vehicle, item)
         return True
     if landed:  # these are complete at once, as in ArduPilot's verify_land and RTL::run
-        return command not in (RTL, LAND)
-    if command in (WAYPOINT, UNLIM, TIME, TO_ALT):
-        goal = goal_of(fleet, craft, slot, _default_location(fleet, craft))
-        _set_wp_destination(fleet, craft, goal)
-        facing.keep_or_default(fleet, craft)
-        if command == WAYPOINT:
-            _set_next_wp(fleet, craft, slot, goal, after, then)
-        elif command == TO_ALT:
-            fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
-    elif command == SPLINE:
-        _do_spline_wp(fleet, craft, slot, after, then)
-    elif command == TURNS:
-        _do_circle(fleet, craft, slot)
-    elif command == RTL:
-        returning.start(fleet, craft)
-    elif slot.x == 0 and slot.y == 0:
-        _start_landing(fleet, craft)
+        return command not in (NAV_RETURN_TO_LAUNCH, NAV_LAND)
+    if command in (NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LOITER_TIME, NAV_LOITER_TO_ALT):
+        goal = location_of(fleet, vehicle, item, _default_location(fleet, vehicle))
+        _set_wp_destination(fleet, vehicle, goal)
+        auto_yaw.keep_roi_or_default(fleet, vehicle)
+        if command == NAV_WAYPOINT:
+            _set_next_wp(fleet, vehicle, item, goal, after, then)
+        elif command == NAV_LOITER_TO_ALT:
+            fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)
+    elif command == NAV_SPLINE_WAYPOINT:
+        _do_spline_wp(fleet, vehicle, item, after, then)
+    elif command == NAV_LOITER_TURNS:
+        _do_circle(fleet, vehicle, item)
+    elif command == NAV_RETURN_TO_LAUNCH:
+        rtl.start(fleet, vehicle)
+    elif item.x == 0 and item.y == 0:
+        _start_landing(fleet, vehicle)
     else:
-        craft.stage = Stage.TRANSIT
-        east, north = fleet.origin.enu_of(slot.x * 1e-7, slot.y * 1e-7)
-        _set_wp_destination(fleet, craft, (east, north, fleet.position(craft)[2]))
-        facing.keep_or_default(fleet, craft)
+        vehicle.submode = SubMode.TRANSIT
+        east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
+        _set_wp_destination(fleet, vehicle, (east, north, fleet.position(vehicle)[2]))
+        auto_yaw.keep_roi_or_default(fleet, vehicle)
     return True
 
 
-def _set_wp_destination(fleet: Fleet, craft: Craft, goal: Vector) -> None:
-    anew = fleet.control(craft) != Control.LEG
-    wpnav.fly_to(fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(goal), anew)
-    craft.stage = Stage.TRANSIT if craft.stage == Stage.TRANSIT else Stage.NONE
+def _set_wp_destination(fleet: Fleet, vehicle: Vehicle, goal: Vector) -> None:
+    anew = fleet.control(vehicle) != ControlMode.LEG
+    wpnav.start_leg(
+        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(goal), anew
+    )
+    vehicle.submode = SubMode.TRANSIT if vehicle.submode == SubMode.TRANSIT else SubMode.NONE
 
 
-def _set_next_wp(fleet: Fleet, craft: Craft, slot: Slot, goal: Vector, after: Slot | None, then: Slot | None) -> None:
+def _set_next_wp(
+    fleet: Fleet, vehicle: Vehicle, item: MissionItem, goal: Vector, after: MissionItem | None, then: MissionItem | None
+) -> None:
     """Continue to the next command without a stop, unless a wait or another datum lies between (set_next_wp)."""
-    if slot.param1 > 0.0 or after is None:
+    if item.param1 > 0.0 or after is None:
         return
-    if after.command in _WITHOUT_STOP and _is_terrain_alt(after) == _is_terrain_alt(slot):
-        place = goal_of(fleet, craft, after, goal)
-        wpnav.fly_on_to(fleet.flight, fleet.legs, fleet.settings, craft.row, places.array(place))
-    elif after.command == SPLINE and _is_terrain_alt(after) == _is_terrain_alt(slot):
-        place, beyond, curved = _spline_points(fleet, craft, after, goal, then)
-        wpnav.curve_on(fleet.flight, fleet.legs, craft.row, places.array(place), places.array(beyond), curved)
+    if after.command in _WITHOUT_STOP and _is_terrain_alt(after) == _is_terrain_alt(item):
+        place = location_of(fleet, vehicle, after, goal)
+        wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, location.as_array(place))
+    elif after.command == NAV_SPLINE_WAYPOINT and _is_terrain_alt(after) == _is_terrain_alt(item):
+        place, beyond, curved = _spline_points(fleet, vehicle, after, goal, then)
+        wpnav.queue_spline(
+            fleet.flight, fleet.legs, vehicle.row, location.as_array(place), location.as_array(beyond), curved
+        )
 
 
 def _spline_points(
-    fleet: Fleet, craft: Craft, slot: Slot, default: Vector, after: Slot | None
+    fleet: Fleet, vehicle: Vehicle, item: MissionItem, default: Vector, after: MissionItem | None
 ) -> tuple[Vector, Vector, bool]:
     """Return (destination, the point that follows, whether on a curve) of a spline command (get_spline_from_cmd)."""
-    goal = goal_of(fleet, craft, slot, default)
-    if slot.param1 == 0.0 and after is not None and _is_terrain_alt(after) == _is_terrain_alt(slot):
-        return goal, goal_of(fleet, craft, after, goal), after.command == SPLINE
+    goal = location_of(fleet, vehicle, item, default)
+    if item.param1 == 0.0 and after is not None and _is_terrain_alt(after) == _is_terrain_alt(item):
+        return goal, location_of(fleet, vehicle, after, goal), after.command == NAV_SPLINE_WAYPOINT
     return goal, goal, False
 
 
-def _do_spline_wp(fleet: Fleet, craft: Craft, slot: Slot, after: Slot | None, then: Slot | None) -> None:
-    goal, beyond, curved = _spline_points(fleet, craft, slot, _default_location(fleet, craft), after)
-    wpnav.curve(
-        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, craft.row,
-        places.array(goal), places.array(beyond), curved,
+def _do_spline_wp(
+    fleet: Fleet, vehicle: Vehicle, item: MissionItem, after: MissionItem | None, then: MissionItem | None
+) -> None:
+    goal, beyond, curved = _spline_points(fleet, vehicle, item, _default_location(fleet, vehicle), after)
+    wpnav.start_spline(
+        fleet.estimate, fleet.flight, fleet.legs, fleet.settings, vehicle.row,
+        location.as_array(goal), location.as_array(beyond), curved,
     )  # fmt: skip
-    _set_next_wp(fleet, craft, slot, goal, after, then)
-    facing.keep_or_default(fleet, craft)
+    _set_next_wp(fleet, vehicle, item, goal, after, then)
+    auto_yaw.keep_roi_or_default(fleet, vehicle)
 
 
-def _do_circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Fly to the edge of the circle, then around it (do_circle, circle_movetoedge_start)."""
-    row, flight = craft.row, fleet.flight
-    here = fleet.position(craft)
-    centre = goal_of(fleet, craft, slot, here)
-    radius = abs(slot.param3) or fleet.param(craft, "CIRCLE_RADIUS") * 0.01
-    rate = math.radians(abs(fleet.param(craft, "CIRCLE_RATE")))
+    row, flight = vehicle.row, fleet.flight
+    here = fleet.position(vehicle)
+    centre = location_of(fleet, vehicle, item, here)
+    radius = abs(item.param3) or fleet.param(vehicle, "CIRCLE_RADIUS") * 0.01
+    rate = math.radians(abs(fleet.param(vehicle, "CIRCLE_RATE")))
     flight["centre"][row] = centre
     flight["circle_radius"][row] = radius
-    flight["circle_rate"][row] = -rate if slot.param3 < 0.0 else rate
-    stop = wpnav.rest_at(fleet.estimate, flight, fleet.settings, row)
+    flight["circle_rate"][row] = -rate if item.param3 < 0.0 else rate
+    stop = wpnav.stopping_point_of(fleet.estimate, flight, fleet.settings, row)
     away = math.dist(stop, centre)
     if away > 1e-6:
         east, north = (c + (s - c) / away * radius for c, s in zip(centre[:2], stop[:2], strict=True))
@@ -159,22 +173,22 @@ def _do_circle(fleet: Fleet, craft: Craft, slot: Slot) -> None:
         yaw = float(fleet.estimate["yaw"][row])
         east, north = centre[0] - radius * math.cos(yaw), centre[1] - radius * math.sin(yaw)
     if away <= _NEAR_EDGE_M:  # ArduPilot uses the distance to the centre here, not to the edge
-        _start_circle(fleet, craft)
+        _start_circle(fleet, vehicle)
         return
-    craft.stage = Stage.TRANSIT
-    _set_wp_destination(fleet, craft, (east, north, centre[2]))
-    if facing.kind(fleet, craft) != Heading.ROI:
+    vehicle.submode = SubMode.TRANSIT
+    _set_wp_destination(fleet, vehicle, (east, north, centre[2]))
+    if auto_yaw.mode(fleet, vehicle) != AutoYawMode.ROI:
         off = math.hypot(here[0] - centre[0], here[1] - centre[1])
         if off > radius and off > _INSIDE_M:
-            facing.default(fleet, craft)
+            auto_yaw.set_mode_to_default(fleet, vehicle)
         else:
-            facing.set_kind(fleet, craft, Heading.HOLD)
+            auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
 
 
-def _start_circle(fleet: Fleet, craft: Craft) -> None:
-    row, flight = craft.row, fleet.flight
-    craft.stage = Stage.NONE
-    east, north, up = wpnav.rest_at(fleet.estimate, flight, fleet.settings, row)
+def _start_circle(fleet: Fleet, vehicle: Vehicle) -> None:
+    row, flight = vehicle.row, fleet.flight
+    vehicle.submode = SubMode.NONE
+    east, north, up = wpnav.stopping_point_of(fleet.estimate, flight, fleet.settings, row)
     flight["ref_pos"][row] = (east, north, up)
     flight["ref_vel"][row] = flight["ref_acc"][row] = 0.0
     centre = flight["centre"][row]
@@ -182,84 +196,88 @@ def _start_circle(fleet: Fleet, craft: Craft) -> None:
         flight["circle_angle"][row] = math.atan2(north - centre[1], east - centre[0])
     else:
         flight["circle_angle"][row] = fleet.estimate["yaw"][row]
-    flight["circle_speed"][row] = flight["circle_total"][row] = 0.0
-    craft.circles = -1
-    if facing.kind(fleet, craft) != Heading.ROI:
-        along = int(fleet.param(craft, "CIRCLE_OPTIONS")) & 2
-        facing.set_kind(fleet, craft, Heading.NEXT if along else Heading.CIRCLE)
-    fleet.fly(craft, Control.CIRCLE)
+    flight["circle_ang_vel"][row] = flight["circle_angle_total"][row] = 0.0
+    vehicle.circles_completed = -1
+    if auto_yaw.mode(fleet, vehicle) != AutoYawMode.ROI:
+        along = int(fleet.param(vehicle, "CIRCLE_OPTIONS")) & 2
+        auto_yaw.set_mode(fleet, vehicle, AutoYawMode.LOOK_AT_NEXT_WP if along else AutoYawMode.CIRCLE)
+    fleet.set_control(vehicle, ControlMode.CIRCLE)
     flight["target_pos"][row] = (east, north, up)
-    fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
+    fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)
 
 
-def _do_nav_delay(fleet: Fleet, craft: Craft, slot: Slot) -> None:
+def _do_nav_delay(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Wait in place, in the air or on the ground: for some seconds, or until a time of day (do_nav_delay)."""
-    wait_s = slot.param1 if slot.param1 > 0.0 else do_items.clock_wait_s(fleet, slot.param2, slot.param3, slot.param4)
-    fleet.text(craft, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
-    fleet.timer(craft, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_items.WAIT_MAX_NS))
+    wait_s = (
+        item.param1
+        if item.param1 > 0.0
+        else do_commands.seconds_until_utc(fleet, item.param2, item.param3, item.param4)
+    )
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
+    fleet.set_timer(vehicle, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_commands.MAX_WAIT_NS))
 
 
-def _start_landing(fleet: Fleet, craft: Craft) -> None:
-    craft.stage = Stage.LAND
-    loop.hold(fleet.estimate, fleet.flight, craft.row)
-    facing.set_kind(fleet, craft, Heading.HOLD)
-    fleet.fly(craft, Control.LAND)
+def _start_landing(fleet: Fleet, vehicle: Vehicle) -> None:
+    vehicle.submode = SubMode.LAND
+    loop.init_reference(fleet.estimate, fleet.flight, vehicle.row)
+    auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
+    fleet.set_control(vehicle, ControlMode.LAND)
 
 
-def on_flag(fleet: Fleet, craft: Craft, slot: Slot, flag: Flag) -> bool:
+def verify_event(fleet: Fleet, vehicle: Vehicle, item: MissionItem, flag: FlightEvent) -> bool:
     """Process an event of the loop while a command is flown; whether it completes the command."""
-    command = slot.command
-    if flag is Flag.CLIMBED:
-        return bool(command == TAKEOFF)
-    if flag is Flag.LEVELLED:
-        return bool(command == TO_ALT)
-    if flag is not Flag.ARRIVED:
+    command = item.command
+    if flag is FlightEvent.TAKEOFF_COMPLETE:
+        return bool(command == NAV_TAKEOFF)
+    if flag is FlightEvent.ALTITUDE_REACHED:
+        return bool(command == NAV_LOITER_TO_ALT)
+    if flag is not FlightEvent.DESTINATION_REACHED:
         return False
-    if command in (WAYPOINT, SPLINE, TIME):
-        if slot.param1 > 0.0:
-            fleet.timer(craft, Timer.HOLD, fleet.now + from_seconds(slot.param1))
+    if command in (NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_LOITER_TIME):
+        if item.param1 > 0.0:
+            fleet.set_timer(vehicle, Timer.HOLD, fleet.now + from_seconds(item.param1))
             return False
         return True
-    if command == TURNS:
-        _start_circle(fleet, craft)
-    elif command == LAND:
-        _start_landing(fleet, craft)
-    elif command == RTL:
-        returning.arrived(fleet, craft)
-        return craft.stage == Stage.DESCEND
+    if command == NAV_LOITER_TURNS:
+        _start_circle(fleet, vehicle)
+    elif command == NAV_LAND:
+        _start_landing(fleet, vehicle)
+    elif command == NAV_RETURN_TO_LAUNCH:
+        rtl.on_destination_reached(fleet, vehicle)
+        return vehicle.submode == SubMode.FINAL_DESCENT
     return False
 
 
-def waited(fleet: Fleet, craft: Craft, slot: Slot) -> bool:
+def verify_timer(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
     """Process the expiry of the command's timer; whether it completes the command."""
-    row, flight = craft.row, fleet.flight
-    if slot.command == RTL:
-        returning.waited(fleet, craft)
+    row, flight = vehicle.row, fleet.flight
+    if item.command == NAV_RETURN_TO_LAUNCH:
+        rtl.on_timer(fleet, vehicle)
         return False
-    if slot.command == TURNS:
-        flown = abs(float(flight["circle_total"][row])) / (2.0 * math.pi)
-        if int(flown) != craft.circles:
-            craft.circles = int(flown)
-            words = f"Mission: starting circle {craft.circles + 1}/{int(slot.param1)}"
-            fleet.text(craft, dialect.MAV_SEVERITY_INFO, words)
-        if flown >= slot.param1:
+    if item.command == NAV_LOITER_TURNS:
+        flown = abs(float(flight["circle_angle_total"][row])) / (2.0 * math.pi)
+        if int(flown) != vehicle.circles_completed:
+            vehicle.circles_completed = int(flown)
+            words = f"Mission: starting circle {vehicle.circles_completed + 1}/{int(item.param1)}"
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, words)
+        if flown >= item.param1:
             return True
-        fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
+        fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)
         return False
-    if slot.command == TO_ALT:
-        if fleet.control(craft) == Control.LEG:
-            if do_items.distance_m(fleet, craft) < fleet.param(craft, "WPNAV_RADIUS") * 0.01:
-                _start_loiter_to_alt(fleet, craft, slot)
+    if item.command == NAV_LOITER_TO_ALT:
+        if fleet.control(vehicle) == ControlMode.LEG:
+            if do_commands.wp_distance_m(fleet, vehicle) < fleet.param(vehicle, "WPNAV_RADIUS") * 0.01:
+                _start_loiter_to_alt(fleet, vehicle, item)
             else:
-                fleet.timer(craft, Timer.HOLD, fleet.now + _CHECK_NS)
+                fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)
         return False
     return True
 
 
-def _start_loiter_to_alt(fleet: Fleet, craft: Craft, slot: Slot) -> None:
-    row, flight = craft.row, fleet.flight
-    up = slot.z + places.datum_m(fleet, craft, slot.frame)
-    flight["flags"][row] &= ~np.int64(Flag.LEVELLED)
-    flight["seen"][row] &= ~np.int64(Flag.LEVELLED)
-    fleet.fly(craft, Control.ALTITUDE)
+def _start_loiter_to_alt(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
+    row, flight = vehicle.row, fleet.flight
+    up = item.z + location.altitude_datum_m(fleet, vehicle, item.frame)
+    flight["flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)
+    flight["handled_flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)
+    fleet.set_control(vehicle, ControlMode.LOITER_TO_ALT)
     flight["target_pos"][row, 2] = up

@@ -1,1 +1,1 @@
-"""Mission protocol."""
+"""Mission protocol: upload and download of missions, fences and rally points."""

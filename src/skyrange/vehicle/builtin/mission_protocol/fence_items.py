@@ -10,9 +10,9 @@ import math
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
-from skyrange.vehicle.builtin.watch_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
+from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
+from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -54,7 +54,7 @@ _MAX_STORAGE_BYTES = 560
 """StorageFence of 15 areas: 48 + 256 + 256."""
 
 
-def _decode_item(message: Any, causes: Causes) -> tuple[int, Slot | None]:
+def _decode_item(message: Any, causes: Causes) -> tuple[int, MissionItem | None]:
     """Return (MAV_MISSION_RESULT, item) of one message (`convert_MISSION_ITEM_INT_to_AC_PolyFenceItem`)."""
     if message.frame not in _FRAMES:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
@@ -68,14 +68,14 @@ def _decode_item(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     elif message.command == _RETURN:
         value = 0.0
     x, y = lat_lon_e7(message)
-    return _ACCEPTED, Slot(message.command, dialect.MAV_FRAME_GLOBAL, value, x=x, y=y, causes=causes)
+    return _ACCEPTED, MissionItem(message.command, dialect.MAV_FRAME_GLOBAL, value, x=x, y=y, causes=causes)
 
 
-def _begin_upload(craft: Craft, upload: Upload, count: int | None) -> None:
-    upload.items = list(craft.fence) if count is None else [None] * count
+def _begin_upload(vehicle: Vehicle, upload: Upload, count: int | None) -> None:
+    upload.items = list(vehicle.fence) if count is None else [None] * count
 
 
-def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
+def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) -> int:
     if message.seq >= len(upload.items):
         return int(dialect.MAV_MISSION_INVALID_SEQUENCE)
     result, slot = _decode_item(message, causes)
@@ -84,7 +84,7 @@ def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> i
     return result
 
 
-def _validation_error(items: list[Slot]) -> str:
+def _validation_error(items: list[MissionItem]) -> str:
     """Return why the items make no valid fence, in ArduPilot's words, or "" (`validate_fence`)."""
     left, of, kind, returns = 0, 0, 0, 0
     for item in items:
@@ -112,7 +112,7 @@ def _validation_error(items: list[Slot]) -> str:
     return "Incorrect item count" if left else ""
 
 
-def _storage_bytes(items: list[Slot]) -> int:
+def _storage_bytes(items: list[MissionItem]) -> int:
     """Return the bytes that a valid fence takes (`fence_storage_space_required`)."""
     need, place = 4, 0
     while place < len(items):
@@ -126,28 +126,28 @@ def _storage_bytes(items: list[Slot]) -> int:
     return need
 
 
-def _complete_upload(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
+def _complete_upload(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
     items = [item for item in upload.items if item is not None]
     error = _validation_error(items)
     if error:
         severity = dialect.MAV_SEVERITY_INFO if error == "Incorrect item count" else dialect.MAV_SEVERITY_WARNING
-        fleet.text(craft, severity, error, causes)
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence validation failed", causes)
+        fleet.send_text(vehicle, severity, error, causes)
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Fence validation failed", causes)
         return int(dialect.MAV_MISSION_ERROR)
     if _storage_bytes(items) > _MAX_STORAGE_BYTES:
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Fence exceeds storage size", causes)
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Fence exceeds storage size", causes)
         return int(dialect.MAV_MISSION_ERROR)
-    _apply_fence(fleet, craft, items, causes)
+    _apply_fence(fleet, vehicle, items, causes)
     return _ACCEPTED
 
 
-def _apply_fence(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) -> None:
+def _apply_fence(fleet: Fleet, vehicle: Vehicle, items: list[MissionItem], causes: Causes) -> None:
     """Put a valid fence in force."""
-    craft.fence = items
-    fleet.note("event.fence", craft, {"items": len(items)}, causes)
-    zone = fleet.zones[craft.row]
+    vehicle.fence = items
+    fleet.note("event.fence", vehicle, {"items": len(items)}, causes)
+    zone = fleet.fence_zones[vehicle.row]
     zone["count"] = 0
-    zone["tightest"] = min((item.param1 for item in items if item.command == _CIRCLE_INCLUSION), default=0.0)
+    zone["min_circle_radius"] = min((item.param1 for item in items if item.command == _CIRCLE_INCLUSION), default=0.0)
     points = 0
     place = 0
     while place < len(items):
@@ -166,16 +166,16 @@ def _apply_fence(fleet: Fleet, craft: Craft, items: list[Slot], causes: Causes) 
         place += size
 
 
-def _clear_fence(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
-    _apply_fence(fleet, craft, [], causes)
+def _clear_fence(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
+    _apply_fence(fleet, vehicle, [], causes)
     return True
 
 
-FENCE: Final = plain_kind(
+FENCE: Final = simple_item_type(
     _NUMBER,
     MAX_FENCE_ITEMS,
     "Fence",
-    lambda craft: craft.fence,
+    lambda vehicle: vehicle.fence,
     _begin_upload,
     _store_item,
     _complete_upload,

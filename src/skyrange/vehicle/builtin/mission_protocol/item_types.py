@@ -10,64 +10,75 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
 
-Partner = tuple[int, int]
+Peer = tuple[int, int]
 """System id and component id of the other side."""
 
 
 _INVALID_DEG = 200.0  # degrees
 
 
-class ItemKind(NamedTuple):
+class ItemType(NamedTuple):
     """One MAV_MISSION_TYPE. Results are MAV_MISSION_RESULTs."""
 
-    number: int
-    most: int
+    mission_type: int
+    max_items: int
     """Maximum number of items."""
-    timeout: str
+    timeout_text: str
     """Text sent when an upload is abandoned."""
-    items: Callable[[Craft], list[Slot]]
+    items: Callable[[Vehicle], list[MissionItem]]
     """Return the stored items."""
-    begin: Callable[[Craft, Upload, int | None], None]
+    begin_upload: Callable[[Vehicle, Upload, int | None], None]
     """Start an upload of so many items, or (`None`) of a part of the present ones."""
-    put: Callable[[Craft, Upload, Any, Causes], int]
+    store_item: Callable[[Vehicle, Upload, Any, Causes], int]
     """Store one item of an upload."""
-    complete: Callable[[Fleet, Craft, Upload, Causes], int]
+    complete_upload: Callable[[Fleet, Vehicle, Upload, Causes], int]
     """Finish an upload whose items have all arrived."""
-    stopped: Callable[[Fleet, Craft], None]
+    abandon_upload: Callable[[Fleet, Vehicle], None]
     """Process an abandoned upload."""
-    message: Callable[[Fleet, Craft, int, Partner, bool], Any]
+    encode_item: Callable[[Fleet, Vehicle, int, Peer, bool], Any]
     """Return one item as MISSION_ITEM_INT (`True`) or MISSION_ITEM; `None` for an unknown number."""
-    clear: Callable[[Fleet, Craft, Causes], bool]
+    clear_items: Callable[[Fleet, Vehicle, Causes], bool]
     """Remove all items; `False` where that is refused."""
 
 
-def plain_kind(
+def simple_item_type(
     number: int,
     most: int,
     name: str,
-    items: Callable[[Craft], list[Slot]],
-    begin: Callable[[Craft, Upload, int | None], None],
-    put: Callable[[Craft, Upload, Any, Causes], int],
-    complete: Callable[[Fleet, Craft, Upload, Causes], int],
-    clear: Callable[[Fleet, Craft, Causes], bool],
-) -> ItemKind:
+    items: Callable[[Vehicle], list[MissionItem]],
+    begin_upload: Callable[[Vehicle, Upload, int | None], None],
+    store_item: Callable[[Vehicle, Upload, Any, Causes], int],
+    complete_upload: Callable[[Fleet, Vehicle, Upload, Causes], int],
+    clear_items: Callable[[Fleet, Vehicle, Causes], bool],
+) -> ItemType:
     """Return an item type whose items have one parameter and whose abandoned uploads need no action."""
 
-    def message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
-        slots = items(craft)
-        return _encode_simple_item(number, slots[seq], seq, partner, whole) if seq < len(slots) else None
+    def message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, whole: bool) -> Any:
+        slots = items(vehicle)
+        return _encode_simple_item(number, slots[seq], seq, peer, whole) if seq < len(slots) else None
 
-    def stopped(fleet: Fleet, craft: Craft) -> None:
+    def stopped(fleet: Fleet, vehicle: Vehicle) -> None:
         pass
 
-    return ItemKind(number, most, f"{name} upload timeout", items, begin, put, complete, stopped, message, clear)
+    return ItemType(
+        number,
+        most,
+        f"{name} upload timeout",
+        items,
+        begin_upload,
+        store_item,
+        complete_upload,
+        stopped,
+        message,
+        clear_items,
+    )
 
 
-def _encode_simple_item(kind: int, slot: Slot, seq: int, partner: Partner, whole: bool) -> Any:
+def _encode_simple_item(kind: int, slot: MissionItem, seq: int, peer: Peer, whole: bool) -> Any:
     """Return a stored item as MISSION_ITEM_INT (`whole`) or MISSION_ITEM; param1 is its only parameter."""
-    head = (*partner, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
+    head = (*peer, seq, slot.frame, slot.command, 0, 0, slot.param1, 0.0, 0.0, 0.0)
     if whole:
         return dialect.MAVLink_mission_item_int_message(*head, slot.x, slot.y, slot.z, kind)
     return dialect.MAVLink_mission_item_message(*head, slot.x * 1e-7, slot.y * 1e-7, slot.z, kind)

@@ -8,9 +8,9 @@ from __future__ import annotations
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, Slot, Upload
-from skyrange.vehicle.builtin.rally import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
-from skyrange.vehicle.builtin.transfer_kinds import lat_lon_e7, plain_kind
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
+from skyrange.vehicle.builtin.locations.rally import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
+from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_RALLY
 _ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -28,7 +28,7 @@ _FRAMES = {
 """The frame in which a point is stored, by the frame of its item."""
 
 
-def _decode_item(message: Any, causes: Causes) -> tuple[int, Slot | None]:
+def _decode_item(message: Any, causes: Causes) -> tuple[int, MissionItem | None]:
     """Return (MAV_MISSION_RESULT, item) of one message (`convert_MISSION_ITEM_INT_to_RallyLocation`)."""
     if message.command != dialect.MAV_CMD_NAV_RALLY_POINT:
         return int(dialect.MAV_MISSION_UNSUPPORTED), None
@@ -42,34 +42,43 @@ def _decode_item(message: Any, causes: Causes) -> tuple[int, Slot | None]:
     if message.frame not in _FRAMES:
         return int(dialect.MAV_MISSION_UNSUPPORTED_FRAME), None
     # 16 bits of whole metres, as ArduPilot stores it
-    return _ACCEPTED, Slot(message.command, _FRAMES[message.frame], x=x, y=y, z=float(int(message.z)), causes=causes)
+    return _ACCEPTED, MissionItem(
+        message.command, _FRAMES[message.frame], x=x, y=y, z=float(int(message.z)), causes=causes
+    )
 
 
-def _begin_upload(craft: Craft, upload: Upload, count: int | None) -> None:
+def _begin_upload(vehicle: Vehicle, upload: Upload, count: int | None) -> None:
     if count is not None:
-        del craft.rally[count:]
+        del vehicle.rally[count:]
 
 
-def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
-    if message.seq > min(len(craft.rally), MAX_ITEMS - 1):
+def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) -> int:
+    if message.seq > min(len(vehicle.rally), MAX_ITEMS - 1):
         return int(dialect.MAV_MISSION_ERROR)
     result, slot = _decode_item(message, causes)
     if slot is not None:
-        craft.rally[message.seq : message.seq + 1] = [slot]
+        vehicle.rally[message.seq : message.seq + 1] = [slot]
     return result
 
 
-def _complete_upload(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
-    fleet.note("event.rally", craft, {"items": len(craft.rally)}, causes)
+def _complete_upload(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
+    fleet.note("event.rally", vehicle, {"items": len(vehicle.rally)}, causes)
     return _ACCEPTED
 
 
-def _clear_points(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
-    craft.rally.clear()
-    fleet.note("event.rally", craft, {"items": 0}, causes)
+def _clear_points(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
+    vehicle.rally.clear()
+    fleet.note("event.rally", vehicle, {"items": 0}, causes)
     return True
 
 
-RALLY: Final = plain_kind(
-    _NUMBER, MAX_ITEMS, "Rally", lambda craft: craft.rally, _begin_upload, _store_item, _complete_upload, _clear_points
+RALLY: Final = simple_item_type(
+    _NUMBER,
+    MAX_ITEMS,
+    "Rally",
+    lambda vehicle: vehicle.rally,
+    _begin_upload,
+    _store_item,
+    _complete_upload,
+    _clear_points,
 )

@@ -12,14 +12,15 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.vehicle.builtin import navigator, old_items
-from skyrange.vehicle.builtin.fence_items import FENCE
-from skyrange.vehicle.builtin.fleet import Causes, Craft, Fleet, MissionState, Timer, Upload
-from skyrange.vehicle.builtin.mission_items import ACCEPTED, item_message, slot_of
-from skyrange.vehicle.builtin.mission_kinds import JUMP
-from skyrange.vehicle.builtin.rally_items import RALLY
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle
+from skyrange.vehicle.builtin.mission import execution
+from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP
+from skyrange.vehicle.builtin.mission.items import ACCEPTED, decode_item, encode_item
+from skyrange.vehicle.builtin.mission_protocol import legacy_protocol
+from skyrange.vehicle.builtin.mission_protocol.fence_items import FENCE
+from skyrange.vehicle.builtin.mission_protocol.item_types import ItemType, Peer
+from skyrange.vehicle.builtin.mission_protocol.rally_items import RALLY
 from skyrange.vehicle.builtin.telemetry import table
-from skyrange.vehicle.builtin.transfer_kinds import ItemKind, Partner
 
 MAX_ITEMS = 650
 """Items that fit with home: (2422 + 2132 + 5204 − 4) / 15 bytes of ArduCopter's 16 KiB storage
@@ -28,260 +29,269 @@ RETRY_NS = NS_PER_S
 GIVE_UP_NS = 8 * NS_PER_S
 
 
-def _begin_mission(craft: Craft, upload: Upload, count: int | None) -> None:
+def _begin_mission(vehicle: Vehicle, upload: Upload, count: int | None) -> None:
     if count is not None:
-        del craft.mission[count:]
+        del vehicle.mission[count:]
 
 
-def _store_item(craft: Craft, upload: Upload, message: Any, causes: Causes) -> int:
+def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) -> int:
     """Store an item at its place, replacing or appending; return the result code."""
-    result, slot = slot_of(message, causes)
+    result, slot = decode_item(message, causes)
     if slot is None:
         return result
-    count = len(craft.mission)
-    if slot.command == JUMP:
+    count = len(vehicle.mission)
+    if slot.command == DO_JUMP:
         target = int(slot.param1)
         if target == 0 or (target >= count and target > upload.last):
             return int(dialect.MAV_MISSION_ERROR)
     if message.seq < count:
-        craft.mission[message.seq] = slot
+        vehicle.mission[message.seq] = slot
     elif message.seq == count:
-        craft.mission.append(slot)
+        vehicle.mission.append(slot)
     else:
         return int(dialect.MAV_MISSION_ERROR)
     return result
 
 
-def _complete_mission(fleet: Fleet, craft: Craft, upload: Upload, causes: Causes) -> int:
+def _complete_mission(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
     """Report that the mission is complete, and inform AUTO."""
-    fleet.text(craft, dialect.MAV_SEVERITY_INFO, "Flight plan received")
-    fleet.note("event.mission", craft, {"items": len(craft.mission)}, causes)
-    navigator.changed(fleet, craft)
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Flight plan received")
+    fleet.note("event.mission", vehicle, {"items": len(vehicle.mission)}, causes)
+    execution.on_mission_changed(fleet, vehicle)
     return int(ACCEPTED)
 
 
-def _clear_mission(fleet: Fleet, craft: Craft, causes: Causes) -> bool:
+def _clear_mission(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> bool:
     """Remove the mission. While armed, a running mission is kept (AP_Mission::clear)."""
-    if fleet.armed(craft) and craft.mission_state == MissionState.ACTIVE:
+    if fleet.armed(vehicle) and vehicle.mission_state == MissionState.ACTIVE:
         return False
-    craft.mission.clear()
-    navigator.changed(fleet, craft)
-    navigator.reset(craft)
-    craft.mission_state = MissionState.NONE
-    fleet.note("event.mission", craft, {"items": 0}, causes)
+    vehicle.mission.clear()
+    execution.on_mission_changed(fleet, vehicle)
+    execution.reset(vehicle)
+    vehicle.mission_state = MissionState.NONE
+    fleet.note("event.mission", vehicle, {"items": 0}, causes)
     return True
 
 
-def _mission_message(fleet: Fleet, craft: Craft, seq: int, partner: Partner, whole: bool) -> Any:
+def _mission_message(fleet: Fleet, vehicle: Vehicle, seq: int, peer: Peer, whole: bool) -> Any:
     """Return one item as a message; home can always be read."""
-    return item_message(fleet, craft, seq, partner, whole) if seq == 0 or seq < len(craft.mission) else None
+    return encode_item(fleet, vehicle, seq, peer, whole) if seq == 0 or seq < len(vehicle.mission) else None
 
 
-_MISSION = ItemKind(
-    number=dialect.MAV_MISSION_TYPE_MISSION,
-    most=MAX_ITEMS,
-    timeout="Mission upload timeout",
-    items=lambda craft: craft.mission,
-    begin=_begin_mission,
-    put=_store_item,
-    complete=_complete_mission,
-    stopped=navigator.changed,
-    message=_mission_message,
-    clear=_clear_mission,
+_MISSION = ItemType(
+    mission_type=dialect.MAV_MISSION_TYPE_MISSION,
+    max_items=MAX_ITEMS,
+    timeout_text="Mission upload timeout",
+    items=lambda vehicle: vehicle.mission,
+    begin_upload=_begin_mission,
+    store_item=_store_item,
+    complete_upload=_complete_mission,
+    abandon_upload=execution.on_mission_changed,
+    encode_item=_mission_message,
+    clear_items=_clear_mission,
 )
-KINDS = {kind.number: kind for kind in (_MISSION, FENCE, RALLY)}
+ITEM_TYPES = {kind.mission_type: kind for kind in (_MISSION, FENCE, RALLY)}
 """Item types by MAV_MISSION_TYPE."""
 
 
-def _send_ack(fleet: Fleet, craft: Craft, partner: Partner, result: int, kind: int, causes: Causes = ()) -> None:
-    fleet.send(craft, dialect.MAVLink_mission_ack_message(*partner, result, kind), causes)
+def _send_ack(fleet: Fleet, vehicle: Vehicle, peer: Peer, result: int, kind: int, causes: Causes = ()) -> None:
+    fleet.send(vehicle, dialect.MAVLink_mission_ack_message(*peer, result, kind), causes)
 
 
-def _item_type(fleet: Fleet, craft: Craft, message: Any, partner: Partner) -> ItemKind | None:
+def _item_type(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer) -> ItemType | None:
     """Return the item type that a message is about; refuse an unknown one."""
-    kind = KINDS.get(message.mission_type)
+    kind = ITEM_TYPES.get(message.mission_type)
     if kind is None:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_UNSUPPORTED, message.mission_type)
     return kind
 
 
-def _deny_during_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+def _deny_during_upload(fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType) -> bool:
     """Whether an upload is in progress, which a download or partial write must not disturb; refuse the request then."""
-    busy = craft.uploads[kind.number].active
+    busy = vehicle.uploads[kind.mission_type].active
     if busy:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_DENIED, kind.mission_type)
     return busy
 
 
-def _cancel_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind) -> bool:
+def _cancel_upload(fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType) -> bool:
     """End the peer's own upload; `False` and a denial where another peer is uploading."""
-    upload = craft.uploads[kind.number]
-    if upload.active and upload.partner != partner:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+    upload = vehicle.uploads[kind.mission_type]
+    if upload.active and upload.peer != peer:
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_DENIED, kind.mission_type)
         return False
-    _end_upload(fleet, craft, kind)
+    _end_upload(fleet, vehicle, kind)
     return True
 
 
-def _end_upload(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
-    craft.uploads[kind.number] = Upload()
-    _set_retry_timer(fleet, craft)
+def _end_upload(fleet: Fleet, vehicle: Vehicle, kind: ItemType) -> None:
+    vehicle.uploads[kind.mission_type] = Upload()
+    _set_retry_timer(fleet, vehicle)
 
 
-def _set_retry_timer(fleet: Fleet, craft: Craft) -> None:
+def _set_retry_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """Set the timer to when the first requested item is overdue."""
-    due = (upload.asked_ns + RETRY_NS for upload in craft.uploads if upload.active)
-    fleet.timer(craft, Timer.UPLOAD, min(due, default=NEVER))
+    due = (upload.asked_ns + RETRY_NS for upload in vehicle.uploads if upload.active)
+    fleet.set_timer(vehicle, Timer.UPLOAD, min(due, default=NEVER))
 
 
-def _request_item(fleet: Fleet, craft: Craft, kind: ItemKind) -> None:
+def _request_item(fleet: Fleet, vehicle: Vehicle, kind: ItemType) -> None:
     """Request the next item."""
-    upload = craft.uploads[kind.number]
-    fleet.send(craft, dialect.MAVLink_mission_request_message(*upload.partner, upload.next, kind.number))
+    upload = vehicle.uploads[kind.mission_type]
+    fleet.send(vehicle, dialect.MAVLink_mission_request_message(*upload.peer, upload.next, kind.mission_type))
     upload.asked_ns = fleet.now
-    _set_retry_timer(fleet, craft)
+    _set_retry_timer(fleet, vehicle)
 
 
 def _start_upload(
-    fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, span: tuple[int, int], whole: bool
+    fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, span: tuple[int, int], whole: bool
 ) -> None:
     """Start to request the items of a span (first, last)."""
-    upload = Upload(True, span[0], span[1], partner, fleet.now)
-    craft.warned -= {(kind.number, old) for old in old_items.WARNINGS}
-    craft.uploads[kind.number] = upload
-    kind.begin(craft, upload, span[1] + 1 if whole else None)
-    _request_item(fleet, craft, kind)
+    upload = Upload(True, span[0], span[1], peer, fleet.now)
+    vehicle.legacy_warned -= {(kind.mission_type, old) for old in legacy_protocol.WARNING_TEXTS}
+    vehicle.uploads[kind.mission_type] = upload
+    kind.begin_upload(vehicle, upload, span[1] + 1 if whole else None)
+    _request_item(fleet, vehicle, kind)
 
 
-def on_count(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_count(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_COUNT: start an upload. Items of a mission or rally points beyond its end are removed at once."""
-    kind = _item_type(fleet, craft, message, partner)
-    if kind is None or not _cancel_upload(fleet, craft, partner, kind):
+    kind = _item_type(fleet, vehicle, message, peer)
+    if kind is None or not _cancel_upload(fleet, vehicle, peer, kind):
         return
-    if message.count > kind.most:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_NO_SPACE, kind.number)
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, f"Only {kind.most} items are supported")
+    if message.count > kind.max_items:
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_NO_SPACE, kind.mission_type)
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, f"Only {kind.max_items} items are supported")
     elif message.count == 0:
-        kind.begin(craft, craft.uploads[kind.number], 0)
-        _complete_upload(fleet, craft, partner, kind, causes)
+        kind.begin_upload(vehicle, vehicle.uploads[kind.mission_type], 0)
+        _complete_upload(fleet, vehicle, peer, kind, causes)
     else:
-        _start_upload(fleet, craft, partner, kind, (0, message.count - 1), True)
+        _start_upload(fleet, vehicle, peer, kind, (0, message.count - 1), True)
 
 
-def on_write_partial(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_write_partial(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_WRITE_PARTIAL_LIST: start an upload of the items from start to end; the rest stays."""
-    kind = _item_type(fleet, craft, message, partner)
-    if kind is None or _deny_during_upload(fleet, craft, partner, kind):
+    kind = _item_type(fleet, vehicle, message, peer)
+    if kind is None or _deny_during_upload(fleet, vehicle, peer, kind):
         return
-    if not 0 <= message.start_index <= message.end_index <= len(kind.items(craft)):
-        fleet.text(craft, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+    if not 0 <= message.start_index <= message.end_index <= len(kind.items(vehicle)):
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, "Flight plan update rejected")
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_ERROR, kind.mission_type)
         return
-    _start_upload(fleet, craft, partner, kind, (message.start_index, message.end_index), False)
+    _start_upload(fleet, vehicle, peer, kind, (message.start_index, message.end_index), False)
 
 
-def on_item(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_item(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_ITEM_INT or MISSION_ITEM: the requested item, or a guided target of the deprecated kind."""
     old = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_ITEM
-    bad = old_items.bad_place(message) if old else None
+    bad = legacy_protocol.location_error(message) if old else None
     if bad is not None:  # it cannot be converted to MISSION_ITEM_INT: the upload continues without it
-        _send_ack(fleet, craft, partner, bad, message.mission_type)
+        _send_ack(fleet, vehicle, peer, bad, message.mission_type)
         return
-    if message.mission_type == dialect.MAV_MISSION_TYPE_MISSION and message.current in old_items.MARKS:
-        _send_ack(fleet, craft, partner, old_items.obey(fleet, craft, message, causes), message.mission_type)
+    if (
+        message.mission_type == dialect.MAV_MISSION_TYPE_MISSION
+        and message.current in legacy_protocol.IMMEDIATE_CURRENT
+    ):
+        _send_ack(
+            fleet,
+            vehicle,
+            peer,
+            legacy_protocol.execute_immediately(fleet, vehicle, message, causes),
+            message.mission_type,
+        )
         return
-    kind = _item_type(fleet, craft, message, partner)
+    kind = _item_type(fleet, vehicle, message, peer)
     if kind is None:
         return
     if old:
-        old_items.warn(fleet, craft, message, kind.number)
-    upload = craft.uploads[kind.number]
+        legacy_protocol.send_deprecation_text(fleet, vehicle, message, kind.mission_type)
+    upload = vehicle.uploads[kind.mission_type]
     if not upload.active:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_ERROR, kind.number)
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_ERROR, kind.mission_type)
         return
     if message.seq != upload.next:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.mission_type)
         return
-    if partner != upload.partner:
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_DENIED, kind.number)
+    if peer != upload.peer:
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_DENIED, kind.mission_type)
         return
-    result = kind.put(craft, upload, message, causes)
+    result = kind.store_item(vehicle, upload, message, causes)
     if result != ACCEPTED:
-        _end_upload(fleet, craft, kind)
-        _send_ack(fleet, craft, partner, result, kind.number)
+        _end_upload(fleet, vehicle, kind)
+        _send_ack(fleet, vehicle, peer, result, kind.mission_type)
         return
     upload.received_ns = fleet.now
     upload.next += 1
     if upload.next > upload.last:
-        _complete_upload(fleet, craft, partner, kind, causes)
+        _complete_upload(fleet, vehicle, peer, kind, causes)
     else:
-        _request_item(fleet, craft, kind)
+        _request_item(fleet, vehicle, kind)
 
 
-def _complete_upload(fleet: Fleet, craft: Craft, partner: Partner, kind: ItemKind, causes: Causes) -> None:
+def _complete_upload(fleet: Fleet, vehicle: Vehicle, peer: Peer, kind: ItemType, causes: Causes) -> None:
     """Finish an upload whose items have all arrived."""
-    upload = craft.uploads[kind.number]
-    _end_upload(fleet, craft, kind)
-    result = kind.complete(fleet, craft, upload, causes)
-    _send_ack(fleet, craft, partner, result, kind.number, causes)
+    upload = vehicle.uploads[kind.mission_type]
+    _end_upload(fleet, vehicle, kind)
+    result = kind.complete_upload(fleet, vehicle, upload, causes)
+    _send_ack(fleet, vehicle, peer, result, kind.mission_type, causes)
 
 
-def on_request_list(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_request_list(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_REQUEST_LIST: answer with the number of items."""
-    kind = _item_type(fleet, craft, message, partner)
-    if kind is not None and not _deny_during_upload(fleet, craft, partner, kind):
-        count = len(kind.items(craft))
-        fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
+    kind = _item_type(fleet, vehicle, message, peer)
+    if kind is not None and not _deny_during_upload(fleet, vehicle, peer, kind):
+        count = len(kind.items(vehicle))
+        fleet.send(vehicle, dialect.MAVLink_mission_count_message(*peer, count, kind.mission_type))
 
 
-def on_request(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_request(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_REQUEST_INT or MISSION_REQUEST: send one item, or the count for a number beyond the end."""
-    kind = KINDS.get(message.mission_type)  # an unknown type gets no answer
-    if kind is None or _deny_during_upload(fleet, craft, partner, kind):
+    kind = ITEM_TYPES.get(message.mission_type)  # an unknown type gets no answer
+    if kind is None or _deny_during_upload(fleet, vehicle, peer, kind):
         return
     whole = message.get_msgId() == dialect.MAVLINK_MSG_ID_MISSION_REQUEST_INT
-    item = kind.message(fleet, craft, message.seq, partner, whole)
+    item = kind.encode_item(fleet, vehicle, message.seq, peer, whole)
     if item is None:
         if whole:
-            count = len(kind.items(craft))
-            fleet.send(craft, dialect.MAVLink_mission_count_message(*partner, count, kind.number))
-        _send_ack(fleet, craft, partner, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.number)
+            count = len(kind.items(vehicle))
+            fleet.send(vehicle, dialect.MAVLink_mission_count_message(*peer, count, kind.mission_type))
+        _send_ack(fleet, vehicle, peer, dialect.MAV_MISSION_INVALID_SEQUENCE, kind.mission_type)
         return
     if not whole:
-        old_items.warn(fleet, craft, message, kind.number)
-    fleet.send(craft, item)
+        legacy_protocol.send_deprecation_text(fleet, vehicle, message, kind.mission_type)
+    fleet.send(vehicle, item)
 
 
-def on_clear_all(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_clear_all(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_CLEAR_ALL: remove all items of one type; MAV_MISSION_TYPE_ALL is refused, as by ArduPilot."""
-    kind = _item_type(fleet, craft, message, partner)
+    kind = _item_type(fleet, vehicle, message, peer)
     if kind is None:
         return
-    mine = _cancel_upload(fleet, craft, partner, kind)  # during another peer's upload: a denial, then an error
-    result = ACCEPTED if mine and kind.clear(fleet, craft, causes) else dialect.MAV_MISSION_ERROR
-    _send_ack(fleet, craft, partner, result, kind.number, causes)
+    mine = _cancel_upload(fleet, vehicle, peer, kind)  # during another peer's upload: a denial, then an error
+    result = ACCEPTED if mine and kind.clear_items(fleet, vehicle, causes) else dialect.MAV_MISSION_ERROR
+    _send_ack(fleet, vehicle, peer, result, kind.mission_type, causes)
 
 
-def on_set_current(fleet: Fleet, craft: Craft, message: Any, partner: Partner, causes: Causes) -> None:
+def on_set_current(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_SET_CURRENT: answer success with MISSION_CURRENT of that number, failure with nothing."""
-    if navigator.set_current(fleet, craft, message.seq):
-        told = table.message(fleet, craft, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+    if execution.set_current_cmd(fleet, vehicle, message.seq):
+        told = table.build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
         assert told is not None
         told.seq = message.seq
-        fleet.send(craft, told, causes)
+        fleet.send(vehicle, told, causes)
 
 
-def on_timer(fleet: Fleet, craft: Craft) -> None:
+def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
     """Request overdue items again, or abandon the upload after 8 s."""
-    for kind in KINDS.values():
-        upload = craft.uploads[kind.number]
+    for kind in ITEM_TYPES.values():
+        upload = vehicle.uploads[kind.mission_type]
         if not upload.active or fleet.now - upload.asked_ns < RETRY_NS:
             continue
         if fleet.now - upload.received_ns > GIVE_UP_NS:
-            _end_upload(fleet, craft, kind)
-            fleet.text(craft, dialect.MAV_SEVERITY_WARNING, kind.timeout)
-            _send_ack(fleet, craft, upload.partner, dialect.MAV_MISSION_OPERATION_CANCELLED, kind.number)
-            kind.stopped(fleet, craft)
+            _end_upload(fleet, vehicle, kind)
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, kind.timeout_text)
+            _send_ack(fleet, vehicle, upload.peer, dialect.MAV_MISSION_OPERATION_CANCELLED, kind.mission_type)
+            kind.abandon_upload(fleet, vehicle)
         else:
-            _request_item(fleet, craft, kind)
-    _set_retry_timer(fleet, craft)
+            _request_item(fleet, vehicle, kind)
+    _set_retry_timer(fleet, vehicle)

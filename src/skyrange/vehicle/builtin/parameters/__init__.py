@@ -1,1 +1,1 @@
-"""Parameters."""
+"""Parameters: the table and the names of other firmware versions."""

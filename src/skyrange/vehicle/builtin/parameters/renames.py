@@ -83,19 +83,19 @@ RENAMED: Final = _renamed()
 """4.7 name → (4.6 name, factor from a 4.7 value to a 4.6 value, or `_INVERSE`)."""
 
 
-def nominal(name: str) -> str:
+def canonical_name(name: str) -> str:
     """Return the 4.6 name of a parameter; 4.6 names and unknown ones are kept. Case is ignored (AP_Param::find)."""
     upper = name.upper()
     return RENAMED[upper][0] if upper in RENAMED else upper
 
 
-def to_nominal(name: str, value: float) -> float:
+def to_canonical(name: str, value: float) -> float:
     """Convert a finite value of `name` to the 4.6 unit."""
     factor = RENAMED.get(name.upper(), ("", 1.0))[1]
     return value * factor if factor != _INVERSE else _inverted(value)
 
 
-def from_nominal(name: str, value: float) -> float:
+def from_canonical(name: str, value: float) -> float:
     """Convert a value in the 4.6 unit to the unit of `name`."""
     factor = RENAMED.get(name.upper(), ("", 1.0))[1]
     if factor == _INVERSE:

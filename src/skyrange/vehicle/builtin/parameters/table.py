@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.errors import Fault, InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.vehicle.builtin.layout import Records
-from skyrange.vehicle.builtin.parameter_names import from_nominal, nominal, to_nominal
+from skyrange.vehicle.builtin.parameters.renames import canonical_name, from_canonical, to_canonical
 from skyrange.world.airframes import Airframe
 
 _REAL32 = dialect.MAV_PARAM_TYPE_REAL32
@@ -290,8 +290,8 @@ PARAMETERS: Final = tuple(
 """Every parameter, by name. The position in this table is the index of the protocol."""
 
 INDEX: Final = {parameter.name: index for index, parameter in enumerate(PARAMETERS)}
-LOW: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
-HIGH: Final = np.array([parameter.high for parameter in PARAMETERS], dtype=np.float64)
+MIN_VALUES: Final = np.array([parameter.low for parameter in PARAMETERS], dtype=np.float64)
+MAX_VALUES: Final = np.array([parameter.high for parameter in PARAMETERS], dtype=np.float64)
 
 _LOOP_PREFIXES = ("ANGLE_MAX", "ATC_", "LAND_", "LOIT_", "MOT_", "PILOT_", "PSC_", "TKOFF_", "WP")
 """Parameters read in every step come first in the record and side by side, so that the rest costs no cache lines."""
@@ -304,11 +304,11 @@ def _settings_names() -> tuple[str, ...]:
     return tuple(sorted(names, key=lambda name: (not name.startswith(_LOOP_PREFIXES), name)))
 
 
-IN_KERNELS: Final = _settings_names()
-SETTINGS: Final = np.dtype([(name, "f8") for name in IN_KERNELS])
+SETTINGS_NAMES: Final = _settings_names()
+SETTINGS: Final = np.dtype([(name, "f8") for name in SETTINGS_NAMES])
 """The parameters of one aircraft as a record, limited to their ranges."""
 
-TUNING: Final[Mapping[str, Mapping[str, float]]] = {
+AIRFRAME_TUNING: Final[Mapping[str, Mapping[str, float]]] = {
     # The Iris has a quarter of the yaw authority that ArduCopter's defaults are meant for (4 rad/s² at full
     # yaw): the rate loop has higher gains and lower targets, as in a tuned aircraft's parameter file.
     "iris": {"ATC_RAT_YAW_P": 1.5, "ATC_RAT_YAW_I": 0.15, "ATC_RAT_YAW_FLTE": 20, "ATC_ACCEL_Y_MAX": 6000},
@@ -322,7 +322,7 @@ TUNING: Final[Mapping[str, Mapping[str, float]]] = {
 _LIMITS: Final = {_INT8: (-128.0, 127.0), _INT16: (-32768.0, 32767.0), _INT32: (-2147483648.0, 2147483647.0)}
 
 
-def stored(parameter: Parameter, value: float) -> float:
+def stored_value(parameter: Parameter, value: float) -> float:
     """Return a finite value as ArduPilot stores it (AP_Param::set_float): single precision, or a truncated integer."""
     limits = _LIMITS.get(parameter.kind)
     if limits is None:
@@ -345,55 +345,55 @@ def hover_throttle(airframe: Airframe) -> float:
     return (1.0 - airframe.thrust_expo) * part + airframe.thrust_expo * part * part
 
 
-def held(parameter: Parameter, value: float) -> float:
+def value_in_range(parameter: Parameter, value: float) -> float:
     """Return the value that takes effect: `value` limited to the range."""
     return min(max(value, parameter.low), parameter.high)
 
 
-def start_values(who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]) -> NDArray[np.float64]:
+def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]) -> NDArray[np.float64]:
     """Return (parameters,) initial values: defaults, the airframe's tuning, then `given`, with names of any version.
 
     Raises `InputError` with every unknown name and every value that is not finite or out of range.
     """
     values = {parameter.name: parameter.default for parameter in PARAMETERS}
-    values.update(TUNING.get(airframe.name, {}))
+    values.update(AIRFRAME_TUNING.get(airframe.name, {}))
     values["MOT_THST_HOVER"] = hover_throttle(airframe)
     values["MOT_THST_EXPO"] = airframe.thrust_expo
     values["SYSID_THISMAV"] = system_id
     problems = []
     taken: dict[str, str] = {}
     for name, value in given.items():
-        known = nominal(name)
+        known = canonical_name(name)
         parameter = PARAMETERS[INDEX[known]] if known in INDEX else None
         told = f"{name} ({known})" if known != name else name
         if parameter is None:
-            problems.append(Fault(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
+            problems.append(Problem(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
         elif known in taken:
-            problems.append(Fault(told, str(value), f"given once; {taken[known]} is the same parameter"))
-        elif not (math.isfinite(value) and parameter.low <= to_nominal(name, value) <= parameter.high):
-            low, high = from_nominal(name, parameter.low), from_nominal(name, parameter.high)
-            problems.append(Fault(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
+            problems.append(Problem(told, str(value), f"given once; {taken[known]} is the same parameter"))
+        elif not (math.isfinite(value) and parameter.low <= to_canonical(name, value) <= parameter.high):
+            low, high = from_canonical(name, parameter.low), from_canonical(name, parameter.high)
+            problems.append(Problem(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
         elif known == "SYSID_THISMAV":
-            problems.append(Fault(told, str(value), "the vehicle's system_id, which sets it"))
+            problems.append(Problem(told, str(value), "the vehicle's system_id, which sets it"))
         else:
-            values[known] = to_nominal(name, value)
+            values[known] = to_canonical(name, value)
         taken.setdefault(known, name)
     if problems:
         raise InputError(f"params of {who}", problems)
-    return np.array([stored(parameter, values[parameter.name]) for parameter in PARAMETERS])
+    return np.array([stored_value(parameter, values[parameter.name]) for parameter in PARAMETERS])
 
 
-def fill(
+def fill_settings(
     settings: Records, row: int, who: str, airframe: Airframe, system_id: int, given: Mapping[str, float]
 ) -> NDArray[np.float64]:
     """Write the result of `initial_values` to a settings record and return it; raises as that does."""
-    values = start_values(who, airframe, system_id, given)
-    settle(settings, row, values)
+    values = initial_values(who, airframe, system_id, given)
+    apply_stored(settings, row, values)
     return values
 
 
-def settle(settings: Records, row: int, values: NDArray[np.float64]) -> None:
+def apply_stored(settings: Records, row: int, values: NDArray[np.float64]) -> None:
     """Write stored values to a settings record."""
-    acting = np.clip(values, LOW, HIGH)
-    for name in IN_KERNELS:
+    acting = np.clip(values, MIN_VALUES, MAX_VALUES)
+    for name in SETTINGS_NAMES:
         settings[name][row] = acting[INDEX[name]]

@@ -1,1 +1,1 @@
-"""Pilot."""
+"""Pilot input: RC channels and what the sticks request."""

@@ -9,41 +9,41 @@ RC_Channel_Copter.cpp).
 
 from __future__ import annotations
 
-from skyrange.vehicle.builtin import sticks
-from skyrange.vehicle.builtin.fleet import CHANNELS, Craft, Fleet
+from skyrange.vehicle.builtin.fleet import RC_CHANNELS, Fleet, Vehicle
 from skyrange.vehicle.builtin.modes import MANUAL_THROTTLE, Mode
+from skyrange.vehicle.builtin.pilot import stick_input
 
 MIN_US, MAX_US = 1000, 2000
 _MID_US = 1500
-_RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (CHANNELS - 4))
+_RESTING_US = (_MID_US, _MID_US, MIN_US, _MID_US, *[MIN_US] * (RC_CHANNELS - 4))
 _DEAD_ZONES_US = (20, 20, 30, 20)
 """ArduCopter/radio.cpp `default_dead_zones`."""
 _THROTTLE = 2
 _ALT_HOLD_MODES = (Mode.ALT_HOLD, Mode.LOITER)
 
 
-def place(fleet: Fleet, craft: Craft) -> None:
+def update_sticks(fleet: Fleet, vehicle: Vehicle) -> None:
     """Update the channels and the stick positions of an aircraft."""
-    values = [craft.overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
-    fleet.channels[craft.row] = values
-    stick = fleet.flight["sticks"][craft.row]
+    values = [vehicle.rc_overrides.get(channel, (rest, 0))[0] for channel, rest in enumerate(_RESTING_US)]
+    fleet.rc_channels[vehicle.row] = values
+    stick = fleet.flight["sticks"][vehicle.row]
     for index, channel in enumerate((0, 1, 3)):
         stick[index] = _norm_input(values[channel], _DEAD_ZONES_US[channel])
     low = MIN_US + _DEAD_ZONES_US[_THROTTLE]
     thousandths = 1000 * (min(max(values[_THROTTLE], MIN_US), MAX_US) - low) // (MAX_US - low)
     stick[3] = max(thousandths, 0) / 1000.0
-    if not _has_throttle_input(craft) and craft.mode in _ALT_HOLD_MODES:
-        stick[3] = sticks.THROTTLE_MID  # no climb is requested (Copter::get_pilot_desired_climb_rate)
+    if not _has_throttle_input(vehicle) and vehicle.mode in _ALT_HOLD_MODES:
+        stick[3] = stick_input.THROTTLE_MID  # no climb is requested (Copter::get_pilot_desired_climb_rate)
 
 
-def _has_throttle_input(craft: Craft) -> bool:
+def _has_throttle_input(vehicle: Vehicle) -> bool:
     """Whether there is throttle input: without it ArduCopter's `has_valid_input` is false."""
-    return _THROTTLE in craft.overrides
+    return _THROTTLE in vehicle.rc_overrides
 
 
-def throttle(fleet: Fleet, craft: Craft) -> float:
+def throttle_input(fleet: Fleet, vehicle: Vehicle) -> float:
     """Return the throttle stick, 0…1; at the bottom while nothing moves it."""
-    return float(fleet.flight["sticks"][craft.row, 3]) if _has_throttle_input(craft) else 0.0
+    return float(fleet.flight["sticks"][vehicle.row, 3]) if _has_throttle_input(vehicle) else 0.0
 
 
 def _norm_input(us: int, dead_us: int) -> float:
@@ -56,22 +56,24 @@ def _norm_input(us: int, dead_us: int) -> float:
     return 0.0
 
 
-def too_high(fleet: Fleet, craft: Craft) -> bool:
+def throttle_too_high(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether the throttle forbids arming (AP_Arming_Copter::arm_checks); GUIDED and AUTO ignore it."""
-    if craft.mode in (Mode.GUIDED, Mode.AUTO):
+    if vehicle.mode in (Mode.GUIDED, Mode.AUTO):
         return False
-    return wants_climb(fleet, craft) or (craft.mode in MANUAL_THROTTLE and throttle(fleet, craft) > 0.0)
+    return throttle_above_mid(fleet, vehicle) or (
+        vehicle.mode in MANUAL_THROTTLE and throttle_input(fleet, vehicle) > 0.0
+    )
 
 
-def wants_climb(fleet: Fleet, craft: Craft) -> bool:
+def throttle_above_mid(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether the throttle stick is above its middle."""
-    row = craft.row
-    return sticks.climb_rate(fleet.flight[row], fleet.settings[row]) > 0.0
+    row = vehicle.row
+    return stick_input.desired_climb_rate(fleet.flight[row], fleet.settings[row]) > 0.0
 
 
-def thrust(fleet: Fleet, craft: Craft) -> float:
+def manual_thrust(fleet: Fleet, vehicle: Vehicle) -> float:
     """Return the thrust that the throttle stick would give in STABILIZE."""
-    if not _has_throttle_input(craft):
+    if not _has_throttle_input(vehicle):
         return 0.0
-    row = craft.row
-    return float(sticks.throttle(fleet.flight[row], fleet.settings[row]))
+    row = vehicle.row
+    return float(stick_input.desired_throttle(fleet.flight[row], fleet.settings[row]))

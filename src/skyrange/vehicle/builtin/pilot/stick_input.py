@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import kernel
-from skyrange.vehicle.builtin.gains import GRAVITY_MPS2
-from skyrange.vehicle.builtin.shaping import clamp, limit_xy, sqrt_controller
+from skyrange.core.compiled import compiled
+from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
+from skyrange.vehicle.builtin.control.shaping import clamp, limit_xy, sqrt_controller
 
 THROTTLE_MID = 0.484
 """RC_Channel::get_control_mid of a throttle from 1000 to 2000 µs with a dead zone of 30: 484 of 1000."""
@@ -20,19 +20,19 @@ _LEAN_MAX_RAD = math.radians(85.0)
 _LEAN_LIMIT_RAD = math.radians(10.0)
 _THROTTLE_ZERO_DEBOUNCE_S = 0.4  # THROTTLE_ZERO_DEBOUNCE_TIME_MS
 _SPEED_MIN_MPS = 0.2  # LOITER_SPEED_MIN
-CORRECTION_MPS = 2.0
+MAX_LOITER_CORRECTION_MPS = 2.0
 """LOITER_VEL_CORRECTION_MAX."""
 
 
-@kernel
-def throttle_zero(f: Any, dt_s: float) -> bool:
+@compiled
+def update_throttle_zero(f: Any, dt_s: float) -> bool:
     """Whether the throttle stick has been at the bottom for at least the debounce time (`set_throttle_zero_flag`)."""
-    f.zero_s = 0.0 if f.sticks[3] > 0.0 else f.zero_s + dt_s
-    return bool(f.zero_s >= _THROTTLE_ZERO_DEBOUNCE_S)
+    f.throttle_zero_s = 0.0 if f.sticks[3] > 0.0 else f.throttle_zero_s + dt_s
+    return bool(f.throttle_zero_s >= _THROTTLE_ZERO_DEBOUNCE_S)
 
 
-@kernel
-def lean(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
+@compiled
+def desired_lean_accel(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
     """Return the acceleration that the roll and pitch sticks request, m/s² (forward, left)."""
     angle_max = min(angle_max, _LEAN_MAX_RAD)
     forward = -math.tan(angle_max * f.sticks[1])
@@ -41,16 +41,16 @@ def lean(e: Any, f: Any, angle_max: float, limit: float) -> tuple[float, float]:
     return GRAVITY_MPS2 * forward, GRAVITY_MPS2 * left
 
 
-@kernel
-def to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
+@compiled
+def heading_to_local(e: Any, forward: float, left: float) -> tuple[float, float]:
     """Return (east, north) of a vector given along and across the heading."""
     c = math.cos(e.yaw)
     s = math.sin(e.yaw)
     return c * forward - s * left, s * forward + c * left
 
 
-@kernel
-def yaw_rate(f: Any, p: Any) -> float:
+@compiled
+def desired_yaw_rate(f: Any, p: Any) -> float:
     """Return the yaw rate that the stick requests, rad/s counter-clockwise: the stick to the right turns right."""
     x = f.sticks[2]
     expo = p.PILOT_Y_EXPO
@@ -59,8 +59,8 @@ def yaw_rate(f: Any, p: Any) -> float:
     return float(-math.radians(p.PILOT_Y_RATE) * x)
 
 
-@kernel
-def throttle(f: Any, p: Any) -> float:
+@compiled
+def desired_throttle(f: Any, p: Any) -> float:
     """Return the thrust in STABILIZE: 0…1 of full, hovering at mid-stick."""
     stick = clamp(f.sticks[3], 0.0, 1.0)
     if stick < THROTTLE_MID:
@@ -71,8 +71,8 @@ def throttle(f: Any, p: Any) -> float:
     return x * (1.0 - expo) + expo * x * x * x
 
 
-@kernel
-def climb_rate(f: Any, p: Any) -> float:
+@compiled
+def desired_climb_rate(f: Any, p: Any) -> float:
     """Return the climb rate that the throttle stick requests, m/s: none around the middle."""
     stick = clamp(f.sticks[3], 0.0, 1.0)
     dead = 0.001 * clamp(p.THR_DZ, 0.0, 400.0)
@@ -86,59 +86,59 @@ def climb_rate(f: Any, p: Any) -> float:
     return 0.0
 
 
-@kernel
-def loiter_angle(p: Any) -> float:
+@compiled
+def loiter_angle_max(p: Any) -> float:
     """Return the largest lean angle in LOITER, rad (AC_Loiter::get_angle_max_rad)."""
     most = p.ANGLE_MAX * _CDEG
     return float(min(math.radians(p.LOIT_ANG_MAX), most) if p.LOIT_ANG_MAX > 0.0 else most * 2.0 / 3.0)
 
 
-@kernel
+@compiled
 def _lean_angles(forward: float, left: float) -> tuple[float, float]:
     """Return the lean angles (right side down, nose down) of an acceleration, rad."""
     nose_down = math.atan(forward / GRAVITY_MPS2)
     return math.atan(-math.cos(nose_down) * left / GRAVITY_MPS2), nose_down
 
 
-@kernel
-def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
+@compiled
+def update_loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Move the reference of LOITER by one step.
 
     The sticks accelerate it, drag limits its speed, and it brakes when the sticks are released.
     """
-    most = loiter_angle(p)
-    forward, left = lean(e, f, most, p.ANGLE_MAX * _CDEG)
+    most = loiter_angle_max(p)
+    forward, left = desired_lean_accel(e, f, most, p.ANGLE_MAX * _CDEG)
     roll, pitch = _lean_angles(forward, left)
     gain = 1.0 / max(p.ATC_INPUT_TC, 0.01)
     accel = p.ATC_ACCEL_R_MAX * _CDEG
-    rate = sqrt_controller(roll - f.lean[0], gain, accel, dt_s)
-    f.lean_rate[0] += clamp(rate - f.lean_rate[0], -accel * dt_s, accel * dt_s)
+    rate = sqrt_controller(roll - f.predicted_lean[0], gain, accel, dt_s)
+    f.predicted_lean_rate[0] += clamp(rate - f.predicted_lean_rate[0], -accel * dt_s, accel * dt_s)
     accel = p.ATC_ACCEL_P_MAX * _CDEG
-    rate = sqrt_controller(pitch - f.lean[1], gain, accel, dt_s)
-    f.lean_rate[1] += clamp(rate - f.lean_rate[1], -accel * dt_s, accel * dt_s)
-    f.lean[0] += f.lean_rate[0] * dt_s
-    f.lean[1] += f.lean_rate[1] * dt_s
-    soon_forward = GRAVITY_MPS2 * math.tan(f.lean[1])
-    soon_left = -GRAVITY_MPS2 * math.tan(f.lean[0]) / math.cos(f.lean[1])
-    soon_e, soon_n = to_local(e, soon_forward, soon_left)
-    acc_e, acc_n = to_local(e, forward, left)
+    rate = sqrt_controller(pitch - f.predicted_lean[1], gain, accel, dt_s)
+    f.predicted_lean_rate[1] += clamp(rate - f.predicted_lean_rate[1], -accel * dt_s, accel * dt_s)
+    f.predicted_lean[0] += f.predicted_lean_rate[0] * dt_s
+    f.predicted_lean[1] += f.predicted_lean_rate[1] * dt_s
+    soon_forward = GRAVITY_MPS2 * math.tan(f.predicted_lean[1])
+    soon_left = -GRAVITY_MPS2 * math.tan(f.predicted_lean[0]) / math.cos(f.predicted_lean[1])
+    soon_e, soon_n = heading_to_local(e, soon_forward, soon_left)
+    acc_e, acc_n = heading_to_local(e, forward, left)
     speed_max = max(p.LOIT_SPEED * 0.01, _SPEED_MIN_MPS)
     vel_e = f.ref_vel[0] + soon_e * dt_s
     vel_n = f.ref_vel[1] + soon_n * dt_s
     speed = math.sqrt(vel_e * vel_e + vel_n * vel_n)
-    f.brake_s = f.brake_s + dt_s if forward == 0.0 and left == 0.0 else 0.0
+    f.brake_timer_s = f.brake_timer_s + dt_s if forward == 0.0 and left == 0.0 else 0.0
     if speed > 0.0:
         u = vel_e / speed
         v = vel_n / speed
         drag = GRAVITY_MPS2 * math.tan(most) * speed / speed_max
         brake = 0.0
         jerk = p.LOIT_BRK_JERK * 0.01
-        if f.brake_s > p.LOIT_BRK_DELAY:
+        if f.brake_timer_s > p.LOIT_BRK_DELAY:
             brake = clamp(sqrt_controller(speed, 0.5 * p.PSC_VELXY_P, jerk, dt_s), 0.0, p.LOIT_BRK_ACCEL * 0.01)
-        f.brake += clamp(brake - f.brake, -jerk * dt_s, jerk * dt_s)
-        acc_e -= u * f.brake
-        acc_n -= v * f.brake
-        speed = min(max(speed - (drag + f.brake) * dt_s, 0.0), speed_max)
+        f.brake_accel += clamp(brake - f.brake_accel, -jerk * dt_s, jerk * dt_s)
+        acc_e -= u * f.brake_accel
+        acc_n -= v * f.brake_accel
+        speed = min(max(speed - (drag + f.brake_accel) * dt_s, 0.0), speed_max)
         vel_e = u * speed
         vel_n = v * speed
     f.ref_pos[0] += vel_e * dt_s
@@ -150,20 +150,20 @@ def loiter(e: Any, f: Any, p: Any, dt_s: float) -> None:
     # the reference stays within LOITER_POS_CORRECTION_MAX of the aircraft (AC_P_2D::update_all)
     off_e = f.ref_pos[0] - e.pos[0]
     off_n = f.ref_pos[1] - e.pos[1]
-    off_e, off_n = limit_xy(off_e, off_n, CORRECTION_MPS)
+    off_e, off_n = limit_xy(off_e, off_n, MAX_LOITER_CORRECTION_MPS)
     f.ref_pos[0] = e.pos[0] + off_e
     f.ref_pos[1] = e.pos[1] + off_n
 
 
-@kernel
-def begin_loiter(e: Any, f: Any) -> None:
+@compiled
+def init_loiter_target(e: Any, f: Any) -> None:
     """Set the reference of LOITER to the aircraft's estimated motion and lean (AC_Loiter::init_target)."""
     for axis in range(2):
         f.ref_pos[axis] = e.pos[axis]
         f.ref_vel[axis] = e.vel[axis]
         f.ref_acc[axis] = 0.0
-        f.lean_rate[axis] = 0.0
-    f.lean[0] = e.roll
-    f.lean[1] = e.pitch
-    f.brake = 0.0
-    f.brake_s = 0.0
+        f.predicted_lean_rate[axis] = 0.0
+    f.predicted_lean[0] = e.roll
+    f.predicted_lean[1] = e.pitch
+    f.brake_accel = 0.0
+    f.brake_timer_s = 0.0

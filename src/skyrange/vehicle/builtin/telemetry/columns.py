@@ -14,16 +14,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.message_columns import MessageTable
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, NS_PER_US
 from skyrange.vehicle.builtin.fleet import Fleet
 
 Floats = NDArray[np.float64]
-Builder = Callable[[Fleet, Ints, Table], None]
+Builder = Callable[[Fleet, Ints, MessageTable], None]
 """Fills a table, one row per aircraft of `rows`, in wire units; the table arrives all zero."""
-Asks = Callable[[Fleet, Ints], NDArray[np.bool_]]
+Available = Callable[[Fleet, Ints], NDArray[np.bool_]]
 """Whether each of some aircraft has a message to send at all."""
 
 U16 = 65_535
@@ -43,7 +43,7 @@ def boot_us(fleet: Fleet, rows: Ints) -> Ints:
     return since
 
 
-def held(values: Floats, most: int, least: int | None = None) -> Floats:
+def clip_to_field(values: Floats, most: int, least: int | None = None) -> Floats:
     """Limit numbers to an integer field (−`most` unless `least` is given), which truncates their fractions.
 
     A value that is not a number becomes a limit: `finite_or_zeros` removes such values.
@@ -52,42 +52,42 @@ def held(values: Floats, most: int, least: int | None = None) -> Floats:
     return inside
 
 
-@kernel
-def whole(value: float, least: int, most: int) -> int:
+@compiled
+def to_whole(value: float, least: int, most: int) -> int:
     """Limit one number to an integer range and truncate it, in compiled code."""
     if not value >= least:
         return least
     return most if value > most else int(value)
 
 
-@kernel
-def finite(value: float) -> float:
+@compiled
+def finite_or_zero(value: float) -> float:
     """Return the number, 0 where it is not finite, in compiled code."""
     return value if math.isfinite(value) else 0.0
 
 
-@kernel
-def since_boot_ms(now: int, boot_ns: int) -> int:
+@compiled
+def boot_ms_of(now: int, boot_ns: int) -> int:
     """Return `boot_ms` of one aircraft, in compiled code."""
     return max(now - boot_ns, 0) // NS_PER_MS & 0xFFFFFFFF
 
 
-@kernel
-def compass_cdeg(yaw: float) -> int:
+@compiled
+def heading_cdeg_of(yaw: float) -> int:
     """Return `heading_cdeg` of one yaw, in compiled code."""
     return int((0.5 * math.pi - yaw) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
 
 
-def known(values: Floats) -> Floats:
+def finite_or_zeros(values: Floats) -> Floats:
     """Return the numbers, 0 where they are not finite."""
     found: Floats = np.where(np.isfinite(values), values, 0.0)
     return found
 
 
-def of_crafts(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
+def gather_from_vehicles(fleet: Fleet, rows: Ints, read: Callable[[Any], Any], dtype: str = "i8") -> NDArray[Any]:
     """Read a value from the objects of some aircraft."""
-    crafts = fleet.crafts
-    return np.array([read(crafts[row]) for row in rows.tolist()], dtype=dtype)
+    vehicles = fleet.vehicles
+    return np.array([read(vehicles[row]) for row in rows.tolist()], dtype=dtype)
 
 
 def heading_rad(yaw: Floats) -> Floats:
@@ -111,7 +111,7 @@ def _cdeg(degrees: Floats) -> Ints:
     return turned
 
 
-def place_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
+def lat_lon_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
     """Return latitude and longitude in 1e-7 degrees."""
     lat, lon = fleet.origin.to_geodetic(east, north)
     return np.rint(lat * 1e7).astype(np.int64), np.rint(lon * 1e7).astype(np.int64)
@@ -119,10 +119,10 @@ def place_e7(fleet: Fleet, east: Floats, north: Floats) -> tuple[Ints, Ints]:
 
 def msl_mm(fleet: Fleet, up: Floats) -> Floats:
     """Return altitude above mean sea level in millimetres, of a height above the origin."""
-    return held((fleet.origin.alt_msl_m + up) * 1e3, I32)
+    return clip_to_field((fleet.origin.alt_msl_m + up) * 1e3, I32)
 
 
-def homes(fleet: Fleet, rows: Ints) -> Floats:
+def home_positions(fleet: Fleet, rows: Ints) -> Floats:
     """Return (n, 3) home positions, ENU metres."""
-    found: Floats = fleet.watch["home"][rows]
+    found: Floats = fleet.checks["home"][rows]
     return found

@@ -12,13 +12,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.message_columns import MessageTable
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.projection import geodetic_of
 from skyrange.vehicle.builtin.fleet import Fleet
-from skyrange.vehicle.builtin.layout import Control
+from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry import columns
 from skyrange.vehicle.builtin.telemetry.columns import (
@@ -26,19 +26,19 @@ from skyrange.vehicle.builtin.telemetry.columns import (
     I32,
     U16,
     Floats,
-    compass_cdeg,
-    held,
-    since_boot_ms,
-    whole,
+    boot_ms_of,
+    clip_to_field,
+    heading_cdeg_of,
+    to_whole,
 )
 
 POSITION_KNOWN: Final = dialect.EKF_POS_HORIZ_REL | dialect.EKF_POS_HORIZ_ABS
-_LEG: Final = int(Control.LEG)
-_POSITION_CONTROL: Final = int(Control.POSITION)
-_TAKEOFF: Final = int(Control.TAKEOFF)
-_POS_VEL_ACCEL: Final = int(Control.TRACK)
-_ACCEL_CONTROL: Final = int(Control.ACCEL)
-_ATTITUDE_CONTROL: Final = int(Control.ATTITUDE)
+_LEG: Final = int(ControlMode.LEG)
+_POSITION_CONTROL: Final = int(ControlMode.POSITION)
+_TAKEOFF: Final = int(ControlMode.TAKEOFF)
+_POS_VEL_ACCEL: Final = int(ControlMode.POS_VEL_ACCEL)
+_ACCEL_CONTROL: Final = int(ControlMode.ACCEL)
+_ATTITUDE_CONTROL: Final = int(ControlMode.ATTITUDE)
 # POSITION_TARGET_TYPEMASK bits to ignore
 _POSITION: Final = 0b111
 _VELOCITY: Final = 0b111000
@@ -47,18 +47,18 @@ _YAW: Final = 0b110000000000
 _LAST: Final = 0xF000
 
 
-def attitude(fleet: Fleet, rows: Ints, out: Table) -> None:
+def attitude(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """ATTITUDE."""
     _fill_attitude(fleet.now, rows, fleet.boot_ns, fleet.estimate, out)
 
 
-@kernel
+@compiled
 def _fill_attitude(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any) -> None:
     for place in range(rows.shape[0]):
         row = rows[place]
         e: Any = estimate[row]
         o: Any = out[place]
-        o.time_boot_ms = since_boot_ms(now, boot_ns[row])
+        o.time_boot_ms = boot_ms_of(now, boot_ns[row])
         o.roll = e.roll
         o.pitch = -e.pitch
         o.yaw = (1.5 * math.pi - e.yaw) % (2.0 * math.pi) - math.pi
@@ -67,7 +67,7 @@ def _fill_attitude(now: int, rows: Ints, boot_ns: Ints, estimate: Any, out: Any)
         o.yawspeed = -e.rate[2]
 
 
-def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
+def attitude_quaternion(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """ATTITUDE_QUATERNION: from the body frame (forward-right-down) to north-east-down."""
     e = fleet.estimate
     rate = e["rate"][rows]
@@ -86,18 +86,18 @@ def attitude_quaternion(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["yawspeed"] = -rate[:, 2]
 
 
-def ahrs2(fleet: Fleet, rows: Ints, out: Table) -> None:
+def ahrs2(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """AHRS2: the secondary solution. Attitude is the estimator's, position the receiver's, as in ArduPilot's DCM."""
     e = fleet.estimate
-    place = columns.known(e["gnss_pos"][rows])
+    place = columns.finite_or_zeros(e["gnss_pos"][rows])
     out["roll"] = e["roll"][rows]
     out["pitch"] = -e["pitch"][rows]
     out["yaw"] = columns.heading_rad(e["yaw"][rows])
     out["altitude"] = fleet.origin.alt_msl_m + place[:, 2]
-    out["lat"], out["lng"] = columns.place_e7(fleet, place[:, 0], place[:, 1])
+    out["lat"], out["lng"] = columns.lat_lon_e7(fleet, place[:, 0], place[:, 1])
 
 
-def local_position_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
+def local_position_ned(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """LOCAL_POSITION_NED, relative to the origin."""
     e = fleet.estimate
     pos, vel = e["pos"][rows], e["vel"][rows]
@@ -112,15 +112,15 @@ def has_position(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     return known
 
 
-def global_position_int(fleet: Fleet, rows: Ints, out: Table) -> None:
+def global_position_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """GLOBAL_POSITION_INT."""
     at = fleet.origin
     _fill_global_position_int(
-        at.lat_deg, at.lon_deg, at.alt_msl_m, fleet.now, rows, fleet.boot_ns, fleet.estimate, fleet.watch, out
+        at.lat_deg, at.lon_deg, at.alt_msl_m, fleet.now, rows, fleet.boot_ns, fleet.estimate, fleet.checks, out
     )
 
 
-@kernel
+@compiled
 def _fill_global_position_int(
     lat0_deg: float, lon0_deg: float, alt_m: float, now: int,
     rows: Ints, boot_ns: Ints, estimate: Any, watch: Any, out: Any,
@@ -130,52 +130,52 @@ def _fill_global_position_int(
         e: Any = estimate[row]
         o: Any = out[place]
         lat, lon = geodetic_of(lat0_deg, lon0_deg, e.pos[0], e.pos[1])
-        o.time_boot_ms = since_boot_ms(now, boot_ns[row])
+        o.time_boot_ms = boot_ms_of(now, boot_ns[row])
         o.lat = np.rint(lat * 1e7)
         o.lon = np.rint(lon * 1e7)
-        o.alt = whole((alt_m + e.pos[2]) * 1e3, -I32, I32)
-        o.relative_alt = whole((e.pos[2] - watch[row].home[2]) * 1e3, -I32, I32)
-        o.vx = whole(e.vel[1] * 100.0, -I16, I16)
-        o.vy = whole(e.vel[0] * 100.0, -I16, I16)
-        o.vz = whole(e.vel[2] * -100.0, -I16, I16)
-        o.hdg = compass_cdeg(e.yaw)
+        o.alt = to_whole((alt_m + e.pos[2]) * 1e3, -I32, I32)
+        o.relative_alt = to_whole((e.pos[2] - watch[row].home[2]) * 1e3, -I32, I32)
+        o.vx = to_whole(e.vel[1] * 100.0, -I16, I16)
+        o.vy = to_whole(e.vel[0] * 100.0, -I16, I16)
+        o.vz = to_whole(e.vel[2] * -100.0, -I16, I16)
+        o.hdg = heading_cdeg_of(e.yaw)
 
 
-def vfr_hud(fleet: Fleet, rows: Ints, out: Table) -> None:
+def vfr_hud(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """VFR_HUD; without an airspeed sensor `airspeed` is the receiver's ground speed."""
     e, f = fleet.estimate, fleet.flight
-    vel, seen = e["vel"][rows], columns.known(e["gnss_vel"][rows])
+    vel, seen = e["vel"][rows], columns.finite_or_zeros(e["gnss_vel"][rows])
     out["airspeed"] = np.hypot(seen[:, 0], seen[:, 1])
     out["groundspeed"] = np.hypot(vel[:, 0], vel[:, 1])
     out["heading"] = columns.heading_cdeg(e["yaw"][rows]) // 100
-    out["throttle"] = np.where(f["armed"][rows] == 1, held(f["throttle"][rows] * 100.0, 100, 0), 0)
+    out["throttle"] = np.where(f["armed"][rows] == 1, clip_to_field(f["throttle"][rows] * 100.0, 100, 0), 0)
     out["alt"] = fleet.origin.alt_msl_m + e["pos"][rows, 2]
     out["climb"] = vel[:, 2]
 
 
-def home_position(fleet: Fleet, rows: Ints, out: Table) -> None:
+def home_position(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """HOME_POSITION; the attitude there is unknown."""
-    home = columns.homes(fleet, rows)
-    out["latitude"], out["longitude"] = columns.place_e7(fleet, home[:, 0], home[:, 1])
+    home = columns.home_positions(fleet, rows)
+    out["latitude"], out["longitude"] = columns.lat_lon_e7(fleet, home[:, 0], home[:, 1])
     out["altitude"] = columns.msl_mm(fleet, home[:, 2])
     out["x"], out["y"], out["z"] = home[:, 1], home[:, 0], -home[:, 2]
     out["q"] = math.nan
     out["time_usec"] = columns.boot_us(fleet, rows)
 
 
-def gps_global_origin(fleet: Fleet, rows: Ints, out: Table) -> None:
+def gps_global_origin(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """GPS_GLOBAL_ORIGIN: the origin of LOCAL_POSITION_NED."""
     zero = np.zeros(1)
-    lat, lon = columns.place_e7(fleet, zero, zero)
+    lat, lon = columns.lat_lon_e7(fleet, zero, zero)
     out["latitude"], out["longitude"] = lat[0], lon[0]
     out["altitude"] = columns.msl_mm(fleet, zero)[0]
     out["time_usec"] = columns.boot_us(fleet, rows)
 
 
-def terrain_report(fleet: Fleet, rows: Ints, out: Table) -> None:
+def terrain_report(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """TERRAIN_REPORT: the ground is flat, at the height of the origin."""
     pos = fleet.estimate["pos"][rows]
-    out["lat"], out["lon"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
+    out["lat"], out["lon"] = columns.lat_lon_e7(fleet, pos[:, 0], pos[:, 1])
     out["spacing"] = 100  # TERRAIN_SPACING
     out["terrain_height"] = fleet.origin.alt_msl_m
     out["current_height"] = pos[:, 2]
@@ -186,11 +186,11 @@ def _guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     return guided
 
 
-def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
+def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """NAV_CONTROLLER_OUTPUT: attitude, heading, target distance and bearing, errors of altitude and track."""
     e, f = fleet.estimate, fleet.flight
     flying = f["landed"][rows] == 0
-    going = has_place(fleet, rows)
+    going = has_destination(fleet, rows)
     away = f["target_pos"][rows] - e["pos"][rows]
     behind = f["ref_pos"][rows] - e["pos"][rows]
     along = f["ref_vel"][rows, :2]
@@ -198,10 +198,10 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: Table) -> None:
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
     out["nav_roll"] = np.degrees(e["roll"][rows])
     out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = held(np.degrees(columns.heading_rad(_yaw_of_quats(f["att"][rows]))), 180)
+    out["nav_bearing"] = clip_to_field(np.degrees(columns.heading_rad(_yaw_of_quats(f["att_target"][rows]))), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
-    out["target_bearing"] = np.where(going, held(bearing, 180), 0)
-    out["wp_dist"] = np.where(going, held(np.hypot(away[:, 0], away[:, 1]), U16), 0)
+    out["target_bearing"] = np.where(going, clip_to_field(bearing, 180), 0)
+    out["wp_dist"] = np.where(going, clip_to_field(np.hypot(away[:, 0], away[:, 1]), U16), 0)
     out["alt_error"] = np.where(flying, behind[:, 2], 0.0)
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
@@ -213,29 +213,29 @@ def _yaw_of_quats(quats: Floats) -> Floats:
     return angles
 
 
-def position_target_global_int(fleet: Fleet, rows: Ints, out: Table) -> None:
+def position_target_global_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """POSITION_TARGET_GLOBAL_INT: the destination."""
     target = fleet.flight["target_pos"][rows]
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
     out["coordinate_frame"] = dialect.MAV_FRAME_GLOBAL
     out["type_mask"] = _VELOCITY | _ACCEL | _YAW | _LAST
-    out["lat_int"], out["lon_int"] = columns.place_e7(fleet, target[:, 0], target[:, 1])
+    out["lat_int"], out["lon_int"] = columns.lat_lon_e7(fleet, target[:, 0], target[:, 1])
     out["alt"] = fleet.origin.alt_msl_m + target[:, 2]
 
 
-def has_place(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
+def has_destination(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether it flies to a destination (`get_wp` of the mode)."""
     control = fleet.flight["control"][rows]
     to_place: NDArray[np.bool_] = (control == _LEG) | (control == _POSITION_CONTROL)
     return to_place
 
 
-def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
+def position_target_local_ned(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """POSITION_TARGET_LOCAL_NED of GUIDED: the last target, by its kind."""
     f = fleet.flight
     control = f["control"][rows]
     track, push = control == _POS_VEL_ACCEL, control == _ACCEL_CONTROL
-    placed = has_place(fleet, rows) | (control == _TAKEOFF) | track
+    placed = has_destination(fleet, rows) | (control == _TAKEOFF) | track
     moved = ~placed & ~push | track
     pushed = push | moved
     mask = np.where(placed, 0, _POSITION) | np.where(moved, 0, _VELOCITY) | np.where(pushed, 0, _ACCEL) | _YAW
@@ -247,7 +247,7 @@ def position_target_local_ned(fleet: Fleet, rows: Ints, out: Table) -> None:
     _fill_ned(out, ("afx", "afy", "afz"), f["target_acc"][rows], pushed)
 
 
-def _fill_ned(out: Table, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
+def _fill_ned(out: MessageTable, names: tuple[str, str, str], enu: Floats, said: NDArray[np.bool_]) -> None:
     for name, values in zip(names, (enu[:, 1], enu[:, 0], -enu[:, 2]), strict=True):
         out[name] = np.where(said, values, 0.0)
 

@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table
 from skyrange.codec.f3411 import values
 from skyrange.codec.mavlink import dialect
+from skyrange.codec.mavlink.message_columns import MessageTable
+from skyrange.contracts.frames.payloads import Ints
 from skyrange.core.time import GPS_LEAP_S, NS_PER_MS, NS_PER_S
 from skyrange.vehicle.builtin.fleet import Fleet
 from skyrange.vehicle.builtin.telemetry import columns
@@ -36,22 +36,22 @@ _HORIZONTAL, _VERTICAL, _SPEED = (
 )
 
 
-def open_drone_id_location(fleet: Fleet, rows: Ints, out: Table) -> None:
+def open_drone_id_location(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """OPEN_DRONE_ID_LOCATION, broadcast."""
-    e, watch = fleet.estimate, fleet.watch
-    pos, vel, fallen = e["pos"][rows], e["vel"][rows], -columns.known(e["gnss_vel"][rows, 2])
+    e, watch = fleet.estimate, fleet.checks
+    pos, vel, fallen = e["pos"][rows], e["vel"][rows], -columns.finite_or_zeros(e["gnss_vel"][rows, 2])
     armed, fixed = fleet.flight["armed"][rows] == 1, e["gnss_fix"][rows] >= _FIX_3D
     lax = fleet.settings["DID_OPTIONS"][rows].astype(np.int64) & _ANY_POSITION != 0
     danger = (watch["crashed"][rows] == 1) | (armed & ~fixed & ~lax) | (~armed & fixed & (fallen > _FALLING_MPS))
     flying = np.where(armed, dialect.MAV_ODID_STATUS_AIRBORNE, dialect.MAV_ODID_STATUS_GROUND)
     out["status"] = np.where(danger, dialect.MAV_ODID_STATUS_EMERGENCY, flying)
-    out["latitude"], out["longitude"] = columns.place_e7(fleet, pos[:, 0], pos[:, 1])
+    out["latitude"], out["longitude"] = columns.lat_lon_e7(fleet, pos[:, 0], pos[:, 1])
     out["direction"] = np.where(fixed, columns.course_cdeg(vel[:, 0], vel[:, 1]), _NO_TRACK_CDEG)
     speed, climb = np.trunc(np.hypot(vel[:, 0], vel[:, 1])), np.trunc(vel[:, 2])
     out["speed_horizontal"] = np.where(speed <= _MAX_MPS, speed, _NO_SPEED_MPS) * 100.0
     out["speed_vertical"] = np.where(np.abs(climb) <= _MAX_CLIMB_MPS, climb, _NO_CLIMB_MPS) * 100.0
     zero_m = fleet.origin.alt_msl_m
-    out["altitude_barometric"] = zero_m + columns.known(e["baro_up"][rows]) + _STANDARD_PRESSURE_OFFSET_M
+    out["altitude_barometric"] = zero_m + columns.finite_or_zeros(e["baro_up"][rows]) + _STANDARD_PRESSURE_OFFSET_M
     out["altitude_geodetic"] = _centimetres(fleet.origin.ellipsoid_of(zero_m) + pos[:, 2])
     out["height"] = np.where(armed, _centimetres(pos[:, 2] - watch["armed_up_m"][rows]), 0.0)
     out["height_reference"] = dialect.MAV_ODID_HEIGHT_REF_OVER_TAKEOFF

@@ -10,16 +10,16 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table, pack
-from skyrange.codec.numbering import number
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.message_columns import MessageTable, pack_batches
+from skyrange.codec.mavlink.sequence_numbers import assign_sequence_numbers
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, Time
-from skyrange.vehicle.builtin.fleet import COMPONENT, Fleet
-from skyrange.vehicle.builtin.telemetry.table import BUILDERS, HAS, SILENT, build
+from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Fleet
+from skyrange.vehicle.builtin.telemetry.table import AVAILABLE, BUILDERS, NEVER_SENT, build_table
 
 SERVICE_NS: Final = 10 * NS_PER_MS
-COLUMN: Final = {message: column for column, message in enumerate((*BUILDERS, *sorted(SILENT)))}
+COLUMN: Final = {message: column for column, message in enumerate((*BUILDERS, *sorted(NEVER_SENT)))}
 """Column of every message that has an interval; those that can be sent come first."""
 _SENT: Final = len(BUILDERS)
 _IN_ORDER: Final = tuple(BUILDERS)
@@ -31,11 +31,11 @@ class Batch(NamedTuple):
 
     message_id: int
     rows: Ints
-    values: Table
+    values: MessageTable
     sequences: Ints
 
 
-@kernel
+@compiled
 def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, rows: Ints, ends: Ints) -> int:
     """Write the aircraft that are due, message by message, to `rows`; `ends` are the ends of each message's part.
 
@@ -100,16 +100,16 @@ class Schedule:
         for message, end in zip(_IN_ORDER, ends.tolist(), strict=True):
             if end > start:
                 those = rows[start:end]
-                if message in HAS:
-                    those = those[HAS[message](fleet, those)]
+                if message in AVAILABLE:
+                    those = those[AVAILABLE[message](fleet, those)]
                 if len(those):
                     found.append((message, those))
             start = end
         batches = []
         for message, those in found:
             sequences = np.empty(len(those), dtype=np.int64)
-            number(those, fleet.sequences, sequences)
-            batches.append(Batch(message, those, build(fleet, message, those), sequences))
+            assign_sequence_numbers(those, fleet.sequences, sequences)
+            batches.append(Batch(message, those, build_table(fleet, message, those), sequences))
         return batches
 
     def send_due(self, fleet: Fleet) -> None:
@@ -117,6 +117,6 @@ class Schedule:
         batches = self.take(fleet)
         if not batches:
             return
-        systems = fleet.systems
-        payloads = pack([(b.message_id, b.values, systems[b.rows], b.sequences) for b in batches], COMPONENT)
+        systems = fleet.system_ids
+        payloads = pack_batches([(b.message_id, b.values, systems[b.rows], b.sequences) for b in batches], COMPONENT_ID)
         fleet.outbox.send_block(np.concatenate([batch.rows for batch in batches]), payloads)

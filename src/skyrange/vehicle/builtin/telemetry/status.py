@@ -11,17 +11,25 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table
 from skyrange.codec.mavlink import dialect
-from skyrange.core.compiled import kernel
+from skyrange.codec.mavlink.message_columns import MessageTable
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin.fleet import Fleet, MissionState
-from skyrange.vehicle.builtin.layout import Control, Flag
+from skyrange.vehicle.builtin.layout import ControlMode, FlightEvent
 from skyrange.vehicle.builtin.modes import Mode
-from skyrange.vehicle.builtin.parameters import INDEX
+from skyrange.vehicle.builtin.parameters.table import INDEX
 from skyrange.vehicle.builtin.telemetry import columns
-from skyrange.vehicle.builtin.telemetry.columns import I16, I32, U16, Floats, held, of_crafts, whole
+from skyrange.vehicle.builtin.telemetry.columns import (
+    I16,
+    I32,
+    U16,
+    Floats,
+    clip_to_field,
+    gather_from_vehicles,
+    to_whole,
+)
 
 FIRMWARE: Final = 4 << 24 | 6 << 16 | 0 << 8 | 0
 """AUTOPILOT_VERSION.flight_sw_version: ArduCopter 4.6.0-dev, whose names and behaviour this follows."""
@@ -93,12 +101,12 @@ _CAPABILITIES: Final = (
 )
 
 
-def heartbeat(fleet: Fleet, rows: Ints, out: Table) -> None:
+def heartbeat(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """HEARTBEAT, base mode as in GCS_MAVLINK_Copter::base_mode: manual input always, guided with a position."""
-    _fill_heartbeat(rows, fleet.modes, fleet.flight, fleet.watch, fleet.power, out)
+    _fill_heartbeat(rows, fleet.modes, fleet.flight, fleet.checks, fleet.battery, out)
 
 
-@kernel
+@compiled
 def _fill_heartbeat(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any, out: Any) -> None:
     for place in range(rows.shape[0]):
         row = rows[place]
@@ -109,21 +117,29 @@ def _fill_heartbeat(rows: Ints, modes: Ints, flight: Any, watch: Any, power: Any
         o.type = _QUADROTOR
         o.autopilot = _ARDUPILOT
         o.base_mode = _BASE | (_GUIDED if modes[row] > _LAST_WITHOUT_POSITION else 0) | (_ARMED if f.armed != 0 else 0)
-        if w.station_lost != 0 or w.ekf_lost != 0 or w.reckoning_lost != 0 or power[row].tripped != 0:
+        if w.gcs_lost != 0 or w.ekf_failsafe != 0 or w.dr_failsafe != 0 or power[row].failsafe_triggered != 0:
             o.system_status = _CRITICAL
         else:
             o.system_status = _STANDBY if f.landed == 1 else _ACTIVE
         o.mavlink_version = 3
 
 
-def sys_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+def sys_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """SYS_STATUS: which devices are present, enabled and healthy, and the battery."""
     _fill_sys_status(
-        rows, fleet.modes, fleet.stored, fleet.estimate, fleet.flight, fleet.watch, fleet.power, fleet.boundary, out
+        rows,
+        fleet.modes,
+        fleet.stored_params,
+        fleet.estimate,
+        fleet.flight,
+        fleet.checks,
+        fleet.battery,
+        fleet.fence,
+        out,
     )
 
 
-@kernel
+@compiled
 def _fill_sys_status(
     rows: Ints, modes: Ints, stored: Floats,
     estimate: Any, flight: Any, watch: Any, power: Any, boundary: Any, out: Any,
@@ -162,7 +178,7 @@ def _fill_sys_status(
             healthy |= _GNSS
         if fitting and e.status & _UNINITIALIZED == 0:
             healthy |= _AHRS
-        if has_battery and b.voltage > 0.0 and b.tripped == 0:
+        if has_battery and b.voltage > 0.0 and b.failsafe_triggered == 0:
             healthy |= _BATTERY
         if not has_fence or fence.breached == 0:  # "not failed if not present" (AC_Fence::sys_status_failed)
             healthy |= _FENCE
@@ -172,27 +188,27 @@ def _fill_sys_status(
         o.onboard_control_sensors_enabled = enabled
         o.onboard_control_sensors_health = healthy
         o.load = 250  # ‰: the main loop of a flight controller is a quarter busy
-        o.voltage_battery = whole(b.voltage * 1e3, 0, U16) if has_battery else 0
-        o.current_battery = whole(b.current * 100.0, -I16, I16) if has_battery else -1
+        o.voltage_battery = to_whole(b.voltage * 1e3, 0, U16) if has_battery else 0
+        o.current_battery = to_whole(b.current * 100.0, -I16, I16) if has_battery else -1
         o.battery_remaining = min(b.remaining_pct, 100) if has_battery else -1
 
 
 def has_battery_monitor(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether a battery monitor is configured (BATT_MONITOR)."""
-    fitted: NDArray[np.bool_] = fleet.stored[rows, INDEX["BATT_MONITOR"]] != 0
+    fitted: NDArray[np.bool_] = fleet.stored_params[rows, INDEX["BATT_MONITOR"]] != 0
     return fitted
 
 
-def battery_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+def battery_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """BATTERY_STATUS: the pack's voltage is in the first cell, as from a monitor without cell voltages."""
-    power = fleet.power
-    volts = held(power["voltage"][rows] * 1e3, U16 - 1, 0)
+    power = fleet.battery
+    volts = clip_to_field(power["voltage"][rows] * 1e3, U16 - 1, 0)
     out["voltages"] = U16
     out["voltages"][:, 0] = np.where(volts > 0, volts, U16)
     out["temperature"] = I16
-    out["current_battery"] = held(power["current"][rows] * 100.0, I16)
-    out["current_consumed"] = held(power["consumed_mah"][rows], I32)
-    out["energy_consumed"] = held(power["consumed_wh"][rows] * 36.0, I32)
+    out["current_battery"] = clip_to_field(power["current"][rows] * 100.0, I16)
+    out["current_consumed"] = clip_to_field(power["consumed_mah"][rows], I32)
+    out["energy_consumed"] = clip_to_field(power["consumed_wh"][rows] * 36.0, I32)
     out["battery_remaining"] = np.minimum(power["remaining_pct"][rows], 100)
     out["charge_state"] = _CHARGE[power["level"][rows]]
 
@@ -207,36 +223,36 @@ _CHARGE: Final = np.array(
 )
 
 
-def power_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+def power_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """POWER_STATUS: the board's supply, always nominal."""
     out["Vcc"] = _BOARD_MV
 
 
-def mcu_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+def mcu_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """MCU_STATUS: the processor, with constant temperature and supply."""
     out["MCU_temperature"] = _MCU_CDEG
     for name in ("MCU_voltage", "MCU_voltage_min", "MCU_voltage_max"):
         out[name] = _MCU_MV
 
 
-def hwstatus(fleet: Fleet, rows: Ints, out: Table) -> None:
+def hwstatus(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """HWSTATUS: the board's supply in a deprecated message."""
     out["Vcc"] = _BOARD_MV
 
 
-def meminfo(fleet: Fleet, rows: Ints, out: Table) -> None:
+def meminfo(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """MEMINFO."""
     out["freemem"] = min(_MEMORY, U16)
     out["freemem32"] = _MEMORY
 
 
-def system_time(fleet: Fleet, rows: Ints, out: Table) -> None:
+def system_time(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """SYSTEM_TIME: the scenario's UTC."""
     out["time_unix_usec"] = fleet.epoch.utc_us(fleet.now)
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
 
 
-def ekf_status_report(fleet: Fleet, rows: Ints, out: Table) -> None:
+def ekf_status_report(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """EKF_STATUS_REPORT."""
     e = fleet.estimate
     out["flags"] = e["status"][rows]
@@ -246,14 +262,14 @@ def ekf_status_report(fleet: Fleet, rows: Ints, out: Table) -> None:
     out["compass_variance"] = e["mag_ratio"][rows]
 
 
-def vibration(fleet: Fleet, rows: Ints, out: Table) -> None:
+def vibration(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """VIBRATION: not modelled, zero."""
     out["time_usec"] = columns.boot_us(fleet, rows)
 
 
-def fence_status(fleet: Fleet, rows: Ints, out: Table) -> None:
+def fence_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """FENCE_STATUS: of several types breached, the boundary has priority (`send_fence_status`)."""
-    fence = fleet.boundary
+    fence = fleet.fence
     breached = fence["breached"][rows]
     out["breach_status"] = breached != 0
     out["breach_count"] = np.minimum(fence["count"][rows], U16)
@@ -267,14 +283,16 @@ def fence_status(fleet: Fleet, rows: Ints, out: Table) -> None:
 
 def has_fence(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
     """Whether any fence is in force."""
-    fenced: NDArray[np.bool_] = fleet.boundary["enabled"][rows] != 0
+    fenced: NDArray[np.bool_] = fleet.fence["enabled"][rows] != 0
     return fenced
 
 
-def extended_sys_state(fleet: Fleet, rows: Ints, out: Table) -> None:
+def extended_sys_state(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """EXTENDED_SYS_STATE."""
     control = fleet.flight["control"][rows]
-    climbed = (control == Control.TAKEOFF) & (fleet.flight["flags"][rows] & Flag.CLIMBED != 0)  # is_taking_off
+    climbed = (control == ControlMode.TAKEOFF) & (
+        fleet.flight["flags"][rows] & FlightEvent.TAKEOFF_COMPLETE != 0
+    )  # is_taking_off
     state = np.where(climbed, dialect.MAV_LANDED_STATE_IN_AIR, _LANDED_STATE[control])
     out["landed_state"] = np.where(fleet.flight["landed"][rows] == 1, dialect.MAV_LANDED_STATE_ON_GROUND, state)
 
@@ -282,35 +300,35 @@ def extended_sys_state(fleet: Fleet, rows: Ints, out: Table) -> None:
 _LANDED_STATE: Final = np.array(
     [
         {
-            Control.LAND: dialect.MAV_LANDED_STATE_LANDING,
-            Control.TAKEOFF: dialect.MAV_LANDED_STATE_TAKEOFF,
+            ControlMode.LAND: dialect.MAV_LANDED_STATE_LANDING,
+            ControlMode.TAKEOFF: dialect.MAV_LANDED_STATE_TAKEOFF,
         }.get(control, dialect.MAV_LANDED_STATE_IN_AIR)
-        for control in Control
+        for control in ControlMode
     ]
 )
-"""By `Control`, in flight."""
+"""By `ControlMode`, in flight."""
 
 
-def autopilot_version(fleet: Fleet, rows: Ints, out: Table) -> None:
+def autopilot_version(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """AUTOPILOT_VERSION."""
     out["capabilities"] = _CAPABILITIES
     out["flight_sw_version"] = FIRMWARE
     out["flight_custom_version"] = np.frombuffer(b"skyrange", dtype=np.uint8)
-    out["uid"] = fleet.systems[rows]
+    out["uid"] = fleet.system_ids[rows]
 
 
-def mission_current(fleet: Fleet, rows: Ints, out: Table) -> None:
+def mission_current(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     """MISSION_CURRENT; the total excludes home."""
-    told = of_crafts(fleet, rows, _mission_progress).reshape(len(rows), 4)
+    told = gather_from_vehicles(fleet, rows, _mission_progress).reshape(len(rows), 4)
     out["seq"], out["total"] = told[:, 0], told[:, 1]
     out["mission_state"] = told[:, 2]
     out["mission_mode"] = told[:, 3] == _AUTO
 
 
-def _mission_progress(craft: Any) -> tuple[int, int, int, int]:
-    state = craft.mission_state if craft.sees_mission else MissionState.NONE
-    if craft.sees_mission and state == MissionState.NONE:
+def _mission_progress(vehicle: Any) -> tuple[int, int, int, int]:
+    state = vehicle.mission_state if vehicle.has_mission else MissionState.NONE
+    if vehicle.has_mission and state == MissionState.NONE:
         state = MissionState.NOT_STARTED
-    if craft.paused and craft.mode == Mode.AUTO:  # GCS_MAVLINK_Copter::mission_state
+    if vehicle.paused and vehicle.mode == Mode.AUTO:  # GCS_MAVLINK_Copter::mission_state
         state = MissionState.PAUSED
-    return craft.current, max(len(craft.mission) - 1, 0), state, craft.mode
+    return vehicle.current, max(len(vehicle.mission) - 1, 0), state, vehicle.mode

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
-from skyrange.vehicle.builtin.parameters import INDEX
+from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
+from skyrange.vehicle.builtin.parameters.table import INDEX
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
 
 STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
@@ -69,7 +69,7 @@ STREAMS: Final[dict[int, tuple[str, tuple[int, ...]]]] = {
     ),
 }
 """MAV_DATA_STREAM → the parameter of its rate at boot, and its messages."""
-LEAST_MS: Final = 3
+MIN_INTERVAL_MS: Final = 3
 """The shortest interval accepted, for a 400 Hz loop; here a message is sent every 10 ms at most."""
 
 _OF_MESSAGE: Final = {message: name for name, messages in STREAMS.values() for message in messages}
@@ -81,29 +81,29 @@ def interval_ns(rate_hz: float) -> Time:
     `get_interval_for_stream` and `cap_message_interval` (GCS_Common.cpp): at most 0.8 of the main loop's rate.
     """
     whole_ms = 1000 // int(rate_hz) if rate_hz >= 1.0 else 0
-    return max(whole_ms, LEAST_MS) * NS_PER_MS if whole_ms else 0
+    return max(whole_ms, MIN_INTERVAL_MS) * NS_PER_MS if whole_ms else 0
 
 
-def boot_rates(schedule: Schedule, fleet: Fleet, craft: Craft) -> None:
+def start_boot_streams(schedule: Schedule, fleet: Fleet, vehicle: Vehicle) -> None:
     """Start what is sent at boot: HEARTBEAT and Open Drone ID's Location at 1 Hz, streams at their SR0_… rates."""
-    schedule.clear(craft.row)
-    schedule.set(craft.row, mav.MAVLINK_MSG_ID_HEARTBEAT, NS_PER_S, fleet.now)
-    if fleet.param(craft, "DID_ENABLE"):  # AP_OpenDroneID.h, _mavlink_dynamic_period_ms
-        schedule.set(craft.row, mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION, NS_PER_S, fleet.now)
+    schedule.clear(vehicle.row)
+    schedule.set(vehicle.row, mav.MAVLINK_MSG_ID_HEARTBEAT, NS_PER_S, fleet.now)
+    if fleet.param(vehicle, "DID_ENABLE"):  # AP_OpenDroneID.h, _mavlink_dynamic_period_ms
+        schedule.set(vehicle.row, mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION, NS_PER_S, fleet.now)
     for name, messages in STREAMS.values():
-        period = interval_ns(fleet.param(craft, name))
+        period = interval_ns(fleet.param(vehicle, name))
         for message in messages:
-            schedule.set(craft.row, message, period, fleet.now)
+            schedule.set(vehicle.row, message, period, fleet.now)
 
 
-def default_ns(fleet: Fleet, craft: Craft, message: int) -> Time:
+def default_interval_ns(fleet: Fleet, vehicle: Vehicle, message: int) -> Time:
     """Return the default interval of a message; 0 is never."""
     if message == mav.MAVLINK_MSG_ID_HEARTBEAT:
         return NS_PER_S
-    return interval_ns(fleet.param(craft, _OF_MESSAGE[message])) if message in _OF_MESSAGE else 0
+    return interval_ns(fleet.param(vehicle, _OF_MESSAGE[message])) if message in _OF_MESSAGE else 0
 
 
-def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> None:
+def on_request_data_stream(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, message: Any) -> None:
     """REQUEST_DATA_STREAM: start or stop one stream, or all (0).
 
     The stream's parameter is set until the next boot.
@@ -119,8 +119,8 @@ def on_request(fleet: Fleet, schedule: Schedule, craft: Craft, message: Any) -> 
             continue
         name, messages = STREAMS[stream]
         index = INDEX[name]
-        craft.unsaved.setdefault(index, float(fleet.stored[craft.row, index]))
-        fleet.stored[craft.row, index] = rate
+        vehicle.unsaved_params.setdefault(index, float(fleet.stored_params[vehicle.row, index]))
+        fleet.stored_params[vehicle.row, index] = rate
         period = interval_ns(rate)
         for number in messages:
-            schedule.set(craft.row, number, period, fleet.now)
+            schedule.set(vehicle.row, number, period, fleet.now)

@@ -1,4 +1,4 @@
-"""Table of messages: the builder of each, in the order of sending, and when there is nothing to send."""
+"""MessageTable of messages: the builder of each, in the order of sending, and when there is nothing to send."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyrange.agent.payloads import Ints
-from skyrange.codec.columns import Table, dtype_of
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.wire import LAYOUTS
-from skyrange.vehicle.builtin.fleet import Craft, Fleet
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import MessageTable, payload_dtype
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 from skyrange.vehicle.builtin.telemetry import motion, remote_id, sensors, status
-from skyrange.vehicle.builtin.telemetry.columns import Asks, Builder
+from skyrange.vehicle.builtin.telemetry.columns import Available, Builder
 
 BUILDERS: Final[dict[int, Builder]] = {
     mav.MAVLINK_MSG_ID_HEARTBEAT: status.heartbeat,
@@ -58,9 +58,9 @@ BUILDERS: Final[dict[int, Builder]] = {
 }
 """Messages that can be streamed or requested, by id; an aircraft's messages of one moment are sent in this order."""
 
-HAS: Final[dict[int, Asks]] = {
+AVAILABLE: Final[dict[int, Available]] = {
     mav.MAVLINK_MSG_ID_LOCAL_POSITION_NED: motion.has_position,
-    mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: motion.has_place,
+    mav.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT: motion.has_destination,
     mav.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: motion.has_local_target,
     mav.MAVLINK_MSG_ID_FENCE_STATUS: status.has_fence,
     mav.MAVLINK_MSG_ID_BATTERY_STATUS: status.has_battery_monitor,
@@ -69,10 +69,10 @@ HAS: Final[dict[int, Asks]] = {
 }
 """Messages that ArduPilot does not send while they have no contents."""
 
-UNASKED: Final = frozenset((mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION,))
+UNSOLICITED: Final = frozenset((mav.MAVLINK_MSG_ID_OPEN_DRONE_ID_LOCATION,))
 """Messages that are sent unrequested and cannot be requested (GCS_MAVLINK::mavlink_id_to_ap_message_id)."""
 
-SILENT: Final = frozenset(
+NEVER_SENT: Final = frozenset(
     (
         mav.MAVLINK_MSG_ID_ADSB_VEHICLE,
         mav.MAVLINK_MSG_ID_AIRSPEED,
@@ -107,19 +107,19 @@ SILENT: Final = frozenset(
 """Messages that ArduCopter knows and accepts an interval for, though no device fills them."""
 
 
-def build(fleet: Fleet, message_id: int, rows: Ints) -> Table:
+def build_table(fleet: Fleet, message_id: int, rows: Ints) -> MessageTable:
     """Build the messages of some aircraft."""
-    table = np.zeros(len(rows), dtype=dtype_of(message_id))
+    table = np.zeros(len(rows), dtype=payload_dtype(message_id))
     BUILDERS[message_id](fleet, rows, table)
     return table
 
 
-def message(fleet: Fleet, craft: Craft, message_id: int) -> Any | None:
+def build_message(fleet: Fleet, vehicle: Vehicle, message_id: int) -> Any | None:
     """Return one aircraft's message as an object; `None` where it has no contents."""
-    rows = np.array([craft.row], dtype=np.int64)
-    if message_id in HAS and not HAS[message_id](fleet, rows)[0]:
+    rows = np.array([vehicle.row], dtype=np.int64)
+    if message_id in AVAILABLE and not AVAILABLE[message_id](fleet, rows)[0]:
         return None
-    values = build(fleet, message_id, rows)[0]
+    values = build_table(fleet, message_id, rows)[0]
     layout = LAYOUTS[message_id]
     told = (values[name] for name in layout.cls.fieldnames)
     return layout.cls(*(part.tolist() if isinstance(part, np.ndarray) else part.item() for part in told))

@@ -14,14 +14,13 @@ from typing import Final, NamedTuple
 
 import pyarrow.compute as pc
 
-from skyrange.codec import datagrams, pcapng, rid_capture
-from skyrange.codec.datagrams import Socket
+from skyrange.codec.capture import pcapng, remote_id_packet, udp_datagram
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.ids import endpoint, link_name
-from skyrange.record.run import RunRecord
-from skyrange.study.overheard import chosen, overheard, sort_in_window
-from skyrange.study.series import operators, vehicles
+from skyrange.record.read.run import RunRecord
+from skyrange.study.captures.received_broadcasts import received_broadcasts, select_receivers, sort_in_window
+from skyrange.study.measures.time_series import operators, vehicles
 
 REMOTE_ID: Final = "remote_id.pcapng"
 MAVLINK: Final = "mavlink.pcapng"
@@ -50,16 +49,16 @@ def remote_id(record: RunRecord, path: Path | None = None, receivers: Sequence[s
     packet names its receiver. Raises `InputError` for a run without a radio medium and for an unknown receiver, and
     `OSError` if the file cannot be written; no incomplete file is left behind.
     """
-    names = chosen(record, receivers)
+    names = select_receivers(record, receivers)
     start = _start_utc_ns(record)
-    first = {name: place * len(rid_capture.INTERFACES) for place, name in enumerate(names)}
-    interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in rid_capture.INTERFACES]
+    first = {name: place * len(remote_id_packet.INTERFACES) for place, name in enumerate(names)}
+    interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in remote_id_packet.INTERFACES]
 
     def packets() -> Iterator[tuple[str, bytes]]:
-        for receiver, frame in overheard(record, names):
-            yield receiver, rid_capture.packet(frame, start, f"received by {receiver}", first[receiver])
+        for receiver, frame in received_broadcasts(record, names):
+            yield receiver, remote_id_packet.packet_block(frame, start, f"received by {receiver}", first[receiver])
 
-    return _write(path or record.path / REMOTE_ID, pcapng.head(interfaces), packets(), names)
+    return _write(path or record.path / REMOTE_ID, pcapng.file_header(interfaces), packets(), names)
 
 
 def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
@@ -70,11 +69,11 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
     """
     start = _start_utc_ns(record)
     stations = {
-        endpoint(name, "gcs"): Socket(_STATIONS + place, STATION_PORT)
+        endpoint(name, "gcs"): udp_datagram.SocketAddress(_STATIONS + place, STATION_PORT)
         for place, name in enumerate(operators(record), start=1)
     }
     aircraft = {
-        link_name("gcs", vehicle.id): Socket(_AIRCRAFT + place, AIRCRAFT_PORT)
+        link_name("gcs", vehicle.id): udp_datagram.SocketAddress(_AIRCRAFT + place, AIRCRAFT_PORT)
         for place, vehicle in enumerate(vehicles(record), start=1)
     }
     ends = {link_name("gcs", vehicle.id): stations[endpoint(vehicle.operator, "gcs")] for vehicle in vehicles(record)}
@@ -86,9 +85,14 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
             station, vehicle = ends[frame.link], aircraft[frame.link]
             path = (station, vehicle) if frame.direction == "fwd" else (vehicle, station)
             comment = frame.link if frame.sender == frame.src else f"{frame.link}, sent by {frame.sender}"
-            yield frame.link, pcapng.packet(0, start + frame.at_ns, datagrams.udp(*path, frame.payload), comment)
+            yield (
+                frame.link,
+                pcapng.packet_block(
+                    0, start + frame.at_ns, udp_datagram.encode_datagram(*path, frame.payload), comment
+                ),
+            )
 
-    head = pcapng.head([("gcs", pcapng.IPV4)]) + pcapng.names(called)
+    head = pcapng.file_header([("gcs", pcapng.IPV4)]) + pcapng.name_block(called)
     return _write(path or record.path / MAVLINK, head, packets(), list(aircraft))
 
 
@@ -106,7 +110,9 @@ def _delivered(record: RunRecord) -> Iterator[_Delivered]:
     columns = ["link", "direction", "sender", "src", "arrived_ns"]
     for table in record.tables.frames_with_payloads(columns):
         keep = pc.and_(pc.starts_with(table.column("link"), "gcs:"), pc.is_valid(table.column("arrived_ns")))
-        rows = table.filter(pc.and_(keep, pc.less_equal(pc.binary_length(table.column("payload")), datagrams.MOST)))
+        rows = table.filter(
+            pc.and_(keep, pc.less_equal(pc.binary_length(table.column("payload")), udp_datagram.MAX_PAYLOAD))
+        )
         yield from map(_Delivered, *(rows.column(name).to_pylist() for name in (*columns, "payload")))
 
 

@@ -11,22 +11,22 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from skyrange.agent.plugins import APPROVALS, Plugin
+from skyrange.contracts.plugins import APPROVALS, Plugin
 from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
 
 if TYPE_CHECKING:
-    from skyrange.agent.contracts import Agent
-    from skyrange.agent.links import LinkSpec
     from skyrange.city.city import City
+    from skyrange.contracts.components import Agent
+    from skyrange.contracts.links import LinkSpec
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
     from skyrange.core.time import Epoch
 
 
 @dataclass(frozen=True, slots=True)
-class Intent:
+class OperationalIntent:
     """One operational intent: `operator` asks to fly `vehicle` through `volumes`, in the order flown.
 
     `id` is a UUID (see `intent_id`); `vehicle` a vehicle id (`blue/b1`); `priority` follows F3548
@@ -41,7 +41,7 @@ class Intent:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class ApprovalDecision:
     """What the approval says: accepted with an `ovn`, or rejected with a `reason` and perhaps `alternatives`."""
 
     accepted: bool
@@ -56,7 +56,7 @@ class ApprovalPolicy(Protocol):
     Same calls in the same order, same answers: no clock, no socket. Its state is deep-copyable data.
     """
 
-    def decide(self, now: Time, request: Intent) -> Decision:
+    def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         """Accept or reject `request` at `now`; called once per distinct request, in order of arrival."""
         ...
 

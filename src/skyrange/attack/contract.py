@@ -1,7 +1,7 @@
 """Attacks as plugins: what one is told when it is made, and what it then owns.
 
 An attack kind is one file: a model of its parameters, and a function that makes an `Attack` of them and of a
-`Setting`. It is offered as an `AttackKind` under a dotted name, in the entry point group `skyrange.attacks`.
+`AttackContext`. It is offered as an `AttackPlugin` under a dotted name, in the entry point group `skyrange.attacks`.
 
 An attack never decides whether it counts. Its agents, taps and faults run from the beginning of the run to its end;
 the kernel lets through what they do while the attack acts, writes a label of each deed, and throws the rest away. So
@@ -14,14 +14,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
-from skyrange.agent.plugins import ATTACKS, Plugin
+from skyrange.contracts.plugins import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
 
 if TYPE_CHECKING:
-    from skyrange.agent.contracts import Agent, SensorFault
-    from skyrange.agent.links import LinkSpec, Schedule, TapPlacement
     from skyrange.city.city import City
+    from skyrange.contracts.components import Agent, SensorFault
+    from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
 
@@ -42,7 +42,7 @@ class Aircraft:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class AttackContext:
     """What the scenario tells an attack that it makes. Endpoints and links are named by these methods."""
 
     id: str
@@ -105,7 +105,7 @@ class Attack:
 
 
 @dataclass(frozen=True, slots=True)
-class AttackKind(Plugin[Setting, Attack]):
+class AttackPlugin(Plugin[AttackContext, Attack]):
     """A kind of attack."""
 
     group: ClassVar[str] = ATTACKS

@@ -1,7 +1,7 @@
 """Avoidance as plugins: own state, tracks and the episode under way → a decision.
 
 An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`. Their parameters are `Limits`, or a subclass of it
+and handed back. Kinds are plugins of `skyrange.avoidance`. Their parameters are `AvoidanceLimits`, or a subclass of it
 with more.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from skyrange.agent.plugins import AVOIDANCE, Plugin
-from skyrange.agent.settings import Number, Params
+from skyrange.contracts.params import Number, Params
+from skyrange.contracts.plugins import AVOIDANCE, Plugin
 from skyrange.core.time import NEVER, Time
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
 
-class Action(StrEnum):
+class AvoidanceAction(StrEnum):
     """What an aircraft shall do now."""
 
     KEEP = "keep"
@@ -41,7 +41,7 @@ class Action(StrEnum):
     """Go home: it has waited long enough."""
 
 
-class Limits(Params):
+class AvoidanceLimits(Params):
     """The parameters of all kinds. Defaults suit a small multirotor at 10 m/s; none comes from a regulation.
 
     `docs/explanation/detect-and-avoid.md` says what they do to the separation that is held.
@@ -132,24 +132,24 @@ class Episode:
     """Since when there has been no way."""
 
 
-class Decision(NamedTuple):
+class AvoidanceDecision(NamedTuple):
     """What to do; `tracks` are the rows that are in the way, `episode` is to be handed in next time."""
 
-    action: Action
+    action: AvoidanceAction
     episode: Episode | None
     waypoint_enu_m: Vector | None = None
     tracks: tuple[int, ...] = ()
 
 
-KEEP = Decision(Action.KEEP, None)
+KEEP = AvoidanceDecision(AvoidanceAction.KEEP, None)
 
 
 class Avoidance(Protocol):
     """One kind of avoidance with its parameters; serves any number of aircraft. Deep-copyable."""
 
-    limits: Limits
+    limits: AvoidanceLimits
 
-    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> Decision:
+    def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> AvoidanceDecision:
         """What to do now. Called several times a second while there is a conflict or an episode."""
         ...
 
