@@ -57,7 +57,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Runs": "load RunRecord summary write_report",
         "Comparison": """load_pair Pair Interval compare_runs Difference compare_outcomes Agreement compare_autopilots
             compare_rates Parity""",
-        "Remote ID": "hearings who_heard_whom overheard receivers_of decode_remote_id find_remote_id_faults",
+        "Remote ID": """received_broadcasts reception_summaries summarise_receptions receivers_of decode_remote_id
+            find_remote_id_faults""",
         "MAVLink": "decode_mavlink name_mavlink",
         "Detectors": "replay_monitor",
         "Figures": "trajectories_3d plan_view altitude track_deviation",
