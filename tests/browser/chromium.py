@@ -1,4 +1,4 @@
-"""Pages opened in Debian's Chromium by Playwright, drawn in software, with what they said and what they asked for."""
+"""Chromium for tests and screenshots: pages opened by Playwright, with their console messages and requests."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page, Playwright
 
 FLAGS: Final = (
-    "--no-sandbox",  # of a container's root
     "--disable-dev-shm-usage",
     "--use-gl=angle",
     "--use-angle=swiftshader",
@@ -30,29 +30,31 @@ FLAGS: Final = (
     "--disable-sync",
     "--no-first-run",
 )
-"""WebGL by SwiftShader, so that a picture depends on no graphics card; nothing fetched by the browser itself."""
+"""SwiftShader draws WebGL, so that pictures do not depend on a graphics card; the browser itself fetches nothing."""
 
 WITHOUT_WEBGL: Final = ("--disable-3d-apis",)
 
+TIMEOUT_S: Final = 120.0
+"""Limit of each action and wait, wide enough for a busy machine."""
 
-def find() -> str | None:
-    """Chromium's program: `SKYRANGE_CHROMIUM`, else that of Debian, else none."""
+
+def find_program() -> str | None:
+    """The path of Chromium: `SKYRANGE_CHROMIUM`, else Debian's, else `None`."""
     return os.environ.get("SKYRANGE_CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 def missing() -> str:
-    """Why no page can be opened here, "" where one can."""
-    try:
-        import playwright.sync_api  # noqa: F401
-    except ImportError:
+    """Why no page can be opened here; "" if one can."""
+    if find_spec("playwright") is None:
         return "playwright is not installed (pip install playwright)"
-    return "" if find() else "Chromium is not installed (apt-get install chromium)"
+    return "" if find_program() else "Chromium is not installed (apt-get install chromium)"
 
 
 @contextmanager
 def launched(driver: Playwright, *flags: str) -> Iterator[Browser]:
     """A browser, closed at the end."""
-    browser = driver.chromium.launch(executable_path=find(), args=[*FLAGS, *flags])
+    root = ["--no-sandbox"] if os.geteuid() == 0 else []  # Chromium refuses to run as root with its sandbox
+    browser = driver.chromium.launch(executable_path=find_program(), args=[*FLAGS, *root, *flags])
     try:
         yield browser
     finally:
@@ -61,11 +63,11 @@ def launched(driver: Playwright, *flags: str) -> Iterator[Browser]:
 
 @dataclass
 class Opened:
-    """A page, what it wrote to the console or threw, the addresses it asked for, and dialogs it showed."""
+    """An open page, its console messages and uncaught errors, the addresses it requested, and the dialogs it showed."""
 
     page: Page
-    said: list[str] = field(default_factory=list)
-    asked: list[str] = field(default_factory=list)
+    messages: list[str] = field(default_factory=list)
+    requests: list[str] = field(default_factory=list)
     dialogs: list[str] = field(default_factory=list)
 
     @property
@@ -93,15 +95,16 @@ def visit(browser: Browser, path: Path, at: str = "", script: str = "", **contex
     `script` runs in the page before its own.
     """
     page = browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | context).new_page()
+    page.set_default_timeout(TIMEOUT_S * 1000)
     opened = Opened(page)
 
     def answer(dialog: Any) -> None:
         opened.dialogs.append(dialog.message)
         dialog.dismiss()
 
-    page.on("console", lambda message: opened.said.append(f"{message.type}: {message.text}"))
-    page.on("pageerror", lambda error: opened.said.append(f"error: {error}"))
-    page.on("request", lambda request: opened.asked.append(request.url))
+    page.on("console", lambda message: opened.messages.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: opened.messages.append(f"error: {error}"))
+    page.on("request", lambda request: opened.requests.append(request.url))
     page.on("dialog", answer)
     if script:
         page.add_init_script(script)

@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,13 +20,13 @@ from skyrange.study.report import write_report
 from skyrange.study.report.pair.page import write_comparison
 from skyrange.study.runs import fly
 from skyrange.study.twins.pair_folder import EFFECTS, PROPAGATION, Pair, load_pair
-from tests.browser.chromium import Opened, visit
+from tests.browser.chromium import Opened, missing, visit
 from tests.unit.study_sample import SampleRun, squares
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-pytestmark = pytest.mark.external
+pytestmark = pytest.mark.external(missing=missing())
 
 BREAKOUTS = (
     "<img src=x onerror=hacked()>",
@@ -53,8 +54,8 @@ COUNTED = "script, style, svg, iframe, img, base, link, object, embed, form, met
 """What a way out would add to a page."""
 
 
-def said(opened: Opened) -> Mapping[str, Any]:
-    """What the page is made of; the same for hostile and harmless text."""
+def count_elements(opened: Opened) -> Mapping[str, Any]:
+    """Counts of elements and handlers, which are the same for hostile and harmless text."""
     return opened.page.evaluate(
         """(counted) => ({
           elements: document.querySelectorAll(counted).length,
@@ -66,7 +67,8 @@ def said(opened: Opened) -> Mapping[str, Any]:
     )
 
 
-def read(browser: Browser, path: Path) -> Iterator[Opened]:
+@contextmanager
+def exercised(browser: Browser, path: Path) -> Iterator[Opened]:
     """Open a page that would notice `hacked()`, move over all of it that answers to the mouse, and check it."""
     opened = visit(browser, path, script="window.hacked = () => { throw new Error('hacked') };")
     page = opened.page
@@ -86,9 +88,9 @@ def read(browser: Browser, path: Path) -> Iterator[Opened]:
         page.keyboard.press("n")
         assert page.locator("#tip").is_visible()
     opened.settle()
-    assert opened.said == []
+    assert opened.messages == []
     assert opened.dialogs == []
-    assert opened.asked == [path.resolve().as_uri()]
+    assert opened.requests == [path.resolve().as_uri()]
     opened.close()
 
 
@@ -97,20 +99,20 @@ def check_same(browser: Browser, hostile: Path, harmless: Path) -> str:
     made = []
     words = ""
     for path in (harmless, hostile):
-        for opened in read(browser, path):
-            made.append(said(opened))
+        with exercised(browser, path) as opened:
+            made.append(count_elements(opened))
             words = opened.page.locator("body").inner_text()
     assert made[0] == made[1]
     return words
 
 
-def spoilt(value: Any, hostile: str) -> Any:
+def replace_texts(value: Any, hostile: str) -> Any:
     """`value` with `hostile` in every text and name of a table inside."""
     if isinstance(value, str):
         return hostile
     if isinstance(value, dict):
-        return {f"{hostile}{place}": spoilt(inner, hostile) for place, inner in enumerate(value.values())}
-    return [spoilt(inner, hostile) for inner in value] if isinstance(value, list) else value
+        return {f"{hostile}{place}": replace_texts(inner, hostile) for place, inner in enumerate(value.values())}
+    return [replace_texts(inner, hostile) for inner in value] if isinstance(value, list) else value
 
 
 def recorded(folder: Path, text: str) -> SampleRun:
@@ -173,7 +175,7 @@ def recorded(folder: Path, text: str) -> SampleRun:
                 "about": renamed(row["about"]),
                 "source": text,
                 "causes": [text, text],
-                "data": json.dumps({**spoilt(details, text), **mode}),
+                "data": json.dumps({**replace_texts(details, text), **mode}),
             }
     for row in run._rows["labels"]:
         row |= {"attack": text, "actor": text, "frame": f"gcs:{name['blue/b1']}|fwd|{word}|0"}
@@ -260,7 +262,7 @@ def test_a_scenario_with_hostile_texts_flies_and_its_page_is_harmless(browser: B
             with pytest.raises(InputError, match="plain names"):
                 fly(load_file(file), tmp_path / "refused")
     record = fly(load_file(file), folder / '"><img src=x onerror="hacked()')
-    for opened in read(browser, record.path / "report.html"):
+    with exercised(browser, record.path / "report.html") as opened:
         words = opened.page.locator("body").inner_text()
         assert names["ghost"] in words
         assert str(folder) in words

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING
 import pytest
 
 from skyrange.study.report import write_report
-from tests.browser.chromium import visit
+from tests.browser.chromium import missing, visit
 from tests.unit.study_sample import fleet_of, fly, small_city
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-pytestmark = [pytest.mark.external, pytest.mark.slow]
+pytestmark = [pytest.mark.external(missing=missing()), pytest.mark.slow]
 
 AIRCRAFT = 500
 OPERATORS = 10
 LIMIT_S = 120.0
-"""No promise: wide enough for a machine that is busy with other tests."""
+"""Wide enough for a busy machine. On two cores with little else to do, the page was drawn after 2.4 s."""
 
 
 @pytest.fixture(scope="session")
@@ -66,8 +66,8 @@ def test_a_report_of_500_aircraft_opens_within_seconds(
     )
     record_property("bytes", octets)
     record_property("drawn_s", drawn_s)
-    assert opened.said == []
-    assert opened.asked == [large.resolve().as_uri()]
+    assert opened.messages == []
+    assert opened.requests == [large.resolve().as_uri()]
     assert drawn_s < LIMIT_S
     assert redrawn_s < LIMIT_S
     opened.close()

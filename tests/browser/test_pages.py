@@ -12,13 +12,13 @@ import pytest
 from skyrange.record import load
 from skyrange.study.report import write_report
 from skyrange.study.twins.pair_folder import Pair
-from tests.browser.chromium import visit
+from tests.browser.chromium import missing, visit
 from tests.unit.study_sample import SampleRun, squares
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-pytestmark = pytest.mark.external
+pytestmark = pytest.mark.external(missing=missing())
 
 BLANK = {"name": "blank", "status": "complete", "vehicles": [], "operators": []}
 
@@ -35,8 +35,8 @@ def check_opens(browser: Browser, path: Path, heading: str) -> None:
     opened = visit(browser, path)
     assert opened.page.locator("h1").inner_text().startswith(heading)
     opened.page.wait_for_timeout(300)  # what a script does later
-    assert opened.said == []
-    assert opened.asked == [path.resolve().as_uri()]
+    assert opened.messages == []
+    assert opened.requests == [path.resolve().as_uri()]
     assert opened.page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     opened.close()
 
@@ -89,7 +89,7 @@ def test_light_and_dark_are_two_looks_of_one_page(browser: Browser, run_page: Pa
         shown = opened.pixels()
         brightness[scheme] = float(np.median(shown))
         words[scheme] = opened.page.locator("main").inner_text()
-        assert opened.said == []
+        assert opened.messages == []
         if kind == "run":  # the scene follows the page
             opened.page.emulate_media(color_scheme="dark" if scheme == "light" else "light")
             turned = float(np.median(opened.pixels(opened.page.locator("#stage"))))

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from tests.browser.chromium import WITHOUT_WEBGL, Opened, launched, visit
+from tests.browser.chromium import WITHOUT_WEBGL, Opened, launched, missing, visit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from playwright.sync_api import Browser, Playwright
 
-pytestmark = pytest.mark.external
+pytestmark = pytest.mark.external(missing=missing())
 
 VIEWPORT = {"width": 1000, "height": 800}
 AT_S = 15.0
@@ -30,7 +30,7 @@ def opened(browser: Browser, run_page: Path) -> Iterator[Opened]:
     """The report of a run, standing at `AT_S`."""
     found = visit(browser, run_page, f"#t={AT_S:g}", viewport=VIEWPORT)
     yield found
-    assert found.said == []
+    assert found.messages == []
     found.close()
 
 
@@ -120,7 +120,7 @@ def test_without_webgl_the_scene_is_drawn_on_a_plain_canvas(driver: Playwright, 
         for vehicle in data(opened)["vehicles"]:
             assert near(drawn, vehicle["ink"][0]) > 50, vehicle["id"]
         assert near(drawn, "#eef2f7", 3) > 3000
-        assert [line for line in opened.said if "WebGL" not in line] == []
+        assert [line for line in opened.messages if "WebGL" not in line] == []
 
 
 def test_views_from_above_and_from_the_side_differ(opened: Opened) -> None:
