@@ -38,7 +38,7 @@ READ = mav.MAVLink_param_request_list_message(1, 1)
 
 @pytest.fixture(autouse=True)
 def _soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(wires, "AGAIN_S", 0.02)
+    monkeypatch.setattr(wires, "RETRY_S", 0.02)
 
 
 def made(
