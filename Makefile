@@ -10,7 +10,7 @@ REALTIME_WORKERS ?= 2
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check setup clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -40,6 +40,14 @@ check: $(VENV)/.tested ## ruff, mypy and the rules of imports
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	@$(MAKE) --no-print-directory audit
+
+audit: $(VENV)/.tested ## known vulnerabilities of the pinned dependencies; skipped where the index cannot be reached
+	@found=$$($(BIN)/pip-audit -r requirements-dev.txt --disable-pip --require-hashes --progress-spinner off --timeout 10 2>&1); \
+	if echo "$$found" | grep -q 'known vulnerabilit.* in'; then echo "$$found"; exit 1; fi; \
+	if echo "$$found" | grep -q 'No known vulnerabilities found' && ! echo "$$found" | grep -q 'could not be audited: numpy'; \
+	then echo "pip-audit: no known vulnerabilities"; \
+	else echo "pip-audit: skipped, because its index of vulnerabilities cannot be reached from here"; fi
 
 setup: $(VENV)/.tested ## install skyrange in .venv with what its tests need
 
@@ -54,8 +62,9 @@ $(VENV)/.installed: pyproject.toml | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
 	@touch $@
 
-$(VENV)/.tested: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+$(VENV)/.tested: pyproject.toml requirements-dev.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@ $(VENV)/.installed
 
 clean: ## remove .venv and all caches

@@ -439,7 +439,30 @@ def python_api() -> str:
     return described()
 
 
+# ---------------------------------------------------------------- the packages
+
+
+def packages() -> str:
+    """Every package and top-level module of skyrange, by layers from the top down, with the first line of its docstring."""
+    import ast
+    import tomllib
+
+    root = DOCS.parent
+    rules = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]["contracts"]
+    layers = next(rule["layers"] for rule in rules if rule["type"] == "layers")
+    rows = []
+    for number, layer in enumerate(layers):
+        for name in layer.split(" | "):
+            place = root / "src" / "skyrange" / name
+            file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+            first = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").partition("\n")[0]
+            below = sorted(one.name for one in place.glob("*/") if (one / "__init__.py").exists())
+            rows.append((len(layers) - number, f"`{name}`", first, ", ".join(f"`{one}`" for one in below)))
+    return table(("layer", "package", "contents", "subpackages"), rows)
+
+
 GENERATED: dict[str, Callable[[], str]] = {
+    "packages": packages,
     "python-api": python_api,
     "cli": cli,
     "scenario": scenario,
