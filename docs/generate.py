@@ -443,7 +443,7 @@ def python_api() -> str:
 
 
 def packages() -> str:
-    """Every package and top-level module of skyrange, by layers from the top down, with the first line of its docstring."""
+    """Every package and top-level module, by layers from the top down, with the first line of its docstring."""
     import ast
     import tomllib
 

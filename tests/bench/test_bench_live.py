@@ -9,8 +9,8 @@ from skyrange.bench.live import measure
 from skyrange.bench.transports import TRANSPORTS, frame, sent_at
 from skyrange.bench.transports import measure as measure_transport
 from skyrange.io.http.frames import read_request
-from skyrange.runtime.live.range import Range
-from skyrange.runtime.live.transport.addresses import KINDS, Transport
+from skyrange.runtime.live.range import LiveRange
+from skyrange.runtime.live.transport.addresses import KINDS, TransportKind
 from tests.ports import OFFSET
 
 
@@ -19,7 +19,7 @@ def test_every_transport_of_the_range_is_measured() -> None:
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_what_is_sent_is_what_such_a_link_carries_with_its_time_in_it(transport: Transport) -> None:
+def test_what_is_sent_is_what_such_a_link_carries_with_its_time_in_it(transport: TransportKind) -> None:
     at_ns = 123_456_789_012_345
     made = frame(transport, at_ns, 7)
     assert sent_at(transport, made) == at_ns
@@ -32,7 +32,7 @@ def test_what_is_sent_is_what_such_a_link_carries_with_its_time_in_it(transport:
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("transport", ["udp", "http"])
-def test_a_row_of_a_transport(transport: Transport) -> None:
+def test_a_row_of_a_transport(transport: TransportKind) -> None:
     row = measure_transport(transport, 300)
     assert row["frames"] == (600 if transport == "http" else 300)
     assert row["frames_per_s"] > 0
@@ -45,7 +45,7 @@ def test_a_row_of_a_transport(transport: Transport) -> None:
 def test_a_row_of_a_range() -> None:
     looks: list[float] = []
 
-    def look(flown: Range) -> None:
+    def look(flown: LiveRange) -> None:
         looks.append(flown.now_s)
 
     row = measure(2, 2.0, "operator", OFFSET, look)

@@ -20,7 +20,7 @@ from skyrange.runtime.live.supervisor.supervisor import run_range
 from skyrange.runtime.live.system import System
 from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.compare.agreement import Agreement, Kind, agreement
+from skyrange.study.compare.agreement import Agreement, KindAgreement, agreement
 from skyrange.testing.live import VirtualNetwork, VirtualSystem
 from tests.integration.live_virtual import JITTER_S
 
@@ -93,7 +93,7 @@ class Both:
 
     def amount_s(self, prefix: str = "", but: tuple[str, ...] = ()) -> float:
         """The most that notes of the kinds were apart in time."""
-        kinds: list[Kind] = [
+        kinds: list[KindAgreement] = [
             kind for name, kind in self.found.kinds.items() if name.startswith(prefix) and name not in but
         ]
         return max((max(abs(kind.least_s), abs(kind.most_s)) for kind in kinds), default=0.0)

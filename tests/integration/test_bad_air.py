@@ -95,7 +95,7 @@ def unknown() -> tuple[str, list[str]]:
     text = fleet(radio, 'remote_id = { transports = ["wifi_5ghz"], profile = "eu" }', 'avoidance = "orka"')
     return text + "".join(attacks), [
         "radio.band",
-        "radio.engine: 'ns3'",
+        "radio.engine: ns3 — expected a radio medium",
         "radio.aboard: 'radar'",
         "radio.receivers.mast.kind: 'snifer'",
         "radio.receivers.mast.antenna: 'yagi'",

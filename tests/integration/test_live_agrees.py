@@ -34,7 +34,12 @@ def test_all_that_is_shipped_is_flown_by_the_table() -> None:
     [
         ("squares", 24.0, SQUARES, 0.5),
         ("head-on", 44.0, HEAD_ON, 0.5),
-        ("gnss-drift", 80.0, {"event.takeoff": 1, "event.item_reached": 4, "event.attack_start": 1}, 1.0),
+        (
+            "gnss-drift",
+            80.0,
+            {"event.item_reached": 1, "event.attack_start": 1, "event.collision": 1, "event.crash": 1},
+            1.0,
+        ),
         pytest.param("squares", 60.0, SQUARES | {"event.landed": 5}, 0.5, marks=pytest.mark.slow),
         pytest.param("crossing", 140.0, {"event.takeoff": 3, "event.landed": 3}, 0.1, marks=pytest.mark.slow),
         pytest.param("wind", 160.0, {"event.takeoff": 2, "event.landed": 2}, 0.1, marks=pytest.mark.slow),

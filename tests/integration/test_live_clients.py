@@ -27,12 +27,11 @@ from tests.integration.live_programs import (
     kinds,
     live,
     mavsdk_python,
-    needs_mavproxy,
-    needs_tshark,
     skyrange,
     until,
 )
 from tests.ports import OFFSET
+from tests.tiers import needs_mavproxy, needs_tshark
 
 pytestmark = pytest.mark.realtime
 

@@ -194,8 +194,8 @@ def test_ctrl_c_leaves_a_whole_record(tmp_path: Path) -> None:
         (["report", "nowhere"], "a run's folder"),
         (["run", "squares", "--speed", "-1"], "--speed"),
         (["run", "squares", "--speed", "inf"], "a number of 0 or more"),
-        (["run", "squares", "--out", "/dev/null/run"], "a folder that can be written"),
-        (["run", "squares", "--out", "/proc/run"], "a folder that can be written"),
+        (["run", "squares", "--out", "/dev/null/run"], "a writable folder"),
+        (["run", "squares", "--out", "/proc/run"], "a writable folder"),
     ],
 )
 def test_bad_input_is_explained_and_leaves_nothing(arguments: list[str], expected: str, tmp_path: Path) -> None:

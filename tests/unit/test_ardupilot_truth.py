@@ -110,6 +110,8 @@ def test_one_exchange_in_a_turn_is_for_physics_with_exchanges() -> None:
 
 def test_the_pace_of_wall_engines_is_the_runs() -> None:
     class Paced:
+        paces_itself = True
+
         def __init__(self, name: str, clock: str, pace: float) -> None:
             self.name, self.clock, self.pace = name, clock, pace
 

@@ -20,7 +20,7 @@ from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.detect.heartbeat_gap import SERVICE_NS, HeartbeatGap, HeartbeatGapParams
 from skyrange.detect.receptions import read_receptions
 from skyrange.detect.telemetry import read_messages
-from skyrange.radio.ground_receptions import Reception, Report, encode
+from skyrange.radio.ground_receptions import Reception, ReceptionReport, encode
 from skyrange.record import RunRecord, replay_monitor
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
@@ -127,7 +127,7 @@ def test_receptions_of_aircraft_and_ground_receivers_are_read_alike() -> None:
         receiver="roof", time_ns=95, transport=1, channel=37, counter=2, rssi_dbm=-61.5, address="010203040506",
         body=body.hex(),
     )  # fmt: skip
-    report = encode(Report(body=(ground, ground.model_copy(update={"receiver": "mast"}))))
+    report = encode(ReceptionReport(body=(ground, ground.model_copy(update={"receiver": "mast"}))))
     frames = [
         ObservedFrame(ports[0], True, 100, down, "oracle", "blue/b1.companion"),
         ObservedFrame(ports[1], True, 101, report, "oracle", "blue.gcs"),

@@ -212,14 +212,14 @@ def test_an_approval_that_leaves_an_operator_alone_is_blamed() -> None:
 
 def test_detectors_are_made_with_the_links_that_they_listen_to() -> None:
     text = FLEET + STRICT + '[[detectors]]\nid="silence"\nkind="test.gap"\n'
-    built = build(load_text(text))
-    (built,) = built.wiring.monitors
+    whole = build(load_text(text))
+    (built,) = whole.wiring.monitors
     assert (built.id, built.links, built.side) == ("silence", ("gcs:*",), "gcs")
     monitor: Any = built.make()
     assert monitor.longer_s == 3.0
     assert list(monitor.context.vehicles) == ["blue/b1", "green/g1"]
     assert built.make() is not monitor
-    (row,) = built.header["detectors"]
+    (row,) = whole.header["detectors"]
     assert row == {
         "id": "silence", "kind": "test.gap", "links": ["gcs:*"], "side": "gcs", "params": {"longer_s": 3.0}
     }  # fmt: skip
