@@ -10,9 +10,9 @@ import pytest
 
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.frames.payloads import Payloads
-from skyrange.contracts.frames.references import FrameRefTable
 from skyrange.contracts.links import Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.references import FrameRefTable
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time

@@ -14,8 +14,8 @@ from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.contracts.frames.payloads import Payloads
-from skyrange.contracts.frames.references import NO_REF, FrameRefTable
 from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.contracts.references import NO_REF, FrameRefTable
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S

@@ -15,8 +15,8 @@ from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints, Payloads
-from skyrange.contracts.frames.references import FrameRefTable
 from skyrange.contracts.mailboxes import Inbox, Outbox, Scalar
+from skyrange.contracts.references import FrameRefTable
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId

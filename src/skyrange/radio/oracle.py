@@ -16,7 +16,6 @@ import numpy as np
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL
 from skyrange.contracts.components import World
-from skyrange.contracts.frames.references import FrameRefTable
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.medium import ANY_CHANNEL as ANY
 from skyrange.contracts.medium import (
@@ -29,6 +28,7 @@ from skyrange.contracts.medium import (
     Receptions,
     TxBatch,
 )
+from skyrange.contracts.references import FrameRefTable
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, Time

@@ -18,7 +18,7 @@ from skyrange.codec.f3411 import Status, values
 from skyrange.codec.f3411.columns import LocationColumns
 from skyrange.codec.remote_id.link_payload import RidColumns
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.frames.references import NO_REF
+from skyrange.contracts.references import NO_REF
 from skyrange.core.compiled import compiled
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Time, from_seconds

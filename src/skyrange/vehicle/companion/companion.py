@@ -21,8 +21,8 @@ from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedCo
 from skyrange.codec.remote_id.link_payload import unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.frames.references import FrameRefTable
 from skyrange.contracts.mailboxes import Columns, Inbox, Outbox, Scalar
+from skyrange.contracts.references import FrameRefTable
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
