@@ -50,7 +50,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",
         "MAVLink and Remote ID": """decode_mavlink name_mavlink MavlinkPacker mavlink decode_remote_id encode_remote_id
-            find_remote_id_faults BasicId Location MessagePack""",
+            find_remote_id_deviations BasicId Location MessagePack""",
         "Errors": "SkyrangeError InputError Problem ComponentError DecodeError nearest",
     },
     "skyrange.analysis": {
@@ -58,7 +58,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Comparison": """load_pair Pair Interval compare_runs Difference compare_outcomes Agreement compare_autopilots
             compare_rates Parity""",
         "Remote ID": """received_broadcasts reception_summaries summarise_receptions receivers_of decode_remote_id
-            find_remote_id_faults""",
+            find_remote_id_deviations""",
         "MAVLink": "decode_mavlink name_mavlink",
         "Detectors": "replay_monitor",
         "Figures": "trajectories_3d plan_view altitude track_deviation",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.codec.f3411 import conformance as find_remote_id_faults
     from skyrange.codec.f3411 import decode as decode_remote_id
+    from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.record import RunRecord, load, replay_monitor
@@ -49,7 +49,7 @@ __all__ = [
     "decode_remote_id",
     "export_mavlink",
     "export_remote_id",
-    "find_remote_id_faults",
+    "find_remote_id_deviations",
     "load",
     "load_pair",
     "name_mavlink",

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
-    from skyrange.codec.f3411 import conformance as find_remote_id_faults
     from skyrange.codec.f3411 import decode as decode_remote_id
     from skyrange.codec.f3411 import encode as encode_remote_id
+    from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
     from skyrange.codec.mavlink import Packer as MavlinkPacker
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
@@ -228,7 +228,7 @@ __all__ = [
     "encode_approval",
     "encode_remote_id",
     "endpoint",
-    "find_remote_id_faults",
+    "find_remote_id_deviations",
     "from_seconds",
     "hash64",
     "intent_id",

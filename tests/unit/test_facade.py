@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -27,6 +28,13 @@ def test_what_is_listed_is_exported_and_nothing_else(name: str) -> None:
         assert getattr(module, one) is getattr(importlib.import_module(home), original)
     with pytest.raises(AttributeError, match=f"module '{name}' has no attribute 'nothing'"):
         _ = module.nothing
+
+
+def test_no_module_is_exported_by_mistake() -> None:
+    """A function and its module may have one name; pymavlink's dialect is a module by intention."""
+    found = {(name, one) for name in FACADE for one in exports_of(name)}
+    modules = {one for name, one in found if inspect.ismodule(getattr(importlib.import_module(name), one))}
+    assert modules == {"mavlink"}
 
 
 @pytest.mark.parametrize("name", FACADE)

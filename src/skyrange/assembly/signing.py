@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
-from skyrange.contracts.plugins import AUTOPILOTS, find
 from skyrange.core.errors import Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.vehicle.contract import AutopilotPlugin
 
 if TYPE_CHECKING:
     from skyrange.codec.mavlink.signing import SigningKey
@@ -47,7 +47,7 @@ def derive_keys(scenario: Scenario, operator: Operator) -> Keys:
 def check_signing(scenario: Scenario) -> Iterator[Problem]:
     """Aircraft that are to sign and whose autopilot cannot."""
     for operator, vehicle in scenario.fleet:
-        if operator.signing != "off" and not getattr(find(AUTOPILOTS, vehicle.autopilot), "signs", False):
+        if operator.signing != "off" and not AutopilotPlugin.find(vehicle.autopilot).signs:
             where = f"{vehicle_id(operator.id, vehicle.id)}.autopilot"
             hint = 'builtin and ardupilot do; or set signing = "off".'
             yield Problem(where, vehicle.autopilot, "an autopilot that signs its MAVLink", hint)

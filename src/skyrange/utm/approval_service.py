@@ -17,7 +17,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import APPROVAL, Port, link_name, operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService
-from skyrange.utm.messages import PATH, Response, decode_request, encode
+from skyrange.utm.messages import PATH, ErrorBody, Response, decode_request, encode
 
 SERVICE_NS = 20 * NS_PER_MS
 """How often it looks at its mail, as the ground stations do."""
@@ -94,7 +94,7 @@ class FlightApproval:
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1
         if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
-            reason = getattr(response.body, "message", "")
+            reason = response.body.message if isinstance(response.body, ErrorBody) else ""
             out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
         out.send(arrival.port, encode(response), (arrival.ref,))
 
