@@ -114,6 +114,7 @@ def test_a_file_offers_what_it_registers(tmp_path: Path):
     assert plugins.find(plugins.ATTACKS, "test.jump") is JUMP
     path.write_text("raise RuntimeError('run twice')")
     assert plugins.load_file(str(path)) == ((plugins.ATTACKS, "test.jump"),)
+    assert plugins.loaded_sources()[-1] == ("mine.py", GOOD.encode())
 
 
 @pytest.mark.parametrize(

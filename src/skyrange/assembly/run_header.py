@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,10 @@ from typing import Any
 from skyrange.city.city import City
 from skyrange.codec.mission import format_waypoints
 from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.plugins import loaded_sources
 from skyrange.core.ids import vehicle_id
 from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.record.folder import PLUGINS
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_writer import to_toml
 
@@ -69,7 +72,7 @@ def make_header(
 
 
 def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
-    """The scenario with all files it names, so that the folder alone repeats the run, and what was flown of them."""
+    """The scenario with all files it names and the plugin files that were loaded, so that the folder alone repeats the run, and what was flown of them."""
     copies: dict[str, str] = {}
     files: dict[str, bytes] = {}
     for _, vehicle in scenario.fleet:
@@ -80,6 +83,8 @@ def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: 
     if scenario.city is not None and scenario.city.buildings is not None:
         copies[scenario.city.buildings] = "city.geojson"
         files["city.geojson"] = Path(scenario.city.buildings).read_bytes()
+    for number, (name, source) in enumerate(loaded_sources(), 1):
+        files[f"{PLUGINS}/{number:02}-{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}"] = source
     files["scenario.toml"] = to_toml(scenario, copies).encode()
     if city is not None:
         files["city.json"] = json.dumps(city.to_json_rows(), separators=(",", ":")).encode()

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import live
+from skyrange.cli.handlers import live, runs
 from skyrange.cli.handlers import tap as tapping
 from skyrange.cli.options import (
     AsJson,
@@ -16,6 +16,7 @@ from skyrange.cli.options import (
     Changes,
     Grouping,
     Motion,
+    Plugins,
     PortOffset,
     Qgc,
     RunFolder,
@@ -86,9 +87,11 @@ def live_(
         ),
     ] = False,
     allow_motion: Motion = False,
+    plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario in real time, with components as separate processes on real sockets."""
+    runs.load_plugins(plugin)
     options = {
         "group": group.value if group is not None else None,
         "on_death": on_death and on_death.value,

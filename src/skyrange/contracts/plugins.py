@@ -70,7 +70,15 @@ class Plugin(Generic[ContextT, MadeT]):
 
 
 _registered: dict[tuple[str, str], Plugin[Any, Any]] = {}
-_loaded_files: dict[Path, tuple[tuple[str, str], ...]] = {}
+
+
+@dataclass(frozen=True, slots=True)
+class _LoadedFile:
+    source: bytes
+    offers: tuple[tuple[str, str], ...]
+
+
+_loaded_files: dict[Path, _LoadedFile] = {}
 
 
 def register(group: str, kind: str, plugin: Plugin[Any, Any]) -> None:
@@ -126,8 +134,8 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
     raises an error, or that registers nothing.
     """
     path = Path(file).expanduser().absolute()
-    if path in _loaded_files and _registered.keys() >= set(_loaded_files[path]):
-        return _loaded_files[path]
+    if path in _loaded_files and _registered.keys() >= set(_loaded_files[path].offers):
+        return _loaded_files[path].offers
     if not path.is_file():
         raise InputError.one("--plugin", "file", str(file), "a Python file that exists")
     known = _offered_by(path)
@@ -137,7 +145,7 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise InputError.one("--plugin", "file", str(file), "a Python file, whose name ends in .py")
-    before = set(_registered)
+    source, before = path.read_bytes(), set(_registered)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # where dataclasses and pickle look for it
     try:
@@ -157,8 +165,13 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
         if isinstance(error, Exception):
             raise InputError(str(file), [_import_fault(error, path)]) from error
         raise
-    _loaded_files[path] = added
+    _loaded_files[path] = _LoadedFile(source, added)
     return added
+
+
+def loaded_sources() -> list[tuple[str, bytes]]:
+    """Name and content of each file that `load_file` ran in this process, in order."""
+    return [(path.name, file.source) for path, file in _loaded_files.items()]
 
 
 def _offered_by(path: Path) -> tuple[tuple[str, str], ...]:

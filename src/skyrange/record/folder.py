@@ -15,6 +15,9 @@ from skyrange.record.spool import SPOOL
 PARTS = ".parts"
 """What a run's folder may hold before it is a record: the records of a live run's nodes (`record.live_merge`)."""
 
+PLUGINS = "plugins"
+"""The folder, inside a run's folder, of the plugin files that the run was started with."""
+
 _PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
 
 

@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.assembly.build import BuiltScenario, build
-from skyrange.core.errors import SkyrangeError
+from skyrange.contracts.plugins import load_files
+from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.record import Recorder
+from skyrange.record.folder import PLUGINS
 from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.node import Node
@@ -142,8 +144,13 @@ def main(arguments: Sequence[str]) -> int:
     """The process: `arguments` are the path of its configuration file. Returns the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the supervisor's to handle
     path = Path(arguments[0])
-    system = RealSystem()
-    return system.run(run_node(NodeConfig.from_json(path.read_text()), path.parents[2], system))
+    root, system = path.parents[2], RealSystem()
+    try:
+        load_files(sorted((root / PLUGINS).glob("*.py")))
+    except InputError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    return system.run(run_node(NodeConfig.from_json(path.read_text()), root, system))
 
 
 if __name__ == "__main__":
