@@ -175,7 +175,7 @@ def test_a_parameter_that_the_firmware_does_not_take_is_named_before_anything_st
     told = {fault.where: fault for fault in caught.value.problems}
     assert told.keys() == {"op/a2.params.FS_GCS_ENABLE", "op/a2.params.FS_OPTIONS"}
     assert told["op/a2.params.FS_OPTIONS"].value == "1.5"
-    assert "makes 1 of it" in told["op/a2.params.FS_OPTIONS"].expected
+    assert "changed this one to 1" in told["op/a2.params.FS_OPTIONS"].expected
     assert not (tmp_path / "run").exists()
 
 
