@@ -32,7 +32,7 @@ KINDS = ("builtin", "ArduPilot")
 
 def measures(parity: Parity, depart_s: float, names: tuple[str, str] = KINDS) -> Iterator[str]:
     """For each measure the mission where the two are farthest apart, and how many per cent that is."""
-    yield f"| measure | missions | farthest apart in | {names[0]} | {names[1]} | difference | |"
+    yield f"| measure | missions | largest difference in | {names[0]} | {names[1]} | difference | |"
     yield "|---|---|---|---|---|---|---|"
     for name, (words, unit) in SHOWN.items():
         rows = [row for row in parity.rows() if row.measure == name]
@@ -57,7 +57,7 @@ def measures(parity: Parity, depart_s: float, names: tuple[str, str] = KINDS) ->
 
 def missions(parity: Parity, names: tuple[str, str] = KINDS) -> Iterator[str]:
     """One row per mission: what happened, and how far apart the two aircraft were."""
-    yield f"| mission | modes | items told, by both | last of both, {' and '.join(names)} | farthest apart |"
+    yield f"| mission | modes | items reached | last common item, {' and '.join(names)} | largest distance |"
     yield "|---|---|---|---|---|"
     for name, one in parity.first.items():
         other = parity.second[name]
