@@ -72,7 +72,9 @@ def make_header(
 
 
 def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
-    """The scenario with all files it names and the plugin files that were loaded, so that the folder alone repeats the run, and what was flown of them."""
+    """The scenario with all files it names, so that the folder alone repeats the run, what was flown of them, and the
+    plugin files that were loaded.
+    """
     copies: dict[str, str] = {}
     files: dict[str, bytes] = {}
     for _, vehicle in scenario.fleet:
