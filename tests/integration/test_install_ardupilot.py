@@ -32,12 +32,9 @@ from tests.tiers import needs
 from tests.unit.made_up_binaries import AARCH64, elf, firmware, program
 
 X86_64 = sys.platform == "linux" and platform.machine() == "x86_64"
-pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.skipif(
-        not X86_64, reason="programs made up for the tests, as ArduPilot's SITL, are of Linux on x86-64"
-    ),
-]
+pytestmark = pytest.mark.skipif(
+    not X86_64, reason="programs made up for the tests, as ArduPilot's SITL, are of Linux on x86-64"
+)
 
 HELP = b"Options:\n" + b"".join(b"\t%s X   do it\n" % option.encode() for option in REQUIRED_OPTIONS)
 PAD = bytes(300_000)

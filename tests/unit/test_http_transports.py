@@ -31,8 +31,6 @@ from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import PATH, Request, Response, encode
 from tests.tiers import needs
 
-pytestmark = pytest.mark.realtime
-
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
 VOLUME = Volume4D(((-35.0, 149.0), (-35.0, 149.1), (-35.1, 149.1)), 600.25, 640.0, 1_500_000_000, 90 * NS_PER_S)
 

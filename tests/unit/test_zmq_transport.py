@@ -23,8 +23,6 @@ from skyrange.io.zeromq import transport as zmq_sockets
 from skyrange.io.zeromq.curve_keys import Keys, load_keys, make_keys
 from skyrange.io.zeromq.transport import ZmqTransport
 
-pytestmark = pytest.mark.realtime
-
 
 class Heard:
     """What one end was told."""
