@@ -143,7 +143,7 @@ def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
     if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
         hint = units.suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
     if kind == "literal_error":
-        options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
+        options = [option.strip(" '") for option in ctx["expected"].replace(" or ", ", ").split(",")]
         return Problem(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
     if kind == "string_pattern_mismatch":
         expected = _id_of(ctx["pattern"]) if loc[-1] == "id" else f"text that matches {ctx['pattern']}"
