@@ -283,13 +283,15 @@ def routes() -> str:
             f"`{r.endpoint}`",
             f"`{r.source}`",
             f"`{r.target}`",
-            "Remote ID's messages" if r.select is for_remote_id else "everything",
-            _ms(r.service_ns) if r.service_ns else "at once",
+            "messages for Remote ID" if r.select is for_remote_id else "all",
+            f"every {_ms(r.service_ns)}" if r.service_ns else "on arrival",
         )
         for r in onboard_routes("blue/b1")
     ]
     names = ", ".join(f"`{_message(number)}`" for number in sorted(RID_MESSAGES))
-    return table(("endpoint", "from", "to", "what", "when"), rows) + f"\nRemote ID's messages are {names}.\n"
+    return (
+        table(("endpoint", "from", "to", "frames", "forwarded"), rows) + f"\nThe messages for Remote ID are {names}.\n"
+    )
 
 
 def _ms(time_ns: int) -> str:

@@ -34,7 +34,7 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Examine the installation. Runs the smallest scenario for one second, which also fills the kernel cache."""
+    """Examine the installation. Runs a small scenario for one second, which fills the cache of compiled functions."""
     return [_python(), *_packages(), *_plugins(), _ardupilot(), _writable(), _flight()]
 
 
@@ -83,12 +83,12 @@ def _ardupilot() -> Finding:
         check_help(str(binary.path), answer.ended, answer.text)
     except ComponentError as error:
         hint = f"Optional. {error}"
-        return Finding("ardupilot", f"{what}; does not run as it should", False, hint, optional=True)
+        return Finding("ardupilot", f"{what}; does not run correctly", False, hint, optional=True)
     least = ".".join(map(str, SUPPORTED_VERSION))
     hint = (
         ""
         if version_key(binary.version)[0][:2] >= SUPPORTED_VERSION
-        else f"Flights are expected to work from version {least}."
+        else f"skyrange is expected to work with version {least} or newer."
     )
     return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
 
@@ -98,7 +98,7 @@ def _writable() -> Finding:
         with tempfile.TemporaryDirectory(dir=Path.cwd()):
             return Finding("working folder", f"{Path.cwd()} is writable")
     except OSError as error:
-        hint = "Change to a folder that you can write to, or give `run` such a folder with --out DIR."
+        hint = "Change to a writable folder, or set a writable folder with --out DIR of `skyrange run`."
         return Finding("working folder", f"{Path.cwd()}: {error.strerror}", False, hint)
 
 
@@ -113,5 +113,6 @@ def _flight() -> Finding:
     except SkyrangeError as error:
         return Finding("flight", str(error), False, "Please report this with the output of `skyrange doctor --json`.")
     return Finding(
-        "flight", f"one second of squares, with compiled kernels loaded, in {time.perf_counter() - began:.1f} s"
+        "flight",
+        f"one second of squares, including loading of compiled functions, in {time.perf_counter() - began:.1f} s",
     )

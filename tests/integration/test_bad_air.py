@@ -99,7 +99,7 @@ def unknown() -> tuple[str, list[str]]:
         "radio.aboard: 'radar'",
         "radio.receivers.mast.kind: 'snifer'",
         "radio.receivers.mast.antenna: 'yagi'",
-        "remote_id.transports: wifi_5ghz — expected a way to broadcast",
+        "remote_id.transports: wifi_5ghz — expected a Remote ID transport",
         "remote_id.profile: 'eu'",
         "avoidance.kind: orka — expected a kind of avoidance that is installed. Did you mean 'orca'?",
         "attacks.a.kind: remote_id.spof — expected a kind of attack that is installed. Did you mean 'remote_id.spoof'?",

@@ -245,7 +245,7 @@ def test_the_command_line(record: RunRecord, tmp_path: Path, capsys: pytest.Capt
     assert [path.name for path in tmp_path.iterdir()] == ["remote_id.pcapng"]
     for wrong, says in (
         (["--receiver", "mats"], "Did you mean 'mast'"),
-        (["--only", "mavlink", "--receiver", "mast"], "Remote ID to be exported"),
+        (["--only", "mavlink", "--receiver", "mast"], "no --receiver, or --only remote_id"),
         (["--out", str(tmp_path / "nowhere")], "a folder that exists"),
     ):
         with pytest.raises(InputError, match=says) as caught:

@@ -161,7 +161,7 @@ def test_the_command_says_what_it_did(
     out, err = capsys.readouterr()
     assert hashlib.sha256(given.read_bytes()).hexdigest() in out
     assert "4.6.3/arducopter" in out
-    assert f"what flies is another, newer: ArduCopter {DEFAULT_VERSION}" in err
+    assert f"skyrange runs a different binary, which is newer: ArduCopter {DEFAULT_VERSION}" in err
 
 
 def test_help_names_the_version_that_is_fetched(
@@ -213,7 +213,7 @@ def test_a_binary_that_does_not_end_is_killed(
 
 @pytest.mark.parametrize(
     ("manner", "said"),
-    [("cut", "broke off after"), ("silent", "sent nothing for 0.3 s"), ("down", "answered 503")],
+    [("cut", "closed the connection after"), ("silent", "sent nothing for 0.3 s"), ("down", "answered 503")],
 )
 def test_a_broken_transfer_leaves_nothing_and_what_was_there(
     server: type[Server], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, manner: str, said: str
@@ -374,7 +374,7 @@ def test_a_data_folder_that_cannot_be_written(
 ) -> None:
     in_the_way = tmp_path / "data"
     in_the_way.write_text("a file")
-    with pytest.raises(InputError, match=r"data folder: .* not a directory — expected a folder that can be written"):
+    with pytest.raises(InputError, match=r"data folder: .* not a directory — expected a writable folder"):
         install()
     assert in_the_way.read_text() == "a file"
 
@@ -387,7 +387,7 @@ def test_a_disk_that_is_full(server: type[Server], tmp_path: Path) -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, env={**os.environ}, check=False
     )
     assert done.returncode == 2
-    assert f"data folder: {data_folder()}: file too large — expected a folder that can be written" in done.stderr
+    assert f"data folder: {data_folder()}: file too large — expected a writable folder" in done.stderr
     assert left(tmp_path) == []
 
 

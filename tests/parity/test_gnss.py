@@ -16,7 +16,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]
 @needs_arducopter
 def test_the_outcome_is_the_same_in_95_of_100(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
-    strays = [f"{one.setting.words}: {one.first} against {one.second}" for one in compared if not one.alike]
+    strays = [f"{one.setting.description}: {one.first} against {one.second}" for one in compared if not one.alike]
     assert found.settings == 100
     assert found.alike >= 95, strays
 

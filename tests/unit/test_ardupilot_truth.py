@@ -94,7 +94,7 @@ def test_wind_comes_from_where_it_does_and_the_airframe_is_theirs(
 
 def test_speedup_is_for_native_physics() -> None:
     assert Options(physics="native", speedup=5.0).speedup == 5.0
-    with pytest.raises(ValidationError, match="left out with shared physics"):
+    with pytest.raises(ValidationError, match="no speedup with shared physics"):
         Options(speedup=5.0)
     with pytest.raises(ValidationError):
         Options(physics="native", speedup=0.0)

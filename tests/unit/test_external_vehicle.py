@@ -264,10 +264,13 @@ def scenario(options: dict[str, Any]) -> Any:
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({}, "nothing for blue/b1"),
+        ({}, "no address for blue/b1"),
         ({"connect": {"blue/b1": "tcp:127.0.0.1:5760", "blue/b2": "tcp:127.0.0.1:5770"}}, "Did you mean 'blue/b1'"),
         ({"connect": {"blue/b1": "tpc:127.0.0.1:5760"}}, "Did you mean 'tcp'"),
-        ({"connect": {"blue/b1": "tcp:127.0.0.1:5760", "x/y": "tcp:127.0.0.1:5760"}}, "a connection of its own"),
+        (
+            {"connect": {"blue/b1": "tcp:127.0.0.1:5760", "x/y": "tcp:127.0.0.1:5760"}},
+            "an address that no other vehicle has",
+        ),
         ({"connect": {"blue/b1": "tcp:127.0.0.1:5760"}, "allow_motion": 1}, "allow_motion"),
         ({"connect": {"blue/b1": "tcp:127.0.0.1:5760"}, "alow_motion": True}, "allow_motion"),
     ],

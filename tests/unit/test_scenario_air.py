@@ -26,12 +26,12 @@ def test_every_kind_of_receiver_can_be_named_but_none() -> None:
 @pytest.mark.parametrize("name", TRANSPORTS)
 def test_every_transport_can_be_named_once(name: str) -> None:
     assert RemoteId(transports=(name,)).transports == (name,)
-    with pytest.raises(InputError, match="each way once"):
+    with pytest.raises(InputError, match="each transport once"):
         RemoteId(transports=(name, name))
 
 
 def test_bluetooth_is_both_kinds_and_others_are_unknown() -> None:
-    with pytest.raises(InputError, match="each way once"):
+    with pytest.raises(InputError, match="each transport once"):
         RemoteId(transports=("bluetooth", "bt5"))
     with pytest.raises(InputError, match="wifi_nan"):
         RemoteId(transports=("wifi_nann",))

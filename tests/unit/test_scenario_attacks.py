@@ -134,7 +134,7 @@ def test_all_that_is_wrong_is_said_at_once() -> None:
         ('when = { vehicle = "green/g1", within_m = 3, of = "red/r1" }\nparams.at = [1,2,3]', "when.of: red/r1"),
         ('params = { at=[1,2,3], form="position", vehicle="green/g9" }', "Did you mean 'green/g1'?"),
         ('params = { at=[1,2,3], via="link", on="green/g9" }', "params.on: green/g9"),
-        ("params = { at=[1,2,3], via='radio', on='green/g1' }", "none for via = 'radio'"),
+        ("params = { at=[1,2,3], via='radio', on='green/g1' }", "no aircraft with via = 'radio'"),
         ("params = { at=[1,2,3], uas_id='x', form='swarm' }", "params.uas_id"),
         ("params = { at=[1,2,nan] }", "params.at.2"),
     ],

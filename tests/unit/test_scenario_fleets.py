@@ -85,11 +85,14 @@ def test_an_operators_params_are_every_vehicles_unless_it_sets_its_own():
     ("keys", "expected"),
     [
         ({"count": 0}, "at least 1"),
-        ({"count": 90, "every_s": 1000}, r"the last departs at 89000 s — expected at most 86400 s"),
-        ({"count": 2, "start": (100_000, 0), "spacing_m": (5, 9)}, "the farthest starts 100005 m away"),
+        ({"count": 90, "every_s": 1000}, r"the last aircraft departs at 89000 s — expected at most 86400 s"),
+        (
+            {"count": 2, "start": (100_000, 0), "spacing_m": (5, 9)},
+            "the farthest aircraft starts 100005 m from the origin",
+        ),
         ({"count": 2, "spacing_m": (0, 9)}, "more than 0"),
-        ({"count": 2, "plan": mission_file("m.plan"), "placing": "clear"}, "anchored where it was drawn"),
-        ({"count": 2, "id": "x" * 27}, "letters, digits, .* at most 26"),
+        ({"count": 2, "plan": mission_file("m.plan"), "placing": "clear"}, "anchored at its own coordinates"),
+        ({"count": 2, "id": "x" * 27}, "at most 26 letters, digits"),
         ({"count": 2, "charge": 1.1}, "at most 1"),
     ],
 )

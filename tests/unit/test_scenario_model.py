@@ -96,10 +96,10 @@ def test_paths_have_heights():
         ({}, "exactly one of square, path and file"),
         ({"square": {"side_m": 1, "alt_m": 1}, "file": "x.plan"}, "square and file — expected exactly one"),
         ({"square": {"side_m": 1, "alt_m": 1}, "anchor": "start"}, "relative to the start"),
-        ({"file": "x.plan", "end": "rtl"}, "says how it ends"),
-        ({"file": "x.plan", "mode": "guided"}, "flown by the autopilot"),
+        ({"file": "x.plan", "end": "rtl"}, "no end, because the mission file sets it"),
+        ({"file": "x.plan", "mode": "guided"}, "the autopilot flies a mission file"),
         ({"file": "x.plan", "speed_mps": 3}, "WPNAV_SPEED"),
-        ({"file": "x.kml"}, r"ends in \.plan, \.waypoints, \.txt"),
+        ({"file": "x.kml"}, r"ends in \.plan or \.waypoints or \.txt"),
         ({"square": {"side_m": 1, "alt_m": 0}}, "more than 0"),
         ({"square": {"side_m": 1, "alt_m": float("nan")}}, "a finite number"),
         ({"square": {"side_m": True, "alt_m": 1}}, "a number"),
@@ -113,7 +113,7 @@ def test_plans_that_make_no_sense_are_refused(keys, expected):
 def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored():
     assert mission_file("m.waypoints").anchor == "file"
     assert mission_file("m.plan", anchor="start").anchor == "start"
-    with pytest.raises(InputError, match="anchored where it was drawn"):
+    with pytest.raises(InputError, match="anchored at its own coordinates"):
         one(operators=[Operator(id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
 
 
@@ -198,7 +198,7 @@ def test_python_hears_all_faults_at_once_with_nearest_spellings():
         Vehicle(strt=(1, 2), plan=square(1, 1), depart_s="5 s")
     assert error.value.who == "Vehicle"
     assert "Did you mean 'start'?" in str(error.value)
-    assert "Write depart_s = 5: the key says seconds." in str(error.value)
+    assert "Write depart_s = 5 without quotes, in seconds." in str(error.value)
 
 
 def test_every_property_of_the_json_schema_is_described():

@@ -118,7 +118,7 @@ def test_what_matches_nothing_names_the_nearest():
         "operators.bleu: bleu — expected an id, an index from 0, or *. Did you mean 'blue'?",
         "vehicles.9: 9 — expected an id, an index from 0, or *. Known: b1, two.",
         "links.*.loss: matches nothing",
-        "seed is a value",
+        "seed has no keys",
         "path=value",
         "a TOML value (",
     ]:

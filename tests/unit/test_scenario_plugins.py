@@ -170,7 +170,7 @@ def test_overrides_reach_a_dotted_kind_in_quotes() -> None:
     scenario = load_text(FLEET, overrides=['approvals."test.strict".apart_m=5', "operators.*.approval=test.strict"])
     assert scenario.approvals["test.strict"]["apart_m"] == 5.0
     for path in ('approvals."test.strict.apart_m', 'approvals."test.strict"x.apart_m', "approvals..x", ".approvals"):
-        with pytest.raises(InputError, match="no assignment"):
+        with pytest.raises(InputError, match="not an assignment"):
             load_text(FLEET, overrides=[f"{path}=5"])
 
 
@@ -181,7 +181,7 @@ def test_overrides_reach_a_dotted_kind_in_quotes() -> None:
         ("[approvals.'test.strict']\napart_m = -1", "approvals.test.strict.apart_m: -1 — expected more than 0"),
         ("[approvals.'test.strict']\napart = 3", "apart = 3 — expected a known key. Write apart_m"),
         ("[approvals.'test.strit']\napart_m = 3", "expected an approval service. Did you mean 'test.strict'?"),
-        (STRICT + "[approvals.'test.federated']\napart_m = 3", "expected the approval of an operator"),
+        (STRICT + "[approvals.'test.federated']\napart_m = 3", "expected an approval service that an operator uses"),
     ],
 )
 def test_what_is_wrong_with_an_approvals_parameters_is_named(text: str, words: str) -> None:
@@ -251,7 +251,7 @@ def test_detectors_read_back_as_they_were_written() -> None:
         ('id="a"\nkind="test.gapp"', "expected a kind of detector that is installed. Did you mean 'test.gap'?"),
         ('id="a"\nkind="test.gap"\nlinks=["gsc:*"]', "detectors.a.links: gsc:* — expected a link"),
         ('id="a"\nkind="test.gap"\nlinks=["log:*"]', "detectors.a.side: gcs — expected an end of log:blue/b1"),
-        ('id="a"\nkind="test.gap"\nlinks=[]', "detectors.a.links: [] — expected at least 1 of them"),
+        ('id="a"\nkind="test.gap"\nlinks=[]', "detectors.a.links: [] — expected a list of at least 1 element(s)"),
         ('id="a"\nkind="test.gap"\nparams.longer_s=0', "detectors.a.params.longer_s: 0 — expected more than 0"),
         ('id="a"\nkind="test.gap"\n[[detectors]]\nid="a"\nkind="test.gap"', "an id that no other detector has"),
     ],

@@ -65,8 +65,8 @@ def test_outcomes_and_times(compared: list[ComparedReaction]) -> None:
 
 
 def test_a_hundred_settings_each_once() -> None:
-    words = [setting.words for setting in settings()]
-    assert len(words) == len(set(words)) == 100
+    descriptions = [setting.description for setting in settings()]
+    assert len(descriptions) == len(set(descriptions)) == 100
 
 
 def test_alike_means_outcome_and_place() -> None:

@@ -44,18 +44,18 @@ class BuiltRadio:
 
 def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:
     """What a vehicle broadcasts. Raises `InputError` for what cannot be."""
-    told = vehicle.remote_id or RemoteId()
+    remote_id = vehicle.remote_id or RemoteId()
     origin = scenario.origin.datum
     east_m, north_m = operator.station or (operator.vehicles[0].start.east_m, operator.vehicles[0].start.north_m)
     station = (*origin.geodetic_of(east_m, north_m), origin.ellipsoid_of(origin.alt_msl_m))
     return Broadcast(
         vehicle_id(operator.id, vehicle.id),
-        uas_id=told.uas_id,
-        profile=told.profile,
-        transports=told.transports,
+        uas_id=remote_id.uas_id,
+        profile=remote_id.profile,
+        transports=remote_id.transports,
         operator_place=station,
-        operator_id=told.operator_id,
-        text=told.text,
+        operator_id=remote_id.operator_id,
+        text=remote_id.text,
         autopilot_location=abs(vehicle.params.get("DID_ENABLE", 0.0)) >= 1.0,
     )
 
@@ -138,8 +138,8 @@ def _avoidance(table: AvoidanceTable, city: City | None) -> Avoidance:
 
 
 def _aboard(key: str, vehicle: Vehicle, listening: tuple[ScanSchedule, ...]) -> RadioSpec:
-    told = vehicle.remote_id or RemoteId()
-    return RadioSpec(key, None, listening, wifi_dbm=told.wifi_dbm, ble_dbm=told.ble_dbm)
+    remote_id = vehicle.remote_id or RemoteId()
+    return RadioSpec(key, None, listening, wifi_dbm=remote_id.wifi_dbm, ble_dbm=remote_id.ble_dbm)
 
 
 def _attacker(one: Transmitter) -> RadioSpec:

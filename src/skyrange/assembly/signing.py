@@ -37,11 +37,11 @@ def derive_keys(scenario: Scenario, operator: Operator) -> Keys:
 
     if operator.signing == "off":
         return Keys(None, None)
-    words, initial = passphrase(scenario.seed, operator.id), signing_timestamp(scenario.epoch.unix_ns)
-    aircraft = SigningKey(secret_from_passphrase(words), initial)
+    phrase, initial = passphrase(scenario.seed, operator.id), signing_timestamp(scenario.epoch.unix_ns)
+    aircraft = SigningKey(secret_from_passphrase(phrase), initial)
     if operator.signing == "on":
         return Keys(aircraft, aircraft)
-    return Keys(aircraft, SigningKey(secret_from_passphrase(f"{words}/wrong"), initial))
+    return Keys(aircraft, SigningKey(secret_from_passphrase(f"{phrase}/wrong"), initial))
 
 
 def check_signing(scenario: Scenario) -> Iterator[Problem]:

@@ -1,11 +1,11 @@
-"""Attacks as plugins: what one is told when it is made, and what it then owns.
+"""Attacks as plugins: the context that an attack is made from, and the parts that it consists of.
 
-An attack kind is one file: a model of its parameters, and a function that makes an `Attack` of them and of a
-`AttackContext`. It is offered as an `AttackPlugin` under a dotted name, in the entry point group `skyrange.attacks`.
+A kind of attack is one file: a model of its parameters, and a function that makes an `Attack` from parameters and an
+`AttackContext`. It is registered as an `AttackPlugin` under a dotted name, in the entry point group `skyrange.attacks`.
 
-An attack never decides whether it counts. Its agents, taps and faults run from the beginning of the run to its end;
-the kernel lets through what they do while the attack acts, writes a label of each deed, and throws the rest away. So
-an attack can be muted, and a muted run is its nominal twin to the byte.
+An attack does not decide whether its output takes effect. Its agents, taps and faults run for the whole run. While the
+attack acts, the kernel passes their output on and labels every hostile act; at all other times it discards the output.
+So an attack can be muted, and a muted run is the nominal twin of the attacked run, to the byte.
 """
 
 from __future__ import annotations
@@ -29,38 +29,38 @@ Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
 
 ORACLE = "oracle"
-"""The endpoint at the other end of every radio's links."""
+"""The endpoint at the other end of the links of every radio."""
 
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
-    """One aircraft as an attacker may know it beforehand: what a look at its registration and its start tells."""
+    """What an attacker can know of an aircraft before the run: its registration and its start."""
 
     start_enu_m: Place
     uas_id: str
-    """The identifier in its Remote ID broadcast."""
+    """The UAS ID in its Remote ID broadcasts."""
 
 
 @dataclass(frozen=True, slots=True)
 class AttackContext:
-    """What the scenario tells an attack that it makes. Endpoints and links are named by these methods."""
+    """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
 
     id: str
     """The attack's id, unique in the scenario."""
     vehicles: Mapping[str, Aircraft]
-    """By vehicle id (`green/g1`)."""
+    """The aircraft by vehicle id (`green/g1`)."""
     links: Sequence[str]
-    """Every link's name, without those of attacks."""
+    """The names of all links, without those of attacks."""
     origin: Origin
     epoch: Epoch
     chance: Chance
     duration_ns: Time
     schedule: Schedule
-    """From when until when the attack acts: filled in during the run, not before. Keep it and read it."""
+    """When the attack acts. The kernel fills it in during the run; keep a reference and read it then."""
     sham: bool = False
-    """Make the sham: the same transmitter, airtime and timing, with content that harms nobody."""
+    """Whether to make the sham: the same transmitter, airtime and timing, with benign content."""
     city: City | None = None
-    """The buildings, if there are any: anybody can see those."""
+    """The buildings, if there are any."""
 
     @property
     def radio(self) -> str:
@@ -74,34 +74,34 @@ class AttackContext:
 
     @property
     def down(self) -> str:
-        """The link on which it hears."""
+        """The link on which that radio receives."""
         return link_name("rid_down", self.id)
 
 
 @dataclass(frozen=True, slots=True)
 class Transmitter:
-    """A radio of the attacker: a node in the medium like any other, so that range, walls and collisions apply to it."""
+    """A radio of the attacker. It is a node of the medium, so range, walls and collisions apply to it."""
 
     endpoint: str
     at_enu_m: Place
     power_dbm: float
     """Equivalent isotropically radiated power."""
     listens: bool = False
-    """Whether what it hears is sent to it on its `rid_down` link."""
+    """Whether the broadcasts that it decodes are sent to it on its `rid_down` link."""
 
 
 @dataclass(frozen=True, slots=True)
 class Attack:
-    """What an attack owns. The scenario puts it into the range; every part of it is labelled with the attack's id."""
+    """The parts of an attack, which become parts of the range. Labels of their acts have the attack's id."""
 
     agents: Sequence[Agent] = ()
     taps: Sequence[TapPlacement] = ()
     faults: Sequence[SensorFault] = ()
     links: Sequence[LinkSpec] = ()
-    """Links that it brings along."""
+    """Links that the attack adds."""
     radios: Sequence[Transmitter] = ()
     shown: Mapping[str, Place] = field(default_factory=dict)
-    """Places worth a mark on a map, such as where a ghost stands, by what to call them."""
+    """Places to mark on a map, such as that of a ghost, by label."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,4 +113,4 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     technique: str = "no fit"
     """Id of the technique in MITRE ATT&CK for ICS, or "no fit"."""
     places: Sequence[str] = ("at", "transmitter_m")
-    """Parameters that are places, where it has them: an attack's `anchor` moves them."""
+    """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""

@@ -1,4 +1,4 @@
-"""Radio of an attacker: a transmitter of its own, with links to the environment oracle."""
+"""Radio of an attacker: its own transmitter, with links to the environment oracle."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 SERVICE_NS: Final = NS_PER_MS
-"""An attacker's program that does nothing else."""
+"""Service time of the attacker's program, which has no other task."""
 CHANNEL: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
-"""Between that program and its radio, within one computer."""
+"""Channel between that program and its radio, within one computer."""
 
 
 class PayloadSource(Protocol):
-    """What a transmitter sends: payloads of `rid_up`, when they are due. State that can be deep-copied."""
+    """Source of the `rid_up` payloads that a transmitter sends, when they are due. It can be deep-copied."""
 
     @property
     def due(self) -> Time:
-        """When to ask next."""
+        """When the next payload is due."""
         ...
 
     def make(self, now: Time) -> Sequence[bytes]:
-        """What is due by now."""
+        """The payloads that are due at `now`."""
         ...
 
 
 @dataclass(slots=True)
 class Broadcaster:
-    """An agent that sends `source`'s payloads on its own `rid_up` link."""
+    """An agent that sends the payloads of `source` on its own `rid_up` link."""
 
     name: str
     up: Port
@@ -46,7 +46,7 @@ class Broadcaster:
         self.ports = [self.up]
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Send what is due."""
+        """Send the payloads that are due."""
         out = Outbox()
         for payload in self.source.make(now):
             out.send(self.up, payload)
@@ -58,12 +58,12 @@ class Broadcaster:
 
 
 def up_link(context: AttackContext) -> LinkSpec:
-    """The link on which the attacker's radio is told what to send."""
+    """The link on which the attacker's radio gets the broadcasts to send."""
     return LinkSpec(context.up, context.radio, ORACLE, CHANNEL)
 
 
 def down_link(context: AttackContext) -> LinkSpec:
-    """The link on which it says what it heard."""
+    """The link on which the attacker's radio delivers the broadcasts that it receives."""
     return LinkSpec(context.down, ORACLE, context.radio, CHANNEL)
 
 

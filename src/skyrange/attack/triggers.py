@@ -1,4 +1,4 @@
-"""Triggers of attacks: conditions on truth, which the kernel evaluates."""
+"""Triggers of attacks: conditions on the true state, which the kernel evaluates."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from skyrange.core.time import Time
 
 @dataclass(frozen=True, slots=True)
 class Near:
-    """Holds while a vehicle is within `within_m` of a place, or of another vehicle, measured in space.
+    """Holds while a vehicle is within `within_m` of a place or of another vehicle, in three dimensions.
 
-    `vehicles` is the vehicle, and the other where there is one; `place_enu_m` stands for the other where there is none.
+    `vehicles` has the vehicle and the other vehicle, or the vehicle only if `place_enu_m` is given.
     """
 
     vehicles: Sequence[str]
@@ -23,7 +23,7 @@ class Near:
     place_enu_m: tuple[float, float, float] | None = None
 
     def holds(self, now: Time, truth: Mapping[str, NDArray[np.float64]], rows: Sequence[int]) -> bool:
-        """Whether it is that near now."""
+        """Whether the condition holds now."""
         columns = [truth[name] for name in ("east_m", "north_m", "up_m")]
         here = np.array([column[rows[0]] for column in columns])
         there = np.array(self.place_enu_m if self.place_enu_m is not None else [c[rows[1]] for c in columns])

@@ -28,14 +28,14 @@ from skyrange.cli.options import (
 
 app = typer.Typer(
     name="skyrange",
-    help="A cyber range for the sky: fly fleets of small unmanned aircraft over a city, attack them, measure effects.",
+    help="A cyber range for unmanned aircraft: run fleets over a city, attack them, and measure the effects.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Download real engines to your data folder.\n\nExample: skyrange install ardupilot",
+    help="Install autopilot programs in your data folder.\n\nExample: skyrange install ardupilot",
     no_args_is_help=True,
 )
 app.add_typer(live_app.commands)
@@ -58,7 +58,7 @@ def _root(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Fly fleets over a city, attack them, and measure the effects."""
+    """Run fleets of unmanned aircraft over a city, attack them, and measure the effects."""
 
 
 @app.command(epilog="Example: skyrange run squares --seed 7 --set 'operators.*.vehicles.*.plan.square.alt_m=8'")
@@ -82,7 +82,7 @@ def run(
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario and leave a run folder with a report."""
+    """Run a scenario and write a run folder with a report."""
     runs.load_plugins(plugin)
     runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
@@ -93,37 +93,46 @@ def pair(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="A shipped scenario's name or a TOML file, with at least one attack that acts.",
+            help="Name of a shipped scenario or a TOML file, with at least one attack that is not muted.",
             autocompletion=complete_scenario,
             show_default=False,
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="The pair's folder; must be empty or new. Default: runs/NAME-pair, then -2 …"),
+        typer.Option(metavar="DIR", help="Folder of the pair, empty or new. Default: runs/NAME-pair, then -2 …"),
     ] = None,
     sham: Annotated[
-        bool, typer.Option("--sham", help="Add a third arm in which the attacks send as much, but with benign content.")
+        bool,
+        typer.Option(
+            "--sham", help="Add a third run in which the attacks send benign content with the same airtime and timing."
+        ),
     ] = False,
     seeds: Annotated[
         int,
-        typer.Option(metavar="K", min=1, help="Repeat with K seeds; effects get means and 95 % confidence intervals."),
+        typer.Option(
+            metavar="K",
+            min=1,
+            help="Repeat with K seeds, and compute means and 95 % confidence intervals of the effects.",
+        ),
     ] = 1,
     jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each.")] = 2,
-    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="First seed; overrides the seed of the scenario.")
+    ] = None,
     buildings: Buildings = None,
     changes: Changes = None,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with its attacks and with all of them muted, and compare the runs."""
+    """Run a scenario with its attacks and with all of them muted, and compare the runs."""
     runs.load_plugins(plugin)
     runs.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
 
 
 @app.command(epilog="Example: skyrange show runs/squares")
 def show(run: RunFolder, as_json: AsJson = False) -> None:
-    """Summarise a run; works for killed and unfinished runs too."""
+    """Summarise a run. Killed and unfinished runs are accepted too."""
     runs.show(run, as_json)
 
 
@@ -131,11 +140,11 @@ def show(run: RunFolder, as_json: AsJson = False) -> None:
 def report(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The file to write. Default: report.html in the run's folder.")
+        Path | None, typer.Option(metavar="FILE", help="File to write. Default: report.html in the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write a run's HTML report: one file that needs no network to be read."""
+    """Write the HTML report of a run, one file that can be read offline."""
     runs.report(run, out, as_json)
 
 
@@ -178,13 +187,13 @@ def diff(
         float | None,
         typer.Option(
             metavar="SECONDS",
-            help="Compare decisions, events, outcomes and paths, and let times differ by this much: for live runs, "
-            "which do not repeat to the byte. Default: every row must be the same.",
+            help="Compare decisions, events, outcomes and paths, with this tolerance for times. For live runs, which "
+            "do not repeat to the byte. Default: every row must be the same.",
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compare two runs: the first frame and the first truth that differ, then a summary. The exit code is always 0."""
+    """Compare two runs: first frame and first row of truth that differ, then a summary. The exit code is always 0."""
     runs.diff(a, b, tolerance, as_json)
 
 
@@ -196,27 +205,27 @@ def scenarios(as_json: AsJson = False) -> None:
 
 @app.command(epilog="Example: skyrange attacks --plugin lag.py")
 def attacks(plugin: Plugins = None, as_json: AsJson = False) -> None:
-    """List the kinds of attacks that are installed, with what each does."""
+    """List the installed kinds of attacks with a description of each."""
     runs.load_plugins(plugin)
     runs.attacks(as_json)
 
 
 @app.command(epilog="Example: skyrange schema > scenario.schema.json")
 def schema(plugin: Plugins = None) -> None:
-    """Print the JSON Schema of a scenario: every key with its meaning, unit and range."""
+    """Print the JSON Schema of a scenario, with the meaning, unit and range of every key."""
     runs.load_plugins(plugin)
     runs.schema()
 
 
 @app.command(epilog="Example: skyrange doctor --json")
 def doctor(as_json: AsJson = False) -> None:
-    """Report what this installation has and what is missing, and compile the numeric functions."""
+    """Check this installation, report what is missing, and compile the numeric functions."""
     installation.doctor(as_json)
 
 
 @install_app.callback()
 def _install() -> None:
-    """Download real engines to your data folder."""
+    """Install autopilot programs in your data folder."""
 
 
 @install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
@@ -224,7 +233,8 @@ def ardupilot(
     version: Annotated[
         str | None,
         typer.Option(
-            metavar="V", help="The release to download, or that FILE must be. Default: 4.7.0, or any with FILE."
+            metavar="V",
+            help="Release to download, or required version of FILE. Default: 4.7.0, or any version with --from.",
         ),
     ] = None,
     source: Annotated[
@@ -233,5 +243,5 @@ def ardupilot(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Install ArduPilot's official SITL binary of ArduCopter in your data folder, after a check that it runs."""
+    """Install ArduPilot's official SITL binary of ArduCopter in your data folder, and check that it runs."""
     installation.install_ardupilot(version, source, as_json)

@@ -31,7 +31,7 @@ commands = typer.Typer()
 
 
 class Death(StrEnum):
-    """What a live range does when a node dies."""
+    """Reactions of a live range to the death of a node."""
 
     STOP = "stop"
     CONTINUE = "continue"
@@ -49,16 +49,16 @@ def live_(
         Grouping | None,
         typer.Option(
             metavar="HOW",
-            help="Which components share a process: component, none; operator, those of one operator; host, those on "
-            "one machine; one, all. Default: component with at most eight components per core, else operator.",
+            help="Components that share a process. component: none; operator: those of one operator; host: those on "
+            "one machine; one: all. Default: component with at most eight components per core, else operator.",
         ),
     ] = None,
     external: Annotated[
         list[str] | None,
         typer.Option(
             metavar="COMPONENT",
-            help="Start no process for this component, such as blue.gcs, because a program of yours replaces it. "
-            "May be repeated.",
+            help="Start no process for this component, such as blue.gcs; your own program replaces it. May be "
+            "repeated.",
         ),
     ] = None,
     port_offset: PortOffset = 0,
@@ -66,8 +66,8 @@ def live_(
         Death | None,
         typer.Option(
             metavar="HOW",
-            help="What to do when a process dies: stop the range, continue without it, or restart it (at most three "
-            "times). Default: the scenario's choice, else stop.",
+            help="Reaction to the death of a process: stop the range, continue without the process, or restart it (at "
+            "most three times). Default: live.on_death of the scenario, else stop.",
         ),
     ] = None,
     qgc: Qgc = False,
@@ -75,14 +75,14 @@ def live_(
     keys: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Folder of the range's keys, made by `skyrange keys`, for hosts that join."
+            metavar="FOLDER", help="Folder with the keys of the range, made by `skyrange keys`, for machines that join."
         ),
     ] = None,
     netns: Annotated[
         bool,
         typer.Option(
             "--netns",
-            help="Give every ground station and every aircraft its own network namespace, for tools that work on "
+            help="Put every ground station and every aircraft in its own network namespace, for tools that act on "
             "packets (tc, Scapy). Linux only; needs root.",
         ),
     ] = False,
@@ -90,7 +90,7 @@ def live_(
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario in real time, with components as separate processes on real sockets."""
+    """Run a scenario in real time, with its components as separate processes on real sockets."""
     runs.load_plugins(plugin)
     options = {
         "group": group.value if group is not None else None,
@@ -109,32 +109,33 @@ def node(
         typer.Option(
             "--join",
             metavar="ADDRESS",
-            help="IP address of the machine that starts the range, with :PORT if it is not 14500.",
+            help="IP address of the machine that starts the range, with :PORT if the port is not 14500.",
         ),
     ],
-    key: Annotated[Path, typer.Option(metavar="FILE", help="This machine's secret key, made by `skyrange keys`.")],
+    key: Annotated[Path, typer.Option(metavar="FILE", help="Secret key of this machine, made by `skyrange keys`.")],
     address: Annotated[
         str | None,
         typer.Option(
             metavar="ADDRESS",
-            help="IP address at which the other machines reach this one, as in the scenario's hosts. Default: the "
-            "address from which this machine reaches the range.",
+            help="IP address at which the other machines reach this one, as in `hosts` of the scenario. Default: the "
+            "address from which this machine connects to the range.",
         ),
     ] = None,
     wait: Annotated[
-        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="How long to wait for the range to start.")
+        float,
+        typer.Option(metavar="SECONDS", min=1, max=86_400, help="Longest time to wait for the start of the range."),
     ] = 60.0,
 ) -> None:
-    """Let this machine join a live range and run the components that the scenario's hosts assign to it."""
+    """Join this machine to a live range, and run the components that `hosts` in the scenario assigns to it."""
     live.node(range_, key, address, wait)
 
 
 @commands.command(epilog="Example: skyrange keys lab-keys lab2 lab3")
 def keys(
-    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="The folder for the range's keys.")],
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for the keys of the range.")],
     names: Annotated[
         list[str] | None,
-        typer.Argument(metavar="NAME", help="A machine that may join. May be repeated."),
+        typer.Argument(metavar="NAME", help="Name of a machine that may join. May be repeated."),
     ] = None,
 ) -> None:
     """Create the keys with which other machines join a live range."""
@@ -142,7 +143,7 @@ def keys(
 
 
 class Fail(StrEnum):
-    """What happens to a frame for which an external tap's program returns no verdict."""
+    """Fates of a frame for which the program of an external tap returns no verdict."""
 
     OPEN = "open"
     CLOSED = "closed"
@@ -154,26 +155,29 @@ def tap(
     listen: Annotated[
         str,
         typer.Option(
-            metavar="ADDRESS", help="Loopback address at which your program connects; port 0 takes any free port."
+            metavar="ADDRESS", help="Loopback address to which your program connects; port 0 selects a free port."
         ),
     ],
     run: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="The live range's run folder. Default: the newest one under runs."),
+        typer.Option(metavar="FOLDER", help="Run folder of the live range. Default: the newest one under runs."),
     ] = None,
     hold_ms: Annotated[
-        float, typer.Option(metavar="MS", min=1, max=60_000, help="How long a frame waits for your program's verdict.")
+        float,
+        typer.Option(
+            metavar="MS", min=1, max=60_000, help="Longest time that a frame waits for your program's verdict."
+        ),
     ] = 200.0,
     fail: Annotated[
-        Fail, typer.Option(metavar="HOW", help="A frame without a verdict passes (open) or is dropped (closed).")
+        Fail, typer.Option(metavar="HOW", help="open: a frame without a verdict passes; closed: it is dropped.")
     ] = Fail.OPEN,
-    name: Annotated[str, typer.Option(metavar="NAME", help="The tap's name in labels.")] = "tap-process",
+    name: Annotated[str, typer.Option(metavar="NAME", help="Name of the tap in labels.")] = "tap-process",
     wait_s: Annotated[
-        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="How long to wait for the range.")
+        float, typer.Option("--wait", metavar="S", min=0, max=3600, help="Longest time to wait for the range.")
     ] = 60.0,
     as_json: AsJson = False,
 ) -> None:
-    """Put your own program, in any language, on a link of a live range: it can alter, drop, delay and inject frames."""
+    """Connect your own program to a link of a live range, to alter, drop, delay and inject frames."""
     tapping.tap(link, listen, run, hold_ms, fail.value, name, wait_s, as_json)
 
 
@@ -181,9 +185,9 @@ def tap(
 def merge(
     run: RunFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="An empty or new folder. Default: RUN-merged, beside RUN.")
+        Path | None, typer.Option(metavar="DIR", help="Empty or new folder. Default: RUN-merged, beside RUN.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Merge what the processes of a killed live range left behind into one record."""
+    """Merge the records that the processes of a killed live range left behind."""
     live.merge(run, out, as_json)

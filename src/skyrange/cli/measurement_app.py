@@ -25,7 +25,7 @@ parity_app = typer.Typer(
 OnAir = Annotated[
     bool,
     typer.Option(
-        "--remote-id", help="Fly among buildings, with Remote ID over the radio medium and all aircraft listening."
+        "--remote-id", help="Fly among buildings, with Remote ID over the radio medium; all aircraft receive."
     ),
 ]
 
@@ -39,14 +39,14 @@ class Rates(StrEnum):
 
 
 class OtherRates(StrEnum):
-    """Loop rates that are not ArduPilot's own."""
+    """Loop rates that differ from ArduPilot's own."""
 
     SINGLE = "single"
     REDUCED = "reduced"
 
 
 class Physics(StrEnum):
-    """Physics that moves the aircraft of the ArduPilot benchmark."""
+    """Kinds of physics of the ArduPilot benchmark."""
 
     SHARED = "shared"
     NATIVE = "native"
@@ -60,7 +60,7 @@ class Load(StrEnum):
 
 
 Telemetry = Annotated[
-    Load, typer.Option(metavar="LOAD", help="Telemetry profile: light, or operator, which QGroundControl requests.")
+    Load, typer.Option(metavar="LOAD", help="Telemetry profile: light, or operator (that of QGroundControl).")
 ]
 
 
@@ -74,11 +74,11 @@ def fleet(
     load: Telemetry = Load.LIGHT,
     remote_id: OnAir = False,
     detector: Annotated[
-        bool, typer.Option("--detector", help="Have a heartbeat gap detector listen to all gcs links.")
+        bool, typer.Option("--detector", help="Run a heartbeat gap detector on all gcs links.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly N aircraft on missions with everything recorded: real-time factor on one core, memory, time per component."""
+    """Measure runs of N aircraft with all recording: real-time factor on one core, memory, time per component."""
     benchmarks.bench_fleet(vehicles or [1, 10, 100, 1000], seconds, load.value, remote_id, detector, as_json)
 
 
@@ -94,20 +94,22 @@ def ardupilots(
         Rates,
         typer.Option(
             metavar="RATES",
-            help="full: ArduCopter's own loop at 400 Hz; single: 400 Hz with one exchange per turn; reduced: 100 Hz.",
+            help="full: ArduCopter's own loop at 400 Hz; single: 400 Hz, one exchange per iteration; reduced: 100 Hz.",
         ),
     ] = Rates.FULL,
     physics: Annotated[
         Physics,
-        typer.Option(metavar="KIND", help="shared: skyrange's world in lockstep; native: ArduPilot's simulation."),
+        typer.Option(
+            metavar="KIND", help="shared: skyrange's physics in lockstep; native: ArduPilot's own simulation."
+        ),
     ] = Physics.SHARED,
     speedup: Annotated[
-        float, typer.Option(metavar="X", min=0.1, max=100.0, help="With native physics: speed relative to real time.")
+        float, typer.Option(metavar="X", min=0.1, max=100.0, help="Speed relative to real time, with native physics.")
     ] = 1.0,
     remote_id: OnAir = False,
     as_json: AsJson = False,
 ) -> None:
-    """Fly N ArduPilots on missions with everything recorded: real-time factor, CPU time of ArduPilot and skyrange."""
+    """Measure runs of N ArduPilots with all recording: real-time factor, CPU time of ArduPilot and of skyrange."""
     benchmarks.bench_ardupilot(
         vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, remote_id, as_json
     )
@@ -123,12 +125,12 @@ def live_bench(
         float, typer.Option(metavar="S", min=1.0, help="Seconds to measure, after 30 s in which all aircraft take off.")
     ] = 30.0,
     group: Annotated[
-        Grouping | None, typer.Option(metavar="HOW", help="As for skyrange live: component, operator, host or one.")
+        Grouping | None, typer.Option(metavar="HOW", help="component, operator, host or one, as for skyrange live.")
     ] = None,
     port_offset: PortOffset = 0,
     as_json: AsJson = False,
 ) -> None:
-    """Measure each transport's frame rate and added latency, and whether N aircraft run in real time."""
+    """Measure the frame rate and added latency of each transport, and whether N aircraft run in real time."""
     live_benchmark.live(vehicles or [5, 20], seconds, group.value if group is not None else None, port_offset, as_json)
 
 
@@ -142,12 +144,12 @@ def radio(
     horizon_m: Annotated[
         float,
         typer.Option(
-            "--horizon", metavar="M", min=1.0, help="Greatest distance in metres at which radios receive each other."
+            "--horizon", metavar="M", min=1.0, help="Largest distance in metres at which radios receive each other."
         ),
     ] = 500.0,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the radio medium with N aircraft that broadcast once per second over a city sized to their number."""
+    """Measure the radio medium with N aircraft that broadcast once per second over a city of proportional size."""
     benchmarks.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)
 
 
@@ -161,7 +163,7 @@ def flight(
     changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with each autopilot and compare modes, legs, heights, speeds, attitudes and deviations."""
+    """Run a scenario with each autopilot and compare modes, legs, heights, speeds, attitudes and deviations."""
     parity.flight(scenario, out, changes or [], as_json)
 
 
@@ -170,7 +172,7 @@ def loop_rates(
     scenario: ScenarioName,
     rates: Annotated[
         OtherRates,
-        typer.Option(metavar="RATES", help="reduced: 100 Hz; single: 400 Hz with one exchange per turn."),
+        typer.Option(metavar="RATES", help="reduced: 100 Hz; single: 400 Hz with one exchange per iteration."),
     ] = OtherRates.REDUCED,
     out: Annotated[
         Path | None,
@@ -179,7 +181,7 @@ def loop_rates(
     changes: Changes = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly a scenario with ArduPilot at its own loop rates and at cheaper ones, and compare the flights."""
+    """Run a scenario with ArduPilot at its own loop rate and at a cheaper one, and compare the flights."""
     parity.rates(scenario, rates.value, out, changes or [], as_json)
 
 
@@ -192,10 +194,10 @@ def gnss(
     rates: Annotated[
         Rates,
         typer.Option(
-            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+            metavar="RATES", help="Loop rate of ArduPilot. reduced: 100 Hz; full or single: 400 Hz, which take longer."
         ),
     ] = Rates.REDUCED,
     as_json: AsJson = False,
 ) -> None:
-    """Compare the reactions of both autopilots to a hundred jumps and drifts of GNSS: outcomes and times of resets."""
+    """Compare outcomes and reset times of both autopilots for a hundred GNSS jumps and drifts."""
     parity.gnss(out, rates.value, as_json)

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for scripts.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
 
 
@@ -30,19 +30,22 @@ ScenarioName = Annotated[
 ]
 RunOut = Annotated[
     Path | None,
-    typer.Option(metavar="DIR", help="The run's folder; must be empty or new. Default: runs/NAME, then runs/NAME-2 …"),
+    typer.Option(metavar="DIR", help="Folder of the run, empty or new. Default: runs/NAME, then runs/NAME-2 …"),
 ]
-Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of the run; overrides the scenario's.")]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of the run; overrides the seed of the scenario.")]
 Buildings = Annotated[
     Path | None,
-    typer.Option(metavar="FILE", help="GeoJSON file of the city to use; the origin moves to its centre."),
+    typer.Option(
+        metavar="FILE",
+        help="GeoJSON file of a city that replaces that of the scenario; the origin moves to its centre.",
+    ),
 ]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
         metavar="PATH=VALUE",
-        help="Change a value of the scenario; * in the path matches all. May be repeated.",
+        help="Change a value of the scenario; * in the path matches all elements. May be repeated.",
     ),
 ]
 Plugins = Annotated[
@@ -50,13 +53,13 @@ Plugins = Annotated[
     typer.Option(
         "--plugin",
         metavar="FILE",
-        help="Run this Python file first; it calls skyrange.register for each plugin that it offers. May be repeated.",
+        help="Run this Python file first, which calls skyrange.register for each of its plugins. May be repeated.",
     ),
 ]
 Qgc = Annotated[
     bool,
     typer.Option(
-        "--qgc", help="Let QGroundControl, MAVProxy and others watch, read-only, on one TCP port per aircraft."
+        "--qgc", help="Open a read-only TCP port per aircraft for QGroundControl, MAVProxy and other viewers."
     ),
 ]
 ViewerPort = Annotated[
@@ -65,15 +68,15 @@ ViewerPort = Annotated[
         metavar="N",
         min=0,
         max=65_535,
-        help="The first of those ports; each further aircraft's is 10 higher. 0 takes any free ports. Implies --qgc. "
-        "Default: 5763 plus --port-offset.",
+        help="Port of the first aircraft; the port of each further aircraft is 10 higher. 0 selects free ports. "
+        "Implies --qgc. Default: 5763, plus --port-offset if there is one.",
     ),
 ]
 Motion = Annotated[
     bool,
     typer.Option(
         "--allow-motion",
-        help="Pass arming and motion commands to external vehicles, if the scenario sets allow_motion too. A real "
+        help="Pass arming and motion commands to external vehicles. The scenario must set allow_motion too. A real "
         "vehicle that moves can injure people.",
     ),
 ]

@@ -1,4 +1,4 @@
-"""Detectors as plugins: what one is told when it is made."""
+"""Detectors as plugins: the context that a detector is made from."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class DetectorContext:
-    """What the scenario tells a detector that it makes. Whether there is an attack is not in it."""
+    """The context of a detector: data of the scenario, without its attacks."""
 
     id: str
     """The detector's id, unique among the detectors of the scenario."""

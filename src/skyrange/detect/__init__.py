@@ -1,1 +1,1 @@
-"""Detectors: monitors that raise alerts, and readers of what a monitor sees."""
+"""Detectors: monitors that raise alerts, and functions that decode the frames a monitor observes."""

@@ -1,13 +1,13 @@
-"""Heartbeat gap detector: alerts where a MAVLink peer has not been heard for longer than it should be silent.
+"""Heartbeat gap detector: raises an alert if no heartbeat of a MAVLink component arrives for longer than a limit.
 
 Every MAVLink component sends HEARTBEAT about once a second (mavlink.io, Heartbeat/Connection Protocol), and counts as
-disconnected when several in a row are missing. A link that is jammed, cut or flooded shows as a gap. So does an
-aircraft that has crashed or flown out of range: the detector says that there is silence, not why. A forged heartbeat
-ends a gap as a true one does.
+disconnected when several in a row are missing. A jammed, cut or flooded link causes a gap, and so does an aircraft that
+has crashed or flown out of range. The detector does not report the cause. A forged heartbeat ends a gap as a true one
+does.
 
-The default limit is ArduPilot's own for a ground station that is gone (`FS_GCS_TIMEOUT`, 5 s). At one heartbeat a
-second, four in a row must be lost and a fifth must come late for an alert: on a link that loses every tenth frame that
-is at most once in three hours for each aircraft, on one that loses one in a hundred at most once in three years.
+The default limit is ArduPilot's timeout of a ground station (`FS_GCS_TIMEOUT`, 5 s). At one heartbeat per second, an
+alert needs four lost heartbeats in a row and a late fifth one. With 10 % frame loss that happens at most once in three
+hours per aircraft, with 1 % at most once in three years.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from skyrange.detect.telemetry import read_messages
 
 KIND = "heartbeat.gap"
 """The kind of its alerts."""
-ABOUT = "Alerts where no heartbeat of a MAVLink component has come over a link for longer than a limit."
+ABOUT = "Raises an alert if no heartbeat of a MAVLink component arrives on a link for longer than a limit."
 
 SERVICE_NS: Time = 500 * NS_PER_MS
-"""How often silence is looked for: what an alert comes late at most."""
+"""Interval between checks, which is also the largest delay of an alert."""
 
 
 class HeartbeatGapParams(Params):
@@ -38,22 +38,22 @@ class HeartbeatGapParams(Params):
         default=5.0,
         ge=1.0,
         le=3600.0,
-        description="Longest silence between two heartbeats that is no alert, in seconds.",
+        description="Longest time between two heartbeats that raises no alert, in seconds.",
     )
     component: Whole = Field(
         default=1,
         ge=1,
         le=255,
-        description="MAVLink component id whose heartbeats count: 1 an autopilot, 190 a ground station.",
+        description="MAVLink component id whose heartbeats count: 1 is an autopilot, 190 a ground station.",
     )
 
 
 class HeartbeatGap:
-    """A `skyrange.contracts.monitors.Monitor`: one alert for each gap of each link, as soon as the limit is passed.
+    """A `skyrange.contracts.monitors.Monitor`: one alert for each gap on each link, when it exceeds the limit.
 
-    Silence counts from time 0, also on a link on which nothing was ever heard. An alert's subject is the link's owner
-    (`blue/b1` of `gcs:blue/b1`), its time the moment at which the limit was passed, its score how long the silence has
-    lasted, in limits. `data` has the link, the time of the last heartbeat and the limit.
+    A gap begins at time 0 or at the last heartbeat. The subject of an alert is the owner of the link (`blue/b1` of
+    `gcs:blue/b1`), its time is when the gap exceeded the limit, and its score is the length of the gap divided by the
+    limit. `data` has the link, the time of the last heartbeat and the limit.
     """
 
     service_ns: Time = SERVICE_NS
@@ -65,7 +65,7 @@ class HeartbeatGap:
         self._raised = np.zeros(0, dtype=np.bool_)
 
     def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
-        """Take in the heartbeats since the last service; alert of links that have been silent for too long."""
+        """Read the heartbeats since the last service. Returns an alert for each link whose gap exceeds the limit."""
         count = len(frames.ports)
         if len(self._last) != count:
             self._last, self._raised = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=np.bool_)

@@ -1,8 +1,8 @@
 """Receptions in observed frames: Remote ID broadcasts that a radio received, as columns.
 
-What an aircraft's receiver decodes crosses its `rid_down` link, what an operator's ground receivers decode crosses the
-`oracle` link; a monitor at the receiving end reads receptions from the frames that arrive there. Who truly broadcast is
-not among them: address and body are claims.
+The broadcasts that the receiver of an aircraft decodes arrive on its `rid_down` link, and those of the ground receivers
+of an operator on the operator's `oracle` link. A monitor at the receiving end reads receptions from the frames that
+arrive there. They do not include the true sender: address and body are claims.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ class ObservedReceptions(NamedTuple):
     """Broadcasts that were received, one row each, in the order of their frames."""
 
     rows: Ints
-    """(n,) which of the frames told of each; a frame of ground receivers tells of several."""
+    """(n,) the frame that reports each; a frame of ground receivers reports several."""
     receivers: Sequence[str]
-    """Radios that `receiver` numbers: vehicles and ground receivers."""
+    """Names of the radios by the numbers in `receiver`: vehicles and ground receivers."""
     receiver: Ints
-    """(n,) who received it."""
+    """(n,) the number of the radio that received it."""
     time_ns: Ints
-    """(n,) when the reception ended, in ns, as the receiver tells."""
+    """(n,) when the reception ended, in ns, as the receiver reports."""
     transport: Ints
     """(n,) `codec.link_payload.Transport`"""
     channel: Ints
     """(n,) Wi-Fi channel or Bluetooth channel index."""
     rssi_dbm: NDArray[np.float64]
-    """(n,) signal strength; NaN where the receiver does not tell."""
+    """(n,) signal strength; NaN if the receiver does not report it."""
     address: NDArray[np.uint8]
     """(n, 6) the sender's address, as claimed."""
     bodies: Payloads
@@ -47,7 +47,7 @@ class ObservedReceptions(NamedTuple):
 
 
 def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
-    """The receptions that `frames` tell of; what is no reception is left out."""
+    """The receptions that `frames` report; frames without receptions are left out."""
     kinds = np.array([_kind(port.link) for port in frames.ports], dtype=np.int64)[frames.places]
     kinds[~frames.received] = 0
     owners = [port.link.partition(":")[2] for port in frames.ports]
@@ -85,7 +85,7 @@ def read_receptions(frames: ObservedFrames) -> ObservedReceptions:
 
 
 def _kind(link: str) -> int:
-    """1 where a link carries receptions of an aircraft, 2 of ground receivers, 0 where it carries none."""
+    """1 for a link with receptions of an aircraft, 2 for one with those of ground receivers, else 0."""
     return 1 if link.startswith(_DOWN) else 2 if link.startswith(_GROUND) else 0
 
 

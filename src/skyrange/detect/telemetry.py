@@ -1,7 +1,7 @@
 """Telemetry in observed frames: MAVLink messages as columns.
 
-What an aircraft's ground station is told crosses its `gcs` link, so a monitor at that station's end reads telemetry
-from the frames that arrive there. A message counts as what it says it is: nothing tells a forged one from a true one.
+The telemetry of an aircraft arrives at its ground station on its `gcs` link. A monitor at the end of the ground station
+reads telemetry from the frames that arrive there. It cannot distinguish forged messages from true ones.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ class ObservedMessages(NamedTuple):
     """Messages of one kind, one row each, in the order of their frames."""
 
     rows: Ints
-    """(n,) which of the frames each is."""
+    """(n,) the frame of each message."""
     systems: Ints
-    """(n,) the MAVLink system id that it claims."""
+    """(n,) the claimed MAVLink system id."""
     components: Ints
-    """(n,) the MAVLink component id that it claims."""
+    """(n,) the claimed MAVLink component id."""
     values: MessageTable
-    """(n,) its fields under MAVLink's names, in wire units: `values["custom_mode"]`."""
+    """(n,) the fields by MAVLink's names, in wire units: `values["custom_mode"]`."""
 
 
 def read_messages(frames: ObservedFrames, name: str) -> ObservedMessages:
     """The messages called `name` (such as `HEARTBEAT`) among `frames`, of MAVLink 1 and 2.
 
-    Frames that are no whole, valid message are left out; a signature is not checked. Raises `InputError` for a name
-    that the dialect does not have.
+    Frames without a whole, valid message are left out. Signatures are not checked. Raises `InputError` for a name that
+    the dialect does not have.
     """
     number = _ids().get(name)
     if number is None:
@@ -64,7 +64,7 @@ def read_messages(frames: ObservedFrames, name: str) -> ObservedMessages:
 
 
 def _read_single(frames: ObservedFrames, row: int, number: int) -> tuple[tuple[int, int, int], np.void] | None:
-    """(row, system, component) and fields of a frame that only `decode` can read (MAVLink 1); None where it cannot."""
+    """(row, system, component) and fields of a frame that only `decode` can read (MAVLink 1); None if it cannot."""
     try:
         message = decode(frames.payloads[row])
     except DecodeError:

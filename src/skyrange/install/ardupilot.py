@@ -42,9 +42,11 @@ VARIABLE: Final = "SKYRANGE_ARDUPILOT_URL"
 
 BOARD: Final = "SITL_x86_64_linux_gnu"
 
-_NO_NETWORK_HINT: Final = f"Without a network use --from FILE; {VARIABLE} names a mirror."
+_NO_NETWORK_HINT: Final = f"Without a network, use --from FILE. To use a mirror, set {VARIABLE}."
 
-_OTHER_CONTENT_HINT: Final = "A proxy or a log-in page may have answered. --from FILE installs a file from elsewhere."
+_OTHER_CONTENT_HINT: Final = (
+    "A proxy or a log-in page may have answered. To install a file from elsewhere, use --from FILE."
+)
 
 
 class Installed(NamedTuple):
@@ -82,7 +84,7 @@ def _parse_release(version: str) -> str:
     plain = version.strip().lower().removeprefix("stable-").removeprefix("v")
     who, least = "skyrange install ardupilot", ".".join(map(str, SUPPORTED_VERSION))
     if re.fullmatch(r"\d{1,3}\.\d{1,3}\.\d{1,3}", plain) is None:
-        hint = f"{SERVER} lists them as stable-…"
+        hint = f"{SERVER} lists releases as stable-…"
         raise InputError.one(who, "--version", version, f"a release, such as {DEFAULT_VERSION}", hint)
     if version_key(plain)[0][:2] < MIN_VERSION:
         raise InputError.one(who, "--version", version, f"version {least} or newer")
@@ -96,7 +98,7 @@ def _address_of(version: str) -> str:
         raise InputError.one(
             "skyrange install ardupilot", "this machine", f"{sys.platform} on {machine}",
             "Linux on x86_64, for which ArduPilot publishes its SITL",
-            "Build arducopter for SITL from ArduPilot's sources, and give it with --from FILE.",
+            "Build arducopter for SITL from ArduPilot's sources, and install it with --from FILE.",
         )  # fmt: skip
     server = os.environ.get(VARIABLE) or SERVER
     try:
@@ -131,8 +133,8 @@ def _temporary_file() -> Iterator[tuple[IO[bytes], Path]]:
 
 def _not_writable(folder: Path, error: OSError) -> InputError:
     problem = (error.strerror or str(error)).lower()
-    expected = "a folder that can be written, with 10 MB of room"
-    return InputError.one("data folder", str(folder), problem, expected, "XDG_DATA_HOME names another.")
+    expected = "a writable folder with 10 MB of free space"
+    return InputError.one("data folder", str(folder), problem, expected, "Set XDG_DATA_HOME to use another folder.")
 
 
 def _copy_file(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None:
@@ -142,7 +144,7 @@ def _copy_file(source: Path, into: IO[bytes], on_progress: OnProgress | None) ->
         if not stat.S_ISREG(facts.st_mode):
             raise InputError.one("--from", str(source), "not a regular file", "an arducopter binary")
         if facts.st_size > MAX_BYTES:
-            expected = f"an arducopter, no larger than {MAX_BYTES:,}"
+            expected = f"an arducopter binary of at most {MAX_BYTES:,} bytes"
             raise InputError.one("--from", str(source), f"a file of {facts.st_size:,} bytes", expected)
         data = source.read_bytes()
     except OSError as error:

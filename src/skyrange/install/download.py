@@ -76,16 +76,16 @@ def _chunks(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
                 yield piece, total
     except urllib.error.HTTPError as error:
         if error.code in (404, 410):
-            raise NotThereError(who, f"has no {urlsplit(url).path}") from None
+            raise NotThereError(who, f"does not have {urlsplit(url).path}") from None
         raise ComponentError(who, f"answered {error.code} {error.reason} to {url}", hint) from None
     except urllib.error.URLError as error:
         raise ComponentError(who, f"cannot be reached: {error.reason}", hint) from None
     except TimeoutError:
         raise ComponentError(who, f"sent nothing for {TIMEOUT_S:g} s, after {done:,} bytes", hint) from None
     except (http.client.HTTPException, OSError) as error:
-        raise ComponentError(who, f"broke off after {done:,} bytes: {error!r}", hint) from None
+        raise ComponentError(who, f"closed the connection after {done:,} bytes: {error!r}", hint) from None
     if total is not None and done < total:
-        raise ComponentError(who, f"broke off after {done:,} of {total:,} bytes", hint)
+        raise ComponentError(who, f"closed the connection after {done:,} of {total:,} bytes", hint)
 
 
 def _size(headers: Message) -> int | None:

@@ -1,4 +1,4 @@
-"""Radio media as plugins: what one is told when it is made, and the builtin medium."""
+"""Radio media as plugins: the context that a medium is made from, and the builtin medium."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class MediumContext:
-    """What the scenario tells a medium that it makes: `[radio]`, whatever its engine is."""
+    """The context of a medium: the content of `[radio]`, for every engine."""
 
     radios: Sequence[RadioSpec]
     """Every radio, in no particular order."""
@@ -26,7 +26,7 @@ class MediumContext:
     """The buildings, if there are any."""
     surroundings: RadioEnvironment = OPEN_GROUND
     every_pair: bool = False
-    """Whether `Heard` has to tell of frames that were not decoded, too."""
+    """Whether `Heard` must also report frames that were not decoded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
 
 
 def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
-    from skyrange.radio.builtin.medium import BuiltinMedium  # slow to import, and a scenario's check does not need it
+    from skyrange.radio.builtin.medium import BuiltinMedium  # slow to import, and not needed to check a scenario
 
     return BuiltinMedium(
         context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair

@@ -212,13 +212,13 @@ class Oracle:
 
     def _report(self, heard: Heard, outbox: Outbox) -> None:
         """Send operators what their ground receivers decoded."""
-        told: dict[str, list[Reception]] = {operator: [] for operator in self._operators}
+        reports: dict[str, list[Reception]] = {operator: [] for operator in self._operators}
         for row, radio in enumerate(heard.radio.tolist()):
             operator = self._ground.get(radio)
             if operator is None:
                 continue
             key = heard.key[row : row + 1]
-            told[operator].append(
+            reports[operator].append(
                 Reception(
                     receiver=self.medium.radios[radio].name,
                     time_ns=int(heard.ended_ns[row]),
@@ -230,7 +230,7 @@ class Oracle:
                     body=self._in_flight.bodies(key)[0].hex(),
                 )
             )
-        for operator, receptions in told.items():
+        for operator, receptions in reports.items():
             port = Port(ENDPOINT, link_name("oracle", operator))
             for start in range(0, len(receptions), MAX_RECEPTIONS):
                 outbox.send(port, encode(ReceptionReport(body=tuple(receptions[start : start + MAX_RECEPTIONS]))))

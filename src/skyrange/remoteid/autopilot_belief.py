@@ -95,58 +95,58 @@ class Beliefs:
         return heard
 
 
-def _heartbeat(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _heartbeat(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["heartbeat_ns"][at] = when
-    table["mode"][at] = told["custom_mode"]
-    table["armed"][at] = (told["base_mode"] & _ARMED) != 0
-    table["state"][at] = told["system_status"]
+    table["mode"][at] = values["custom_mode"]
+    table["armed"][at] = (values["base_mode"] & _ARMED) != 0
+    table["state"][at] = values["system_status"]
 
 
-def _system_time(table: Any, at: Ints, when: Ints, told: Any) -> None:
-    known = told["time_unix_usec"] > 0
-    unix_us, boot_ms = told["time_unix_usec"].astype(np.int64), told["time_boot_ms"].astype(np.int64)
+def _system_time(table: Any, at: Ints, when: Ints, values: Any) -> None:
+    known = values["time_unix_usec"] > 0
+    unix_us, boot_ms = values["time_unix_usec"].astype(np.int64), values["time_boot_ms"].astype(np.int64)
     table["time_ns"][at] = when
     table["boot_utc_us"][at] = np.where(known & (unix_us >= 0), unix_us - boot_ms * 1000, -1)
     table["time_boot_ms"][at] = boot_ms
 
 
-def _gps_raw_int(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _gps_raw_int(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["gnss_ns"][at] = when
-    table["fix"][at] = told["fix_type"]
-    both = (told["alt_ellipsoid"] != 0) & (told["fix_type"] >= mav.GPS_FIX_TYPE_3D_FIX)
+    table["fix"][at] = values["fix_type"]
+    both = (values["alt_ellipsoid"] != 0) & (values["fix_type"] >= mav.GPS_FIX_TYPE_3D_FIX)
     # equal heights: the receiver has no geoid model, as ArduPilot's GPS_INPUT (AP_GPS.cpp, `have_undulation`)
-    undulation_m = (told["alt_ellipsoid"].astype(np.float64) - told["alt"]) * 1e-3
+    undulation_m = (values["alt_ellipsoid"].astype(np.float64) - values["alt"]) * 1e-3
     table["geoid_m"][at] = np.where(
         both, np.where(undulation_m != 0.0, undulation_m, table["geoid_model_m"][at]), table["geoid_m"][at]
     )
     for name, field in (("h_acc_m", "h_acc"), ("v_acc_m", "v_acc"), ("vel_acc_mps", "vel_acc")):
-        table[name][at] = np.where(told[field] > 0, told[field] * 1e-3, np.nan)  # 0: an extension that was not sent
+        table[name][at] = np.where(values[field] > 0, values[field] * 1e-3, np.nan)  # 0: an extension that was not sent
 
 
-def _global_position(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _global_position(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["position_ns"][at] = when
-    table["boot_ms"][at] = told["time_boot_ms"]
-    table["lat_e7"][at], table["lon_e7"][at] = told["lat"], told["lon"]
-    table["alt_msl_m"][at], table["above_home_m"][at] = told["alt"] * 1e-3, told["relative_alt"] * 1e-3
+    table["boot_ms"][at] = values["time_boot_ms"]
+    table["lat_e7"][at], table["lon_e7"][at] = values["lat"], values["lon"]
+    table["alt_msl_m"][at], table["above_home_m"][at] = values["alt"] * 1e-3, values["relative_alt"] * 1e-3
     for name, field in (("vel_n", "vx"), ("vel_e", "vy"), ("vel_d", "vz")):
-        table[name][at] = told[field] * 1e-2
+        table[name][at] = values[field] * 1e-2
 
 
-def _home_position(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _home_position(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["home_ns"][at] = when
-    table["home_lat_e7"][at], table["home_lon_e7"][at] = told["latitude"], told["longitude"]
-    table["home_msl_m"][at] = told["altitude"] * 1e-3
+    table["home_lat_e7"][at], table["home_lon_e7"][at] = values["latitude"], values["longitude"]
+    table["home_msl_m"][at] = values["altitude"] * 1e-3
 
 
-def _position_target(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _position_target(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["goal_ns"][at] = when
-    table["goal_lat_e7"][at], table["goal_lon_e7"][at] = told["lat_int"], told["lon_int"]
-    table["goal_msl_m"][at] = told["alt"]
+    table["goal_lat_e7"][at], table["goal_lon_e7"][at] = values["lat_int"], values["lon_int"]
+    table["goal_msl_m"][at] = values["alt"]
 
 
-def _own_location(table: Any, at: Ints, when: Ints, told: Any) -> None:
+def _own_location(table: Any, at: Ints, when: Ints, values: Any) -> None:
     table["location_ns"][at] = when
-    numbers, codes = location_columns(told)
+    numbers, codes = location_columns(values)
     table["location_numbers"][at], table["location_codes"][at] = numbers.T, codes.T
 
 

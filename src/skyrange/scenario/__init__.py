@@ -1,6 +1,6 @@
-"""Scenarios: the models that a TOML file and Python both build, and what reads and writes them.
+"""Scenarios: the models that TOML files and Python build, and functions that read and write them.
 
-What is exported here is public; the modules below are private and may change.
+The names that this package exports are public; its modules are private and may change.
 """
 
 from __future__ import annotations

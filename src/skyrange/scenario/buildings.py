@@ -1,4 +1,4 @@
-"""Buildings brought by `--buildings`: they replace a scenario's city and move its origin."""
+"""The buildings of `--buildings`, which replace the city of a scenario and move its origin."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from skyrange.city.geojson import load_geojson
 
 
 def replace_city(data: Mapping[str, Any], file: str | Path) -> dict[str, Any]:
-    """A scenario's table with the city replaced by a GeoJSON file and the origin moved to the middle of it.
+    """The table of a scenario with the city of a GeoJSON file and with the origin in the middle of that city.
 
-    Heights of the old origin do not apply there and are left out, so they become 0: set
-    `origin.alt_msl_m` and `origin.geoid_m` where they matter. Raises InputError for a bad file.
+    The heights of the old origin do not apply at the new one, so `origin.alt_msl_m` and `origin.geoid_m` become 0; set
+    them if they matter. Raises InputError for an invalid file.
     """
     path = Path(file).expanduser().absolute()
     _, middle = load_geojson(path)

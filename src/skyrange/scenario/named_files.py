@@ -1,4 +1,4 @@
-"""Files that a scenario names: located relative to its own file, and checked to be there."""
+"""Files that a scenario names: their paths relative to the scenario file, and checks that they exist."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.scenario.validation.error_messages import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings"})
-"""Keys whose text is the name of a file that the run reads."""
+"""Keys whose value is the name of a file that the run reads."""
 
 
 def read_text(path: Path, who: str) -> str:
-    """A text file's content. Raises InputError if it is missing, no file, unreadable or not UTF-8."""
+    """The content of a text file. Raises InputError if it is missing, not a file, unreadable or not UTF-8."""
     fault = check_file(path, "file")
     if fault is not None:
         raise InputError(who, [fault])
@@ -27,21 +27,23 @@ def read_text(path: Path, who: str) -> str:
 
 
 def check_file(path: Path, where: str) -> Problem | None:
-    """What is wrong with a file that should be there, with the nearest name in its folder; None if nothing is."""
+    """The problem of a file that does not exist, with the most similar name in its folder; None if it exists."""
     try:
         if path.is_file():
             return None
         if path.exists():
-            return Problem(where, str(path), "a file", "It is a folder." if path.is_dir() else "It is something else.")
+            return Problem(
+                where, str(path), "a file", "It is a folder." if path.is_dir() else "It is not a regular file."
+            )
         siblings = [sibling.name for sibling in path.parent.iterdir()] if path.parent.is_dir() else []
         hint = nearest(path.name, siblings) if len(siblings) <= 1000 else ""
         return Problem(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
     except (OSError, ValueError) as error:
-        return Problem(where, str(path), f"the name of a file ({error})")
+        return Problem(where, str(path), f"a valid file name ({error})")
 
 
 def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
-    """`data` with the names of files made absolute from `folder`, and a fault for each that is not there."""
+    """`data` with the names of files made absolute from `folder`, and a problem for each file that does not exist."""
     faults: list[Problem] = []
 
     def visit(part: Any, loc: tuple[str | int, ...]) -> Any:

@@ -1,8 +1,8 @@
-"""Overrides: `--set path=value` changes a scenario's table before it is built.
+"""Overrides: `--set path=value` changes the table of a scenario before the scenario is built.
 
-A path is dotted keys; an element of a list goes by its id or its index from 0, and `*` means every one. A key that has
-dots itself stands in quotes: `approvals."acme.first-come".later_s`. Values are TOML; what is no TOML and looks like a
-bare word or a file's name is text.
+A path consists of dotted keys. An element of a list is named by its id or its index from 0, and `*` means all elements.
+A key that contains dots is written in quotes: `approvals."acme.first-come".later_s`. Values are TOML; a bare word or a
+file name that is not TOML is text.
 """
 
 from __future__ import annotations
@@ -26,11 +26,10 @@ _KEY = re.compile(r'"([^"]+)"|([^."]+)')
 
 
 def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
-    """A copy of `data` under every `path=value`, in order.
+    """A copy of `data` with every `path=value` applied, in order.
 
-    A file's name is taken relative to the working directory, as the shell would. Raises InputError
-    with one fault for every assignment that is malformed or matches nothing; values are checked
-    when the scenario is built.
+    File names are relative to the working directory, as in a shell. Raises InputError with one problem for every
+    assignment that is malformed or matches nothing; values are checked when the scenario is built.
     """
     changed: dict[str, Any] = copy.deepcopy(dict(data))
     faults = []
@@ -38,12 +37,14 @@ def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict
         path, equals, text = assignment.partition("=")
         keys = _keys(path.strip())
         if not equals or not keys:
-            faults.append(Problem(assignment, "no assignment", "path=value, such as seed=7"))
+            faults.append(Problem(assignment, "not an assignment", "path=value, such as seed=7"))
             continue
         try:
             value = parse_value(text.strip())
         except ValueError as error:
-            faults.append(Problem(path, text.strip(), f"a TOML value ({error})", 'Text with spaces goes in "quotes".'))
+            faults.append(
+                Problem(path, text.strip(), f"a TOML value ({error})", 'Write text that contains spaces in "quotes".')
+            )
             continue
         if keys[-1] in FILE_KEYS and isinstance(value, str):
             value = str(Path(value).expanduser().absolute())
@@ -56,7 +57,7 @@ def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict
 
 
 def _keys(path: str) -> list[str]:
-    """The keys of a dotted path, quotes taken off; none where it is malformed."""
+    """The keys of a dotted path, without quotes; empty if the path is malformed."""
     keys, at = [], 0
     while (found := _KEY.match(path, at)) is not None:
         keys.append(found[1] or found[2])
@@ -70,14 +71,14 @@ def _keys(path: str) -> list[str]:
 
 
 def parse_value(text: str) -> Any:
-    """A TOML value, or the text itself where it is a bare word. Raises ValueError for anything else."""
+    """A TOML value, or the text itself if it is a bare word. Raises ValueError for anything else."""
     if not text or "\n" in text or "\r" in text:
-        raise ValueError("a value on one line is needed")
+        raise ValueError("the value must be on one line")
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         if text[0] in "\"'[{#" or any(char in text for char in "\"'[]{}#,= \t"):
-            raise ValueError(str(error).split(" (at ")[0] or "nested too deep") from None
+            raise ValueError(str(error).split(" (at ")[0] or "too many levels of nesting") from None
         return text
     return parsed["value"]
 
@@ -88,7 +89,7 @@ class _NoMatchError(Exception):
 
 
 def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], value: Any) -> Problem | None:
-    """Set `value` at every place that `keys` matches; the fault if there is none."""
+    """Set `value` at every place that `keys` matches. Returns a problem if there is no such place."""
     try:
         matched = False
         for table, key in _places(data, root, keys, ()):
@@ -97,12 +98,12 @@ def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], va
     except _NoMatchError as error:
         return error.fault
     if not matched:
-        return Problem(".".join(keys), "matches nothing", "a path that leads somewhere in this scenario")
+        return Problem(".".join(keys), "matches nothing", "the path of a key in this scenario")
     return None
 
 
 def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, ...]) -> Iterator[tuple[Any, Any]]:
-    """Every (table or list, key) that the rest of the path leads to; missing tables are made on the way."""
+    """Every (table or list, key) that the rest of the path matches. Missing tables on the path are created."""
     key, rest = keys[0], keys[1:]
     here = (*above, key)
     if element_of(annotation) is not None:
@@ -114,7 +115,7 @@ def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, .
                 yield part, index
         return
     if not isinstance(part, dict):
-        raise _NoMatchError(Problem(".".join(here), f"{'.'.join(above)} is a value", "a path that ends there"))
+        raise _NoMatchError(_no_table(here))
     for name in _names(part, annotation, key, here):
         if not rest:
             yield part, name
@@ -130,19 +131,25 @@ def _places(part: Any, annotation: Any, keys: Sequence[str], above: tuple[str, .
 
 
 def _names(part: Mapping[str, Any], annotation: Any, key: str, here: tuple[str, ...]) -> list[str]:
-    """The keys of a table that `key` means: itself, or all of them for `*`."""
+    """The keys of a table that `key` stands for: itself, or all keys for `*`."""
     model = model_of(annotation)
     if key == "*":
         return list(part)
     if model is None and value_of(annotation) is None:
-        raise _NoMatchError(Problem(".".join(here), f"{'.'.join(here[:-1])} is a value", "a path that ends there"))
+        raise _NoMatchError(_no_table(here))
     if model is not None and key not in model.model_fields:
         raise _NoMatchError(Problem(".".join(here), key, "a known key", nearest(key, model.model_fields)))
     return [key]
 
 
+def _no_table(here: tuple[str, ...]) -> Problem:
+    """The problem of a path that goes on below a value that is not a table."""
+    above = ".".join(here[:-1])
+    return Problem(".".join(here), f"{above} has no keys", f"a path that ends at {above}")
+
+
 def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple[str, ...]) -> list[int]:
-    """The indices in a list that `key` means: by id, by index, or all of them for `*`."""
+    """The indices in a list that `key` stands for: by id, by index, or all for `*`."""
     if key == "*":
         return list(range(len(part)))
     ids = _ids(part, above)
@@ -151,12 +158,12 @@ def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple
     if key.isdecimal() and int(key) < len(part):
         return [int(key)]
     known = [name for name in ids if name]
-    hint = nearest(key, known) or (f"There are {len(part)}: 0 to {len(part) - 1}." if part else "There are none.")
+    hint = nearest(key, known) or (f"The indices are 0 to {len(part) - 1}." if part else "The list is empty.")
     raise _NoMatchError(Problem(".".join(here), key, "an id, an index from 0, or *", hint))
 
 
 def _ids(part: Sequence[Any], above: tuple[str, ...]) -> list[str]:
-    """The elements' ids, those that are left out being what the scenario will give them."""
+    """The ids of the elements, with the default ids that the scenario gives to elements without one."""
     tables = [element if isinstance(element, dict) else {} for element in part]
     given = [name if isinstance(name := table.get("id", ""), str) else "" for table in tables]
     if above == ("operators",):

@@ -1,4 +1,4 @@
-"""Scenarios from TOML: read, overridden, files located, built; every problem is reported at once."""
+"""Scenarios from TOML: reading, overrides, named files and validation; all problems are reported at once."""
 
 from __future__ import annotations
 
@@ -28,9 +28,8 @@ def load_file(
 ) -> Scenario:
     """The scenario in a TOML file.
 
-    `buildings` replaces its city and moves its origin there (`buildings.replace_city`); `overrides` are
-    `path=value` and come after that; `seed` stands over all. Raises InputError with all faults;
-    it blames `who`, or the file.
+    `buildings` replaces its city and moves its origin (`buildings.replace_city`). `overrides` are `path=value` and are
+    applied next; `seed` is applied last. Raises InputError with all problems, which names `who`, by default the file.
     """
     path = Path(path)
     who = who or str(path)
@@ -46,7 +45,7 @@ def load_text(
     seed: int | None = None,
     buildings: str | Path | None = None,
 ) -> Scenario:
-    """As `load_file`, from TOML text; `who` is blamed for faults, `folder` is where its files are."""
+    """As `load_file`, from TOML text. Errors name `who`; the names of files in the text are relative to `folder`."""
     data = parse_toml(text, who)
     if "name" not in data and who.endswith(".toml"):
         data["name"] = re.sub(r"[^A-Za-z0-9]+", "-", Path(who).stem).strip("-")[:64] or "scenario"
@@ -60,7 +59,7 @@ def load_text(
 
 
 def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
-    """The scenario that plain data describes. Raises InputError with all faults, those of named files too."""
+    """The scenario that plain data describes. Raises InputError with all problems, also those of named files."""
     data, faults = locate_files(data, Path(folder))
     try:
         scenario = Scenario.model_validate(data)
@@ -72,17 +71,17 @@ def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path
 
 
 def parse_toml(text: str, who: str = "scenario") -> dict[str, Any]:
-    """TOML text as plain data. Raises InputError that names line and column."""
+    """TOML text as plain data. Raises InputError with line and column."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(who, [_syntax_fault(str(error), text)]) from None
     except RecursionError:
-        raise InputError.one(who, "TOML", "nested too deep", "a scenario") from None
+        raise InputError.one(who, "TOML", "too many levels of nesting", "fewer levels") from None
 
 
 def _syntax_fault(message: str, text: str) -> Problem:
-    """Where the parser stopped: it says "… (at line 3, column 5)" or "… (at end of document)"."""
+    """The place where the parser stopped, from a message with "… (at line 3, column 5)" or "… (at end of document)"."""
     problem, _, place = message.rpartition(" (at ")
     found = re.match(r"line (\d+), column (\d+)", place)
     lines = text.splitlines() or [""]

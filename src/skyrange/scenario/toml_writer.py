@@ -1,4 +1,4 @@
-"""Scenario as TOML with every value that a run used, so that the file alone repeats the run."""
+"""A scenario as TOML with every value that the run used, so that this file is enough to repeat the run."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from skyrange.scenario.model.scenario import Scenario
 
 
 def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
-    """TOML text from which `load_text` makes an equal scenario.
+    """TOML text from which `load_text` builds an equal scenario.
 
-    `files` maps names of files in the scenario to those of their copies beside the text.
+    `files` maps the names of files in the scenario to the names of their copies, relative to the folder of the text.
     """
     data = scenario.data()
     data["start_utc"] = data["start_utc"].astimezone(UTC)  # TOML has no offsets of seconds
     for operator in data["operators"]:
         for key in ("params", "fleets"):
-            if not operator[key]:  # of a scenario that is built they are in the vehicles
+            if not operator[key]:  # in a built scenario the vehicles contain them
                 del operator[key]
         for vehicle in operator["vehicles"]:
             _rename(vehicle["plan"], "file", files or {})

@@ -62,7 +62,7 @@ def run_all(
     waiting = list(range(len(flights)))
     children: dict[Connection, _Child] = {}
     flying: set[int] = set()
-    told: set[int] = set()
+    signalled: set[int] = set()
     cold = not compiled_before()
     with Interruptible() as interrupt:
         try:
@@ -78,8 +78,8 @@ def run_all(
                     children[inlet] = _Child(number, process, inlet)
                 if interrupt.requested:
                     # one that has not begun to fly would lose a signal: it is told when it has
-                    due = [child for child in children.values() if child.number in flying - told]
-                    told.update(child.number for child in due)
+                    due = [child for child in children.values() if child.number in flying - signalled]
+                    signalled.update(child.number for child in due)
                     _interrupt(due)
                 for ready in wait(list(children), timeout=_POLL_S):
                     assert isinstance(ready, Connection)
@@ -106,8 +106,8 @@ def _handle_message(
         del children[inlet]
         inlet.close()
         if results[child.number] is None:
-            words = f"the process of the run ended with code {child.process.exitcode}"
-            results[child.number] = RunResult(ComponentError.exit_code, words)
+            reason = f"the process of the run ended with code {child.process.exitcode}"
+            results[child.number] = RunResult(ComponentError.exit_code, reason)
         return
     if isinstance(message, RunResult):
         results[child.number] = message

@@ -1,4 +1,4 @@
-"""GNSS drift: fixes slide away at a constant rate, with or without the velocity that fits."""
+"""GNSS drift: the offset of fixes grows at a constant rate, with a consistent or an unaltered velocity."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ GROWING, HELD, RETURNING, BACK = range(4)
 
 
 class Drift(Params):
-    """Every fix is off by more than the one before; the first one is still true."""
+    """The offset of the fixes grows from zero at a constant rate."""
 
-    vehicles: Victims = Field(description="The aircraft whose GNSS receivers are deceived, such as ['blue/b1'].")
+    vehicles: Victims = Field(description="Aircraft whose GNSS fixes are falsified, such as ['blue/b1'].")
     rate_mps: Rate = Field(
-        description="How fast the fixes move away from the truth: [east, north, up] in m/s, each up to 500."
+        description="Rate at which the fixes move away from the truth, [east, north, up] in m/s, each from -500 to 500."
     )
     velocity: Literal["consistent", "unaltered"] = Field(
         default="consistent",
-        description="Reported velocity. consistent: that of the false track; unaltered: as it was measured.",
+        description="Velocity in the false fixes. consistent: that of the false track; unaltered: as measured.",
     )
     largest_m: Number | None = Field(
-        default=None, gt=0, le=1_000_000, description="Largest distance from the truth in metres; default: none."
+        default=None, gt=0, le=1_000_000, description="Largest distance from the truth in metres; default: no limit."
     )
     at_largest: Literal["hold", "return"] = Field(
         default="hold",
-        description="What the drift does there. hold: stay; return: go back to the truth at the same rate.",
+        description="What happens at largest_m. hold: the offset stays; return: it goes back to zero at the same rate.",
     )
 
     @model_validator(mode="after")
@@ -48,7 +48,7 @@ class Drift(Params):
 
 @dataclass(frozen=True, slots=True)
 class DriftTrack:
-    """A track along `rate_mps`: out, and beyond `largest_m` held there or back to the truth."""
+    """A track along `rate_mps` up to `largest_m`, which then stays there or returns to the truth."""
 
     rate_mps: Place
     largest_m: float
@@ -67,15 +67,15 @@ class DriftTrack:
             phases[seconds >= 2.0 * turn_s] = BACK
             grown_s = np.maximum(np.minimum(seconds, 2.0 * turn_s - seconds), 0.0)
         sense = (phases == GROWING).astype(np.float64) - (phases == RETURNING)
-        told = sense if self.tells_velocity else np.zeros_like(sense)
-        return grown_s[:, None] * rate, told[:, None] * rate, phases.astype(np.int64)
+        reported = sense if self.tells_velocity else np.zeros_like(sense)
+        return grown_s[:, None] * rate, reported[:, None] * rate, phases.astype(np.int64)
 
 
 def make(params: Drift, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not there."""
+    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
     largest_m = inf if params.largest_m is None else params.largest_m
     track = DriftTrack(params.rate_mps, largest_m, params.at_largest == "return", params.velocity == "consistent")
     return falsify_fixes(params.vehicles, track, context)
 
 
-DRIFT = AttackPlugin(Drift, make, "GNSS fixes slide away from the truth at a constant rate.")
+DRIFT = AttackPlugin(Drift, make, "Makes GNSS fixes drift away from the truth at a constant rate.")

@@ -1,7 +1,7 @@
-"""Falsified GNSS fixes: a sensor fault between receivers and their autopilots, and the tracks that it follows.
+"""Falsified GNSS fixes: a sensor fault between receivers and autopilots, and the tracks that it follows.
 
-What a spoofer changes is what the receiver computes, so that is where the lie is told: position and velocity of each
-fix. Time, kind, satellites and claimed accuracy stay the receiver's own, and no other sensor is touched.
+A spoofer changes what a receiver computes. So this fault alters the position and velocity of each fix; time, fix type,
+satellites and claimed accuracy stay as the receiver reports them, and no other sensor is altered.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from skyrange.contracts.params import Enu, items, refuse
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S, Time
 
-_FIX_2D = 2  # MAVLink GPS_FIX_TYPE: from here on there is a position
+_FIX_2D = 2  # MAVLink GPS_FIX_TYPE: the lowest one with a position
 
 
 def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -44,7 +44,7 @@ def within(least: float, most: float, what: str) -> AfterValidator:
 
     def check(vector: Any) -> Any:
         if not all(least <= component <= most for component in vector):
-            raise refuse(Problem("", repr(list(vector)), f"{what} from {least:g} to {most:g} each"))
+            raise refuse(Problem("", repr(list(vector)), f"each component from {least:g} to {most:g} {what}"))
         return vector
 
     return AfterValidator(check)
@@ -57,19 +57,19 @@ Rate = Annotated[Enu, within(-500.0, 500.0, "m/s")]
 
 
 class Track(Protocol):
-    """How far from the truth the fixes are. Immutable."""
+    """The offset of fixes from the truth over time. Immutable."""
 
     def at(self, seconds: Floats) -> tuple[Floats, Floats, NDArray[np.int64]]:
-        """Since the start of the attack, (n,): offsets (n, 3) m, what is added to velocities (n, 3) m/s, phases (n,).
+        """At times (n,) since the start of the attack: offsets (n, 3) m, offsets of velocities (n, 3) m/s, phases (n,).
 
-        A phase is a small number: where it changes, the kind of alteration does, and an act is labelled.
+        A phase is a small number for the kind of alteration. An act is labelled when it changes.
         """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ShamTrack:
-    """A track's phases, with nothing moved."""
+    """The phases of a track, with zero offsets."""
 
     track: Track
 
@@ -81,11 +81,11 @@ class ShamTrack:
 
 @dataclass(slots=True)
 class FalseFixes:
-    """A fault that moves the fixes of its vehicles along a track.
+    """A fault that shifts the fixes of its vehicles along a track.
 
-    A fix is moved by what the track says of the moment at which it was *measured*: a fix that is repeated repeats the
-    same lie, and one that was measured before the attack began stays true. As the track counts from the schedule's
-    start, nothing is carried over from tick to tick but which phases have been reported.
+    The offset of a fix is that of the time at which the fix was *measured*: a repeated fix has the same offset again,
+    and a fix that was measured before the attack started stays true. The track counts from the start of the schedule,
+    so the only state between ticks is the phase that was last reported for each vehicle.
     """
 
     name: str
@@ -98,7 +98,7 @@ class FalseFixes:
         self._phases = [-1] * len(self.vehicles)
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
-        """Move the fixes; an act where a vehicle's alteration begins or enters another phase."""
+        """Shift the fixes. Returns an act for each vehicle whose alteration begins or changes its phase."""
         start = self.schedule.start_ns
         if start > now:
             return []
@@ -125,5 +125,5 @@ def falsify_fixes(vehicles: Sequence[str], track: Track, context: AttackContext)
     ]
     if strangers:
         raise InputError(context.id, strangers)
-    told = ShamTrack(track) if context.sham else track
-    return Attack(faults=[FalseFixes(f"{context.id}.gnss", vehicles, told, context.schedule)])
+    used = ShamTrack(track) if context.sham else track
+    return Attack(faults=[FalseFixes(f"{context.id}.gnss", vehicles, used, context.schedule)])

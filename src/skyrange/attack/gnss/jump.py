@@ -1,4 +1,4 @@
-"""GNSS jump: fixes are off by a constant distance from one fix to the next; velocities stay true."""
+"""GNSS jump: all fixes have a constant offset from the truth; velocities stay true."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from skyrange.contracts.params import Params
 
 
 class Jump(Params):
-    """Every fix is off by the same distance. The reported velocity is true, and fits: the false place stands still."""
+    """All fixes have the same offset. The reported velocity stays true, because the offset does not change."""
 
-    vehicles: Victims = Field(description="The aircraft whose GNSS receivers are deceived, such as ['blue/b1'].")
+    vehicles: Victims = Field(description="Aircraft whose GNSS fixes are falsified, such as ['blue/b1'].")
     offset_m: Offset = Field(
-        description="How far the fixes are from the truth: [east_m, north_m, up_m] in metres, each up to 100 km."
+        description="Offset of the fixes from the truth, [east_m, north_m, up_m] in metres, each from -100000 to "
+        "100000."
     )
 
 
 @dataclass(frozen=True, slots=True)
 class OffsetTrack:
-    """A track that stands at `offset_m`."""
+    """A constant track at `offset_m`."""
 
     offset_m: Place
 
@@ -36,8 +37,8 @@ class OffsetTrack:
 
 
 def make(params: Jump, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not there."""
+    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
     return falsify_fixes(params.vehicles, OffsetTrack(params.offset_m), context)
 
 
-JUMP = AttackPlugin(Jump, make, "GNSS fixes are off by a constant distance, from one fix to the next.")
+JUMP = AttackPlugin(Jump, make, "Shifts GNSS fixes by a constant offset, from one fix to the next.")

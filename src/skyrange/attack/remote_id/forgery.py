@@ -1,6 +1,6 @@
-"""Forged Remote ID broadcasts: identities, claimed places, frames and their times.
+"""Forged Remote ID broadcasts: identities, claimed positions, frames and their times.
 
-The frames are well-formed ASTM F3411-22a as an honest transmitter would make them; only what they say is false.
+The frames are well-formed ASTM F3411-22a, as an honest transmitter makes them; only their content is false.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ _STOPPED = (0.0, 0.0, 0.0)
 
 
 class ClaimedIdentity(NamedTuple):
-    """An aircraft that is not there: who it says it is, and the address it sends from."""
+    """The identity that a forged aircraft claims: its UAS ID and sender address."""
 
     uas_id: str
     address: bytes
 
 
 def claim_identity(name: str, uas_id: str = "") -> ClaimedIdentity:
-    """The persona called `name`: address and, unless given, serial number are what a real node of that name has."""
+    """The identity of `name`: the address and, unless `uas_id` is given, the serial number of a node of that name."""
     return ClaimedIdentity(uas_id or serial_number(name), sender_address(name))
 
 
 @dataclass(slots=True)
 class Forger:
-    """Makes the broadcasts of some personas, one persona after another within each period.
+    """Makes the broadcasts of several forged aircraft, one after another within each period.
 
-    `places` are where they claim to be when the attack starts, `velocity_mps` how they move from then on. With
-    `stands_enu_m` it is a sham: all of them say that they stand on the ground there, where the transmitter is.
+    `places` are the claimed positions at the start of the attack, `velocity_mps` the claimed velocity. With
+    `stands_enu_m` it is a sham: all aircraft report that they are on the ground there, where the transmitter is.
     """
 
     identities: Sequence[ClaimedIdentity]
@@ -67,11 +67,11 @@ class Forger:
 
     @property
     def due(self) -> Time:
-        """When the next broadcast is to be made."""
+        """When the next broadcast is due."""
         return self.turn * self.period_ns // len(self.identities)
 
     def make(self, now: Time) -> list[bytes]:
-        """The `rid_up` payloads of all personas that are due; none before the attack starts."""
+        """The `rid_up` payloads that are due; none before the attack starts."""
         payloads: list[bytes] = []
         while self.due <= now:
             if self.schedule.start_ns <= now:
@@ -87,7 +87,7 @@ class Forger:
             header = RidHeader(
                 transport, counter=self.counter & 0xFF, address=self.identities[number].address, time_ns=now
             )
-            # Bluetooth 4 carries one message an advertisement, the others packs (F3411-22a, broadcast methods)
+            # Bluetooth 4 carries one message per advertisement, the others packs (F3411-22a, broadcast methods)
             bodies = [encode(basic), encode(location)] if transport == Transport.BT4 else [whole]
             payloads += [link_payload.pack(header, body) for body in bodies]
         self.counter += 1
@@ -99,7 +99,7 @@ class Forger:
         start = self.places[number] if self.stands_enu_m is None else self.stands_enu_m
         east_m, north_m, up_m = (x + v * seconds for x, v in zip(start, velocity, strict=True))
         lat_deg, lon_deg = self.origin.geodetic_of(east_m, north_m)
-        ground_m = self.origin.ellipsoid_of(self.origin.alt_msl_m)  # F3411 counts from the ellipsoid
+        ground_m = self.origin.ellipsoid_of(self.origin.alt_msl_m)  # F3411 heights are above the ellipsoid
         unix_ns = self.epoch.unix_ns + now
         location = Location(
             status=Status.AIRBORNE if self.stands_enu_m is None else Status.GROUND,

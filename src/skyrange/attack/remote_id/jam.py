@@ -1,4 +1,4 @@
-"""Jamming: noise in the band, continuous or pulsed, from a transmitter of the attacker."""
+"""Jamming: noise in a band, continuous or pulsed, from a transmitter of the attacker."""
 
 from __future__ import annotations
 
@@ -15,25 +15,31 @@ from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 SILENT_CDBM = -20_000
-"""−200 dBm, below any receiver's noise: what a sham radiates."""
+"""Power of a sham, −200 dBm: below the noise of every receiver."""
 
 
 class Jam(Params):
-    """Noise over a band of frequencies; its power is spread evenly over it."""
+    """Noise over a frequency band, with an even power density."""
 
-    transmitter_m: Enu = Field(description="Where the jammer stands: [east_m, north_m, up_m] in metres.")
+    transmitter_m: Enu = Field(
+        description="Position of the jammer, [east_m, north_m, up_m] in metres from the origin or the attack's anchor."
+    )
     power_dbm: Number = Field(default=30.0, ge=-30, le=60, description="Radiated power (EIRP) in dBm.")
     centre_mhz: Number = Field(
-        default=2437.0, ge=100, le=8000, description="Middle of the band in MHz; 2437 is Wi-Fi channel 6."
+        default=2437.0, ge=100, le=8000, description="Centre of the band in MHz; 2437 is Wi-Fi channel 6."
     )
     bandwidth_mhz: Number = Field(default=20.0, ge=0.1, le=500, description="Width of the band in MHz.")
-    period_ms: Number = Field(default=100.0, ge=1, le=10_000, description="Time from burst to burst, in milliseconds.")
-    duty: Number = Field(default=1.0, gt=0, le=1, description="Part of the time that it is on; 1 is continuous.")
+    period_ms: Number = Field(
+        default=100.0, ge=1, le=10_000, description="Time between the starts of two bursts, in milliseconds."
+    )
+    duty: Number = Field(
+        default=1.0, gt=0, le=1, description="Share of time in which the jammer transmits; 1 is continuous."
+    )
 
 
 @dataclass(slots=True)
 class BurstSchedule:
-    """A burst every period, cut where the attack stops."""
+    """One burst per period; a burst ends when the attack stops."""
 
     burst: NoiseRequest
     period_ns: Time
@@ -42,11 +48,11 @@ class BurstSchedule:
 
     @property
     def due(self) -> Time:
-        """When the next one begins."""
+        """When the next burst begins."""
         return self.turn * self.period_ns
 
     def make(self, now: Time) -> list[bytes]:
-        """The burst that is due, if the attack acts."""
+        """The burst that is due, if the attack acts; else nothing."""
         if self.due > now:
             return []
         self.turn = now // self.period_ns + 1
@@ -75,6 +81,6 @@ def make(params: Jam, context: AttackContext) -> Attack:
 JAM = AttackPlugin(
     Jam,
     make,
-    "Noise over the band, so that broadcasts are not heard.",
+    "Transmits noise over the band, so that receivers miss broadcasts.",
     technique="T0814",  # Denial of Service
 )

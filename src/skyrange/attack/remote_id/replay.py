@@ -1,4 +1,4 @@
-"""Replay of Remote ID: broadcasts are recorded, and sent again later from the attacker's place."""
+"""Replay of Remote ID: recorded broadcasts are sent again later, from the attacker's position."""
 
 from __future__ import annotations
 
@@ -33,24 +33,31 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, from_seconds
 
 MAX_BROADCASTS = 100_000
-"""Broadcasts that the recorder holds; older ones are forgotten."""
+"""Largest number of broadcasts that the recorder holds; the oldest are discarded."""
 
 
 class Replay(Params):
-    """Records the Remote ID that it hears from the beginning, and sends each broadcast again, a fixed time later."""
+    """Records the broadcasts that it receives from time 0 on, and sends each again after a fixed delay."""
 
-    transmitter_m: Enu = Field(description="Where the attacker's radio stands: [east_m, north_m, up_m] in metres.")
+    transmitter_m: Enu = Field(
+        description="Position of the attacker's radio, [east_m, north_m, up_m] in metres from the origin or the "
+        "attack's anchor."
+    )
     delay_s: Number = Field(
-        default=30.0, gt=0, le=86_400, description="How long after it was heard a broadcast is sent again, in seconds."
+        default=30.0,
+        gt=0,
+        le=86_400,
+        description="Time in seconds from the reception of a broadcast until it is sent again.",
     )
     power_dbm: Number = Field(default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm.")
 
 
 @dataclass(slots=True)
 class Replayer:
-    """Hears on its `rid_down` link and sends on its `rid_up` link, `delay_ns` later.
+    """Receives on its `rid_down` link and sends on its `rid_up` link, `delay_ns` later.
 
-    With `stands_enu_m` it is a sham: it sends as much and when it would, but says of itself that it stands there.
+    With `stands_enu_m` it is a sham: it sends broadcasts of the same length at the same times, which report an aircraft
+    on the ground at that place.
     """
 
     name: str
@@ -67,7 +74,7 @@ class Replayer:
         self.ports = [self.up, self.down]
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Record what came, send what is due; what is no broadcast is passed over."""
+        """Record the broadcasts that arrived and send those that are due; ignore anything else that arrived."""
         out = Outbox()
         for arrival in inbox:
             try:
@@ -89,7 +96,7 @@ class Replayer:
         return self.heard[0][0] if self.heard else None
 
     def _harmless(self, body: bytes, place: Place) -> bytes:
-        """A body of the same length: this transmitter's own identity and place, and a greeting for the rest."""
+        """A body of the same length with this transmitter's own identity and place, and Self-IDs for the rest."""
         lat_deg, lon_deg = self.origin.geodetic_of(place[0], place[1])
         messages: list[SingleMessage] = [
             Location(
@@ -123,6 +130,6 @@ def make(params: Replay, context: AttackContext) -> Attack:
 REPLAY = AttackPlugin(
     Replay,
     make,
-    "Remote ID that was heard is sent again later, from another place.",
+    "Sends received Remote ID broadcasts again later, from another place.",
     technique="T0856",  # Spoof Reporting Message
 )

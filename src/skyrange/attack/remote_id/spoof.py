@@ -22,9 +22,9 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
 
 STREAM = "attack.swarm"
-"""Of chance: where the ghosts of a swarm stand."""
+"""Name of the random stream that places the ghosts of a swarm."""
 MAST_M = 2.0
-"""Height of a transmitter that the scenario does not place: held by hand."""
+"""Height of a transmitter without a given position: held by hand."""
 
 Way = Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"]
 
@@ -34,69 +34,72 @@ class Spoof(Params):
 
     form: Literal["ghost", "position", "swarm"] = Field(
         default="ghost",
-        description="ghost: an aircraft that is not there; position: an aircraft that is elsewhere; "
-        "swarm: many ghosts about a place.",
+        description="ghost: an aircraft that does not exist; position: a false position of a real aircraft; swarm: "
+        "many ghosts around a place.",
     )
     at: Enu = Field(
-        description="Where it claims to be when the attack starts: [east_m, north_m, up_m] in metres from the origin."
+        description="Claimed position at the start of the attack, or centre of the swarm: [east_m, north_m, up_m] in "
+        "metres from the origin or the attack's anchor."
     )
-    velocity_mps: Enu = Field(
-        default=(0.0, 0.0, 0.0), description="How it claims to move from then on: [east, north, up] in m/s."
-    )
+    velocity_mps: Enu = Field(default=(0.0, 0.0, 0.0), description="Claimed velocity, [east, north, up] in m/s.")
     vehicle: str | None = Field(
-        default=None, description="The aircraft whose identity form = 'position' takes, such as 'red/r1'."
+        default=None, description="Aircraft whose identity form = 'position' uses, such as 'red/r1'."
     )
     uas_id: str | None = Field(
         default=None,
         min_length=1,
         max_length=20,
         pattern=r"^[\x20-\x7e]+$",
-        description="Identifier of a ghost, at most 20 characters of ASCII; default: one made of the attack's id.",
+        description="UAS ID of a ghost, at most 20 printable ASCII characters; default: one derived from the attack's "
+        "id.",
     )
-    count: Annotated[Whole, Field(ge=1, le=2000)] = Field(default=20, description="How many ghosts a swarm has.")
-    radius_m: Number = Field(
-        default=100.0, gt=0, le=10_000, description="A swarm's ghosts stand within this of its place, in metres."
-    )
+    count: Annotated[Whole, Field(ge=1, le=2000)] = Field(default=20, description="Number of ghosts in a swarm.")
+    radius_m: Number = Field(default=100.0, gt=0, le=10_000, description="Radius of a swarm in metres.")
     rate_hz: Number = Field(
-        default=1.0, ge=0.1, le=10, description="Broadcasts a second of each forged aircraft, over each transport."
+        default=1.0, ge=0.1, le=10, description="Broadcasts per second of each forged aircraft on each transport."
     )
     transports: tuple[Way, ...] = Field(
-        default=("wifi_beacon",), min_length=1, description="Over what, each of which carries it all."
+        default=("wifi_beacon",), min_length=1, description="Transports; each carries all broadcasts."
     )
     via: Literal["radio", "link"] = Field(
         default="radio",
-        description="radio: from a transmitter of the attacker's; link: injected on the rid_up link of an aircraft.",
+        description="radio: broadcast from the attacker's own transmitter; link: inject on the rid_up link of an "
+        "aircraft.",
     )
     on: str | None = Field(
         default=None,
-        description="The aircraft on whose rid_up link via = 'link' injects; default: the one that vehicle names.",
+        description="Aircraft on whose rid_up link via = 'link' injects; default: the aircraft in vehicle.",
     )
     transmitter_m: Enu | None = Field(
         default=None,
-        description="Where the attacker's transmitter stands: [east_m, north_m, up_m] in metres; "
-        "default: 2 m above the ground or the roof below the place that is claimed.",
+        description="Position of the attacker's transmitter, [east_m, north_m, up_m] in metres from the origin or the "
+        "attack's anchor; default: 2 m above the ground or roof at the claimed position.",
     )
     power_dbm: Number = Field(
-        default=20.0, ge=-30, le=50, description="Its radiated power (EIRP) in dBm; 20 is what Europe allows."
+        default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm; 20 is the limit in Europe."
     )
 
     @model_validator(mode="after")
     def _fits_its_form(self) -> Spoof:
         faults = []
         if self.form == "position" and self.vehicle is None:
-            faults.append(Problem("vehicle", "missing", "the aircraft whose identity form = 'position' takes"))
+            faults.append(
+                Problem("vehicle", "missing", "the aircraft whose identity to use, because form = 'position'")
+            )
         if self.form != "position" and self.vehicle is not None:
             faults.append(
-                Problem("vehicle", self.vehicle, f"none for form = {self.form!r}", "Name it with on or uas_id.")
+                Problem("vehicle", self.vehicle, f"no vehicle with form = {self.form!r}", "Use on or uas_id.")
             )
         if self.form != "ghost" and self.uas_id is not None:
-            faults.append(Problem("uas_id", self.uas_id, f"none for form = {self.form!r}, which has its own"))
+            faults.append(
+                Problem("uas_id", self.uas_id, f"no uas_id with form = {self.form!r}, which sets the UAS ID itself")
+            )
         if self.via == "link" and self.on is None and self.vehicle is None:
             faults.append(Problem("on", "missing", "the aircraft on whose rid_up link to inject"))
         if self.via == "radio" and self.on is not None:
-            faults.append(Problem("on", self.on, "none for via = 'radio'", "Set via = 'link'."))
+            faults.append(Problem("on", self.on, "no aircraft with via = 'radio'", "Set via = 'link', or omit on."))
         if self.via == "link" and self.transmitter_m is not None:
-            faults.append(Problem("transmitter_m", repr(list(self.transmitter_m)), "none for via = 'link'"))
+            faults.append(Problem("transmitter_m", repr(list(self.transmitter_m)), "no position with via = 'link'"))
         if faults:
             raise refuse(*faults)
         return self
@@ -104,13 +107,13 @@ class Spoof(Params):
 
 @dataclass(slots=True)
 class Injector:
-    """A tap that puts a forger's broadcasts onto an aircraft's `rid_up`, as if its companion had sent them."""
+    """A tap that injects a forger's broadcasts on the `rid_up` of an aircraft, as if its companion had sent them."""
 
     src: str
     source: Forger
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Lets everything pass."""
+        """Let every frame pass."""
         return ()
 
     def next_wakeup(self) -> Time | None:
@@ -118,13 +121,13 @@ class Injector:
         return self.source.due
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Inject what is due."""
+        """Inject the broadcasts that are due."""
         return [Inject(payload, "fwd", self.src, ORACLE) for payload in self.source.make(now)]
 
 
 @dataclass(frozen=True, slots=True)
 class _MakeInjector:
-    """Makes the tap of one link; each has the whole forger, which is made once as only one link matches."""
+    """Makes the tap of a link. Only one link matches, so all taps share the forger."""
 
     src: str
     source: Forger
@@ -134,7 +137,7 @@ class _MakeInjector:
 
 
 def make(params: Spoof, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not there or have no Remote ID."""
+    """The attack. Raises `InputError` for aircraft that are not in the scenario or have no `rid_up` link."""
     for name, vehicle in (("vehicle", params.vehicle), ("on", params.on)):
         if vehicle is not None:
             check_vehicle(context, name, vehicle)
@@ -176,7 +179,7 @@ def _identities(params: Spoof, context: AttackContext) -> list[ClaimedIdentity]:
 
 
 def _places(params: Spoof, context: AttackContext) -> list[Place]:
-    """The place, or a swarm's places: uniform over the disk about it, at its height."""
+    """The claimed place, or the places of a swarm: uniform over a disk around that place, at its height."""
     if params.form != "swarm":
         return [params.at]
     places = []
@@ -191,6 +194,6 @@ def _places(params: Spoof, context: AttackContext) -> list[Place]:
 SPOOF = AttackPlugin(
     Spoof,
     make,
-    "Forged Remote ID: a ghost at a place, a false position of an aircraft, or a swarm of ghosts.",
+    "Forges Remote ID: an aircraft that does not exist, a false position of a real one, or a swarm of ghosts.",
     technique="T0856",  # Spoof Reporting Message
 )

@@ -44,8 +44,10 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
     try:
         first = find_binary()
     except InputError as error:
-        print(f"runs would use another binary, which is not usable: {error}", file=sys.stderr)
+        print(f"skyrange runs a different binary, which is unusable: {error}", file=sys.stderr)
     else:
         if first.path != binary.path:
-            where = "newer" if first.source == "installed" else f"of {first.source}"
-            print(f"what flies is another, {where}: ArduCopter {first.version}, {first.path}", file=sys.stderr)
+            where = "which is newer" if first.source == "installed" else f"from {first.source}"
+            print(
+                f"skyrange runs a different binary, {where}: ArduCopter {first.version}, {first.path}", file=sys.stderr
+            )

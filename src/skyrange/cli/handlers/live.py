@@ -112,7 +112,7 @@ def keys(folder: Path, names: Sequence[str]) -> None:
 
     made = make_range_keys(folder, names)
     if not made:
-        print(f"{folder} already has a range's keys; name the machines that may join", file=sys.stderr)
+        print(f"{folder} already has the keys of a range; give the names of machines that may join", file=sys.stderr)
     for path in made:
         use = "stays on this machine" if path.stem == RANGE else "copy it to that machine only"
         print(f"{path}  {use}")
@@ -176,7 +176,7 @@ def _format_address(crossing: Crossing) -> str:
 
 def _format_waiting(flown: LiveRange) -> str:
     where = f"{flown.deployment.base}:{flown.control_port}"
-    return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` there"
+    return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` on each"
 
 
 def _table(flown: LiveRange) -> Table:

@@ -46,12 +46,12 @@ def live(vehicles: Sequence[int], seconds: float, group: Group | None, port_offs
         print_json({"transports": transports, "ranges": ranges})
 
 
-def _table(title: str, columns: Sequence[str], words: Sequence[str]) -> Table:
+def _table(title: str, columns: Sequence[str], textual: Sequence[str]) -> Table:
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", title_style="bold")
     for column in columns:
-        table.add_column(column, justify="left" if column in words else "right", no_wrap=column not in words)
+        table.add_column(column, justify="left" if column in textual else "right", no_wrap=column not in textual)
     return table
 
 
@@ -72,21 +72,21 @@ def _transports(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 def _range(row: Mapping[str, Any]) -> Table:
     """The measures of one range, one per row."""
-    held = "held real time" if row["held"] else f"fell behind ({', '.join(row['fell_behind'])})"
+    held = "kept real time" if row["held"] else f"fell behind ({', '.join(row['fell_behind'])})"
     table = _table(
         f"{row['vehicles']} aircraft in {row['processes']} processes: {held}", ("measure", "value"), ("measure",)
     )
     other_cores = row["elsewhere_cores"]
     busiest = ", ".join(f"{name} {share:.2f}" for name, share in row["cores_by_process"].items())
     measures = {
-        "behind at most": f"{row['max_lag_s']:.3f} s",
+        "largest delay behind real time": f"{row['max_lag_s']:.3f} s",
         "cores": f"{row['cores']:.2f}",
-        "the busiest": busiest,
-        "cores taken by others": "unknown" if other_cores is None else f"{other_cores:.2f}",
+        "busiest processes, in cores": busiest,
+        "cores used by other programs": "unknown" if other_cores is None else f"{other_cores:.2f}",
         "aircraft per core": f"{row['aircraft_per_core']}",
         "flying": f"{row['flying']}",
         "frames per second": f"{row['frames_per_s']:,.0f}, over sockets {row['crossings_per_s']:,.0f}",
-        "to start, to end": f"{row['start_s']:.1f} s, {row['end_s']:.1f} s",
+        "time to start, time to end": f"{row['start_s']:.1f} s, {row['end_s']:.1f} s",
     }
     for kind, own in row["added_ms"].items():
         measures[f"added on {kind}"] = f"{own['median']:.1f} ms, 99 % within {own['p99']:.1f} ms"

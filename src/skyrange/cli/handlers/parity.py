@@ -111,7 +111,7 @@ def gnss(out: Path | None, rates: str, as_json: bool) -> None:
         table.add_column(column, justify="left" if column in ("setting", "builtin", "ArduPilot") else "right")
     for one in compared:
         table.add_row(
-            one.setting.words,
+            one.setting.description,
             one.first.outcome,
             one.second.outcome,
             _seconds(one.first.reset_s),
@@ -135,7 +135,7 @@ def _seconds(at: float | None) -> str:
 
 def _setting(one: ComparedReaction) -> dict[str, Any]:
     return {
-        "setting": one.setting.words,
+        "setting": one.setting.description,
         "kind": one.setting.kind,
         "params": dict(one.setting.params),
         "alike": one.alike,

@@ -127,7 +127,7 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
     if not target.is_dir():
         raise InputError.one("--out", "folder", str(target), "a folder that exists")
     if receivers and only == "mavlink":
-        raise InputError.one("--receiver", "with --only mavlink", receivers[0], "Remote ID to be exported")
+        raise InputError.one("--receiver", "with --only mavlink", receivers[0], "no --receiver, or --only remote_id")
     result = {}
     if only == "remote_id" or receivers or (only is None and has_radio(record)):
         result["remote_id"] = packet_captures.remote_id(record, target / packet_captures.REMOTE_ID, receivers)

@@ -36,11 +36,11 @@ def tap(
 
 
 def newest_live_run() -> Path:
-    """The folder of the newest live range under `runs`; raises `InputError` if there is none."""
+    """The folder of the newest live range under `runs`. Raises `InputError` if there is none."""
     from skyrange.core.errors import InputError
     from skyrange.record.folder import PARTS
 
     found = sorted(Path("runs").glob(f"*/{PARTS}"), key=lambda path: path.stat().st_mtime)
     if not found:
-        raise InputError.one("tap", "--run", "no live range under runs", "the folder of one")
+        raise InputError.one("tap", "--run", "no live range under runs", "the run folder of a live range")
     return found[-1].parent

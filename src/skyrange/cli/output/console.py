@@ -24,8 +24,8 @@ def terminal() -> Console:
 
 
 def tell_if_cold(*, quiet: bool) -> None:
-    """Report that the numeric functions are compiled before the first run."""
+    """Print a notice if the numeric functions must be compiled before this run."""
     from skyrange.core.compiled import compiled_before
 
     if not quiet and not compiled_before():
-        print("compiling the numeric functions, once (takes a minute or two)", file=sys.stderr, flush=True)
+        print("compiling the numeric functions; this takes a minute or two, once", file=sys.stderr, flush=True)

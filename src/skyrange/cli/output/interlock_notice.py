@@ -1,4 +1,4 @@
-"""Notice that the interlock held external vehicles back, and what would open it."""
+"""Notice that the interlock blocked motion of external vehicles, and what opens it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 
 def print_interlock_notice(manifest: Mapping[str, Any]) -> None:
-    """Print which external vehicles could not be armed or moved, and what is required for it."""
+    """Print which external vehicles could not be armed or moved, and what is required to allow it."""
     for engine in manifest.get("engines", ()):
         lock = engine.get("interlock", {})
         if lock.get("state") == "closed":

@@ -1,4 +1,4 @@
-"""Messages about viewers of a live range: where to connect, and at the end what viewers did."""
+"""Messages about viewers of a live range: addresses at the start, counts at the end."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | No
 
 
 def print_viewer_addresses(flown: LiveRange) -> None:
-    """Print where each aircraft can be watched, if viewers were requested."""
+    """Print the address of each aircraft for viewers, if viewers were requested."""
     from skyrange.io.mavlink.viewer_ports import LOOPBACK
     from skyrange.runtime.viewers import Address
 
@@ -36,7 +36,7 @@ def print_viewer_addresses(flown: LiveRange) -> None:
 
 
 def print_viewer_counts(flown: LiveRange) -> None:
-    """Print what viewers did, if any connected."""
+    """Print counts of viewers, if any connected."""
     from skyrange.io.mavlink.viewer_ports import ViewerCounts
 
     statuses = [member.status for member in flown.members.values() if member.status.get("viewing_viewers")]

@@ -31,7 +31,7 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
             def show(now: Time, end: Time) -> None:
                 at = f"{to_seconds(now):.0f} of {to_seconds(end):.0f} s" if now < end else "writing the record"
                 if now < 0:
-                    at = f"autopilots boot, {-to_seconds(now):.0f} s to go"
+                    at = f"autopilots boot, {-to_seconds(now):.0f} simulated s left"
                 bar.update(task, total=end, completed=max(now, 0), at=at)
 
             yield show
@@ -44,12 +44,14 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
             if now < 0:
                 if boot is None:
                     boot = monotonic(), now
-                    print(f"{name}: autopilots boot, {-to_seconds(now):.0f} s to go", file=sys.stderr, flush=True)
+                    print(
+                        f"{name}: autopilots boot for {-to_seconds(now):.0f} simulated s", file=sys.stderr, flush=True
+                    )
                 return
             if boot is not None:
                 share = (monotonic() - boot[0]) / -to_seconds(boot[1])
-                about = f"{share * to_seconds(end):.0f} s at that pace"
-                print(f"{name}: booted, {share:.1f} s for each simulated one: {about}", file=sys.stderr, flush=True)
+                pace = f"{share:.1f} s per simulated second, at this pace {share * to_seconds(end):.0f} s for the run"
+                print(f"{name}: autopilots booted in {pace}", file=sys.stderr, flush=True)
                 boot = None
             reached = 10 * now // end
             if reached > tenth:

@@ -1,4 +1,4 @@
-"""Messages about viewers of a run: where to connect, and at the end what viewers did."""
+"""Messages about viewers of a run: addresses at the start, counts at the end."""
 
 from __future__ import annotations
 
@@ -38,25 +38,27 @@ def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> It
 
 
 def viewer_address_lines(addresses: Sequence[Address], system_ids: dict[str, int]) -> list[str]:
-    """Lines that say where and how each aircraft can be watched."""
-    lines = ["watch, read-only (what a viewer sends is discarded):"]
+    """Lines with the address of each aircraft for viewers, and how to connect."""
+    lines = ["viewers can connect here (read-only; data from viewers is discarded):"]
     width = max((len(vehicle) for vehicle in system_ids), default=0)
     for vehicle, host, port in addresses[:MAX_LINES]:
         lines.append(f"  {vehicle:<{width}}  tcp {host}:{port}  system id {system_ids[vehicle]}")
     if len(addresses) > MAX_LINES:
         last = addresses[-1]
-        lines.append(f"  … and so on, to {last.vehicle} at {last.port}")
+        lines.append(f"  … and so on, up to {last.vehicle} at port {last.port}")
     if addresses:
         _, host, port = addresses[0]
         lines.append(f"  MAVProxy: mavproxy.py --master=tcp:{host}:{port}")
         lines.append(f"  QGroundControl: Application Settings, Comm Links, Add: type TCP, server {host}, port {port}")
     if any(count > 1 for count in Counter(system_ids.values()).values()):
-        lines.append("  some system ids recur: connect a ground station to one aircraft of each, or it mixes them up")
+        lines.append(
+            "  several aircraft have the same system id: connect a ground station to only one aircraft of each id"
+        )
     return lines
 
 
 def open_port_warning(scenario: Scenario) -> list[str]:
-    """Lines that warn of autopilots that listen on network ports themselves."""
+    """Lines that warn of autopilots which listen on network ports themselves."""
     from skyrange.vehicle.contract import AutopilotPlugin
 
     ports: list[str] = []
@@ -67,8 +69,8 @@ def open_port_warning(scenario: Scenario) -> list[str]:
     if not ports:
         return []
     return [
-        "WARNING: these autopilots listen on ALL network interfaces and obey whoever connects. Their heartbeats hide",
-        "a lost ground station, and the run does not repeat:",
+        "WARNING: these autopilots listen on ALL network interfaces and obey every ground station that connects. Its",
+        "heartbeats hide the loss of the aircraft's own ground station, and the run is not repeatable:",
         *ports[:MAX_LINES],
         *([f"  … and {len(ports) - MAX_LINES} more"] if len(ports) > MAX_LINES else []),
     ]
@@ -80,5 +82,5 @@ def viewer_counts_text(counts: ViewerCounts) -> str:
     if counts.frames_lost:
         text += f"; {counts.frames_lost:,} frames were dropped because a viewer read too slowly"
     if counts.turned_away:
-        text += f"; {counts.turned_away} more were refused"
+        text += f"; {counts.turned_away} more connections were refused"
     return text

@@ -145,9 +145,9 @@ class Sitl:
 
     def lost(self, what: str) -> ComponentError:
         """The error of a process that cannot go on: `what` happened, how it ended, and its last output."""
-        ended, words = self.program.ended, self.program.last_words()
+        ended, output = self.program.ended, self.program.last_words()
         problem = f"{what} ({ended})" if ended else what
-        return ComponentError(self.name, problem, f"It said last:\n{words}" if words else "")
+        return ComponentError(self.name, problem, f"It said last:\n{output}" if output else "")
 
 
 class LockstepSitl(Sitl):

@@ -360,5 +360,5 @@ def sleep_for(seconds: float) -> None:
 
 def _reason(error: Exception) -> str:
     """What is wrong, in the system's words."""
-    told = getattr(error, "errno", None)
-    return (os.strerror(told) if isinstance(told, int) else str(error) or type(error).__name__).lower()
+    number = getattr(error, "errno", None)
+    return (os.strerror(number) if isinstance(number, int) else str(error) or type(error).__name__).lower()

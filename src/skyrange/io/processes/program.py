@@ -109,10 +109,10 @@ class Program:
     def cpu_s(self) -> float:
         """Processor time used, user and system, in seconds; NaN if the system does not report it (/proc)."""
         try:
-            told = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
+            fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
         except OSError:
             return math.nan
-        return (int(told[11]) + int(told[12])) / os.sysconf("SC_CLK_TCK")
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def last_words(self, lines: int = 8) -> str:
         """The last lines of its output, "" for none."""

@@ -105,7 +105,7 @@ class CrossingMatcher:
         self, parts: Sequence[NodeRecord], directions: Mapping[LinkDirection, DirectionSpec], spans: RecordingSpans
     ) -> None:
         self._parts = {part.number: part for part in parts}
-        self._lanes = directions
+        self._directions = directions
         self._spans = spans
         self._matching: dict[LinkDirection, FrameMatcher[tuple[Any, ...]]] = {}
         self._unknown_counts: dict[tuple[LinkDirection, str], int] = {}
@@ -141,10 +141,10 @@ class CrossingMatcher:
         direction_key = row[:2]
         matching = self._matching.get(direction_key)
         if matching is None:
-            matching = self._matching[direction_key] = FrameMatcher(self._lanes[direction_key].reliable)
+            matching = self._matching[direction_key] = FrameMatcher(self._directions[direction_key].reliable)
         number = (row[_INDEX["part"]] << 48) | order  # parts are numbered in order of time
         frame = SentFrame(number, row[_INDEX["sent_ns"]], left, row[_INDEX["payload"]], row)
-        if frame.sent_ns <= self._spans.end(self._lanes[direction_key].dst) + TOLERANCE_NS:
+        if frame.sent_ns <= self._spans.end(self._directions[direction_key].dst) + TOLERANCE_NS:
             matching.add_sent(frame)
         else:
             self._add_missing(direction_key, frame, False)
@@ -155,7 +155,7 @@ class CrossingMatcher:
         matching = self._matching.get(direction_key)
         found = matching.match_received(at, row[_INDEX["payload"]]) if matching is not None else None
         if found is None:
-            src = self._lanes[direction_key].src
+            src = self._directions[direction_key].src
             known = src not in self._spans or self._spans.recorded(src, at - TOLERANCE_NS)
             sender = OUTSIDE if known else UNRECORDED
             serial = self._unknown_counts.get((direction_key, sender), 0)
@@ -174,7 +174,7 @@ class CrossingMatcher:
                 self._add_missing(direction_key, frame, False)
 
     def _add_missing(self, direction_key: LinkDirection, frame: SentFrame[tuple[Any, ...]], overtaken: bool) -> None:
-        spec = self._lanes[direction_key]
+        spec = self._directions[direction_key]
         lost = self._spans.recorded(spec.dst, frame.left_ns) and (
             overtaken or self._spans.recorded(spec.dst, frame.left_ns + spec.grace_ns)
         )

@@ -64,11 +64,13 @@ class FrameIdMap:
         """
         self._incoming = incoming
         self._shifts = serial_offsets
-        self._ranges: dict[LinkDirection, _SerialRanges] = {lane: _SerialRanges() for lane in incoming}
+        self._ranges: dict[LinkDirection, _SerialRanges] = {
+            direction_key: _SerialRanges() for direction_key in incoming
+        }
 
-    def add(self, lane: LinkDirection, serial: int, sender: str, true: int) -> None:
+    def add(self, direction_key: LinkDirection, serial: int, sender: str, true: int) -> None:
         """Note that the frame with the provisional `serial` is frame number `true` of `sender`."""
-        self._ranges[lane].add(serial, sender, true)
+        self._ranges[direction_key].add(serial, sender, true)
 
     def resolve(self, id_: FrameId) -> FrameId:
         """The true id; its sender is `UNRECORDED` if the frame itself is not in the record."""

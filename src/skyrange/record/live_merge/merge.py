@@ -77,7 +77,7 @@ def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any
     directions = direction_specs(header)
     parts = [NodeRecord.open(number, folder) for number, folder in enumerate(folders)]
     for part in parts:
-        part.scan({lane: (spec.src, spec.dst) for lane, spec in directions.items()})
+        part.scan({direction: (spec.src, spec.dst) for direction, spec in directions.items()})
     entries = [part.manifest_entry() for part in parts]
     parts = [replace(part, number=number) for number, part in enumerate(sorted(parts, key=_start_and_number))]
     _continue_serials(parts)
@@ -121,7 +121,7 @@ def _continue_serials(parts: Sequence[NodeRecord]) -> None:
         part.serial_offsets = {flow: next_serials[flow] for flow in part.next_serials if flow in next_serials}
         for flow, next_serial in part.next_serials.items():
             next_serials[flow] = next_serials.get(flow, 0) + next_serial
-        incoming = {lane: source for lane, (how, source) in part.directions.items() if how == INCOMING}
+        incoming = {direction: source for direction, (how, source) in part.directions.items() if how == INCOMING}
         part.id_map = FrameIdMap(incoming, part.serial_offsets)
 
 

@@ -94,10 +94,10 @@ class NodeRecord:
         )
 
     def scan(self, sources: Mapping[LinkDirection, tuple[str, str]]) -> None:
-        """Scan the part for row counts, first and last times, border and serials; `sources` has each lane's ends."""
-        for lane, (src, dst) in sources.items():
+        """Scan the part for row counts, times, border and serials; `sources` has both ends of each direction."""
+        for direction_key, (src, dst) in sources.items():
             if (src in self.endpoints) != (dst in self.endpoints):
-                self.directions[lane] = (OUTGOING if src in self.endpoints else INCOMING, src)
+                self.directions[direction_key] = (OUTGOING if src in self.endpoints else INCOMING, src)
         for name in TABLES:
             if name in ("payloads", "telemetry") or self.tables is None:
                 continue
@@ -161,10 +161,10 @@ class NodeRecord:
             serial = table.column("serial").to_numpy().copy()
             handed = np.asarray(pc.equal(table.column("fate"), str(Fate.IN_FLIGHT)))
             for (link, direction, sender), rows in _flows(table, which="rows"):
-                lane, source = self.directions.get((link, direction), (LOCAL, ""))
-                if lane == OUTGOING:
+                crossing_kind, source = self.directions.get((link, direction), (LOCAL, ""))
+                if crossing_kind == OUTGOING:
                     how[rows[handed[rows]]] = OUTGOING
-                elif lane == INCOMING and sender == source:
+                elif crossing_kind == INCOMING and sender == source:
                     how[rows] = INCOMING
                     continue
                 serial[rows] += self.serial_offsets.get((link, direction, sender), 0)

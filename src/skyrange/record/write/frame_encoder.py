@@ -102,8 +102,8 @@ class FrameEncoder:
         self._origin_hashes = np.zeros(0, dtype=np.uint64)
         self._id_prefixes = pa.array([], pa.string())  # of each origin, the text of an id before its serial
         self._dictionary = pa.array([], pa.string())
-        self._lanes: LinkTable | None = None
-        self._lane_flows = np.zeros((0, 2), dtype=np.int64)  # flow and origin of each lane; -1 if unused
+        self._link_table: LinkTable | None = None
+        self._link_flows = np.zeros((0, 2), dtype=np.int64)  # flow and origin of each directed link; -1 if unused
 
     def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
         """Encode what was observed, in that order; the frames are not changed."""
@@ -111,8 +111,8 @@ class FrameEncoder:
         numbered: dict[int, tuple[int, Ints, Words]] = {}
         causes: dict[int, list[str]] = {}
         rows = 0
-        for lanes, run in groupby(seen, _lanes_of):
-            if lanes is not None:
+        for link_table, run in groupby(seen, _link_table_of):
+            if link_table is not None:
                 blocks = cast("list[FrameBlock]", list(run))
                 gathered.append(self._block_columns(blocks, numbered))
                 rows += sum(map(len, blocks))
@@ -188,12 +188,12 @@ class FrameEncoder:
         """`numbered` caches what the hops of one block share: window, ids and hashes by column of payloads."""
         carried = [self._number_block(block, numbered) for block in blocks]
         rows = np.array([len(block) for block in blocks])
-        lanes = blocks[0].link_table
+        link_table = blocks[0].link_table
         above = np.concatenate([_or_none(block.parent_link_numbers, len(block)) for block in blocks])
         origin, children = np.full(len(above), -1, dtype=np.int64), above >= 0
-        origin[children] = self._look_up(lanes, above[children], 1)
+        origin[children] = self._look_up(link_table, above[children], 1)
         return _Columns(
-            flow=self._look_up(lanes, np.concatenate([block.link_numbers for block in blocks]), 0),
+            flow=self._look_up(link_table, np.concatenate([block.link_numbers for block in blocks]), 0),
             serial=np.concatenate([block.serial for block in blocks]),
             sent=np.repeat([block.sent_ns for block in blocks], rows),
             arrived=np.repeat([block.arrived_ns for block in blocks], rows),
@@ -220,18 +220,18 @@ class FrameEncoder:
             return ids, words, payloads.sizes
         return ids[block.rows], words[block.rows], payloads.sizes[block.rows]
 
-    def _look_up(self, lanes: LinkTable, lane: Ints, which: int) -> Ints:
-        """The number of each row's flow (`which` 0) or origin (1); lanes that are new get one."""
-        if lanes is not self._lanes:
-            self._lanes = lanes
-            self._lane_flows = np.full((len(lanes.names), 2), -1, dtype=np.int64)
-        numbers = self._lane_flows[lane, which]
+    def _look_up(self, link_table: LinkTable, link_numbers: Ints, which: int) -> Ints:
+        """The number of each row's flow (`which` 0) or origin (1); directed links that are new get one."""
+        if link_table is not self._link_table:
+            self._link_table = link_table
+            self._link_flows = np.full((len(link_table.names), 2), -1, dtype=np.int64)
+        numbers = self._link_flows[link_numbers, which]
         if numbers.min(initial=0) < 0:
-            for number in np.unique(lane[numbers < 0]).tolist():
-                link, direction, src, dst = lanes.names[number]
+            for number in np.unique(link_numbers[numbers < 0]).tolist():
+                link, direction, src, dst = link_table.names[number]
                 key = (link, direction, src)
-                self._lane_flows[number, which] = self._origins[key] if which else self._flows[(*key, src, dst)]
-            numbers = self._lane_flows[lane, which]
+                self._link_flows[number, which] = self._origins[key] if which else self._flows[(*key, src, dst)]
+            numbers = self._link_flows[link_numbers, which]
         found: Ints = numbers
         return found
 
@@ -261,7 +261,7 @@ def _lists(items: Mapping[int, Sequence[str]], rows: int) -> pa.Array:
     return pa.ListArray.from_arrays(pa.array(np.cumsum(offsets, dtype=np.int32)), pa.array(flat, pa.string()))
 
 
-def _lanes_of(seen: Frame | FrameBlock) -> LinkTable | None:
+def _link_table_of(seen: Frame | FrameBlock) -> LinkTable | None:
     """The key by which consecutive blocks are encoded together; `None` for a single frame."""
     return None if isinstance(seen, Frame) else seen.link_table
 

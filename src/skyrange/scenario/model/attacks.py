@@ -1,4 +1,4 @@
-"""Attacks in a scenario: `[[attacks]]`, their kind, their parameters, and when they act."""
+"""Attacks in a scenario: the model of `[[attacks]]`, with kind, parameters and times."""
 
 from __future__ import annotations
 
@@ -25,58 +25,74 @@ def _place_or_name(value: Any) -> Any:
 
 
 class When(Model):
-    """A condition on where aircraft truly are; it starts the attack when it first holds."""
+    """A condition on the true positions of aircraft. The attack starts when it first holds."""
 
-    vehicle: str = Field(description="The aircraft that is watched, such as 'green/g1'.")
-    within_m: Number = Field(gt=0, le=100_000, description="Holds while it is this near, in metres in space.")
+    vehicle: str = Field(description="Aircraft whose distance is measured, such as 'green/g1'.")
+    within_m: Number = Field(
+        gt=0, le=100_000, description="Largest distance in metres at which the condition holds, in three dimensions."
+    )
     of: Annotated[str | Enu, BeforeValidator(_place_or_name, json_schema_input_type=str | list[float])] = Field(
-        description="To what: a place [east_m, north_m, up_m] in metres from the origin, or another aircraft."
+        description="Place or aircraft to which the distance is measured: [east_m, north_m, up_m] in metres from the "
+        "origin or the attack's anchor, or an aircraft such as 'red/r1'."
     )
 
     @property
     def vehicles(self) -> tuple[str, ...]:
-        """The aircraft that it speaks of."""
+        """The aircraft that the condition names."""
         return (self.vehicle, self.of) if isinstance(self.of, str) else (self.vehicle,)
 
     @property
     def trigger(self) -> Near:
-        """The same for the kernel."""
+        """The condition as a trigger for the kernel."""
         return Near(self.vehicles, self.within_m, None if isinstance(self.of, str) else self.of)
 
 
 class AttackTable(Model):
-    """One attack: what it does, when, and whether it is muted."""
+    """One attack: its kind and parameters, and when it acts."""
 
-    id: Id = Field(description="Name, unique among the attacks: in labels, links and figures.")
+    id: Id = Field(description="Name, unique among the attacks; used in labels, links and figures.")
     kind: Annotated[str, known(ATTACKS, "a kind of attack")] = Field(
-        description="What it does, a plugin of skyrange.attacks."
+        description="Kind of attack, a plugin of skyrange.attacks."
     )
     start_s: Number = Field(
-        default=0.0, ge=0, le=31_536_000, description="Simulated second from which it acts, or waits for its trigger."
+        default=0.0,
+        ge=0,
+        le=31_536_000,
+        description="Simulated time in seconds from which the attack acts, or waits for its condition.",
     )
     stop_s: Number | None = Field(
-        default=None, gt=0, le=31_536_000, description="Simulated second at which it stops; default: never."
+        default=None,
+        gt=0,
+        le=31_536_000,
+        description="Simulated time in seconds at which the attack stops; default: never.",
     )
     for_s: Number | None = Field(
-        default=None, gt=0, le=31_536_000, description="It stops this many seconds after it has started."
+        default=None,
+        gt=0,
+        le=31_536_000,
+        description="Duration in seconds, from the start of the attack; default: no limit.",
     )
-    when: When | None = Field(default=None, description="Start when this first holds, once start_s has come.")
-    muted: bool = Field(default=False, strict=True, description="All there, but none of its acts counts.")
+    when: When | None = Field(
+        default=None, description="Condition that starts the attack when it first holds, at or after start_s."
+    )
+    muted: bool = Field(default=False, strict=True, description="Whether to run the attack and discard its output.")
     sham: bool = Field(
-        default=False, strict=True, description="The same transmitter, airtime and timing with content that is benign."
+        default=False,
+        strict=True,
+        description="Whether to act from the same transmitter, with the same airtime and timing, but with benign "
+        "content.",
     )
     anchor: str | None = Field(
         default=None,
-        description="An aircraft such as 'green/g1': places count from where it starts; default: from the origin.",
+        description="Aircraft, such as 'green/g1', whose start is the origin of the places of the attack; default: the "
+        "origin of the scenario.",
     )
-    params: dict[str, Any] = Field(
-        default_factory=dict, validate_default=True, description="The kind's own parameters."
-    )
+    params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 
     @field_validator("params")
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters that its kind makes of them, with every default; untouched where the kind is unknown."""
+        """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
         return normalized(AttackPlugin.find(info.data["kind"]), params) if "kind" in info.data else params
 
     @field_validator("stop_s")
@@ -99,7 +115,7 @@ class AttackTable(Model):
 
 
 def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Problem]:
-    """Aircraft in triggers and anchors that the scenario does not have."""
+    """A problem for each trigger and anchor that names an aircraft which the scenario does not have."""
     for index, attack in enumerate(attacks):
         named = [("anchor", attack.anchor)] if attack.anchor is not None else []
         if attack.when is not None:

@@ -1,4 +1,4 @@
-"""Autopilots in a scenario: options of each kind, and what happens when an engine falls silent."""
+"""Autopilots in a scenario: options of each kind, and the reaction to an autopilot that does not answer."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from skyrange.vehicle.contract import AutopilotPlugin
 
 
 class Autopilots(Model):
-    """What holds for all autopilots that are programs."""
+    """Settings of autopilots that are separate programs."""
 
     on_silent: Literal["stop", "continue"] = Field(
         default="stop",
-        description="When an autopilot gives no answer in time or ends: stop the run, or continue without it; its "
-        "motors stop.",
+        description="Reaction to an autopilot that ends or does not answer in time: stop the run, or continue "
+        "without it; the motors of a simulated aircraft then stop.",
     )
     on_unready: Literal["fail", "wait"] = Field(
-        default="fail", description="When one is not ready at time 0: fail, or wait and let it come later."
+        default="fail",
+        description="Reaction to an autopilot that is not ready at time 0: fail ends the run, wait starts the run and "
+        "lets the autopilot join later.",
     )
     deadline_s: Number = Field(
-        default=5.0, gt=0, le=3600, description="Seconds of wall time in which it has to answer for a tick."
+        default=5.0, gt=0, le=3600, description="Wall time in seconds within which an autopilot must answer each tick."
     )
     options: dict[str, dict[str, Any]] = Field(
-        default_factory=dict, description="What a kind of autopilot may be told, by kind, such as options.ardupilot."
+        default_factory=dict, description="Options of each kind of autopilot, such as options.ardupilot."
     )
 
     @model_validator(mode="after")
@@ -43,7 +45,7 @@ class Autopilots(Model):
         return self
 
     def with_options(self, kind: str, given: Mapping[str, Any], who: str) -> Autopilots:
-        """The same, but with the options `given` of `kind`. Raises `InputError`, by `who`, where they do not fit."""
+        """A copy with the options `given` set for `kind`. Raises `InputError` for `who` if they are invalid."""
         data = self.model_dump() | {"options": {**self.options, kind: {**self.options.get(kind, {}), **given}}}
         try:
             return Autopilots.model_validate(data)
@@ -51,5 +53,5 @@ class Autopilots(Model):
             raise input_error(who, error, Autopilots, data) from None
 
     def params_of(self, kind: str) -> Params:
-        """The options of a kind as its plugin's own model. Raises InputError for a kind that lacks some."""
+        """The options of a kind as its plugin's own model. Raises InputError if a required option is missing."""
         return params_of(AutopilotPlugin.find(kind), self.options.get(kind, {}), f"autopilots.options.{kind}")

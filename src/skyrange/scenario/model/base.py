@@ -1,6 +1,6 @@
-"""Base of the scenario's models: frozen, strict, with errors that name the key.
+"""Base of the scenario's models: frozen and strict, with errors that name the key.
 
-A model built in Python raises InputError, as a file does.
+A model that is built in Python raises InputError, as a file does.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ __all__ = ["FileName", "Id", "Model", "Number", "Whole", "items", "refuse", "wro
 
 
 class Model(BaseModel):
-    """Frozen, no unknown keys; bad values raise InputError when built by name in Python."""
+    """Frozen model without unknown keys. If it is built from keywords in Python, invalid values raise InputError."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def __init__(self, /, **data: Any) -> None:
-        """Build from keywords. Raises InputError with every fault that was found."""
+        """Build from keywords. Raises InputError with all problems."""
         try:
             super().__init__(**data)
         except ValidationError as error:
@@ -33,11 +33,11 @@ class Model(BaseModel):
 
     @classmethod
     def cross_check(cls, data: Any) -> list[Problem]:
-        """Faults between the parts of `data`, a table this model is to be built from; none unless it says so."""
+        """The problems between the parts of `data`, the table from which the model is built; none by default."""
         return []
 
     # pydantic validates nested models through `__init__` if a class overrides it; this marks it as
-    # equivalent to pydantic's own, so that nested faults are collected and raised once.
+    # equivalent to pydantic's own, so that nested problems are collected and raised once.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
 
@@ -48,11 +48,11 @@ FileName = Annotated[
     ),
     Field(min_length=1),
 ]
-"""A file's name, as text or as a path object."""
+"""The name of a file, as text or as a path object."""
 Id = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
-"""An id that may stand in file names and link names."""
+"""An id that can be part of file names and link names."""
 
 
 def wrong(value: object, expected: str, hint: str = "", where: str = "") -> PydanticCustomError:
-    """`refuse` for a single fault."""
+    """`refuse` for a single problem."""
     return refuse(Problem(where, value if isinstance(value, str) else repr(value), expected, hint))

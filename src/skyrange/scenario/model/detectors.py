@@ -1,4 +1,4 @@
-"""Detectors in a scenario: `[[detectors]]`, their kind, the links that they listen to, their parameters."""
+"""Detectors in a scenario: the model of `[[detectors]]`, with kind, links and parameters."""
 
 from __future__ import annotations
 
@@ -14,31 +14,29 @@ from skyrange.scenario.validation.plugin_params import known, normalized
 
 
 class DetectorTable(Model):
-    """One detector: it listens to links and raises alerts, and alters nothing."""
+    """One detector. It listens to links and raises alerts, and does not alter any frame."""
 
-    id: Id = Field(description="Name, unique among the detectors: in alerts and figures.")
+    id: Id = Field(description="Name, unique among the detectors; used in alerts and figures.")
     kind: Annotated[str, known(DETECTORS, "a kind of detector")] = Field(
-        description="How it detects, a plugin of skyrange.detectors."
+        description="Kind of detector, a plugin of skyrange.detectors."
     )
     links: tuple[Annotated[str, Field(min_length=1)], ...] = Field(
         default=("gcs:*",),
         min_length=1,
-        description="The links that it listens to: names such as 'gcs:blue/b1', or patterns with *.",
+        description="Links to listen to: names such as 'gcs:blue/b1', or patterns with *.",
     )
     side: str = Field(
         default="gcs",
         min_length=1,
-        description="At which end of them it listens: an endpoint's role such as 'gcs' or 'companion', an endpoint, or "
-        "a pattern; * for both ends.",
+        description="End of those links at which to listen: the role of an endpoint such as 'gcs' or 'companion', the "
+        "name of an endpoint, or a pattern; * means both ends.",
     )
-    params: dict[str, Any] = Field(
-        default_factory=dict, validate_default=True, description="The kind's own parameters."
-    )
+    params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 
     @field_validator("params")
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters with every default; untouched where the kind is unknown."""
+        """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
         return normalized(DetectorPlugin.find(info.data["kind"]), params) if "kind" in info.data else params
 
     @property

@@ -1,4 +1,4 @@
-"""Vehicles of a scenario, one by one, and fleets of many that differ only in place and time."""
+"""Vehicles of a scenario, and fleets of vehicles that differ only in start and departure time."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from skyrange.scenario.validation.plugin_params import known
 from skyrange.world.airframes import AIRFRAMES
 
 MAX_SYSTEM_ID = 250
-"""Aircraft of one MAVLink network: its 8-bit system id, less 0 (broadcast) and 251…255 for ground stations."""
+"""Largest number of aircraft in one MAVLink network: system ids have 8 bits, 0 is broadcast, and 251…255 are left to
+ground stations."""
 MAX_NETWORK = 255
-"""Networks of one operator, less one; 64,000 aircraft are enough."""
+"""Highest network number of one operator: 256 networks hold 64,000 aircraft."""
 REACH_M = 100_000
-"""How far from the origin an aircraft may start."""
+"""Largest distance of a start from the origin, east-west or north-south."""
 LATEST_S = 86_400
-"""How late an aircraft may depart."""
+"""Latest departure."""
 
 
 def _known_airframe(name: str) -> str:
     if name not in AIRFRAMES:
-        raise wrong(name, "an airframe of the table", nearest(name, AIRFRAMES))
+        raise wrong(name, "the name of an airframe", nearest(name, AIRFRAMES))
     return name
 
 
@@ -40,12 +41,12 @@ def _start(value: Any) -> Any:
 
 
 class Start(Model):
-    """Where an aircraft stands on the ground at first, from the origin."""
+    """Start of an aircraft: its position on the ground and its heading."""
 
     east_m: Number = Field(default=0.0, ge=-REACH_M, le=REACH_M, description="Metres east of the origin.")
     north_m: Number = Field(default=0.0, ge=-REACH_M, le=REACH_M, description="Metres north of the origin.")
     heading_deg: Number = Field(
-        default=0.0, ge=-180, le=360, description="Where the nose points: degrees clockwise from true north."
+        default=0.0, ge=-180, le=360, description="Direction of the nose, in degrees clockwise from true north."
     )
 
 
@@ -55,44 +56,49 @@ Autopilot = Annotated[
     Field(description="Kind of autopilot, a plugin of skyrange.autopilots."),
 ]
 AirframeName = Annotated[
-    str, AfterValidator(_known_airframe), Field(description="Name of a row of the airframe table.")
+    str, AfterValidator(_known_airframe), Field(description="Airframe, by its name in the airframe table.")
 ]
 Placing = Annotated[
     Literal["exact", "clear"],
     Field(
-        description="exact: start as given; clear: shift start and plan together to the nearest place where neither "
-        "meets a building or comes near another aircraft's path."
+        description="exact: use the start as it is; clear: shift start and plan together to the nearest place where "
+        "both keep clear of buildings and of the paths of other aircraft."
     ),
 ]
 Params = dict[Annotated[str, Field(pattern=r"^[A-Z][A-Z0-9_]{0,15}$")], Number]
-Departs = Annotated[
-    Number, Field(ge=0, le=LATEST_S, description="Not to take off before this simulated time, in seconds.")
-]
-Charge = Annotated[Number, Field(ge=0, le=1, description="How full its battery is at first, from 0 to 1.")]
+Departs = Annotated[Number, Field(ge=0, le=LATEST_S, description="Earliest simulated time of take-off, in seconds.")]
+Charge = Annotated[Number, Field(ge=0, le=1, description="Initial charge of the battery, from 0 (empty) to 1 (full).")]
 Broadcasts = Annotated[
     RemoteId | None,
-    Field(description="What it broadcasts; default: its operator's, else the usual, where there is a radio medium."),
+    Field(
+        description="Remote ID broadcasts; they need a radio medium. Default: the operator's table, else the defaults "
+        "of all keys."
+    ),
 ]
 Avoids = Annotated[
-    AnyAvoidance | None, Field(description="How it keeps from others that it hears; in short the kind; default: none.")
+    AnyAvoidance | None,
+    Field(
+        description="Avoidance of other aircraft; short form: the name of the kind. Default: that of the operator, "
+        "else none."
+    ),
 ]
 AnyStation = Annotated[
     tuple[Number, Number] | None,
     Field(
-        description="Where its control station is: [east_m, north_m] from the origin; default: its first "
-        "aircraft's start."
+        description="Position of its control station, [east_m, north_m] in metres from the origin; default: the start "
+        "of its first aircraft."
     ),
 ]
 AnyStart = Annotated[Start, BeforeValidator(_start, json_schema_input_type=Start | list[float])]
 
 
 def refuse_anchored(part: Any) -> None:
-    """Raise if a mission that stays where it was drawn shall be shifted."""
+    """Raise if `placing` would shift a mission that is anchored at the coordinates in its file."""
     if part.placing == "clear" and part.plan.anchor == "file":
         raise wrong(
             "clear",
-            "exact, because the mission file is anchored where it was drawn",
-            'Set plan.anchor = "start" to let it be shifted.',
+            "exact, because the mission file is anchored at its own coordinates",
+            'Set plan.anchor = "start", so that the mission can be shifted.',
             where="placing",
         )
 
@@ -108,13 +114,14 @@ class Vehicle(Model):
     autopilot: Autopilot = "builtin"
     airframe: AirframeName = "iris"
     start: AnyStart = Field(
-        default_factory=Start, description="Where it stands at first; in short [east_m, north_m] or with heading_deg."
+        default_factory=Start,
+        description="Start position; short form: [east_m, north_m] or [east_m, north_m, heading_deg].",
     )
     placing: Placing = "exact"
-    plan: Plan = Field(description="What it flies.")
+    plan: Plan = Field(description="Plan to fly.")
     params: Params = Field(
         default_factory=dict,
-        description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
+        description="Autopilot parameters, with ArduPilot's names and units; they override the operator's.",
     )
     depart_s: Departs = 0.0
     charge: Charge = 1.0
@@ -124,49 +131,52 @@ class Vehicle(Model):
         default=-1,
         ge=0,
         le=MAX_NETWORK,
-        description="The operator's MAVLink network that it is in; default: the first with a system id left.",
+        description="Number of its MAVLink network within the operator; default: the first with a free system id.",
         json_schema_extra={"default": None},
     )
     system_id: Whole = Field(
         default=0,
         ge=1,
         le=MAX_SYSTEM_ID,
-        description="MAVLink system id, unique within the network; default: the lowest free one, in order.",
+        description="MAVLink system id, unique within the network; default: the lowest free one.",
         json_schema_extra={"default": None},
     )
 
 
 class Fleet(Model):
-    """Many aircraft that fly one plan, each from a place of its own; once built they are vehicles."""
+    """Many aircraft that fly the same plan, each from its own start. A built scenario has them as vehicles."""
 
     id: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]{0,25}$")] = Field(
         default="",
-        description="What their ids begin with, a number follows; default: the operator's initial.",
+        description="First part of the ids of its aircraft, before a number; default: the operator's initial.",
         json_schema_extra={"default": None},
     )
-    count: Whole = Field(ge=1, le=10_000, description="How many aircraft.")
+    count: Whole = Field(ge=1, le=10_000, description="Number of aircraft.")
     autopilot: Autopilot = "builtin"
     airframe: AirframeName = "iris"
     start: AnyStart = Field(
         default_factory=Start,
-        description="Where the first stands; the others stand around it, nearest first, so that a greater count adds "
-        "some and moves none.",
+        description="Start of the first aircraft. The others start around it, nearest first; a larger count adds "
+        "aircraft and moves none.",
     )
     spacing_m: tuple[Annotated[Number, Field(gt=0, le=10_000)], Annotated[Number, Field(gt=0, le=10_000)]] = Field(
-        default=(20.0, 20.0), description="Metres between neighbours, [east-west, north-south]."
+        default=(20.0, 20.0), description="Distances between neighbours in metres, [east-west, north-south]."
     )
     placing: Placing = "exact"
-    plan: Plan = Field(description="What each flies; squares and paths are relative to its own start.")
+    plan: Plan = Field(description="Plan of each aircraft; squares and paths are relative to its own start.")
     params: Params = Field(
         default_factory=dict,
-        description="Autopilot parameters to set, by ArduPilot's names and in its units; over the operator's.",
+        description="Autopilot parameters, with ArduPilot's names and units; they override the operator's.",
     )
     depart_s: Departs = 0.0
     charge: Charge = 1.0
     remote_id: Broadcasts = None
     avoidance: Avoids = None
     every_s: Number = Field(
-        default=0.0, ge=0, le=3600, description="Seconds from one departure to the next, in the order of their ids."
+        default=0.0,
+        ge=0,
+        le=3600,
+        description="Time between two departures in seconds; the aircraft depart in the order of their ids.",
     )
 
     @model_validator(mode="after")
@@ -175,20 +185,23 @@ class Fleet(Model):
         faults = []
         last_s = self.depart_s + self.every_s * (self.count - 1)
         if last_s > LATEST_S:
-            faults.append(Problem("every_s", f"the last departs at {last_s:g} s", f"at most {LATEST_S} s"))
+            found = f"the last aircraft departs at {last_s:g} s"
+            faults.append(Problem("every_s", found, f"at most {LATEST_S} s", "Reduce every_s or count."))
         far_m = max(max(abs(start.east_m), abs(start.north_m)) for start in self.starts())
         if far_m > REACH_M:
-            faults.append(Problem("spacing_m", f"the farthest starts {far_m:g} m away", f"at most {REACH_M} m"))
+            found = f"the farthest aircraft starts {far_m:g} m from the origin"
+            faults.append(Problem("spacing_m", found, f"at most {REACH_M} m", "Reduce spacing_m or count."))
         if faults:
             raise refuse(*faults)
         return self
 
     def starts(self) -> list[Start]:
-        """Where each starts: on a lattice about `start`, nearest first, equal distances by angle from east."""
+        """The starts of its aircraft: a lattice around `start`, nearest first, equal distances by angle from east."""
         wide_m, deep_m = self.spacing_m
-        # a circle of either radius around the first holds at least `count` places of the lattice: the one is a cell's
-        # diagonal larger than the circle of `count` cells' area, the other has as many in one line. The first grows
-        # without end against the cells of a narrow lattice, the second against those of a square one
+        # A circle of either radius around the first start contains at least `count` points of the lattice. The first
+        # radius is that of a circle with the area of `count` cells, plus the diagonal of a cell; the second contains
+        # `count` points in one line. The smaller one is used: the first is far too large for a narrow lattice, the
+        # second for a square one.
         cells_m = math.sqrt(self.count * wide_m * deep_m / math.pi) + math.hypot(wide_m, deep_m)
         line_m = (self.count // 2 + 1) * min(wide_m, deep_m)
         radius_m = min(cells_m, line_m)
@@ -199,7 +212,7 @@ class Fleet(Model):
             for j in range(-rows, rows + 1)
             if math.hypot(i * wide_m, j * deep_m) <= radius_m
         ]
-        digits = 6 + max(0, math.ceil(-math.log10(min(wide_m, deep_m))))  # equal but for what the sums were rounded
+        digits = 6 + max(0, math.ceil(-math.log10(min(wide_m, deep_m))))  # sums of equal distances differ by rounding
         places.sort(key=lambda place: (round(math.hypot(*place), digits), math.atan2(place[1], place[0])))
         first = self.start
         return [
@@ -208,7 +221,7 @@ class Fleet(Model):
         ]
 
     def vehicles(self) -> list[Vehicle]:
-        """Its aircraft, without ids."""
+        """Its aircraft as vehicles, without ids."""
         keys = ("autopilot", "airframe", "placing", "plan", "charge", "remote_id", "avoidance")
         shared = {key: getattr(self, key) for key in keys}
         return [

@@ -1,4 +1,4 @@
-"""Link rules of a scenario: changes to channels by name pattern, the later over the earlier."""
+"""Link rules of a scenario: changes to the channels of links by name or pattern, in order."""
 
 from __future__ import annotations
 
@@ -16,45 +16,53 @@ from skyrange.scenario.model.base import Model, Number, Whole
 from skyrange.scenario.model.operators import Operator
 
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
-"""Kinds of link that every aircraft has one of."""
+"""Kinds of link; every aircraft has one of each."""
 AIR_LINKS = ("rid_up", "rid_down")
-"""Kinds of link that every aircraft has one of where there is a radio medium."""
+"""Kinds of link; with a radio medium, every aircraft has one of each."""
 OPERATOR_LINKS = ("approval",)
-"""Kinds of link that every operator has one of."""
+"""Kinds of link; every operator has one of each."""
 
 
 class Link(Model):
-    """Changes to the channel of every link whose name matches; what is not given stays as it is."""
+    """Changes to the channel of every link whose name matches. An omitted key does not change its value."""
 
     match: str = Field(
-        min_length=1, description="A link's name, such as 'gcs:blue/b1', or a pattern with *, such as 'gcs:*'."
+        min_length=1, description="Name of a link, such as 'gcs:blue/b1', or a pattern with *, such as 'gcs:*'."
     )
     mode: Literal["reliable", "datagram"] | None = Field(
-        default=None, description="reliable: in order, a loss delays; datagram: loses, duplicates, reorders."
+        default=None,
+        description="reliable: frames keep their order, and a loss becomes a retransmission delay; datagram: frames "
+        "can be lost, duplicated and reordered.",
     )
     latency_ms: Number | None = Field(
-        default=None, ge=0.001, le=600_000, description="Delay of every frame in milliseconds, at least 0.001."
+        default=None, ge=0.001, le=600_000, description="Delay of every frame in milliseconds."
     )
     jitter_ms: Number | None = Field(
-        default=None, ge=0, le=600_000, description="Extra delay in milliseconds, uniform from 0 up to this."
+        default=None,
+        ge=0,
+        le=600_000,
+        description="Range of the random extra delay in milliseconds, uniform from 0 to this value.",
     )
-    loss: Number | None = Field(default=None, ge=0, le=1, description="Probability that a frame is lost, 0…1.")
-    duplicate: Number | None = Field(default=None, ge=0, le=1, description="Probability of a second copy, 0…1.")
+    loss: Number | None = Field(default=None, ge=0, le=1, description="Probability that a frame is lost.")
+    duplicate: Number | None = Field(default=None, ge=0, le=1, description="Probability that a frame is duplicated.")
     reorder: Number | None = Field(
-        default=None, ge=0, le=1, description="Probability that a frame is held back and overtaken, 0…1."
+        default=None, ge=0, le=1, description="Probability that a frame is held back, so that later frames overtake it."
     )
     reorder_ms: Number | None = Field(
-        default=None, ge=0, le=600_000, description="How long such a frame is held back, in milliseconds."
+        default=None, ge=0, le=600_000, description="Time for which such a frame is held back, in milliseconds."
     )
     rate_bps: Number | None = Field(
-        default=None, ge=0, le=1e12, description="Serialisation rate in bits per second; 0 is without limit."
+        default=None, ge=0, le=1e12, description="Serialisation rate in bits per second; 0 means no limit."
     )
     queue_bytes: Whole | None = Field(
-        default=None, ge=1, le=2**31, description="Bytes that wait before the rate limiter; more overflow."
+        default=None,
+        ge=1,
+        le=2**31,
+        description="Size of the queue before the rate limiter in bytes; a frame that does not fit is lost.",
     )
 
     def over(self, channel: Channel) -> Channel:
-        """`channel` with this rule's changes, milliseconds as nanoseconds."""
+        """`channel` with the changes of this rule, converted from milliseconds to nanoseconds."""
         changes: dict[str, Any] = self.model_dump(exclude={"match"}, exclude_none=True)
         for name in ("latency", "jitter", "reorder"):
             if f"{name}_ms" in changes:
@@ -63,7 +71,7 @@ class Link(Model):
 
 
 def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Channel:
-    """The channel of the link called `name`: `default` under every rule that matches, in order."""
+    """The channel of the link `name`: `default` with the changes of every rule that matches, in order."""
     for rule in rules:
         if fnmatchcase(name, rule.match):
             default = rule.over(default)
@@ -71,7 +79,7 @@ def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Chann
 
 
 def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:
-    """The names of all links that these operators' fleets have, those to a `radio` medium too."""
+    """The names of all links of these operators and their vehicles; with `radio`, those to the medium too."""
     names = []
     for operator in operators:
         names += [link_name(kind, operator.id) for kind in OPERATOR_LINKS]

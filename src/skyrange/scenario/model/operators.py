@@ -1,4 +1,4 @@
-"""Operators of a scenario, with ids, colours and MAVLink addresses filled in where none are given."""
+"""Operators of a scenario, and the ids, colours and MAVLink addresses that they get by default."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from skyrange.scenario.validation.plugin_params import known
 COLORS = (
     "blue", "green", "red", "orange", "purple", "teal", "magenta", "brown", "gold", "navy", "olive", "gray", "black",
 )  # fmt: skip
-"""Colours by name; the first ones go, in this order, to operators that choose none."""
+"""Names of colours. Operators without a colour get the first unused ones, in this order."""
 Signing = Literal["off", "on", "wrong-key"]
 
 
 def _known_color(color: str) -> str:
     if color not in COLORS and not (len(color) == 7 and color[0] == "#" and _is_hex(color[1:])):
-        raise wrong(color, "a colour's name or '#rrggbb'", nearest(color, COLORS))
+        raise wrong(color, "the name of a colour, or '#rrggbb'", nearest(color, COLORS))
     return color
 
 
@@ -32,7 +32,7 @@ def _is_hex(text: str) -> bool:
 
 def _known_streams(name: str) -> str:
     from skyrange.gcs.telemetry.streams import (
-        PROFILES,  # what it needs is slow to import, and the default needs no check
+        PROFILES,  # its imports are slow, and the default needs no check
     )
 
     if name not in PROFILES:
@@ -41,46 +41,48 @@ def _known_streams(name: str) -> str:
 
 
 class Operator(Model):
-    """Who owns aircraft and flies them from one ground station."""
+    """One operator: its aircraft, and the ground station that flies them."""
 
     id: Id = Field(
         default="",
-        description="Name, unique in the scenario; default: its colour's name, else op1, op2…",
+        description="Name, unique in the scenario; default: the name of its colour, else op1, op2…",
         json_schema_extra={"default": None},
     )
     color: Annotated[str, AfterValidator(_known_color)] = Field(
         default="",
-        description="Colour in figures: a name or '#rrggbb'; default: its id if that names one, else the next free.",
+        description="Colour in figures, a name or '#rrggbb'; default: its id if that is a colour, else an unused "
+        "colour.",
         json_schema_extra={"default": None},
     )
     approval: Annotated[str, known(APPROVALS, "an approval service")] = Field(
-        default="approve-all", description="Who approves its flight plans, a plugin of skyrange.approvals."
+        default="approve-all", description="Service that approves its flight plans, a plugin of skyrange.approvals."
     )
     streams: Annotated[str, AfterValidator(_known_streams)] = Field(
         default="light",
-        description="Which telemetry its ground station asks for: the name of a profile.",
+        description="Telemetry profile that its ground station requests: light, or operator (that of QGroundControl).",
     )
     params: Params = Field(
-        default_factory=dict, description="Autopilot parameters of all its aircraft, unless one sets its own."
+        default_factory=dict,
+        description="Autopilot parameters of all its aircraft; a vehicle's own ones override them.",
     )
     signing: Signing = Field(
         default="off",
-        description="MAVLink 2 signing between its ground station and its aircraft: off, on, or on with a ground "
-        "station that holds another key than they do.",
+        description="MAVLink 2 signing between its ground station and its aircraft. wrong-key: signing is on, and the "
+        "key of the ground station differs from that of the aircraft.",
     )
     station: AnyStation = None
     remote_id: Broadcasts = None
     avoidance: Avoids = None
-    vehicles: tuple[Vehicle, ...] = Field(default=(), description="Its aircraft one by one.")
-    fleets: tuple[Fleet, ...] = Field(default=(), description="Its aircraft by the dozen; they follow the vehicles.")
+    vehicles: tuple[Vehicle, ...] = Field(default=(), description="Its individual aircraft.")
+    fleets: tuple[Fleet, ...] = Field(default=(), description="Its fleets; their aircraft come after the vehicles.")
 
 
 _HANDED_ON: dict[str, Any] = {"fleets": (), "params": {}, "remote_id": None, "avoidance": None}
-"""What a built operator has no longer: its vehicles have it."""
+"""Values that a built operator has instead of its own, which its vehicles have taken over."""
 
 
 def operator_names(given: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
-    """(id, colour) of every operator, with "" replaced by a name or colour that nobody took."""
+    """(id, colour) of every operator, with "" replaced by an unused name or colour."""
     given = list(given)
     ids = {name for name, _ in given}
     colors = {color for _, color in given} | {name for name, _ in given if name in COLORS}
@@ -98,14 +100,14 @@ def operator_names(given: Iterable[tuple[str, str]]) -> list[tuple[str, str]]:
 
 
 def vehicle_names(operator: str, given: Sequence[str]) -> list[str]:
-    """The ids of an operator's vehicles, with "" replaced by its initial and a number that nobody took."""
+    """The ids of an operator's vehicles, with "" replaced by its initial and an unused number."""
     return _numbered(operator[0].lower(), given, set(given))
 
 
 def assign_addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """(network, system id) of an operator's vehicles, with -1 and 0 replaced by the lowest that are free, in order.
+    """(network, system id) of an operator's vehicles, with -1 and 0 replaced by the lowest free ones, in order.
 
-    A system id given without a network is one of network 0.
+    A system id without a network belongs to network 0.
     """
     taken = {(max(network, 0), system_id) for network, system_id in given if system_id}
     candidates: dict[int, int] = {}
@@ -120,7 +122,7 @@ def assign_addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
             candidate = candidates.get(chosen, 1)
             while (chosen, candidate) in taken:
                 candidate += 1
-            if candidate <= MAX_SYSTEM_ID or network >= 0:  # a network that is named may overflow: that is a fault
+            if candidate <= MAX_SYSTEM_ID or network >= 0:  # a given network may overflow, which cross_check reports
                 break
             candidates[chosen] = candidate
             chosen = at = at + 1
@@ -130,7 +132,7 @@ def assign_addresses(given: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def name_operators(operators: Sequence[Operator]) -> tuple[Operator, ...]:
-    """The operators with fleets as vehicles, shared params in each, and every id, colour and system id filled in."""
+    """The operators with every id, colour and system id filled in, and with vehicles that include fleets and params."""
     names = operator_names((operator.id, operator.color) for operator in operators)
     return tuple(
         operator.model_copy(update={"id": name, "color": color, "vehicles": _vehicles(name, operator), **_HANDED_ON})
@@ -171,7 +173,7 @@ def _numbered(stem: str, given: Sequence[str], taken: set[str], first: int = 1) 
 
 
 def _free(stem: str, number: int, taken: set[str]) -> str:
-    """`stem` with `number`, or with the first number after it that makes it free."""
+    """`stem` with `number`, or with the first larger number whose name is unused."""
     while f"{stem}{number}" in taken:
         number += 1
     return f"{stem}{number}"

@@ -1,7 +1,7 @@
-"""Plans of aircraft: a square, a path, or a mission file, sent as a mission or as targets.
+"""Plans of aircraft: a square, a path or a mission file, flown as a mission or as a sequence of guided targets.
 
-Squares and paths are relative to the aircraft's start: east, north and up in metres, up measured from
-the ground there.
+Squares and paths are relative to the aircraft's start: east, north and up in metres, with up counted from the
+ground there.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from skyrange.scenario.model.base import FileName, Model, Number, items, refuse,
 Point = Annotated[tuple[Number, ...], Field(min_length=2, max_length=3)]
 
 FILE_SUFFIXES = (".plan", ".waypoints", ".txt")
-"""Mission files that can be read: QGroundControl plans, and QGC WPL 110 under its two usual names."""
+"""Suffixes of the mission files that skyrange reads: QGroundControl plans, and the two usual ones of QGC WPL 110."""
 
 
 class Square(Model):
-    """Up at the start, which is the south-west corner; then north, east, south and west along one side each."""
+    """A square. The aircraft takes off at its south-west corner and flies the sides north, east, south and west."""
 
     side_m: Number = Field(gt=0, le=100_000, description="Length of a side in metres.")
-    alt_m: Number = Field(gt=0, le=10_000, description="Height of flight above the start's ground, in metres.")
+    alt_m: Number = Field(gt=0, le=10_000, description="Flight height above the ground at the start, in metres.")
 
 
 class Path(Model):
-    """Up at the start, then from point to point."""
+    """A path. The aircraft takes off at its start and flies from point to point."""
 
     points: Annotated[tuple[Point, ...], BeforeValidator(items)] = Field(
         min_length=1,
@@ -36,7 +36,7 @@ class Path(Model):
         description="Points [east_m, north_m] or [east_m, north_m, up_m] in metres from the start, in order of flight.",
     )
     alt_m: Number | None = Field(
-        default=None, gt=0, le=10_000, description="Height in metres of the points that give no up_m of their own."
+        default=None, gt=0, le=10_000, description="Height in metres of the points without an up_m."
     )
 
     @model_validator(mode="after")
@@ -48,7 +48,7 @@ class Path(Model):
             elif len(point) == 2 and self.alt_m is None:
                 faults.append(
                     Problem(
-                        f"points.{index}", repr(list(point)), "[east_m, north_m, up_m]", "Or give the path an alt_m."
+                        f"points.{index}", repr(list(point)), "[east_m, north_m, up_m]", "Or set alt_m of the path."
                     )
                 )
         if faults:
@@ -63,34 +63,35 @@ class Path(Model):
 
 
 class Plan(Model):
-    """Exactly one of `square`, `path` and `file`, and how to fly it."""
+    """A flight plan: exactly one of `square`, `path` and `file`, and how to fly it."""
 
-    square: Square | None = Field(default=None, description="Fly a square.")
-    path: Path | None = Field(default=None, description="Fly from point to point.")
+    square: Square | None = Field(default=None, description="Square to fly.")
+    path: Path | None = Field(default=None, description="Path to fly.")
     file: FileName | None = Field(
         default=None,
-        description="Fly a mission file: a QGroundControl .plan, or QGC WPL 110 (.waypoints, .txt). "
-        "The name is relative to the scenario's file.",
+        description="Mission file to fly: a QGroundControl .plan, or QGC WPL 110 (.waypoints, .txt). "
+        "The path is relative to the scenario file.",
     )
     mode: Literal["auto", "guided"] = Field(
         default="auto",
-        description="auto: the autopilot holds the mission; guided: the ground station sends one target after another.",
+        description="auto: the ground station uploads a mission, which the autopilot flies; guided: the ground "
+        "station sends one target after another.",
     )
     end: Literal["land", "rtl"] | None = Field(
         default=None,
-        description="How it ends: land where it is, or return to launch. Default: land for a square, rtl for a path; "
-        "a file says it itself.",
+        description="End of the flight: land in place, or return to launch. Default: land for a square, rtl for a "
+        "path. A mission file sets its own end.",
     )
     speed_mps: Number | None = Field(
         default=None,
         gt=0,
         le=50,
-        description="Speed over ground in m/s of a square or path; default: 5 m/s. A file sets its own.",
+        description="Ground speed in m/s on a square or path; default: 5 m/s. A mission file sets its own speed.",
     )
     anchor: Literal["file", "start"] | None = Field(
         default=None,
-        description="Files only. file: fly at the coordinates in the file (the default); start: shift the mission so "
-        "that its home lies where the aircraft starts.",
+        description="Position of a mission file. file: fly at the coordinates in the file (the default); start: shift "
+        "the mission so that its home is at the start of the aircraft.",
     )
 
     @model_validator(mode="after")
@@ -98,23 +99,27 @@ class Plan(Model):
         kinds = ("square", "path", "file")
         given = [name for name in kinds if getattr(self, name) is not None]
         if len(given) != 1:
-            raise wrong(" and ".join(given) or "none of them", "exactly one of square, path and file")
+            raise wrong(" and ".join(given) or "none", "exactly one of square, path and file")
         if self.file is None:
             if self.anchor is not None:
-                raise wrong(self.anchor, "no anchor: a square or path is relative to the start", where="anchor")
+                raise wrong(
+                    self.anchor, "no anchor, because a square or path is always relative to the start", where="anchor"
+                )
             if self.end is None:
                 object.__setattr__(self, "end", "land" if self.square is not None else "rtl")
             return self
         faults = []
         if self.mode != "auto":
-            faults.append(Problem("mode", self.mode, "auto: a mission file is flown by the autopilot"))
+            faults.append(Problem("mode", self.mode, "auto, because the autopilot flies a mission file"))
         if self.end is not None:
-            faults.append(Problem("end", self.end, "no end: the mission file says how it ends"))
+            faults.append(Problem("end", self.end, "no end, because the mission file sets it"))
         if self.speed_mps is not None:
-            hint = "Or set the autopilot's parameter WPNAV_SPEED, in cm/s."
-            faults.append(Problem("speed_mps", repr(self.speed_mps), "no speed: the mission file sets its own", hint))
+            hint = "To change the speed, set the autopilot parameter WPNAV_SPEED, in cm/s."
+            faults.append(
+                Problem("speed_mps", repr(self.speed_mps), "no speed, because the mission file sets it", hint)
+            )
         if not self.file.lower().endswith(FILE_SUFFIXES):
-            faults.append(Problem("file", self.file, f"a name that ends in {', '.join(FILE_SUFFIXES)}"))
+            faults.append(Problem("file", self.file, f"a name that ends in {' or '.join(FILE_SUFFIXES)}"))
         if faults:
             raise refuse(*faults)
         if self.anchor is None:
@@ -123,15 +128,15 @@ class Plan(Model):
 
 
 def square(side_m: float, alt_m: float, **how: Any) -> Plan:
-    """A plan to fly a square of `side_m` at `alt_m`; `how` takes `mode`, `end` and `speed_mps`."""
+    """A plan to fly a square of `side_m` at `alt_m`; `how` accepts `mode`, `end` and `speed_mps`."""
     return Plan(square=Square(side_m=side_m, alt_m=alt_m), **how)
 
 
 def path(points: Any, alt_m: float | None = None, **how: Any) -> Plan:
-    """A plan to fly `points`, a sequence or (n, 2) or (n, 3) array of metres from the start; `how` as `square`."""
+    """A plan to fly `points`, a sequence or (n, 2) or (n, 3) array of metres from the start; `how` as in `square`."""
     return Plan(path=Path(points=points, alt_m=alt_m), **how)
 
 
 def mission_file(name: str | PathLike[str], **how: Any) -> Plan:
-    """A plan to fly a mission file; `how` takes `anchor`."""
+    """A plan to fly a mission file; `how` accepts `anchor`."""
     return Plan(file=fspath(name), **how)

@@ -1,4 +1,4 @@
-"""The air in a scenario: the radio medium and its receivers, what aircraft broadcast, what they do about others."""
+"""Remote ID in a scenario: the radio medium, receivers on the ground, broadcasts of aircraft, and avoidance."""
 
 from __future__ import annotations
 
@@ -16,61 +16,61 @@ from skyrange.scenario.validation.plugin_params import checked, known, normalize
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
-"""Kinds of receivers, rows of `radio.builtin.listening.PROFILES`."""
+"""Kinds of receiver: keys of `radio.builtin.listening.PROFILES`."""
 
 
 class Receiver(Model):
-    """A receiver on the ground, which tells an operator's ground station what it hears."""
+    """A receiver on the ground. It reports the broadcasts that it decodes to the ground station of an operator."""
 
     id: Id = Field(description="Name, unique among the receivers.")
-    operator: str = Field(description="Whose ground station is told.")
-    place: Enu = Field(description="Where its antenna is: [east_m, north_m, up_m] in metres from the origin.")
+    operator: str = Field(description="Operator whose ground station gets the reports.")
+    place: Enu = Field(description="Position of its antenna, [east_m, north_m, up_m] in metres from the origin.")
     placing: Literal["exact", "clear"] = Field(
-        default="exact", description="exact: there; clear: at the nearest place, as high up, that is in no building."
+        default="exact",
+        description="exact: use the place as it is; clear: use the nearest place of the same height outside buildings.",
     )
     kind: ReceiverKind = Field(
         default="sniffer",
-        description="What it listens to, and when: sniffer stays on Wi-Fi channel 6; hopper goes through the Wi-Fi "
-        "channels and scans Bluetooth; phone is an app in the foreground, phone-idle one in a pocket; companion has "
-        "what aircraft have.",
+        description="Channels that it receives. companion: Wi-Fi channel 6, and Bluetooth; sniffer: Wi-Fi channel 6; "
+        "hopper: all Wi-Fi channels in turn, and Bluetooth; phone (app in the foreground): Bluetooth, and a Wi-Fi "
+        "scan every 30 s; phone-idle (phone in a pocket): Bluetooth for 10 % of the time.",
     )
-    antenna: Literal["isotropic", "dipole"] = Field(default="isotropic", description="Its antenna's pattern.")
+    antenna: Literal["isotropic", "dipole"] = Field(default="isotropic", description="Pattern of its antenna.")
 
 
 class Radio(Model):
-    """The medium that carries Remote ID: 2.4 GHz Wi-Fi and Bluetooth among the buildings."""
+    """The radio medium of Remote ID: Wi-Fi and Bluetooth at 2.4 GHz, with the effect of buildings."""
 
     engine: Annotated[str, known(MEDIA, "a radio medium")] = Field(
-        default="builtin", description="What models the medium, a plugin of skyrange.media."
+        default="builtin", description="Model of the medium, a plugin of skyrange.media."
     )
     horizon_m: Number = Field(
-        default=1000.0, gt=0, le=20_000, description="Beyond this distance in metres nobody hears anybody."
+        default=1000.0, gt=0, le=20_000, description="Largest distance in metres at which a broadcast can be received."
     )
     chance: Annotated[bool, Strict()] = Field(
-        default=True, description="Shadowing and fading; without, signals are their medians."
+        default=True,
+        description="Whether there is random shadowing and fading; without it, signals have their median power.",
     )
     city_busy: Number = Field(
         default=0.0,
         ge=0,
         lt=1,
-        description="Share of time in which the city's own frames fill the Wi-Fi channels 1, 6 and 11, from 0 to 1.",
+        description="Share of time in which background traffic of the city fills the Wi-Fi channels 1, 6 and 11.",
     )
     city_dbm: Number = Field(
-        default=-85.0, gt=-200, lt=60, description="How strong those are at any antenna on average, in dBm."
+        default=-85.0, gt=-200, lt=60, description="Mean power of that background traffic at any antenna, in dBm."
     )
-    aboard: ReceiverKind = Field(default="companion", description="The kind of receiver that aircraft carry.")
+    aboard: ReceiverKind = Field(default="companion", description="Kind of receiver of all aircraft.")
     every_pair: Annotated[bool, Strict()] = Field(
-        default=False, description="Record also who could not decode what, and why."
+        default=False, description="Whether to record receptions that were not decoded too, with the reason."
     )
-    params: dict[str, Any] = Field(
-        default_factory=dict, validate_default=True, description="The engine's own parameters."
-    )
+    params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the engine.")
     receivers: tuple[Receiver, ...] = Field(default=(), description="Receivers on the ground.")
 
     @field_validator("params")
     @classmethod
     def _of_its_engine(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters with every default; untouched where the engine is unknown."""
+        """The parameters, checked and completed with the engine's defaults; unchanged if the engine is unknown."""
         return normalized(MediumPlugin.find(info.data["engine"]), params) if "engine" in info.data else params
 
     @property
@@ -87,50 +87,50 @@ class Radio(Model):
 def _known_transports(names: tuple[str, ...]) -> tuple[str, ...]:
     for name in names:
         if name not in TRANSPORTS:
-            raise wrong(name, "a way to broadcast", nearest(name, TRANSPORTS))
+            raise wrong(name, "a Remote ID transport", nearest(name, TRANSPORTS))
     kinds = [kind for name in names for kind in TRANSPORTS[name]]
     if len(set(kinds)) < len(kinds):
-        raise wrong(", ".join(names), "each way once")
+        raise wrong(", ".join(names), "each transport once; bluetooth is bt4 and bt5")
     return names
 
 
 class RemoteId(Model):
-    """What an aircraft broadcasts about itself."""
+    """Remote ID broadcasts of an aircraft."""
 
     profile: Literal["us", "astm"] = Field(
         default="us",
-        description="us: every element of 14 CFR 89.305 each second; astm: what moves each second, the rest every 3 s.",
+        description="us: every element of 14 CFR 89.305 each second; astm: dynamic messages each second, static ones "
+        "every 3 s.",
     )
     transports: Annotated[tuple[str, ...], AfterValidator(_known_transports)] = Field(
         default=("wifi_beacon",),
-        description="Over what: wifi_beacon, wifi_nan, bt5, bt4, or bluetooth for the last two; none: it is silent.",
+        description="Transports: wifi_beacon, wifi_nan, bt5, bt4, or bluetooth for both bt4 and bt5. With an empty "
+        "list the aircraft does not broadcast.",
     )
     uas_id: str = Field(
         default="",
         max_length=20,
-        description="Serial number by ANSI/CTA-2063-A; default: one made of the vehicle's id.",
+        description="Serial number as in ANSI/CTA-2063-A; default: one that is derived from the vehicle's id.",
         json_schema_extra={"default": None},
     )
-    operator_id: str = Field(default="", max_length=20, description="Operator ID to send; default: none is sent.")
-    text: str = Field(default="", max_length=23, description="Self-ID text to send; default: none is sent.")
-    wifi_dbm: Number = Field(default=15.0, ge=-60, le=60, description="Wi-Fi power into the antenna in dBm.")
-    ble_dbm: Number = Field(default=8.0, ge=-60, le=60, description="Bluetooth power into the antenna in dBm.")
+    operator_id: str = Field(default="", max_length=20, description="Operator ID to broadcast; default: none.")
+    text: str = Field(default="", max_length=23, description="Self-ID text to broadcast; default: none.")
+    wifi_dbm: Number = Field(default=15.0, ge=-60, le=60, description="Wi-Fi power into the antenna, in dBm.")
+    ble_dbm: Number = Field(default=8.0, ge=-60, le=60, description="Bluetooth power into the antenna, in dBm.")
 
 
 class Avoidance(Model):
-    """How an aircraft keeps from others that it hears."""
+    """How an aircraft avoids the aircraft whose Remote ID it receives."""
 
     kind: Annotated[str, known(AVOIDANCE, "a kind of avoidance")] = Field(
-        default="none", description="A plugin of skyrange.avoidance."
+        default="none", description="Kind of avoidance, a plugin of skyrange.avoidance."
     )
-    params: dict[str, Any] = Field(
-        default_factory=dict, validate_default=True, description="The kind's own parameters."
-    )
+    params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 
     @field_validator("params")
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters as given, once they are checked; of an unknown kind they are not."""
+        """The parameters, checked but without defaults; unchecked if the kind is unknown."""
         if "kind" in info.data:
             checked(AvoidancePlugin.find(info.data["kind"]), params)
         return params
@@ -151,4 +151,4 @@ def _kind_alone(value: Any) -> Any:
 
 
 AnyAvoidance = Annotated[Avoidance, BeforeValidator(_kind_alone, json_schema_input_type=Avoidance | str)]
-"""In short its kind."""
+"""An avoidance table; the short form is the name of the kind."""

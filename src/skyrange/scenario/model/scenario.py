@@ -1,4 +1,4 @@
-"""The scenario: the model that TOML files and Python both build; its JSON Schema is its reference."""
+"""The scenario model, which both TOML files and Python build; the reference is generated from its JSON Schema."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _KNOT_MPS = 1852 / 3600
 
 
 class Origin(Model):
-    """The point on Earth that all metres are measured from; the ground is flat at its height."""
+    """The origin of all coordinates, a point on Earth. The ground is flat and lies at its height."""
 
     lat: Number = Field(ge=-89, le=89, description="WGS 84 latitude in degrees, north positive.")
     lon: Number = Field(ge=-180, le=180, description="WGS 84 longitude in degrees, east positive.")
@@ -75,100 +75,113 @@ class Origin(Model):
         default=0.0,
         ge=-120,
         le=100,
-        description="Height of mean sea level above the WGS 84 ellipsoid there, in metres.",
+        description="Height of mean sea level above the WGS 84 ellipsoid at the origin, in metres.",
     )
 
     @property
     def datum(self) -> Datum:
-        """The same point as the geodesy's map between metres and degrees."""
+        """The geodetic datum of this origin, which converts between metres and degrees."""
         return Datum(self.lat, self.lon, self.alt_msl_m, self.geoid_m)
 
 
 class Grid(Model):
-    """A generated downtown about the origin: square blocks of four buildings with streets between."""
+    """A generated downtown centred on the origin: square blocks of four buildings, separated by streets."""
 
     blocks: tuple[Annotated[Whole, Field(ge=1, le=100)], Annotated[Whole, Field(ge=1, le=100)]] = Field(
         default=(8, 6), description="Number of blocks, [east-west, north-south]."
     )
     height_m: tuple[Annotated[Number, Field(gt=0, le=1000)], Annotated[Number, Field(gt=0, le=1000)]] = Field(
-        default=(20.0, 90.0), description="Least and greatest height of a building in metres, [low, high]."
+        default=(20.0, 90.0), description="Range of the heights of the buildings in metres, [lowest, highest]."
     )
     street_m: Number = Field(default=24.0, gt=0, le=1000, description="Width of the streets in metres.")
     block_m: Number = Field(default=72.0, gt=0, le=1000, description="Side of a block in metres.")
-    seed: Whole = Field(default=0, ge=0, le=2**63 - 1, description="Chance of the buildings, not that of the run.")
+    seed: Whole = Field(default=0, ge=0, le=2**63 - 1, description="Seed of the building generator.")
 
     @model_validator(mode="after")
     def _low_to_high(self) -> Grid:
         low, high = self.height_m
         if low > high:
-            raise wrong(list(self.height_m), "the lower height first", where="height_m")
+            raise wrong(list(self.height_m), "[lowest, highest], the lower height first", where="height_m")
         return self
 
 
 class City(Model):
-    """The buildings: exactly one of a file and a generated grid."""
+    """The buildings: either a file or a generated grid."""
 
     buildings: FileName | None = Field(
         default=None,
-        description="GeoJSON file of building footprints with OpenStreetMap's height or building:levels tags, "
-        "relative to the scenario's file.",
+        description="GeoJSON file of building footprints, with heights in OpenStreetMap's height or building:levels "
+        "tags. The path is relative to the scenario file.",
     )
-    grid: Grid | None = Field(default=None, description="Generate a downtown; {} for one of the usual size.")
+    grid: Grid | None = Field(default=None, description="Generated downtown; {} uses all defaults.")
 
     @model_validator(mode="after")
     def _one_source(self) -> City:
         if (self.buildings is None) == (self.grid is None):
-            raise wrong("none of them" if self.grid is None else "both", "exactly one of buildings and grid")
+            raise wrong("neither" if self.grid is None else "both", "exactly one of buildings and grid")
         return self
 
 
 TURBULENCE_MPS = {"none": 0.0, "light": 15 * _KNOT_MPS, "moderate": 30 * _KNOT_MPS, "severe": 45 * _KNOT_MPS}
-"""Wind 20 ft above the ground that stirs each grade of turbulence: MIL-F-8785C, figure 7 of 3.7.3.4."""
+"""Wind speed 20 ft above the ground of each turbulence grade: MIL-F-8785C, figure 7 of 3.7.3.4."""
 
 
 class Wind(Model):
-    """The same everywhere but for turbulence, which each aircraft meets on its own."""
+    """The mean wind is the same everywhere. Turbulence is independent for each aircraft."""
 
-    speed_mps: Number = Field(default=0.0, ge=0, le=60, description="Speed in m/s.")
+    speed_mps: Number = Field(default=0.0, ge=0, le=60, description="Mean wind speed in m/s.")
     from_deg: Number = Field(
-        default=0.0, ge=0, le=360, description="Where it blows from: degrees clockwise from true north."
+        default=0.0,
+        ge=0,
+        le=360,
+        description="Direction that the wind comes from, in degrees clockwise from true north.",
     )
     turbulence: Literal["none", "light", "moderate", "severe"] = Field(
         default="none",
-        description="Gusts by the grades of MIL-F-8785C: 15, 30 and 45 knots of wind 20 ft above the ground.",
+        description="Turbulence grade of MIL-F-8785C: light, moderate and severe mean a wind of 15, 30 and 45 knots "
+        "20 ft above the ground.",
     )
     w20_mps: Number | None = Field(
-        default=None, ge=0, le=60, description="Gusts by that wind itself, in m/s, instead of a grade."
+        default=None,
+        ge=0,
+        le=60,
+        description="Wind speed 20 ft above the ground in m/s, which sets the turbulence instead of a grade.",
     )
 
     @model_validator(mode="after")
     def _one_grade(self) -> Wind:
         if self.w20_mps is not None and self.turbulence != "none":
-            raise wrong(f"{self.w20_mps:g} and turbulence = {self.turbulence!r}", "one of the two", where="w20_mps")
+            raise wrong(
+                f"{self.w20_mps:g} and turbulence = {self.turbulence!r}",
+                "either w20_mps or turbulence, not both",
+                where="w20_mps",
+            )
         return self
 
     @property
     def air(self) -> Air:
-        """The same wind as the world takes it: where the air goes, east, north and up."""
+        """The wind in the form that the world uses: the velocity of the air, east, north and up."""
         from_rad, speed_mps = math.radians(self.from_deg), -self.speed_mps
         steady = (speed_mps * math.sin(from_rad), speed_mps * math.cos(from_rad), 0.0)
         return Air(steady, TURBULENCE_MPS[self.turbulence] if self.w20_mps is None else self.w20_mps)
 
 
 class Sensors(Model):
-    """How good the sensors of every aircraft are."""
+    """Errors of the sensors of all aircraft."""
 
     noise: Number = Field(
-        default=1.0, ge=0, le=10, description="Factor on every error of the sensors: 1 usual, 0 ideal sensors."
+        default=1.0, ge=0, le=10, description="Scale factor of all sensor errors: 1 is typical, 0 is ideal."
     )
 
 
 class Record(Model):
-    """What is written down how often, beside every frame, decision and event."""
+    """Recording rates of truth and sensors. Frames, decisions and events are always recorded in full."""
 
-    truth_hz: Number = Field(default=10.0, ge=0, le=400, description="Rows of truth per aircraft and second; 0 none.")
+    truth_hz: Number = Field(
+        default=10.0, ge=0, le=400, description="Rows of truth per aircraft and second; 0 records none."
+    )
     sensors_hz: Number = Field(
-        default=5.0, ge=0, le=400, description="Rows of sensors per aircraft and second; 0 none."
+        default=5.0, ge=0, le=400, description="Rows of sensors per aircraft and second; 0 records none."
     )
 
 
@@ -176,12 +189,12 @@ OnDeath = Literal["stop", "continue", "restart"]
 
 
 class Live(Model):
-    """What holds for `skyrange live` alone, beside `hosts`."""
+    """Settings that only `skyrange live` uses. It also uses `hosts`."""
 
     on_death: OnDeath = Field(
         default="stop",
-        description="When a process dies: stop the range, continue without it, or restart it, at most three times. "
-        "Without the world the range stops in any case.",
+        description="Reaction to the death of a process: stop the range, continue without the process, or restart it, "
+        "at most three times. If the process of the world dies, the range always stops.",
     )
 
 
@@ -194,63 +207,68 @@ def _origin(value: Any) -> Any:
 
 
 def _utc(moment: datetime) -> datetime:
-    """In UTC; a moment without a zone is taken as UTC."""
+    """`moment` in UTC; a moment without a time zone is UTC."""
     if not 1970 <= moment.year < 2100:
-        raise wrong(moment.isoformat(), "a moment from 1970 to 2099, as Unix time in microseconds carries it")
+        raise wrong(moment.isoformat(), "a date from 1970 to 2099")
     return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
 
 
 class Scenario(Model):
-    """A whole scenario. Once built, every id, colour and system id is filled in, and fleets are vehicles."""
+    """A whole scenario. A built one has every id, colour and system id filled in, and vehicles instead of fleets."""
 
     name: str = Field(
         default="scenario", min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9 ._-]*$",
-        description="Title of the run and of its folder.",
+        description="Name of the run; its folder has this name by default.",
     )  # fmt: skip
-    seed: Whole = Field(default=1, ge=0, le=2**63 - 1, description="Chance of the run: the same seed, the same run.")
+    seed: Whole = Field(
+        default=1,
+        ge=0,
+        le=2**63 - 1,
+        description="Seed of all random numbers of the run; the same seed gives the same run.",
+    )
     duration_s: Number = Field(
         default=300.0,
         gt=0,
         le=31_536_000,
-        description="Simulated seconds that the run goes on for, also when all missions are over.",
+        description="Simulated duration of the run in seconds. The run does not end earlier, even if all missions "
+        "are complete.",
     )
     start_utc: Annotated[datetime, Strict(), AfterValidator(_utc)] = Field(
-        default=datetime(2026, 1, 1, 12, tzinfo=UTC), description="Date and time in UTC when simulated time is 0."
+        default=datetime(2026, 1, 1, 12, tzinfo=UTC),
+        description="Date and time at simulated time 0; UTC unless it has a time zone.",
     )
     origin: Annotated[Origin, BeforeValidator(_origin, json_schema_input_type=Origin | list[float])] = Field(
-        description="The point on Earth that metres count from; in short [lat, lon] or with alt_msl_m."
+        description="Origin of all coordinates; short form: [lat, lon] or [lat, lon, alt_msl_m]."
     )
-    city: City | None = Field(default=None, description="The buildings; default: none.")
-    wind: Wind = Field(default_factory=Wind, description="The wind; default: none.")
-    sensors: Sensors = Field(default_factory=Sensors, description="The aircraft's sensors; default: usual ones.")
-    record: Record = Field(default_factory=Record, description="Rates of recording.")
+    city: City | None = Field(default=None, description="Buildings; default: none.")
+    wind: Wind = Field(default_factory=Wind, description="Wind; default: none.")
+    sensors: Sensors = Field(default_factory=Sensors, description="Errors of the aircraft's sensors.")
+    record: Record = Field(default_factory=Record, description="Recording rates.")
     autopilots: Autopilots = Field(
-        default_factory=Autopilots, description="How autopilots that are programs are run; default: as usual."
+        default_factory=Autopilots, description="Deadlines and options of autopilots that are separate programs."
     )
     radio: Radio | None = Field(
         default=None,
-        description="The medium of Remote ID: with it aircraft broadcast and hear each other; default: none.",
+        description="Radio medium of Remote ID, over which aircraft broadcast and receive each other; default: none.",
     )
     links: tuple[Link, ...] = Field(
-        default=(), description="Changes to links' channels; later ones stand over earlier."
+        default=(), description="Changes to channels of links; a later rule overrides an earlier one."
     )
     hosts: Hosts = Field(default_factory=dict)
-    live: Live = Field(default_factory=Live, description="How a live range is run; default: as usual.")
-    operators: tuple[Operator, ...] = Field(description="Who takes part, one operator or more.")
+    live: Live = Field(default_factory=Live, description="Settings of a live range.")
+    operators: tuple[Operator, ...] = Field(description="Operators, at least one.")
     approvals: dict[str, dict[str, Any]] = Field(
         default_factory=dict,
-        description="Parameters of approval services, by kind, such as approvals.authority; one service of a kind "
-        "serves all operators that have it. Default: those of each kind.",
+        description="Parameters of approval services, by kind, such as approvals.authority. One service of a kind "
+        "serves all operators that use the kind. Default: the defaults of each kind.",
     )
-    attacks: tuple[AttackTable, ...] = Field(default=(), description="What is done to them; default: nothing.")
-    detectors: tuple[DetectorTable, ...] = Field(
-        default=(), description="What listens to links and raises alerts; default: nothing."
-    )
+    attacks: tuple[AttackTable, ...] = Field(default=(), description="Attacks; default: none.")
+    detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors; default: none.")
 
     @field_validator("approvals")
     @classmethod
     def _of_their_kinds(cls, approvals: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-        """The parameters with every default."""
+        """The parameters, checked and completed with defaults."""
         offered = kinds(APPROVALS)
         unknown = [kind for kind in approvals if kind not in offered]
         if unknown:
@@ -264,17 +282,17 @@ class Scenario(Model):
         if faults:
             raise refuse(*faults)
         for kind in sorted({operator.approval for operator in self.operators} - self.approvals.keys()):
-            checked(ApprovalPlugin.find(kind), {}, f"approvals.{kind}")  # the kind may need some that are not given
+            checked(ApprovalPlugin.find(kind), {}, f"approvals.{kind}")  # a kind may have required parameters
         return self
 
     @classmethod
     def cross_check(cls, data: Any) -> list[Problem]:
-        """What `whole` finds in a table that is no scenario yet."""
+        """The problems that the cross-checks find in `data`, a table from which a scenario is built."""
         return cross_check(data)
 
     @property
     def epoch(self) -> Epoch:
-        """Where simulated time 0 lies in UTC."""
+        """The UTC time at simulated time 0."""
         return Epoch.from_datetime(self.start_utc)
 
     @property
@@ -283,7 +301,7 @@ class Scenario(Model):
         return ((operator, vehicle) for operator in self.operators for vehicle in operator.vehicles)
 
     def channel(self, name: str, default: Channel) -> Channel:
-        """The channel of the link called `name`: `default` under every rule of `links` that matches."""
+        """The channel of the link `name`: `default` with the changes of every rule in `links` that matches."""
         return resolve_channel(self.links, name, default)
 
     def approval_params(self, kind: str) -> Params:
@@ -291,7 +309,7 @@ class Scenario(Model):
         return params_of(ApprovalPlugin.find(kind), self.approvals.get(kind, {}), f"approvals.{kind}")
 
     def data(self) -> dict[str, Any]:
-        """The scenario as plain data that `toml_reader.load_data` turns into its equal: no None, tuples as lists."""
+        """The scenario as plain data, without None and with lists for tuples; `toml_reader.load_data` reads it back."""
         return {key: _listed(value) for key, value in self.model_dump(exclude_none=True).items()}
 
 
@@ -307,7 +325,7 @@ _BOUNDS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "ex
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON Schema (draft 2020-12) of a scenario; every property says its meaning and unit."""
+    """The JSON Schema (draft 2020-12) of a scenario; the description of each property gives meaning and unit."""
     schema = Scenario.model_json_schema(mode="validation")
     models = schema["$defs"]
     describe_by_kind(schema, models["AttackTable"], ATTACKS)
@@ -322,7 +340,7 @@ def json_schema() -> dict[str, Any]:
 
 
 def _bounded(part: Any) -> Any:
-    """Bounds of optional numbers by their JSON Schema names: pydantic leaves its own, which no validator knows."""
+    """The schema with JSON Schema's names for bounds; pydantic uses its own names in bounds of optional numbers."""
     if isinstance(part, list):
         return [_bounded(item) for item in part]
     if not isinstance(part, dict):

@@ -1,4 +1,4 @@
-"""Shipped scenarios, and the file that a NAME or FILE means."""
+"""Shipped scenarios, and the file of a NAME or FILE."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from skyrange.scenario.toml_reader import load_file
 FOLDER = Path(__file__).parent
 
 SHIPPED: dict[str, str] = {
-    "squares": "Five aircraft of two operators fly small squares: the published demonstration.",
+    "squares": "Five aircraft of two operators fly small squares, the published demonstration.",
     "survey": "Eight aircraft of two operators fly QGroundControl plans among the buildings of a downtown.",
-    "city-fleet": "48 aircraft of four operators deliver over a dense downtown, one after another; 500 with --set.",
-    "crossing": "Eight aircraft of four operators cross at a street corner, kept apart by height and by time.",
-    "head-on": "Two aircraft of two operators fly the same line towards each other, and collide.",
-    "gnss-drift": "False GNSS slides away from the truth, and an aircraft follows it out of its street.",
-    "rid-city": "40 aircraft of four operators hear each other over a downtown, and a swarm that is not there.",
-    "rid-spoofing": "A forged Remote ID stands in a passage between buildings, and an aircraft believes it.",
-    "wind": "Six aircraft of three airframes hold their tracks in a gusty wind.",
+    "city-fleet": "48 aircraft of four operators make deliveries over a dense downtown; 500 with --set.",
+    "crossing": "Eight aircraft of four operators cross at a street corner, separated by height and by time.",
+    "head-on": "Two aircraft of two operators fly towards each other on the same line and collide.",
+    "gnss-drift": "A spoofer makes the GNSS fixes of an aircraft drift, and the aircraft leaves its street.",
+    "rid-city": "40 aircraft of four operators avoid each other over a downtown, and avoid a forged swarm.",
+    "rid-spoofing": "A forged Remote ID blocks a street, and an aircraft flies around the block.",
+    "wind": "Six aircraft of three airframes hold their tracks in gusty wind.",
 }
-"""One-line descriptions by name; each is `shipped/NAME.toml`."""
+"""One-line descriptions by name; the file is `shipped/NAME.toml`."""
 
 
 def source_of(name_or_file: str | Path) -> Path:
-    """The file that a shipped scenario's name or a file's name means; a name goes first.
+    """The file of a shipped scenario, by its name, or a file, by its path; names of shipped scenarios have precedence.
 
-    Raises InputError with the nearest name for what is neither.
+    Raises InputError with the most similar name if `name_or_file` is neither.
     """
     text = str(name_or_file)
     if text in SHIPPED:
@@ -46,6 +46,6 @@ def load(
     seed: int | None = None,
     buildings: str | Path | None = None,
 ) -> Scenario:
-    """The scenario of this name or in this file, with `toml_reader.load_file`'s changes. Raises InputError."""
+    """The scenario of this name or in this file, with the changes of `toml_reader.load_file`. Raises InputError."""
     who = str(name_or_file)
     return load_file(source_of(who), overrides, seed=seed, buildings=buildings, who=who)

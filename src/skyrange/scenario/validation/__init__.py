@@ -1,1 +1,1 @@
-"""Validation of scenarios: cross-checks, and errors in the words of a scenario."""
+"""Validation of scenarios: cross-checks, and error messages that name keys of the scenario."""

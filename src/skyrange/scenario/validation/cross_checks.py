@@ -1,6 +1,6 @@
-"""Cross-checks of a scenario: someone flies, no name stands twice, every rule matches a link.
+"""Cross-checks of a scenario: there are aircraft, names are unique, and every link rule matches a link.
 
-The checks read models and raw tables alike, so that a file with bad values elsewhere still hears of these.
+The checks accept models and raw tables, so that they also work on a file in which other values are invalid.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ _NONE: tuple[Any, ...] = (None, (), [])
 
 
 def cross_check(scenario: Any) -> list[Problem]:
-    """All faults between the parts of a Scenario, or of the table it is to be built from.
+    """All problems between the parts of a Scenario, or of the table from which it is built.
 
-    Of a table, only what can be told before its values are known to be sound.
+    In a table, only the checks run that do not depend on validated values.
     """
     faults: list[Problem] = []
     operators = _list(scenario, "operators")
     if operators is not None:
         if not operators:
-            faults.append(Problem("operators", "none", "at least one operator", "A scenario needs a fleet."))
+            faults.append(Problem("operators", "none", "at least one operator", "Add a table [[operators]]."))
         faults += _twice("operators", operators, "id", "an id that no other operator has")
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
@@ -46,7 +46,7 @@ def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:
     if isinstance(operator, (Mapping, Operator)) and all(
         _get(operator, key) in _NONE for key in ("vehicles", "fleets")
     ):
-        yield Problem(here, "none", "at least one vehicle or fleet", "An operator needs aircraft.")
+        yield Problem(here, "none", "at least one vehicle or fleet", "Add a table [[operators.vehicles]].")
     vehicles = _list(operator, "vehicles") or ()
     yield from _twice(here, vehicles, "id", "an id that no other vehicle of this operator has")
     yield from _addressed_twice(here, vehicles)
@@ -55,8 +55,8 @@ def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:
             yield Problem(
                 f"{here}.{index}.placing",
                 "clear",
-                "exact, because the mission file is anchored where it was drawn",
-                'Set plan.anchor = "start" to let it be shifted.',
+                "exact, because the mission file is anchored at its own coordinates",
+                'Set plan.anchor = "start", so that the mission can be shifted.',
             )
 
 
@@ -70,9 +70,9 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
         if not isinstance(system_id, int) or system_id <= 0:
             continue
         if system_id > MAX_SYSTEM_ID:
-            if network not in full and not isinstance(vehicle, Mapping):  # of a table, its own check says it
-                expected = f"at most {MAX_SYSTEM_ID} aircraft, because MAVLink's system id is 8 bits"
-                hint = "Leave networks out, and more are made as needed."
+            if network not in full and not isinstance(vehicle, Mapping):  # in a table, the model reports it
+                expected = f"at most {MAX_SYSTEM_ID} aircraft in a network, because a MAVLink system id has 8 bits"
+                hint = "Omit network; skyrange then adds networks as needed."
                 yield Problem(f"{where}.{index}.network", f"{network}, which is full", expected, hint)
             full.add(network)
             continue
@@ -82,7 +82,7 @@ def _addressed_twice(where: str, vehicles: Sequence[Any]) -> Iterator[Problem]:
                 f"{where}.{index}.system_id",
                 repr(system_id),
                 f"a system id that no other vehicle of this operator has in network {network}",
-                f"{where}.{first} has it already.",
+                f"{where}.{first} already has it.",
             )
 
 
@@ -90,16 +90,18 @@ def _rule_faults(scenario: Any) -> Iterator[Problem]:
     names = link_names(scenario.operators, scenario.radio is not None)
     for index, rule in enumerate(scenario.links):
         if not any(fnmatchcase(name, rule.match) for name in names):
-            hint = nearest(rule.match, names) or f"A link's name is like {names[-1]!r}." if names else ""
-            yield Problem(f"links.{index}.match", rule.match, "a name or pattern that some link matches", hint)
+            hint = nearest(rule.match, names) or f"An example of a link's name is {names[-1]!r}." if names else ""
+            yield Problem(
+                f"links.{index}.match", rule.match, "the name of a link, or a pattern that matches a link", hint
+            )
 
 
 def _approval_faults(scenario: Any) -> Iterator[Problem]:
-    """Parameters of approval services that nobody has."""
+    """A problem for each approval service that has parameters and is not used."""
     used = sorted({operator.approval for operator in scenario.operators})
     for kind in scenario.approvals:
         if kind not in used:
-            yield Problem(f"approvals.{kind}", kind, "the approval of an operator", nearest(kind, used))
+            yield Problem(f"approvals.{kind}", kind, "an approval service that an operator uses", nearest(kind, used))
 
 
 def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Problem]:
@@ -111,7 +113,7 @@ def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterato
         first = seen.setdefault(value, index)
         if first != index:
             shown = value if isinstance(value, str) else repr(value)
-            yield Problem(f"{where}.{index}.{key}", shown, expected, f"{where}.{first} has it already.")
+            yield Problem(f"{where}.{index}.{key}", shown, expected, f"{where}.{first} already has it.")
 
 
 def _list(part: Any, key: str) -> Sequence[Any] | None:

@@ -1,4 +1,4 @@
-"""Validation errors in the words of a scenario: key path, value, what was expected, what to do."""
+"""Validation errors as problems of a scenario: path of the key, value, expected value, and a hint."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skyrange.scenario.validation.field_path import field_at, model_of, type_at
 
 Loc = tuple[str | int, ...]
 Between = Callable[[Any], list[Problem]]
-"""Finds faults between the parts of a table, whether or not its values are sound."""
+"""Finds problems between the parts of a table, also if values in it are invalid."""
 
 _EXPECTED = {
     "float_type": "a number",
@@ -34,18 +34,18 @@ _EXPECTED = {
 def input_error(
     who: str, error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
 ) -> InputError:
-    """The InputError that says what pydantic found wrong with `data`, each fault once."""
+    """The InputError with every problem that pydantic found in `data`, each once."""
     return InputError(who, explain_errors(error, model, data, between))
 
 
 def explain_errors(
     error: ValidationError, model: type[BaseModel], data: Any, between: Between | None = None
 ) -> list[Problem]:
-    """All faults, in the order of the model's keys; with those `between` the parts if pydantic did not get that far."""
+    """All problems, in the order of the model's keys; those of `between` too, unless pydantic validated the whole."""
     try:
         details = error.errors(include_url=False)
-    except UnicodeEncodeError as bad:  # half a character, which only a program or a shell can put there
-        return [Problem("text", ascii(bad.object), "characters that UTF-8 can carry")]
+    except UnicodeEncodeError as bad:  # a lone surrogate, which a program or a shell can pass
+        return [Problem("text", ascii(bad.object), "text that can be encoded as UTF-8")]
     faults = []
     renamed: set[Loc] = set()
     for detail in details:
@@ -67,14 +67,14 @@ def explain_errors(
         elif detail["type"] == "missing" and detail["loc"] in renamed:
             continue
         elif detail["type"] == "too_short" and any(_below(other["loc"], detail["loc"]) for other in details):
-            continue  # pydantic counts only the elements that are sound
+            continue  # pydantic counts only the valid elements
         elif detail["type"] != "extra_forbidden":
             faults.append(_fault(detail, model, data))
     return list(dict.fromkeys(faults))
 
 
 def spell_path(loc: Loc, data: Any) -> str:
-    """A path as `--set` takes it: dotted, with an element's id in place of its index where it has one."""
+    """A path in the form of `--set`: dotted, with the id of an element, if it has one, in place of its index."""
     parts = []
     for key in loc:
         data = _down(data, key)
@@ -108,7 +108,7 @@ def _path(where: str) -> Loc:
 
 
 def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
-    """The path without pydantic's own words for the branches of a union."""
+    """The path without the names that pydantic adds for the branches of a union."""
     kept: list[str | int] = []
     for key in loc:
         if type_at(model, [*kept, key]) is None and (
@@ -120,7 +120,7 @@ def _trim(loc: Loc, model: type[BaseModel]) -> Loc:
 
 
 def _unknown_key(detail: ErrorDetails, model: type[BaseModel], data: Any) -> tuple[Problem, str]:
-    """The fault, and the key that it surely meant ("" if that is unsure)."""
+    """The problem, and the key that was meant if only the unit is wrong, else ""."""
     loc = detail["loc"]
     inside = model_of(type_at(model, loc[:-1]))
     known = list(inside.model_fields) if inside is not None else []
@@ -143,35 +143,35 @@ def _fault(detail: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
     if kind in ("float_type", "int_type") and isinstance(value, str) and loc:
         hint = units.suggest_number(value, str(next(key for key in reversed(loc) if isinstance(key, str))))
     if kind == "literal_error":
-        options = [word.strip(" '") for word in ctx["expected"].replace(" or ", ", ").split(",")]
+        options = [option.strip(" '") for option in ctx["expected"].replace(" or ", ", ").split(",")]
         return Problem(where, _shown(value), " or ".join(map(repr, options)), nearest(str(value), options))
     if kind == "string_pattern_mismatch":
-        expected = _id_of(ctx["pattern"]) if loc[-1] == "id" else f"text like {ctx['pattern']}"
+        expected = _id_of(ctx["pattern"]) if loc[-1] == "id" else f"text that matches {ctx['pattern']}"
     else:
         expected = _EXPECTED.get(kind) or _bound(kind, ctx) or detail["msg"].removeprefix("Input should be ").lower()
     return Problem(where, _shown(value), f"{expected}{about}", hint)
 
 
 def _id_of(pattern: str) -> str:
-    """An id's pattern in words; it ends in how many characters may follow the first."""
+    """A description of an id's pattern, which ends in the number of characters that may follow the first."""
     most = int(pattern.rsplit(",", 1)[1].rstrip("}$")) + 1
-    return f"letters, digits, '-' or '_', at most {most}"
+    return f"at most {most} letters, digits, '-' or '_', the first a letter or digit"
 
 
 def _bound(kind: str, ctx: Mapping[str, Any]) -> str:
-    words = {
+    bounds = {
         "greater_than": ("gt", "more than {}"),
         "greater_than_equal": ("ge", "at least {}"),
         "less_than": ("lt", "less than {}"),
         "less_than_equal": ("le", "at most {}"),
-        "too_short": ("min_length", "at least {} of them"),
-        "too_long": ("max_length", "at most {} of them"),
-        "string_too_short": ("min_length", "at least {} character"),
+        "too_short": ("min_length", "a list of at least {} element(s)"),
+        "too_long": ("max_length", "a list of at most {} element(s)"),
+        "string_too_short": ("min_length", "at least {} character(s)"),
         "string_too_long": ("max_length", "at most {} characters"),
     }
-    if kind not in words:
+    if kind not in bounds:
         return ""
-    key, text = words[kind]
+    key, text = bounds[kind]
     number = ctx[key]
     return text.format(f"{number:.10g}" if isinstance(number, float) else number)
 

@@ -1,4 +1,4 @@
-"""Field paths: from a path of keys to the field and type of the model that it means."""
+"""Field paths: the field and type of the model at a path of keys."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 
 def model_of(annotation: Any) -> type[BaseModel] | None:
-    """The model that a value of this type is, if it is one."""
+    """The model class of this type; None if it is not a model."""
     for option in _options(annotation):
         if isinstance(option, type) and issubclass(option, BaseModel):
             return option
@@ -19,7 +19,7 @@ def model_of(annotation: Any) -> type[BaseModel] | None:
 
 
 def element_of(annotation: Any) -> Any | None:
-    """The type of the elements, if this is a sequence of any length."""
+    """The type of the elements; None if this is not a sequence of any length."""
     for option in _options(annotation):
         if get_origin(option) is tuple and get_args(option)[1:] == (...,):
             return get_args(option)[0]
@@ -27,7 +27,7 @@ def element_of(annotation: Any) -> Any | None:
 
 
 def value_of(annotation: Any) -> Any | None:
-    """The type of the values, if this is a table with free keys."""
+    """The type of the values; None if this is not a table with free keys."""
     for option in _options(annotation):
         if get_origin(option) is dict:
             return get_args(option)[1]
@@ -35,7 +35,7 @@ def value_of(annotation: Any) -> Any | None:
 
 
 def type_below(annotation: Any, key: str | int) -> Any | None:
-    """The type one step down, by a field's name, an element's index or a table's key; None where there is none."""
+    """The type one level below, at the name of a field, the index of an element or the key of a table; else None."""
     if isinstance(key, int):
         return element_of(annotation)
     model = model_of(annotation)
@@ -46,7 +46,7 @@ def type_below(annotation: Any, key: str | int) -> Any | None:
 
 
 def type_at(root: Any, keys: Iterable[str | int]) -> Any | None:
-    """The type at a path below `root`, None if the path leaves the model."""
+    """The type at a path below `root`; None if the path leaves the model."""
     for key in keys:
         if root is None:
             return None
@@ -55,7 +55,7 @@ def type_at(root: Any, keys: Iterable[str | int]) -> Any | None:
 
 
 def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
-    """The field that a path ends in or, where it ends inside a field's value, that field."""
+    """The field at the end of a path; if the path ends inside the value of a field, that field."""
     found = None
     for depth, key in enumerate(keys):
         model = model_of(root)
@@ -68,7 +68,7 @@ def field_at(root: Any, keys: tuple[str | int, ...]) -> FieldInfo | None:
 
 
 def _options(annotation: Any) -> list[Any]:
-    """The alternatives of a type, without annotations' extras."""
+    """The alternatives of a type, without annotations."""
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     if get_origin(annotation) in (Union, UnionType):

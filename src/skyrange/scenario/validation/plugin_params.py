@@ -1,4 +1,4 @@
-"""Parameters of plugins in a scenario: checked by the plugin's own model, and described in the JSON Schema."""
+"""Parameters of plugins in a scenario: their validation by the plugin's model, and their JSON Schema."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from skyrange.scenario.validation.error_messages import explain_errors
 
 
 def known(group: str, what: str) -> AfterValidator:
-    """A check that a kind is one of a plugin group's; `what` names it in the fault."""
+    """A validator that a kind belongs to a plugin group; `what` names the kind in the error."""
 
     def check(kind: str) -> str:
         offered = kinds(group)
@@ -27,7 +27,7 @@ def known(group: str, what: str) -> AfterValidator:
 
 
 def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> Params:
-    """`given` as the parameters of a plugin. Raises InputError with every fault, at and below `where`."""
+    """`given` as the parameters of a plugin. Raises InputError with every problem, at and below `where`."""
     try:
         return plugin.params.model_validate(given)
     except ValidationError as error:
@@ -38,7 +38,7 @@ def params_of(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "
 
 
 def checked(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> Params:
-    """As `params_of`, for validators of a model: raises what they may raise."""
+    """As `params_of`, for validators of a model: raises pydantic's error type."""
     try:
         return params_of(plugin, given, where)
     except InputError as error:
@@ -46,12 +46,12 @@ def checked(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "")
 
 
 def normalized(plugin: Plugin[Any, Any], given: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """`given` with every default of the plugin's parameters, as plain data. Raises as `checked`."""
+    """`given` completed with the defaults of the plugin's parameters, as plain data. Raises as `checked`."""
     return checked(plugin, given, where).model_dump(exclude_none=True)
 
 
 def describe_by_kind(schema: dict[str, Any], table: dict[str, Any], group: str, selector: str = "kind") -> None:
-    """In a JSON Schema: the `params` of `table` are those of the plugin of `group` that its `selector` names."""
+    """Describe `params` of `table` in a JSON Schema, for each plugin of `group` that its key `selector` can name."""
     table["properties"][selector]["examples"] = list(kinds(group))
     table["allOf"] = [
         {
@@ -63,7 +63,7 @@ def describe_by_kind(schema: dict[str, Any], table: dict[str, Any], group: str, 
 
 
 def describe(schema: dict[str, Any], group: str, kind: str) -> dict[str, Any]:
-    """A reference to the parameters of a plugin, which are added to a JSON Schema's definitions."""
+    """Add the parameters of a plugin to the definitions of a JSON Schema, and return a reference to them."""
     name = definition_of(group, kind)
     params = find(group, kind).params.model_json_schema(mode="validation", ref_template=f"#/$defs/{name}.{{model}}")
     schema["$defs"].update({f"{name}.{below}": model for below, model in params.pop("$defs", {}).items()})
@@ -72,5 +72,5 @@ def describe(schema: dict[str, Any], group: str, kind: str) -> dict[str, Any]:
 
 
 def definition_of(group: str, kind: str) -> str:
-    """The name of a plugin's parameters among a JSON Schema's definitions: `attacks.remote_id.spoof`."""
+    """The name of a plugin's parameters in the definitions of a JSON Schema: `attacks.remote_id.spoof`."""
     return f"{group.rpartition('.')[2]}.{kind}"

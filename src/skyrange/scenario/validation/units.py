@@ -1,4 +1,4 @@
-"""Hints about units: for a key without its suffix, a value in another unit, or a number given as text."""
+"""Hints about units: for a key without its suffix, a value in another unit, or a number in quotes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ UNIT_NAMES = {
     "bps": "bit/s",
     "bytes": "bytes",
 }
-"""The suffixes that keys of a scenario have."""
+"""Unit suffixes of the keys of a scenario."""
 
 _TO_OURS = {
     ("ft", "m"): 0.3048,
@@ -59,7 +59,7 @@ def split_unit(key: str) -> tuple[str, str]:
 
 
 def suggest_key(key: str, value: object, known: Iterable[str]) -> tuple[str, str] | None:
-    """The known key that `key` is but for its unit, and a hint that converts `value`; None if there is none."""
+    """The known key that differs from `key` only in the unit, and a hint that converts `value`; None without one."""
     stem, unit = split_unit(key)
     for candidate in known:
         other_stem, other_unit = split_unit(candidate)
@@ -69,16 +69,18 @@ def suggest_key(key: str, value: object, known: Iterable[str]) -> tuple[str, str
 
 
 def suggest_number(text: str, key: str) -> str:
-    """A hint for a number given as text under `key`; "" if it is no number."""
+    """A hint for a number in quotes at `key`; "" if the text is not a number."""
     match = _QUANTITY.match(text)
     if match is None:
         return ""
     number, unit = float(match[1]), _SPELLINGS.get(match[2].lower(), match[2].lower())
     ours = split_unit(key)[1]
     if not unit or unit == ours:
-        return f"Write {key} = {match[1]}" + (f": the key says {UNIT_NAMES[ours]}." if ours else ", without quotes.")
+        return f"Write {key} = {match[1]}" + (
+            f" without quotes, in {UNIT_NAMES[ours]}." if ours else " without quotes."
+        )
     if not ours:
-        return "Write a number without quotes and unit."
+        return "Write a number without quotes and without a unit."
     return _as(number, unit, key, ours)
 
 

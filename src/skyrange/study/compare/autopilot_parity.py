@@ -147,8 +147,8 @@ def _run_both(
 
 
 def _with_rates(scenario: Scenario, rates: str) -> Scenario:
-    told = scenario.autopilots.with_options("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
-    return scenario.model_copy(update={"autopilots": told})
+    autopilots = scenario.autopilots.with_options("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
+    return scenario.model_copy(update={"autopilots": autopilots})
 
 
 def _with_autopilot(scenario: Scenario, kind: str) -> Scenario:

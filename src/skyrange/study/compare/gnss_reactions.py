@@ -61,7 +61,7 @@ class Setting:
     params: Mapping[str, Any]
 
     @property
-    def words(self) -> str:
+    def description(self) -> str:
         """A short description, in metres and m/s east, north, up."""
         if self.kind == "gnss.jump":
             return f"jump {_vector(self.params['offset_m'])} m"

@@ -93,5 +93,5 @@ def _scale_bar(scale: float, width: float, height: float) -> Element:
     length = metres * scale
     y, top, right = (format_number(value) for value in (height - 16, height - 21, 16 + length))
     line = {"d": f"M16 {top}V{y}H{right}V{top}", "fill": "none", "stroke": "currentColor", "stroke-width": "1.4"}
-    words = svg.label(16 + length / 2, height - 22, f"{svg.format_tick(metres, metres)} m")
-    return svg.element("g", {"class": "scale-bar"}, svg.element("path", line), words)
+    label = svg.label(16 + length / 2, height - 22, f"{svg.format_tick(metres, metres)} m")
+    return svg.element("g", {"class": "scale-bar"}, svg.element("path", line), label)

@@ -105,8 +105,8 @@ def draw_plan(
     body += [draw_mark(mark, *pixels(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     body += base.draw_legend()
     title = f"Plan view of {subject.name}"
-    words = f"{len(subject.fleet)} aircraft; north is up"
-    return svg.document(base.width, base.height, title, body, words)
+    description = f"{len(subject.fleet)} aircraft; north is up"
+    return svg.document(base.width, base.height, title, body, description)
 
 
 def draw_altitude(subject: Subject, tracks: Mapping[str, Track], width: float = 760.0, height: float = 300.0) -> Figure:

@@ -106,22 +106,22 @@ def path_data(points: Floats, close: bool = False) -> str:
     return start + (f"l{steps}" if steps else "h0") + ("z" if close else "")
 
 
-def title(words: str) -> Element:
+def title(text: str) -> Element:
     """The `<title>` of an element, which viewers show under the pointer."""
-    return element("title", {}, text=words)
+    return element("title", {}, text=text)
 
 
 def label(
     x: float,
     y: float,
-    words: str,
+    text: str,
     anchor: str = "middle",
     size: float = 11,
     extra: Attributes | None = None,
 ) -> Element:
     """A `<text>` element at a pixel, in the colour of its surroundings unless the `extra` attributes name another."""
     place: Attributes = {"x": x, "y": y, "text-anchor": anchor, "font-size": size, "fill": "currentColor"}
-    return element("text", {**place, **(extra or {})}, text=words)
+    return element("text", {**place, **(extra or {})}, text=text)
 
 
 def document(width: float, height: float, heading: str, body: Iterable[Element], description: str = "") -> Figure:

@@ -56,11 +56,11 @@ def draw_places(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
 def _ring(base: BaseMap, places: Mapping[str, Place]) -> list[Element]:
     x, y = base.pixels(np.array(list(places.values())[:1]))[0].tolist()
     said = "; ".join(f"{name}: {e:.0f} m east, {n:.0f} m north, {up:.0f} m up" for name, (e, n, up) in places.items())
-    words = " · ".join(name for name in places if not name.rpartition(" ")[2].isdigit())
+    names = " · ".join(name for name in places if not name.rpartition(" ")[2].isdigit())
     ring = {"cx": x, "cy": y, "r": 7, "fill": HOSTILE, "fill-opacity": ".16", "stroke": HOSTILE, "stroke-width": 2}
     dot = {"cx": x, "cy": y, "r": 2, "fill": HOSTILE}
     parts = svg.element("circle", ring), svg.element("circle", dot), svg.title(said)
-    return [svg.element("g", {"class": "hostile"}, *parts), svg.label(x + 11, y + 4, words, "start", 11, svg.BOLD)]
+    return [svg.element("g", {"class": "hostile"}, *parts), svg.label(x + 11, y + 4, names, "start", 11, svg.BOLD)]
 
 
 def draw_claim(base: BaseMap, enu_m: NDArray[np.float64], said: str) -> Element:

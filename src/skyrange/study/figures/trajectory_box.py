@@ -97,9 +97,11 @@ def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
     def line(*points: tuple[float, float, float]) -> None:
         parts.append(svg.element("path", {"d": svg.path_data(project(np.array(points))), **svg.GRID}))
 
-    def words(point: tuple[float, float, float], dx: float, dy: float, say: str, anchor: str, faint: bool) -> None:
+    def draw_label(
+        point: tuple[float, float, float], dx: float, dy: float, text: str, anchor: str, faint: bool
+    ) -> None:
         x, y = project(np.array([point]))[0]
-        parts.append(svg.label(x + dx, y + dy, say, anchor, 10.5, {"opacity": ".7"} if faint else None))
+        parts.append(svg.label(x + dx, y + dy, text, anchor, 10.5, {"opacity": ".7"} if faint else None))
 
     line((low[0], low[1], low[2]), (high[0], low[1], low[2]), (high[0], high[1], low[2]), (high[0], high[1], high[2]))
     line((low[0], low[1], low[2]), (low[0], low[1], high[2]), (low[0], high[1], high[2]), (high[0], high[1], high[2]))
@@ -107,17 +109,17 @@ def _frame(low: Floats, high: Floats, project: Any) -> list[Element]:
     line((low[0], high[1], low[2]), (low[0], high[1], high[2]))
     for e in e_ticks:
         line((e, low[1], low[2]), (e, high[1], low[2]), (e, high[1], high[2]))
-        words((e, low[1], low[2]), -3, 14, svg.format_tick(e, e_step), "middle", False)
+        draw_label((e, low[1], low[2]), -3, 14, svg.format_tick(e, e_step), "middle", False)
     for n in n_ticks:
         line((high[0], n, low[2]), (low[0], n, low[2]), (low[0], n, high[2]))
-        words((high[0], n, low[2]), 7, 9, svg.format_tick(n, n_step), "start", False)
+        draw_label((high[0], n, low[2]), 7, 9, svg.format_tick(n, n_step), "start", False)
     for u in u_ticks:
         line((low[0], low[1], u), (low[0], high[1], u), (high[0], high[1], u))
-        words((low[0], low[1], u), -7, 4, svg.format_tick(u, u_step), "end", False)
+        draw_label((low[0], low[1], u), -7, 4, svg.format_tick(u, u_step), "end", False)
     middle = 0.5 * (low + high)
-    words((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", True)
-    words((high[0], middle[1], low[2]), 34, 24, "north, m", "start", True)
-    words((low[0], low[1], high[2]), -7, -10, "up, m", "middle", True)
+    draw_label((middle[0], low[1], low[2]), -22, 32, "east, m", "middle", True)
+    draw_label((high[0], middle[1], low[2]), 34, 24, "north, m", "start", True)
+    draw_label((low[0], low[1], high[2]), -7, -10, "up, m", "middle", True)
     return parts
 
 

@@ -72,8 +72,8 @@ def draw_twin_plan(
     body += [draw_mark(mark, *base.pixels(np.array([mark.enu_m]))[0].tolist()) for mark in drawing_order(marks)]
     body += base.draw_legend()
     title = f"Plan view of {subject.name}, attacked and not"
-    words = "solid: attacked; dashed: the twin; north is up"
-    return svg.document(base.width, base.height, title, body, words)
+    description = "solid: attacked; dashed: the twin; north is up"
+    return svg.document(base.width, base.height, title, body, description)
 
 
 def draw_twin_heights(

@@ -159,7 +159,7 @@ def live(
     return answers
 
 
-def told(medium: Medium, answers: Sequence[OnAir]) -> tuple[list[Row], list[Row]]:
+def list_rows(medium: Medium, answers: Sequence[OnAir]) -> tuple[list[Row], list[Row]]:
     """Answers as rows that can be compared: sent, and heard, with radios by name."""
     names = [radio.name for radio in medium.radios]
     rows: tuple[list[Row], list[Row]] = ([], [])
@@ -221,7 +221,7 @@ def _tells(case: MediumCase) -> None:
 def _hears(case: MediumCase) -> None:
     medium = case.make(radios())
     senders = {request[4]: request[0] for request in requests()}
-    heard = [row for row in told(medium, live(medium, requests()))[1] if row[-1] == ReceptionOutcome.DECODED]
+    heard = [row for row in list_rows(medium, live(medium, requests()))[1] if row[-1] == ReceptionOutcome.DECODED]
     need(len(heard) > 0, "nobody heard anything", "receptions")
     for row in heard:
         need(senders[row[0]] != row[1], f"{row[1]} heard itself", "receivers other than the sender")  # type: ignore[index]
@@ -233,7 +233,7 @@ def _cut(case: MediumCase) -> None:
         return
     fine, coarse = case.make(radios()), case.make(radios())
     expected = "answers that do not depend on how advance is cut"
-    a, b = told(fine, live(fine, requests(), cut=NS_PER_MS)), told(coarse, live(coarse, requests()))
+    a, b = list_rows(fine, live(fine, requests(), cut=NS_PER_MS)), list_rows(coarse, live(coarse, requests()))
     same(a[1], b[1], "receptions in cuts of 1 and 10 ms differ", expected)
     same(a[0], b[0], "transmissions in cuts of 1 and 10 ms differ", expected)
 
@@ -243,7 +243,7 @@ def _company(case: MediumCase) -> None:
     if not case.repeats:
         return
     alone, company = case.make(radios()), case.make(radios(far=True))
-    a, b = told(alone, live(alone, requests())), told(company, live(company, requests()))
+    a, b = list_rows(alone, live(alone, requests())), list_rows(company, live(company, requests()))
     same(a[1], b[1], "two radios 90 km off change receptions", "chance by names, not by rows")
     same(a[0], b[0], "two radios 90 km off change transmissions", "chance by names, not by rows")
 
@@ -252,7 +252,9 @@ def _company(case: MediumCase) -> None:
 def _repeatable(case: MediumCase) -> None:
     if not case.repeats:
         return
-    first, second = (told(medium, live(medium, requests())) for medium in (case.make(radios()), case.make(radios())))
+    first, second = (
+        list_rows(medium, live(medium, requests())) for medium in (case.make(radios()), case.make(radios()))
+    )
     same(first[1], second[1], "two instances differ", "the same from the same inputs")
 
 
@@ -287,10 +289,10 @@ def _copies(case: MediumCase) -> None:
     if not case.repeats:
         return
     straight = case.make(radios())
-    rest = told(straight, live(straight, requests())[middle // TICK_NS :])
+    rest = list_rows(straight, live(straight, requests())[middle // TICK_NS :])
     expected = "a copy that goes on alike, and an original that does not notice"
     for medium in (branch, trunk):
-        later = told(medium, live(medium, requests(), begin=middle))
+        later = list_rows(medium, live(medium, requests(), begin=middle))
         same(rest[1], later[1], "receptions of the straight run and of a copy differ", expected)
         same(rest[0], later[0], "transmissions of the straight run and of a copy differ", expected)
 

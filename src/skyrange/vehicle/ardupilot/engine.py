@@ -23,7 +23,7 @@ def _opened_ports(options: Options, count: int) -> Sequence[int]:
 ARDUPILOT = AutopilotPlugin(
     Options,
     _make,
-    "Flies ArduPilot's own ArduCopter, a program for each aircraft.",
+    "Runs ArduPilot's ArduCopter, one process per aircraft.",
     signs=True,
     opened_ports=_opened_ports,
 )

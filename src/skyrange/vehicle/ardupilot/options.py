@@ -10,36 +10,38 @@ from skyrange.contracts.params import Number, Params, refuse
 from skyrange.core.errors import Problem
 
 PORT_STEP: Final = 10
-"""Between the open ports of two processes, as between two instances of SITL."""
+"""Difference between the open ports of two processes, as between two instances of SITL."""
 
 
 class Options(Params):
-    """How the ArduPilot processes of a scenario are run."""
+    """Options of the ArduPilot processes of a scenario."""
 
     physics: Literal["shared", "native"] = Field(
         default="shared",
-        description="Physics that moves the aircraft: shared, the range's, in lockstep; or native, ArduPilot's own "
-        "simulation, on the machine's clock.",
+        description="Physics that moves the aircraft. shared: the physics of the range, in lockstep; native: "
+        "ArduPilot's own simulation, on the machine's clock.",
     )
     speedup: Number = Field(
         default=1.0,
         gt=0,
         le=100,
-        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine runs as "
-        "fast as it can.",
+        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine does "
+        "not reach a high speedup.",
     )
     rates: Literal["full", "single", "reduced"] = Field(
         default="full",
-        description="Rate of the main loop, and how often it reads the gyros per iteration: full, 400 Hz and twice; "
-        "single, 400 Hz and once, without checks of the gyros before arming; reduced, 100 Hz and twice.",
+        description="Rate of the main loop, and gyro readings per iteration. full: 400 Hz and two; single: 400 Hz and "
+        "one, without the gyro checks before arming; reduced: 100 Hz and two.",
     )
-    keep_logs: bool = Field(default=False, description="Write DataFlash logs, and keep them in the run's folder.")
+    keep_logs: bool = Field(
+        default=False, description="Whether to write DataFlash logs and keep them in the run's folder."
+    )
     open_port: int = Field(
         default=0,
         ge=0,
         le=65_535,
-        description="TCP port, on all interfaces, on which the first ArduPilot obeys a ground station; that of each "
-        "further one is 10 higher. 0: none.",
+        description="TCP port on which the first ArduPilot accepts a ground station and obeys it, on all network "
+        "interfaces. The port of each further ArduPilot is 10 higher; 0 opens no port.",
     )
 
     def opened(self, count: int) -> list[int]:
@@ -49,13 +51,13 @@ class Options(Params):
     @model_validator(mode="after")
     def _check_speedup(self) -> Options:
         if self.physics == "shared" and "speedup" in self.model_fields_set:
-            hint = 'Lockstep runs as fast as it can, or as --speed says; or set physics = "native".'
-            raise refuse(Problem("speedup", f"{self.speedup:g}", "left out with shared physics", hint))
+            hint = 'Omit it, and use --speed to limit the speed of lockstep; or set physics = "native".'
+            raise refuse(Problem("speedup", f"{self.speedup:g}", "no speedup with shared physics", hint))
         return self
 
     @model_validator(mode="after")
     def _check_rates(self) -> Options:
         if self.physics == "native" and self.rates == "single":
-            hint = "It reduces the exchanges with the range's physics, and native physics has no exchanges."
+            hint = "single reduces the exchanges with the physics of the range, which native physics does not have."
             raise refuse(Problem("rates", "'single'", "'full' or 'reduced' with native physics", hint))
         return self

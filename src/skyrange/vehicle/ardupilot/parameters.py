@@ -197,17 +197,17 @@ def moments_per_iteration(values: Mapping[str, float], listed: Mapping[str, floa
 
 
 def changed_by_firmware(
-    given: Mapping[str, float], listed: Mapping[str, float], told: Mapping[str, float]
+    given: Mapping[str, float], listed: Mapping[str, float], reported: Mapping[str, float]
 ) -> Iterator[Problem]:
-    """The parameters in `given` that the firmware, which then reported `told`, has not taken over unchanged.
+    """The parameters in `given` that the firmware, which then reported the values `reported`, did not accept unchanged.
 
     The firmware reports no error: it truncates a fraction given for an integer, and replaces a number beyond its
     type's range by the largest one (AP_Param.cpp, `set_value`).
     """
     for name, value in given.items():
         found = resolve_parameter(name, value, listed)
-        if found is not None and found[0] in told:
-            kept = told[found[0]]
+        if found is not None and found[0] in reported:
+            kept = reported[found[0]]
             if not math.isclose(kept, found[1], rel_tol=1e-6, abs_tol=1e-9):
                 yield Problem(
                     name, f"{value:g}", f"a value that this firmware accepts; it changed this one to {kept:g}"

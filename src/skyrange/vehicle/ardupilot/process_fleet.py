@@ -167,8 +167,8 @@ class ProcessFleet(EngineBase, ABC):
             raise InputError(f"autopilot {self.name}", faults)
 
     def _refused(self, spec: VehicleSpec, text: str) -> Iterator[Problem]:
-        told = list_parameters(self.binary.path, self.binary.sha256, text)
-        return parameters.changed_by_firmware(spec.params, self._listed, told)
+        reported = list_parameters(self.binary.path, self.binary.sha256, text)
+        return parameters.changed_by_firmware(spec.params, self._listed, reported)
 
     def _start(self, tick: Time, sensors: Sensors) -> None:
         """Start all processes, whose own time begins at `tick`, without waiting for any."""
@@ -285,9 +285,9 @@ class ProcessFleet(EngineBase, ABC):
                 continue
             message = decode(piece.data)
             self._on_report(tick, row, message, outbox)
-            for kind, told in one.events.on_report(message):
+            for kind, details in one.events.on_report(message):
                 if tick >= 0:
-                    outbox.note(kind, one.spec.vehicle, told)
+                    outbox.note(kind, one.spec.vehicle, details)
         if one.events.mode >= 0 and one.asked < len(self.reports):
             self._request_report(one)
         paired = one.signs or one.spec.signing_key is None
@@ -308,8 +308,8 @@ class ProcessFleet(EngineBase, ABC):
                 continue
             outbox.send(self.ports[row], piece.data)
             if not piece.garbage:
-                for kind, told in one.events.on_public_frame(piece.data):
-                    outbox.note(kind, one.spec.vehicle, told)
+                for kind, details in one.events.on_public_frame(piece.data):
+                    outbox.note(kind, one.spec.vehicle, details)
 
     def _send_signing_key(self, one: Instance) -> None:
         """Send its signing key on the private port; it stores the key across reboots, and never acknowledges it."""

@@ -1,1 +1,1 @@
-"""Avoidance: what an aircraft does about others that it hears, by kinds of one contract."""
+"""Avoidance: how an aircraft avoids others whose broadcasts it receives, in several kinds with one contract."""

@@ -1,8 +1,8 @@
-"""Avoidance as plugins: own state, tracks and the episode under way → a decision.
+"""Avoidance as plugins: from own state, tracks and the current episode to a decision.
 
-An avoidance is a plain object: `decide` is a pure function, and what must outlive a call (an `Episode`) is handed in
-and handed back. Kinds are plugins of `skyrange.avoidance`. Their parameters are `AvoidanceLimits`, or a subclass of it
-with more.
+An avoidance is a plain object. `decide` is a pure function; the state that lasts between calls (an `Episode`) is an
+argument and part of the result. Kinds are plugins of `skyrange.avoidance`. Their parameters are `AvoidanceLimits` or a
+subclass.
 """
 
 from __future__ import annotations
@@ -27,76 +27,90 @@ Vector = tuple[float, float, float]
 
 
 class AvoidanceAction(StrEnum):
-    """What an aircraft shall do now."""
+    """What an aircraft does now."""
 
     KEEP = "keep"
-    """Nothing: fly the mission."""
+    """Fly the mission."""
     STOP = "stop"
-    """Hold where it is."""
+    """Hold the current position."""
     GO = "go"
-    """Fly to the decision's waypoint."""
+    """Fly to the waypoint of the decision."""
     RESUME = "resume"
-    """Go on with the mission: the episode is over."""
+    """Continue the mission; the episode is over."""
     RETURN = "return"
-    """Go home: it has waited long enough."""
+    """Return home, because the episode has taken too long."""
 
 
 class AvoidanceLimits(Params):
-    """The parameters of all kinds. Defaults suit a small multirotor at 10 m/s; none comes from a regulation.
+    """Parameters of all kinds. The defaults suit a small multirotor at 10 m/s; none comes from a regulation.
 
-    `docs/explanation/detect-and-avoid.md` says what they do to the separation that is held.
+    `docs/explanation/detect-and-avoid.md` describes their effect on separation.
     """
 
     protected_m: Number = Field(
         default=20.0,
         gt=0,
         le=1000,
-        description="Radius in metres of the upright cylinder around others that is kept out of.",
+        description="Radius in metres of the protected cylinder around each other aircraft.",
     )
     protected_up_m: Number = Field(
-        default=12.0, gt=0, le=500, description="Half the height of that cylinder in metres."
+        default=12.0, gt=0, le=500, description="Half the height of that cylinder, in metres."
     )
     look_ahead_s: Number = Field(
-        default=12.0, gt=0, le=120, description="Seconds within which entering the cylinder is a conflict."
+        default=12.0,
+        gt=0,
+        le=120,
+        description="Look-ahead time in seconds: entering a cylinder within it is a conflict.",
     )
     margin: Number = Field(
-        default=1.25, ge=1, le=5, description="Times the cylinder's size that must be clear before the mission goes on."
+        default=1.25,
+        ge=1,
+        le=5,
+        description="Factor on the size of the cylinder that must be clear before the mission continues.",
     )
     clear_s: Number = Field(
         default=1.5,
         ge=0,
         le=60,
-        description="Seconds for which the way must have been clear before the mission goes on.",
+        description="Time in seconds for which the way must be clear before the mission continues.",
     )
     commit_s: Number = Field(
-        default=1.0, ge=0, le=60, description="Seconds before which a waypoint is not exchanged for another."
+        default=1.0, ge=0, le=60, description="Least time in seconds for which a waypoint is kept."
     )
     standing_mps: Number = Field(
         default=1.0, ge=0, le=10,
-        description="Speed in m/s below which another stands: it is expected to be there still, however late.",
+        description="Speed in m/s below which another aircraft counts as standing and is expected to stay there.",
     )  # fmt: skip
     patience_s: Number = Field(
-        default=30.0, ge=0, le=3600, description="Seconds without a way after which the radius shrinks to least_m."
+        default=30.0,
+        ge=0,
+        le=3600,
+        description="Time in seconds without a way after which the radius shrinks to least_m.",
     )
     least_m: Number = Field(default=8.0, gt=0, le=1000, description="Radius in metres after patience_s without a way.")
     give_up_s: Number = Field(
-        default=120.0, gt=0, le=3600, description="Seconds without a way after which it returns home."
+        default=120.0, gt=0, le=3600, description="Time in seconds without a way after which the aircraft returns home."
     )
     longest_s: Number = Field(
-        default=300.0, gt=0, le=36_000, description="Seconds of avoiding after which it returns home in any case."
+        default=300.0,
+        gt=0,
+        le=36_000,
+        description="Duration of avoidance in seconds after which the aircraft returns home in any case.",
     )
     wall_m: Number = Field(
         default=4.0, gt=0, le=15,
-        description="Metres kept from walls and roofs, but for places of the mission that are nearer to them.",
+        description="Distance from walls and roofs in metres, unless the mission itself goes nearer.",
     )  # fmt: skip
     reach_m: Number = Field(
-        default=200.0, ge=20, le=2000, description="Metres around within which a way past others is looked for."
+        default=200.0, ge=20, le=2000, description="Radius in metres of the search for a way around other aircraft."
     )
-    arrive_m: Number = Field(default=1.5, gt=0, le=50, description="Metres within which a waypoint counts as reached.")
+    arrive_m: Number = Field(
+        default=1.5, gt=0, le=50, description="Distance in metres at which a waypoint counts as reached."
+    )
 
 
 class Own(NamedTuple):
-    """What the aircraft believes of itself. `goal_enu_m` is where its mission takes it next."""
+    """The aircraft's estimate of its own state. `goal_enu_m` is the next point of its mission."""
 
     pos_enu_m: Vector
     vel_enu_mps: Vector
@@ -105,10 +119,10 @@ class Own(NamedTuple):
 
 
 class Tracks(NamedTuple):
-    """Whom it hears, k rows: positions as of now, at the heard velocity; unknown velocities are 0."""
+    """The k aircraft that it receives: current positions, extrapolated, and velocities; unknown velocities are 0."""
 
     pos_enu_m: Floats
-    """(k, 3); an unknown height is NaN and counts as one's own."""
+    """(k, 3); an unknown height is NaN and counts as the own height."""
     vel_enu_mps: Floats
     """(k, 3)."""
 
@@ -118,14 +132,14 @@ NO_TRACKS = Tracks(np.zeros((0, 3)), np.zeros((0, 3)))
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """What an avoidance under way remembers; begins with a conflict and ends with RESUME or RETURN."""
+    """State of a current avoidance. An episode begins with a conflict and ends with RESUME or RETURN."""
 
     begun_ns: Time
     anchor_enu_m: Vector
-    """Where the aircraft left its mission's leg."""
+    """Where the aircraft left the leg of its mission."""
     waypoint_enu_m: Vector | None = None
     changed_ns: Time = -NEVER
-    """When the waypoint, or the lack of one, was chosen."""
+    """When the waypoint, or to have none, was chosen."""
     clear_ns: Time | None = None
     """Since when the way to the goal has been clear."""
     stuck_ns: Time | None = None
@@ -133,7 +147,7 @@ class Episode:
 
 
 class AvoidanceDecision(NamedTuple):
-    """What to do; `tracks` are the rows that are in the way, `episode` is to be handed in next time."""
+    """What to do. `tracks` are the rows in conflict; `episode` is the argument of the next call."""
 
     action: AvoidanceAction
     episode: Episode | None
@@ -145,21 +159,21 @@ KEEP = AvoidanceDecision(AvoidanceAction.KEEP, None)
 
 
 class Avoidance(Protocol):
-    """One kind of avoidance with its parameters; serves any number of aircraft. Deep-copyable."""
+    """One kind of avoidance with its parameters, for any number of aircraft. It can be deep-copied."""
 
     limits: AvoidanceLimits
 
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> AvoidanceDecision:
-        """What to do now. Called several times a second while there is a conflict or an episode."""
+        """What to do now. It is called several times a second during a conflict or an episode."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class AvoidanceContext:
-    """What the scenario tells an avoidance that it makes."""
+    """The context of an avoidance: data of the scenario."""
 
     city: City | None = None
-    """The buildings; None for open country."""
+    """The buildings; None without buildings."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,5 +47,5 @@ class Geometric(EpisodicAvoidance):
 GEOMETRIC = AvoidancePlugin(
     AvoidanceLimits,
     lambda limits, context: Geometric(context.city, limits),
-    "Flies the shortest way to its goal that keeps clear of others and of walls.",
+    "Flies the shortest way to its goal that keeps clear of other aircraft and of walls.",
 )

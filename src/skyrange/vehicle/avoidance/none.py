@@ -1,4 +1,4 @@
-"""No avoidance: the mission is flown, whoever is in the way."""
+"""No avoidance: the aircraft flies its mission and ignores other aircraft."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ class NoAvoidance:
     kind = "none"
 
     def __init__(self, city: City | None = None, limits: AvoidanceLimits | None = None) -> None:
-        """Takes what the others take."""
+        """Takes the arguments of the other kinds."""
         self.limits = limits or AvoidanceLimits()
 
     def decide(self, now: Time, own: Own, tracks: Tracks, episode: Episode | None) -> AvoidanceDecision:
-        """KEEP, always."""
+        """Always KEEP."""
         return KEEP
 
 
 NONE = AvoidancePlugin(
     AvoidanceLimits,
     lambda limits, context: NoAvoidance(context.city, limits),
-    "Listens, and does nothing about others.",
+    "Flies the mission and ignores other aircraft.",
 )

@@ -82,7 +82,7 @@ class Orca(EpisodicAvoidance):
 ORCA = AvoidancePlugin(
     AvoidanceLimits,
     lambda limits, context: Orca(context.city, limits),
-    "Flies the velocity of optimal reciprocal collision avoidance; needs pyrvo.",
+    "Flies the velocity of optimal reciprocal collision avoidance (ORCA); needs pyrvo.",
 )
 
 

@@ -1,6 +1,6 @@
-"""Avoidance by stopping: the aircraft holds until the way is clear, and at last returns home.
+"""Avoidance by stopping: the aircraft holds until the way is clear, and returns home if that takes too long.
 
-Two that stop for each other wait until one of them gives up: stopping alone resolves no head-on encounter.
+Two aircraft that stop for each other wait until one of them gives up: stopping does not resolve a head-on encounter.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ class Stop(EpisodicAvoidance):
     kind = "stop"
 
     def find_waypoint(self, now: Time, own: Own, tracks: Tracks, episode: Episode, radius_m: float) -> Vector | None:
-        """Nowhere."""
+        """Always None: hold."""
         return None
 
 
 STOP = AvoidancePlugin(
     AvoidanceLimits,
     lambda limits, context: Stop(context.city, limits),
-    "Holds until the way is clear, and returns home at last.",
+    "Holds until the way is clear, and returns home if that takes too long.",
 )

@@ -348,5 +348,5 @@ def _make(params: NoParams, context: AutopilotContext) -> BuiltinFleet:
     return BuiltinFleet(context.name, context.specs, context.origin, context.epoch, context.chance)
 
 
-BUILTIN = AutopilotPlugin(NoParams, _make, "Flies as ArduCopter does, by the range's own code.", signs=True)
+BUILTIN = AutopilotPlugin(NoParams, _make, "Models ArduCopter in skyrange's own code.", signs=True)
 """The autopilot `builtin`. Raises `InputError` as `BuiltinFleet` does."""

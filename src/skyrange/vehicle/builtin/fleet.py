@@ -246,9 +246,9 @@ class Fleet:
         """Pack and send one message from an aircraft."""
         self.outbox.send(vehicle.port, vehicle.packer.pack(message), causes)
 
-    def send_text(self, vehicle: Vehicle, severity: int, words: str, causes: Causes = ()) -> None:
+    def send_text(self, vehicle: Vehicle, severity: int, text: str, causes: Causes = ()) -> None:
         """Send STATUSTEXT, cut to the length of one message."""
-        self.send(vehicle, dialect.MAVLink_statustext_message(severity, words.encode()[:MAX_TEXT_CHARS]), causes)
+        self.send(vehicle, dialect.MAVLink_statustext_message(severity, text.encode()[:MAX_TEXT_CHARS]), causes)
 
     def note(self, kind: str, vehicle: Vehicle, data: Mapping[str, Scalar] | None = None, causes: Causes = ()) -> None:
         """Record an event of an aircraft."""

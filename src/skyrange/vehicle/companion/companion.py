@@ -224,13 +224,13 @@ class Companion:
         """The mission's goal, if reported in AUTO and recently; shortly after an avoidance still the one from before
         it.
         """
-        told = self._beliefs.table[row]
-        if told["goal_ns"] <= handover.left_ns + NS_PER_S // 2 and handover.goal_enu_m is not None:
+        belief = self._beliefs.table[row]
+        if belief["goal_ns"] <= handover.left_ns + NS_PER_S // 2 and handover.goal_enu_m is not None:
             return handover.goal_enu_m
-        if told["goal_ns"] < 0 or now - told["goal_ns"] > GOAL_TIMEOUT_NS:
+        if belief["goal_ns"] < 0 or now - belief["goal_ns"] > GOAL_TIMEOUT_NS:
             return None
-        east, north = self._origin.enu_of(told["goal_lat_e7"] * 1e-7, told["goal_lon_e7"] * 1e-7)
-        up = float(told["goal_msl_m"]) - self._origin.alt_msl_m
+        east, north = self._origin.enu_of(belief["goal_lat_e7"] * 1e-7, belief["goal_lon_e7"] * 1e-7)
+        up = float(belief["goal_msl_m"]) - self._origin.alt_msl_m
         near = math.isfinite(up) and max(abs(east), abs(north), abs(up)) < 1e5
         return (east, north, up) if near else None
 
@@ -301,8 +301,8 @@ class Companion:
         changed = beating & (trouble != self._arm_status)
         self._arm_status[changed] = trouble[changed]
         for row in np.flatnonzero(changed).tolist():
-            words = ARM_STATUS_TEXTS[trouble.item(row)]
-            out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not words, "trouble": words})
+            text = ARM_STATUS_TEXTS[trouble.item(row)]
+            out.note("event.remote_id", self.specs[row].vehicle, {"serviceable": not text, "trouble": text})
         rows = np.flatnonzero(beating & self._broadcaster.autopilot_location)
         if rows.size:
             self._send_identity(now, rows, out)

@@ -145,6 +145,6 @@ def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
 
 
 EXTERNAL = AutopilotPlugin(
-    Options, _make, "Connects to vehicles that the range did not start: real ones, or foreign simulations."
+    Options, _make, "Connects to vehicles that skyrange does not start: real ones, or other simulations."
 )
 """The autopilot `external`. Raises `InputError` as `ExternalEngine` does."""

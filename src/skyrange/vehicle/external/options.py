@@ -12,7 +12,7 @@ from skyrange.io.mavlink.connections import ADDRESS_FORMS, Address
 
 
 class Options(Params):
-    """Addresses of a scenario's external vehicles, and what may be sent to them."""
+    """Options of the external vehicles of a scenario: addresses, and whether they may be moved."""
 
     connect: dict[str, str] = Field(
         default_factory=dict,
@@ -21,7 +21,8 @@ class Options(Params):
     allow_motion: bool = Field(
         default=False,
         strict=True,
-        description="Pass arming and motion commands to them, if the command line says --allow-motion too.",
+        description="Whether to pass arming and motion commands to them; this also needs --allow-motion on the "
+        "command line.",
     )
     rate_hz: Number = Field(
         default=10.0,
@@ -33,7 +34,8 @@ class Options(Params):
         default=20.0,
         gt=0,
         le=120,
-        description="Wall seconds before time 0 within which each vehicle has to connect and report its position.",
+        description="Wall time in seconds before time 0, within which each vehicle must connect and report its "
+        "position.",
     )
 
     @model_validator(mode="after")
@@ -48,7 +50,9 @@ class Options(Params):
                 continue
             other = held.setdefault(address, vehicle)
             if other != vehicle:
-                faults.append(Problem(f"connect.{vehicle}", text, f"a connection of its own; {other} has this one"))
+                faults.append(
+                    Problem(f"connect.{vehicle}", text, f"an address that no other vehicle has; {other} already has it")
+                )
         if faults:
             raise refuse(*faults)
         return self
@@ -64,7 +68,12 @@ class Options(Params):
             if name not in vehicles
         ]
         faults += [
-            Problem(known, f"nothing for {vehicle}", "its address", f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".')
+            Problem(
+                known,
+                f"no address for {vehicle}",
+                "an address for each external vehicle",
+                f'Such as "{vehicle}" = "tcp:127.0.0.1:5760".',
+            )
             for vehicle in vehicles
             if vehicle not in self.connect
         ]

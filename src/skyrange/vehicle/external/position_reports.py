@@ -40,9 +40,9 @@ class PositionReports:
 
     def on_attitude(self, message: Message) -> None:
         """Take in an ATTITUDE. One with a value that is not finite is ignored."""
-        told = (message.roll, message.pitch, message.yaw, message.rollspeed, message.pitchspeed, message.yawspeed)
-        if all(map(math.isfinite, told)) and max(map(abs, told)) < 1e3:
-            self.attitude, self.rates = told[:3], told[3:]
+        reported = (message.roll, message.pitch, message.yaw, message.rollspeed, message.pitchspeed, message.yawspeed)
+        if all(map(math.isfinite, reported)) and max(map(abs, reported)) < 1e3:
+            self.attitude, self.rates = reported[:3], reported[3:]
 
     def on_position(self, message: Message, origin: Origin, now_s: float) -> Time | None:
         """Take in a GLOBAL_POSITION_INT at `now_s` of the machine's clock: its age in ns, `None` for a position beyond

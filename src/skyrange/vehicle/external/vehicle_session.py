@@ -124,8 +124,8 @@ class VehicleSession:
             self.reports.on_attitude(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
             self._on_position(message, now_s, origin)
-        for kind, told in (*self._events.on_report(message), *self._events.on_public_frame(piece.data)):
-            self.note(kind, told)
+        for kind, details in (*self._events.on_report(message), *self._events.on_public_frame(piece.data)):
+            self.note(kind, details)
 
     def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
@@ -169,8 +169,8 @@ class VehicleSession:
         away = [a - b for a, b in zip(self.reports.state.position_enu_m, self.spec.home_enu_m, strict=True)]
         far_m = math.hypot(*away)
         if far_m > FAR_M:
-            told = dict(zip(("east_m", "north_m", "up_m"), self.reports.state.position_enu_m, strict=True))
-            self.note("event.far_from_start", {"away_m": round(far_m, 1), **told})
+            position = dict(zip(("east_m", "north_m", "up_m"), self.reports.state.position_enu_m, strict=True))
+            self.note("event.far_from_start", {"away_m": round(far_m, 1), **position})
 
     @property
     def counts(self) -> dict[str, Any]:

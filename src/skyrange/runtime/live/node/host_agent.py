@@ -163,8 +163,8 @@ class HostAgent:
         for name, process in self.processes.items():
             if name not in self._reported and not process.running:
                 self._reported.add(name)
-                words = process.last_words()
-                await self.client.send("ended", node=name, how=process.ended, words=words)
+                output = process.last_words()
+                await self.client.send("ended", node=name, how=process.ended, words=output)
                 self.on_word(f"{name} ended: {process.ended}")
 
 

@@ -125,9 +125,9 @@ class _Supervisor:
                 live_range, "failed" if failure else "interrupted" if interrupt.requested else "complete", failure
             )
         except (SkyrangeError, OSError) as error:
-            told = f"{failure}\n{error}" if failure is not None else str(error)
+            problem = f"{failure}\n{error}" if failure is not None else str(error)
             hint = f"What each process recorded is in {live_range.folder / PARTS}, where `skyrange show` reads it"
-            raise ComponentError("live", told, hint) from error
+            raise ComponentError("live", problem, hint) from error
         if failure is not None:
             raise failure
         if interrupt.requested:
@@ -284,8 +284,8 @@ class _Supervisor:
             if host is not None and self._hosts.is_silent(host):
                 self._on_ended(member.name, f"the machine {member.host} fell silent")
             elif member.process is not None and not member.process.running:
-                words = member.process.last_words()
-                self._on_ended(member.name, member.process.ended + (f". It said last:\n{words}" if words else ""))
+                output = member.process.last_words()
+                self._on_ended(member.name, member.process.ended + (f". It said last:\n{output}" if output else ""))
 
     def _on_ended(self, name: str, how: str) -> None:
         member = self._range.members.get(name)

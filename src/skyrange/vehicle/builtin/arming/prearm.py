@@ -119,11 +119,11 @@ def _compass_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     field = 1000.0 * np.sqrt((fleet.estimate["compass"][inputs.rows] ** 2).sum(axis=1))
     odd = (field > _FIELD_MAX_MGAUSS) | (field < _FIELD_MIN_MGAUSS)
 
-    def words(vehicle: Vehicle) -> str:
+    def describe(vehicle: Vehicle) -> str:
         mgauss = 1000.0 * float(np.sqrt((fleet.estimate["compass"][vehicle.row] ** 2).sum()))
         return f"Check mag field: {mgauss:4.0f}, max {_FIELD_MAX_MGAUSS}, min {_FIELD_MIN_MGAUSS}"
 
-    return [(inputs.check_enabled(ArmingCheck.COMPASS) & odd, words)]
+    return [(inputs.check_enabled(ArmingCheck.COMPASS) & odd, describe)]
 
 
 def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
@@ -135,14 +135,14 @@ def _gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     apart = np.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2)
     rough = estimate["gnss_hdop"][rows] * 100.0 > fleet.settings["GPS_HDOP_GOOD"][rows]
 
-    def words(vehicle: Vehicle) -> str:
+    def describe(vehicle: Vehicle) -> str:
         east, north, _ = (estimate["pos"][vehicle.row] - estimate["gnss_pos"][vehicle.row]).tolist()
         return f"GPS and AHRS differ by {np.hypot(east, north):4.1f}m"
 
     return [
         (asked & lost, "GPS 1: Bad fix"),
         (asked & (fleet.checks["located"][rows] == 0), "AHRS: waiting for home"),
-        (asked & (apart > _MAX_GPS_AHRS_ERROR_M), words),
+        (asked & (apart > _MAX_GPS_AHRS_ERROR_M), describe),
         *_mandatory_gps_checks(fleet, inputs),
         (asked & rough, "High GPS HDOP"),
     ]
@@ -169,7 +169,7 @@ def _mandatory_gps_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
 
 def _battery_checks(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
     asked = inputs.check_enabled(ArmingCheck.BATTERY)
-    return [(asked & bad, words) for bad, words in battery_monitor.prearm_failures(fleet, inputs.rows)]
+    return [(asked & bad, reason) for bad, reason in battery_monitor.prearm_failures(fleet, inputs.rows)]
 
 
 def _battery_failsafe_check(fleet: Fleet, inputs: CheckInputs) -> list[Failure]:
@@ -261,8 +261,9 @@ def update(fleet: Fleet) -> None:
     for reasons in found:
         for bad, _ in reasons:
             failing |= bad
-    told = fleet.now - watch["prearm_reported_ns"][rows]
-    due = (told > _DISPLAY_PERIOD_NS) | ((watch["prearm_urgent"][rows] != 0) & (told > _URGENT_PERIOD_NS))
+    since_report_ns = fleet.now - watch["prearm_reported_ns"][rows]
+    urgent = watch["prearm_urgent"][rows] != 0
+    due = (since_report_ns > _DISPLAY_PERIOD_NS) | (urgent & (since_report_ns > _URGENT_PERIOD_NS))
     watch["prearm_reported_ns"][rows[due]] = fleet.now
     watch["prearm_urgent"][rows[due]] = 0
     quiet = fleet.settings["ARMING_OPTIONS"][rows].astype(np.int64) & _DISABLE_DISPLAY != 0
@@ -296,7 +297,7 @@ def _run_selected(
     """Return the failures that checks find, restricted to `where`."""
     if not where.any():
         return []
-    return [[(bad & where, words) for bad, words in check(fleet, inputs)] for check in checks]
+    return [[(bad & where, reason) for bad, reason in check(fleet, inputs)] for check in checks]
 
 
 def _send_failures(
@@ -304,7 +305,7 @@ def _send_failures(
 ) -> None:
     """Send the first failure of every failing check as STATUSTEXT."""
     for reasons in found:
-        words = next((words for bad, words in reasons if bad[place]), None)
-        if words is not None:
-            text = words if isinstance(words, str) else words(vehicle)
+        reason = next((reason for bad, reason in reasons if bad[place]), None)
+        if reason is not None:
+            text = reason if isinstance(reason, str) else reason(vehicle)
             fleet.send_text(vehicle, dialect.MAV_SEVERITY_CRITICAL, f"{head}: {text}", causes)

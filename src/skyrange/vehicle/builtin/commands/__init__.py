@@ -83,9 +83,9 @@ def on_command(
         return
     _acknowledge(fleet, vehicle, received.command, result, peer, causes)
     for number in command.after:
-        told = build_message(fleet, vehicle, number) if number in BUILDERS else None
-        if told is not None:
-            fleet.send(vehicle, told)
+        reply = build_message(fleet, vehicle, number) if number in BUILDERS else None
+        if reply is not None:
+            fleet.send(vehicle, reply)
 
 
 def _acknowledge(

@@ -46,8 +46,8 @@ def set_message_interval(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, com
     else:
         whole_ms = min(max(interval_us // 1000, 1), _MAX_INTERVAL_MS)
         if whole_ms < MIN_INTERVAL_MS:
-            words = f"Requested rate for message ID {message} too fast. Increase SCHED_LOOP_RATE"
-            fleet.send_text(vehicle, mav.MAV_SEVERITY_INFO, words, command.causes)
+            text = f"Requested rate for message ID {message} too fast. Increase SCHED_LOOP_RATE"
+            fleet.send_text(vehicle, mav.MAV_SEVERITY_INFO, text, command.causes)
             return DENIED
         period = whole_ms * NS_PER_MS
     schedule.set(vehicle.row, message, period, fleet.now)

@@ -44,7 +44,7 @@ _AUTO_ARMED = 3
 
 def fence_names(kinds: int) -> str:
     """Return ArduPilot's name of some types together: "Max Alt and Circle fences" (`get_fence_names`)."""
-    parts = [words for kind, words in _NAMES.items() if kinds & kind]
+    parts = [name for kind, name in _NAMES.items() if kinds & kind]
     whole = f"{', '.join(parts[:-1])} and {parts[-1]}" if len(parts) > 1 else parts[0]
     return f"{whole} fence{'s' if len(parts) > 1 else ''}"
 

@@ -10,9 +10,9 @@ from skyrange.vehicle.builtin.telemetry.table import build_message
 def send_home(fleet: Fleet, vehicle: Vehicle, causes: Causes) -> None:
     """Send HOME_POSITION and GPS_GLOBAL_ORIGIN, as at every change of home."""
     for number in (mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN):
-        told = build_message(fleet, vehicle, number)
-        if told is not None:
-            fleet.send(vehicle, told, causes)
+        message = build_message(fleet, vehicle, number)
+        if message is not None:
+            fleet.send(vehicle, message, causes)
 
 
 def set_home(fleet: Fleet, vehicle: Vehicle, place: tuple[float, float, float], causes: Causes, lock: bool) -> None:

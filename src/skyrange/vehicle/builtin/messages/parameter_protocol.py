@@ -28,8 +28,8 @@ _NO_INDEX = 0xFFFF
 
 def send_banner(fleet: Fleet, vehicle: Vehicle) -> None:
     """Send firmware and frame as texts."""
-    for words in BANNER:
-        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, words)
+    for line in BANNER:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, line)
 
 
 def on_request_list(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:

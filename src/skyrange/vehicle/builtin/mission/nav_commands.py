@@ -258,8 +258,8 @@ def verify_timer(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
         flown = abs(float(flight["circle_angle_total"][row])) / (2.0 * math.pi)
         if int(flown) != vehicle.circles_completed:
             vehicle.circles_completed = int(flown)
-            words = f"Mission: starting circle {vehicle.circles_completed + 1}/{int(item.param1)}"
-            fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, words)
+            text = f"Mission: starting circle {vehicle.circles_completed + 1}/{int(item.param1)}"
+            fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, text)
         if flown >= item.param1:
             return True
         fleet.set_timer(vehicle, Timer.HOLD, fleet.now + _CHECK_NS)

@@ -275,10 +275,10 @@ def on_clear_all(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, cause
 def on_set_current(fleet: Fleet, vehicle: Vehicle, message: Any, peer: Peer, causes: Causes) -> None:
     """MISSION_SET_CURRENT: answer success with MISSION_CURRENT of that number, failure with nothing."""
     if execution.set_current_cmd(fleet, vehicle, message.seq):
-        told = table.build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
-        assert told is not None
-        told.seq = message.seq
-        fleet.send(vehicle, told, causes)
+        current = table.build_message(fleet, vehicle, dialect.MAVLINK_MSG_ID_MISSION_CURRENT)
+        assert current is not None
+        current.seq = message.seq
+        fleet.send(vehicle, current, causes)
 
 
 def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:

@@ -365,16 +365,16 @@ def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[
     for name, value in given.items():
         known = canonical_name(name)
         parameter = PARAMETERS[INDEX[known]] if known in INDEX else None
-        told = f"{name} ({known})" if known != name else name
+        shown = f"{name} ({known})" if known != name else name
         if parameter is None:
             problems.append(Problem(name, str(value), "a parameter of the builtin autopilot", nearest(name, INDEX)))
         elif known in taken:
-            problems.append(Problem(told, str(value), f"given once; {taken[known]} is the same parameter"))
+            problems.append(Problem(shown, str(value), f"given once; {taken[known]} is the same parameter"))
         elif not (math.isfinite(value) and parameter.low <= to_canonical(name, value) <= parameter.high):
             low, high = from_canonical(name, parameter.low), from_canonical(name, parameter.high)
-            problems.append(Problem(told, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
+            problems.append(Problem(shown, str(value), f"{low:g} to {high:g} ({parameter.meaning})"))
         elif known == "SYSID_THISMAV":
-            problems.append(Problem(told, str(value), "the vehicle's system_id, which sets it"))
+            problems.append(Problem(shown, str(value), "the vehicle's system_id, which sets it"))
         else:
             values[known] = to_canonical(name, value)
         taken.setdefault(known, name)

@@ -121,5 +121,5 @@ def build_message(fleet: Fleet, vehicle: Vehicle, message_id: int) -> Any | None
         return None
     values = build_table(fleet, message_id, rows)[0]
     layout = LAYOUTS[message_id]
-    told = (values[name] for name in layout.cls.fieldnames)
-    return layout.cls(*(part.tolist() if isinstance(part, np.ndarray) else part.item() for part in told))
+    parts = (values[name] for name in layout.cls.fieldnames)
+    return layout.cls(*(part.tolist() if isinstance(part, np.ndarray) else part.item() for part in parts))
