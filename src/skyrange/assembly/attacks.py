@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
 from skyrange.attack.contract import Aircraft, Attack, AttackContext, Place, Transmitter
 from skyrange.city.city import City
@@ -16,9 +17,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
 from skyrange.core.time import NEVER, from_seconds
-from skyrange.remoteid.broadcast_profiles import serial_number
 from skyrange.scenario.model.attacks import AttackTable
-from skyrange.scenario.model.radio import RemoteId
 from skyrange.scenario.model.scenario import Scenario
 
 
@@ -40,8 +39,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     vehicles = {}
     for operator, vehicle in scenario.fleet:
         key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
-        uas_id = (vehicle.remote_id or RemoteId()).uas_id or serial_number(key)
-        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id)
+        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id_of(key, vehicle))
     return AttackContext(
         id="",
         vehicles=vehicles,
@@ -108,6 +106,7 @@ def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) 
         start_ns=from_seconds(attack.start_s),
         stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
         muted=attack.muted,
+        sham=attack.sham,
         agents=made.agents,
         faults=made.faults,
         trigger=trigger,

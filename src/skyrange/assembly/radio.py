@@ -19,7 +19,7 @@ from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
-from skyrange.remoteid.broadcast_profiles import Broadcast
+from skyrange.remoteid.broadcast_profiles import Broadcast, serial_number
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.radio import Avoidance as AvoidanceTable
@@ -40,6 +40,11 @@ class BuiltRadio:
     agents: list[Agent] = field(default_factory=list)
     truth_subscribers: list[TruthSubscriber] = field(default_factory=list)
     oracle: Oracle | None = None
+
+
+def uas_id_of(name: str, vehicle: Vehicle) -> str:
+    """The identifier that the vehicle `name` broadcasts: the scenario's, or the serial number that its name gives."""
+    return (vehicle.remote_id or RemoteId()).uas_id or serial_number(name)
 
 
 def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:

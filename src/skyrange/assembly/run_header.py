@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from skyrange.assembly.radio import uas_id_of
 from skyrange.city.city import City
 from skyrange.codec.mission import format_waypoints
 from skyrange.contracts.links import LinkSpec
@@ -44,6 +45,7 @@ def make_header(
             {
                 "id": vehicle_id(operator.id, vehicle.id),
                 "operator": operator.id,
+                "uas_id": uas_id_of(vehicle_id(operator.id, vehicle.id), vehicle),
                 "color": colors[operator.id],
                 "autopilot": vehicle.autopilot,
                 "airframe": vehicle.airframe,

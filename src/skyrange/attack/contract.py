@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.plugins import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
+
+Counterfactual = Literal["sham", "mute"]
 
 ORACLE = "oracle"
 """The endpoint at the other end of the links of every radio."""
@@ -112,5 +114,8 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
 
     technique: str = "no fit"
     """Id of the technique in MITRE ATT&CK for ICS, or "no fit"."""
+    counterfactual: Counterfactual = "sham"
+    """What stands for "without it" in a comparison: the sham of an attack that lies, because muting it would remove its
+    airtime too; `mute` for one that works by load, such as a jammer or a flood."""
     places: Sequence[str] = ("at", "transmitter_m")
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""

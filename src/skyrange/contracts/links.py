@@ -131,6 +131,8 @@ class AttackPlan:
     start_ns: Time = 0
     stop_ns: Time = NEVER
     muted: bool = False
+    sham: bool = False
+    """Whether its parts are those of its sham: its labels are then marked benign."""
     agents: Sequence[Agent] = ()
     faults: Sequence[SensorFault] = ()
     trigger: Trigger | None = None

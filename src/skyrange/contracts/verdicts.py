@@ -66,3 +66,5 @@ class Label(NamedTuple):
     frame: FrameId
     child: FrameId | None = None
     until_ns: Time | None = None
+    benign: bool = False
+    """Whether the act is that of a sham."""

@@ -58,7 +58,7 @@ class ObserverList:
 
     def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
-        self._report_label(Label(now, attack.id, agent, "send", frame))
+        self._report_label(Label(now, attack.id, agent, "send", frame, benign=attack.plan.sham))
 
     def label_tap_act(
         self,
@@ -71,11 +71,13 @@ class ObserverList:
     ) -> None:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
-            self._report_label(Label(now, slot.attack.id, slot.name, action, frame, child, until))
+            self._report_label(
+                Label(now, slot.attack.id, slot.name, action, frame, child, until, slot.attack.plan.sham)
+            )
 
     def label_sensor_act(self, now: Time, attack: AttackState, fault: str, act: FrameId) -> None:
         """Label what a sensor fault did to a vehicle's sensor; `act` names the sensor as a link."""
-        self._report_label(Label(now, attack.id, fault, "sensor", act))
+        self._report_label(Label(now, attack.id, fault, "sensor", act, benign=attack.plan.sham))
 
     def _report_label(self, label: Label) -> None:
         for observer in self.members:

@@ -77,6 +77,7 @@ def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
             str(label.frame),
             None if label.child is None else str(label.child),
             label.until_ns,
+            label.benign,
         )
         for label in labels
     ]

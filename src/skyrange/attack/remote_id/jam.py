@@ -83,4 +83,5 @@ JAM = AttackPlugin(
     make,
     "Transmits noise over the band, so that receivers miss broadcasts.",
     technique="T0814",  # Denial of Service
+    counterfactual="mute",
 )

@@ -180,8 +180,10 @@ def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Itera
         for row in rows.to_pylist():
             names = id_maps[row["part"]]
             child = None if row["child"] is None else names.resolve_text(row["child"])
-            acted_on = names.resolve_text(row["frame"])
-            yield Label(row["at_ns"], row["attack"], row["actor"], row["action"], acted_on, child, row["until_ns"])
+            acted_on, action = names.resolve_text(row["frame"]), row["action"]
+            yield Label(
+                row["at_ns"], row["attack"], row["actor"], action, acted_on, child, row["until_ns"], row["benign"]
+            )
 
 
 def _alerts(parts: Sequence[NodeRecord]) -> Iterator[tuple[int, str, Alert]]:

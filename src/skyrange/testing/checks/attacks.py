@@ -102,7 +102,7 @@ class AttackCase:
         if present:
             attack, schedule = self.made(sham)
             plan = AttackPlan(
-                ID, self.start_ns, self.stop_ns, muted, attack.agents, attack.faults, schedule=schedule
+                ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule
             )  # fmt: skip
             taps = [replace(tap, attack=ID) for tap in attack.taps]
             wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])

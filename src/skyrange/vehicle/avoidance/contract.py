@@ -153,6 +153,8 @@ class AvoidanceDecision(NamedTuple):
     episode: Episode | None
     waypoint_enu_m: Vector | None = None
     tracks: tuple[int, ...] = ()
+    considered: tuple[int, ...] = ()
+    """Rows that are not in conflict but shaped the decision, such as tracks around which a waypoint was chosen."""
 
 
 KEEP = AvoidanceDecision(AvoidanceAction.KEEP, None)

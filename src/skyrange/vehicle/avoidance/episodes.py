@@ -98,10 +98,16 @@ class EpisodicAvoidance(ABC):
         if place is None:
             stuck_ns = now if episode.stuck_ns is None else episode.stuck_ns
             episode = replace(episode, waypoint_enu_m=None, changed_ns=now, stuck_ns=stuck_ns)
-            return AvoidanceDecision(AvoidanceAction.STOP, episode, None, rows)
+            return AvoidanceDecision(AvoidanceAction.STOP, episode, None, rows, self._considered(own, tracks, rows))
         # who squeezes by stays as impatient as it was: the wide cylinder would only send it back
         episode = replace(episode, waypoint_enu_m=place, changed_ns=now, stuck_ns=episode.stuck_ns if shrunk else None)
-        return AvoidanceDecision(AvoidanceAction.GO, episode, place, rows)
+        return AvoidanceDecision(AvoidanceAction.GO, episode, place, rows, self._considered(own, tracks, rows))
+
+    def _considered(self, own: Own, tracks: Tracks, rows: tuple[int, ...]) -> tuple[int, ...]:
+        """The rows, beside those in conflict, that are near enough to shape a waypoint."""
+        away = tracks.pos_enu_m[:, :2] - own.pos_enu_m[:2]
+        near = (away**2).sum(axis=1) <= self.limits.reach_m**2
+        return tuple(row for row in near.nonzero()[0].tolist() if row not in rows)
 
     def still_good(self, own: Own, tracks: Tracks, episode: Episode) -> bool:
         """Whether the waypoint that was chosen may be flown to still."""

@@ -6,7 +6,7 @@ aircraft and its row, nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -69,6 +69,11 @@ class MissionItem:
     y: int = 0
     z: float = 0.0
     causes: Causes = ()
+
+
+def all_causes(items: Sequence[MissionItem], last: Causes) -> Causes:
+    """The frames that wrote these items, each once, then `last`, those that completed them."""
+    return tuple(dict.fromkeys((*(cause for item in items for cause in item.causes), *last)))
 
 
 @dataclass(slots=True)
@@ -182,6 +187,11 @@ class Vehicle:
     """Its parameters were erased, which takes effect at the next boot."""
     unsaved_params: dict[int, float] = field(default_factory=dict)
     """Parameters (by index) changed only until the next boot, with the values they return to."""
+
+    @property
+    def flight_causes(self) -> Causes:
+        """The frames that led to its present mode and target."""
+        return tuple(dict.fromkeys((*self.mode_causes, *self.target_causes)))
 
     @property
     def reported_mode(self) -> int:

@@ -246,9 +246,9 @@ class Companion:
             self._carry_out(now, row, command, (seen, decision), causes, out)
 
     def _causes(self, row: int, seen: TrackSnapshot, decision: AvoidanceDecision) -> tuple[FrameId, ...]:
-        """The frames that wrote the tracks which a decision is about."""
+        """The frames that wrote the tracks which a decision is about, then of those that shaped it."""
         rows = self.tracks.rows[row]
-        places = [int(seen.slot[track]) for track in decision.tracks]
+        places = [int(seen.slot[track]) for track in (*decision.tracks, *decision.considered)]
         found = [self._refs.id(int(rows["ref"][place]), int(rows["serial"][place])) for place in places]
         return tuple(dict.fromkeys(ref for ref in found if ref is not None))
 

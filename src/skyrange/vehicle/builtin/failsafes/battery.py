@@ -109,7 +109,7 @@ def on_battery_failsafe(fleet: Fleet, vehicle: Vehicle) -> None:
     words, name = ("critical", "BATT_FS_CRT_ACT") if level == CRITICAL else ("low", "BATT_FS_LOW_ACT")
     volts, used = float(power["voltage"][row]), float(power["consumed_mah"][row])
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, f"Battery 1 is {words} {volts:.2f}V used {used:.0f} mAh")
-    fleet.note("event.battery", vehicle, {"level": words, "voltage_v": volts, "used_mah": used})
+    fleet.note("event.battery", vehicle, {"level": words, "voltage_v": volts, "used_mah": used}, vehicle.flight_causes)
     power["failsafe_triggered"][row] = 1
     power["level"][row] = level
     action = int(fleet.param(vehicle, name))

@@ -213,6 +213,7 @@ def on_breach(fleet: Fleet, vehicle: Vehicle) -> None:
         "event.fence_breach",
         vehicle,
         {"fence": fence.fence_names(kinds), "outside_m": _breach_distance_m(fleet, vehicle, kinds)},
+        vehicle.flight_causes,
     )
     action = int(fleet.param(vehicle, "FENCE_ACTION"))
     if action == 0:

@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.check_layout import CIRCLE_IN, CIRCLE_OUT, MAX_FENCE_ITEMS, POLYGON_IN, POLYGON_OUT
-from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
 _NUMBER = dialect.MAV_MISSION_TYPE_FENCE
@@ -144,7 +144,7 @@ def _complete_upload(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Cau
 def _apply_fence(fleet: Fleet, vehicle: Vehicle, items: list[MissionItem], causes: Causes) -> None:
     """Put a valid fence in force."""
     vehicle.fence = items
-    fleet.note("event.fence", vehicle, {"items": len(items)}, causes)
+    fleet.note("event.fence", vehicle, {"items": len(items)}, all_causes(items, causes))
     zone = fleet.fence_zones[vehicle.row]
     zone["count"] = 0
     zone["min_circle_radius"] = min((item.param1 for item in items if item.command == _CIRCLE_INCLUSION), default=0.0)

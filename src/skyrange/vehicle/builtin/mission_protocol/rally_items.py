@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any, Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionItem, Upload, Vehicle, all_causes
 from skyrange.vehicle.builtin.locations.rally import ABOVE_HOME, ABSOLUTE, MAX_ITEMS
 from skyrange.vehicle.builtin.mission_protocol.item_types import lat_lon_e7, simple_item_type
 
@@ -62,7 +62,7 @@ def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) 
 
 
 def _complete_upload(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
-    fleet.note("event.rally", vehicle, {"items": len(vehicle.rally)}, causes)
+    fleet.note("event.rally", vehicle, {"items": len(vehicle.rally)}, all_causes(vehicle.rally, causes))
     return _ACCEPTED
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle
+from skyrange.vehicle.builtin.fleet import Causes, Fleet, MissionState, Timer, Upload, Vehicle, all_causes
 from skyrange.vehicle.builtin.mission import execution
 from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP
 from skyrange.vehicle.builtin.mission.items import ACCEPTED, decode_item, encode_item
@@ -56,7 +56,7 @@ def _store_item(vehicle: Vehicle, upload: Upload, message: Any, causes: Causes) 
 def _complete_mission(fleet: Fleet, vehicle: Vehicle, upload: Upload, causes: Causes) -> int:
     """Report that the mission is complete, and inform AUTO."""
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, "Flight plan received")
-    fleet.note("event.mission", vehicle, {"items": len(vehicle.mission)}, causes)
+    fleet.note("event.mission", vehicle, {"items": len(vehicle.mission)}, all_causes(vehicle.mission, causes))
     execution.on_mission_changed(fleet, vehicle)
     return int(ACCEPTED)
 
