@@ -229,12 +229,14 @@ def tables() -> str:
 
 def pair_tables() -> str:
     """The tables of a pair's folder."""
+    from skyrange.study.attribution.attribute import COLUMNS as ATTRIBUTION
     from skyrange.study.twins.effects import COLUMNS as EFFECTS
+    from skyrange.study.twins.pair_folder import ATTRIBUTION as ATTRIBUTION_FILE
     from skyrange.study.twins.pair_folder import EFFECTS as EFFECTS_FILE
     from skyrange.study.twins.pair_folder import PROPAGATION as PROPAGATION_FILE
     from skyrange.study.twins.propagation import COLUMNS as PROPAGATION
 
-    return _tables({EFFECTS_FILE: EFFECTS, PROPAGATION_FILE: PROPAGATION})
+    return _tables({EFFECTS_FILE: EFFECTS, ATTRIBUTION_FILE: ATTRIBUTION, PROPAGATION_FILE: PROPAGATION})
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

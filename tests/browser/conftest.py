@@ -51,7 +51,7 @@ def run_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def spoofed(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """A pair with a forged Remote ID: three arms, two seeds, receptions."""
     folder = tmp_path_factory.mktemp("spoofed") / "pair"
-    return pair("rid-spoofing", folder, sham=True, seeds=2, changes=["duration_s=75"])
+    return pair("rid-spoofing", folder, seeds=2, changes=["duration_s=75"])
 
 
 @pytest.fixture(scope="session")

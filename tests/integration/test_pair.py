@@ -35,7 +35,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Pair:
         found = pair(
             load_text(scenario(ONSET_S, 22.0)),
             folder,
-            sham=True,
             on_progress=lambda number, now, end: told.append(number),
         )
     assert set(told) == {0, 1, 2}
@@ -142,9 +141,13 @@ def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
         found = pair(load_text(scenario(8.0, 12.0)), tmp_path / "out", seeds=2, jobs=2)
     assert found.seeds == [4, 5]
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "effects.parquet", "pair.json", "propagation.parquet", "report.html", "seed-4", "seed-5",
+        "attribution.parquet", "effects.parquet", "pair.json", "propagation.parquet", "report.html", "seed-4", "seed-5",
     ]  # fmt: skip
-    departures = [row["departure_m"] for row in found.effects.to_pylist() if row["vehicle"] == "blue/b1"]
+    departures = [
+        row["departure_m"]
+        for row in found.effects.to_pylist()
+        if (row["vehicle"], row["against"]) == ("blue/b1", found.reference)
+    ]
     mean = found.intervals()["blue/b1"]["departure_m"]
     assert (mean.n, mean.mean) == (2, pytest.approx(sum(departures) / 2))
     assert mean.low is not None
@@ -192,7 +195,7 @@ def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, mo
     monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Homeward, broken, "Breaks."))
     with pytest.raises(ComponentError, match=r"run (nominal|attacked|sham), seed 4"):
-        pair(load_text(scenario(2.0, 6.0)), tmp_path / "out", sham=True, jobs=2)
+        pair(load_text(scenario(2.0, 6.0)), tmp_path / "out", jobs=2)
     manifest = json.loads((tmp_path / "out" / "pair.json").read_text())
     assert manifest["status"] == "failed"
     errors = {row["arm"]: row["error"] for row in manifest["runs"]}
@@ -226,7 +229,7 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert "blue/b1" in printed.out
         assert "3 hostile acts labelled in 1 attacked run" in printed.out
         assert str(out) in printed.out.replace("\n", "")
-        assert "homeward, 2 runs" in printed.err
+        assert "homeward, 3 runs" in printed.err
         with pytest.raises(InputError, match="a new or empty folder"):
             app(["pair", str(tmp_path / "s.toml"), "--out", str(out)], standalone_mode=False)
         again = ["pair", str(tmp_path / "s.toml"), "--out", str(tmp_path / "more"), "--json", "--set", "seed=9"]

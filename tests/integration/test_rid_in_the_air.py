@@ -126,11 +126,14 @@ def jammed(power_dbm: float, duty: float = 1.0) -> str:
 
 @pytest.fixture(scope="module")
 def jam(tmp_path_factory: pytest.TempPathFactory) -> Pair:
-    return pair(load_text(jammed(20.0)), tmp_path_factory.mktemp("jam") / "out", sham=True, jobs=1)
+    return pair(load_text(jammed(20.0)), tmp_path_factory.mktemp("jam") / "out", jobs=1)
 
 
-def test_a_jammer_silences_those_near_it_and_nobody_far_away(jam: Pair) -> None:
-    attacked, nominal, sham = (jam.run(arm) for arm in ("attacked", "nominal", "sham"))
+def test_a_jammer_silences_those_near_it_and_nobody_far_away(jam: Pair, tmp_path: Path) -> None:
+    assert jam.arms == ["nominal", "attacked"], "the counterfactual of a jammer is muted"
+    assert jam.baseline == "nominal"
+    attacked, nominal = jam.run("attacked"), jam.run("nominal")
+    sham = fly(load_text(jammed(20.0), overrides=["attacks.noise.sham=true"]), tmp_path / "sham", report=False)
     before, during, after = ((3.0, 15.0), (15.1, 25.0), (25.1, 35.0))
     pairs = [(B1, B2), (B2, B1), (B1, "near"), (B2, "near")]
     far = [("far/f1", "far/f2"), ("far/f2", "far/f1")]
@@ -161,7 +164,7 @@ def test_a_replay_is_heard_as_what_was_and_labelled(tmp_path: Path) -> None:
         '[[attacks]]\nid = "parrot"\nkind = "remote_id.replay"\nstart_s = 15\nstop_s = 25\n'
         "params = { transmitter_m = [30, 30, 2], delay_s = 8 }\n"
     )
-    made = pair(load_text(plain(35, more=attack)), tmp_path / "out", sham=True, jobs=1)
+    made = pair(load_text(plain(35, more=attack)), tmp_path / "out", jobs=1)
     record = made.run("attacked")
     frames = {frame.id: frame for frame in record.frames_with_payloads()}
     hostile = {row["frame"]: row for row in record.table("labels").to_pylist()}

@@ -17,9 +17,10 @@ from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
 from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
 from skyrange.study.twins.confidence import interval, t_quantile
-from skyrange.study.twins.effects import COLUMNS, departures, effect_rows, effects_table, measure, read_ticks
+from skyrange.study.twins.effects import COLUMNS, effect_rows, effects_table
 from skyrange.study.twins.pair_folder import intervals, load_pair
 from skyrange.study.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
 from skyrange.study.twins.propagation import effects_of, propagation_table, trace
@@ -206,16 +207,24 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
         ("act", "x", "drop", "a/1", None, None),
     ]
     assert [row["data"] for row in rows if row["kind"] == "decision.hold"] == ['{"why": "odd"}']
-    effects = [
-        {"seed": 5, "vehicle": "a/1", "departed_s": 3.5, "departure_m": 9.0},
-        {"seed": 5, "vehicle": "a/2", "departed_s": 3.6, "departure_m": 2.0},
+    attributed = [
+        {"seed": 5, "vehicle": vehicle, "outcome": outcome, "attack": attack, "relation": relation, "departed_s": at_s,
+         "difference": 9.0}
+        for vehicle, outcome, attack, relation, at_s in (
+            ("a/1", "departure", "x", "joint", 3.5),
+            ("a/1", "departure", "y", "joint", 3.5),
+            ("a/1", "energy", "y", "both", None),
+            ("a/2", "departure", "x", "none", 3.6),
+            ("a/2", "departure", "y", "none", 3.6),
+        )
+    ]  # fmt: skip
+    found = effects_of(rows, [*attributed, attributed[0] | {"seed": 6}], 5)
+    assert [(row["attack"], row["vehicle"], row["at_ns"], row["path"], row["origin"]) for row in found] == [
+        ("x", "a/1", 3_500_000_000, True, str(bad)),
+        ("y", "a/1", 3_500_000_000, False, None),  # nothing on record leads from there to it
+        (None, "a/2", 3_600_000_000, False, None),  # an effect without an author
     ]
-    found = effects_of(rows, effects)
-    assert [(row["attack"], row["vehicle"], row["at_ns"]) for row in found] == [
-        ("x", "a/1", 3_500_000_000),
-        (None, "a/2", 3_600_000_000),  # of two attacks, and nothing on record leads there
-    ]
-    assert propagation_table([*rows, *found]).num_rows == 9
+    assert propagation_table([*rows, *found]).num_rows == 10
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from skyrange.cli import live_app
 from skyrange.cli.handlers import installation, runs
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
+    Arms,
     AsJson,
     Buildings,
     Changes,
@@ -87,7 +88,7 @@ def run(
     runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
 
 
-@app.command(epilog="Example: skyrange pair attacked.toml --sham --seeds 5 --out runs/study")
+@app.command(epilog="Example: skyrange pair attacked.toml --seeds 5 --out runs/study")
 def pair(
     scenario: Annotated[
         str,
@@ -102,12 +103,15 @@ def pair(
         Path | None,
         typer.Option(metavar="DIR", help="Folder of the pair, empty or new. Default: runs/NAME-pair, then -2 …"),
     ] = None,
-    sham: Annotated[
-        bool,
+    arms: Annotated[
+        Arms | None,
         typer.Option(
-            "--sham", help="Add a third run in which the attacks send benign content with the same airtime and timing."
+            metavar="WHICH",
+            help="The runs to compare: nominal, with all attacks and with all muted; sham, also with their shams; "
+            "each, also each attack alone and each left out; subsets, every subset of the attacks. Default: subsets "
+            "with up to four attacks, else each.",
         ),
-    ] = False,
+    ] = None,
     seeds: Annotated[
         int,
         typer.Option(
@@ -116,18 +120,21 @@ def pair(
             help="Repeat with K seeds, and compute means and 95 % confidence intervals of the effects.",
         ),
     ] = 1,
-    jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each.")] = 2,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", help="First seed; overrides the seed of the scenario.")
+    jobs: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each. Default: one per core."),
     ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
     buildings: Buildings = None,
     changes: Changes = None,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario with its attacks and with all of them muted, and compare the runs."""
+    """Run a scenario with and without its attacks, compare the runs, and name the attack that caused each effect."""
     runs.load_plugins(plugin)
-    runs.pair(scenario, out, sham, seeds, jobs, seed, buildings, changes or [], as_json)
+    runs.pair(
+        scenario, out, arms.value if arms is not None else None, seeds, jobs, seed, buildings, changes or [], as_json
+    )
 
 
 @app.command(epilog="Example: skyrange show runs/squares")

@@ -40,6 +40,17 @@ Buildings = Annotated[
         help="GeoJSON file of a city that replaces that of the scenario; the origin moves to its centre.",
     ),
 ]
+
+
+class Arms(StrEnum):
+    """Which runs `skyrange pair` compares: the values of `attribution.arms.Selection`."""
+
+    NOMINAL = "nominal"
+    SHAM = "sham"
+    EACH = "each"
+    SUBSETS = "subsets"
+
+
 Changes = Annotated[
     list[str] | None,
     typer.Option(

@@ -1,12 +1,14 @@
 """Pairing of runs: one scenario run with its attacks and without them, compared in one folder.
 
-Arms: *attacked* is the unchanged scenario; in *nominal* every attack is present and muted; in *sham* every attack sends
-as much, from the same place at the same times, with benign content. Each arm is a separate run in its own process.
+Arms: *attacked* is the unchanged scenario; in *nominal* every attack is present and muted; in *sham* every attack is in
+its counterfactual state; in others some attacks act and the rest are in theirs (`attribution.arms`). Each arm is a
+separate run in its own process.
 """
 
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,20 +22,30 @@ from skyrange.core.files import atomic_write
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.attribution.arms import Arm, Selection, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.study.attribution.attribute import (
+    attribute,
+    attribution_table,
+    authors,
+    departures_by_author,
+    with_authors,
+)
+from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.parallel_runs import OnRunProgress, run_all
-from skyrange.study.twins.effects import DEPARTED_M, effect_rows, effects_table
-from skyrange.study.twins.pair_folder import ARMS, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
-from skyrange.study.twins.propagation import effects_of, propagation_table, trace
+from skyrange.study.twins.effects import effect_rows, effects_table
+from skyrange.study.twins.pair_folder import ATTRIBUTION, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
+from skyrange.study.twins.propagation import absent_rows, effects_of, propagation_table, trace
 
 
 def pair(
     scenario: Scenario | str | Path,
     out: str | Path | None = None,
     *,
-    sham: bool = False,
+    arms: Selection | None = None,
     seeds: int = 1,
-    jobs: int = 2,
+    jobs: int | None = None,
     seed: int | None = None,
     buildings: str | Path | None = None,
     changes: Sequence[str] = (),
@@ -44,41 +56,57 @@ def pair(
     """Run a scenario with its attacks and with all of them muted; the Python equivalent of `skyrange pair`.
 
     `scenario`, `seed`, `buildings` and `changes` are those of `skyrange.run`. `out` defaults to the first free folder
-    of `runs/NAME-pair`, `runs/NAME-pair-2` … `sham` adds a third arm. `seeds` repeats all arms with that many
-    consecutive seeds, beginning with the scenario's. `jobs` is the number of parallel runs. Raises `InputError`, before
-    anything is written, for a scenario without attacks or with muted attacks only; `ComponentError` if a run failed;
+    of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `nominal` (attacked and nominal), `sham` (the
+    sham as well), `each` (each attack alone and each left out as well) or `subsets` (every subset of the attacks); the
+    default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
+    seeds, beginning with the scenario's. `jobs` is the number of parallel runs, by default one per core. Raises
+    `InputError`, before anything is written, for a scenario without attacks that act; `ComponentError` if a run failed;
     `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
     elif seed is not None or buildings is not None or changes:
         raise TypeError("seed, buildings and changes apply to a scenario's name or file; a Scenario holds its own")
+    jobs = jobs if jobs is not None else len(os.sched_getaffinity(0))
     for name, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InputError.one("pair", name, value, "1 or more")
-    if all(attack.muted for attack in scenario.attacks):
-        what = "all muted" if scenario.attacks else "none"
+    attacks = acting_attacks(scenario)
+    if not attacks:
+        what = "all muted or sham" if scenario.attacks else "none"
         raise InputError.one(f"scenario {scenario.name}", "attacks", what, "an attack that acts, to compare with")
-    names = [arm for arm in ARMS if sham or arm != "sham"]
+    planned = plan_arms(attacks, arms)
+    baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
     folder = _make_folder(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
-    flights = [(arm, number) for number in numbers for arm in names]
+    flights = [(arm, number) for number in numbers for arm in planned]
     flown = run_all(
-        [(arm_of(scenario, arm, number), folder / folder_of(arm, number, numbers)) for arm, number in flights],
+        [
+            (scenario_of(scenario, arm, number), folder / folder_of(arm.name, number, numbers))
+            for arm, number in flights
+        ],
         jobs,
         on_progress,
     )
     manifest = {
         "format": FORMAT,
         "name": scenario.name,
-        "arms": names,
+        "arms": [arm.name for arm in planned],
+        "active": {arm.name: sorted(arm.active) for arm in planned},
+        "attacks": attacks,
+        "baseline": baseline,
         "seeds": numbers,
         "near_m": near_m,
         "threshold_m": threshold_m,
         "status": "complete" if not any(one.exit_code for one in flown) else "failed",
         "runs": [
-            {"arm": arm, "seed": number, "folder": folder_of(arm, number, numbers), "error": one.message or None}
+            {
+                "arm": arm.name,
+                "seed": number,
+                "folder": folder_of(arm.name, number, numbers),
+                "error": one.message or None,
+            }
             for (arm, number), one in zip(flights, flown, strict=True)
         ],
     }
@@ -89,17 +117,10 @@ def pair(
         raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
     if worst.exit_code:
         at = flown.index(worst)
-        raise ComponentError(f"run {flights[at][0]}, seed {flights[at][1]}", worst.message)
+        raise ComponentError(f"run {flights[at][0].name}, seed {flights[at][1]}", worst.message)
     result = Pair(folder, manifest)
-    _write_comparison(result, near_m, threshold_m)
+    _write_comparison(result, planned, near_m, threshold_m)
     return result
-
-
-def arm_of(scenario: Scenario, arm: str, seed: int) -> Scenario:
-    """The scenario of one arm."""
-    change = {"nominal": {"muted": True}, "sham": {"sham": True}, "attacked": {}}[arm]
-    attacks = tuple(attack.model_copy(update=change) for attack in scenario.attacks)
-    return scenario.model_copy(update={"attacks": attacks, "seed": seed})
 
 
 def _make_folder(folder: Path) -> Path:
@@ -116,20 +137,29 @@ def _make_folder(folder: Path) -> Path:
     return folder
 
 
-def _write_comparison(result: Pair, near_m: float, threshold_m: float) -> None:
-    """Write effects, propagation and the report when all runs are complete."""
+def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshold_m: float) -> None:
+    """Write attribution, effects, propagation and the report when all runs are complete."""
+
+    def outcomes_of(arm: str, seed: int) -> ArmOutcomes:
+        return ArmOutcomes(result.run(arm, seed), near_m)
+
+    attributed = attribute(outcomes_of, result.seeds, arms, result.baseline, threshold_m)
+    named = authors(attributed)
     effects: list[dict[str, Any]] = []
     propagation: list[dict[str, Any]] = []
     for seed in result.seeds:
         attacked = result.run("attacked", seed)
-        traced = trace(attacked, seed)
-        for against in [arm for arm in result.arms if arm != "attacked"]:
+        departed = departures_by_author(attributed, seed)
+        traced = trace(attacked, seed, near_m, departed)
+        if result.baseline is not None:
+            traced += absent_rows(attacked, result.run(result.baseline, seed), seed, departed)
+        for against in result.twins:
             rows = effect_rows(seed, against, (attacked, result.run(against, seed)), near_m, threshold_m)
-            effects += rows
-            if against == "nominal":
-                propagation += sorted([*traced, *effects_of(traced, rows)], key=_time_ns)
+            effects += [with_authors(row, named) for row in rows]
+        propagation += sorted([*traced, *effects_of(traced, attributed, seed)], key=_time_ns)
     _write(effects_table(effects), result.path / EFFECTS)
     _write(propagation_table(propagation), result.path / PROPAGATION)
+    _write(attribution_table(attributed), result.path / ATTRIBUTION)
     from skyrange.study.report.pair.page import write_comparison
 
     write_comparison(result, result.report)

@@ -5,9 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_json, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
+
+if TYPE_CHECKING:
+    from skyrange.study.attribution.arms import Selection
 
 
 def run(
@@ -55,9 +59,9 @@ def run(
 def pair(
     name: str,
     out: Path | None,
-    sham: bool,
+    arms: Selection | None,
     seeds: int,
-    jobs: int,
+    jobs: int | None,
     seed: int | None,
     buildings: Path | None,
     changes: Sequence[str],
@@ -67,21 +71,22 @@ def pair(
     from skyrange.cli.output.pair_table import print_pair
     from skyrange.cli.output.progress import parallel_progress
     from skyrange.scenario.shipped import load
+    from skyrange.study.attribution.arms import acting_attacks, plan_arms
     from skyrange.study.pairing import pair as fly_pair
-    from skyrange.study.twins.pair_folder import ARMS
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
-    flights = seeds * (len(ARMS) if sham else len(ARMS) - 1)
+    flights = seeds * len(plan_arms(acting_attacks(scenario), arms))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
-        result = fly_pair(scenario, out, sham=sham, seeds=seeds, jobs=jobs, on_progress=on_progress)
+        result = fly_pair(scenario, out, arms=arms, seeds=seeds, jobs=jobs, on_progress=on_progress)
     if as_json:
         effects = result.effects.to_pylist()
         found = {
             vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()
         }
         folder = {"path": str(result.path), "report": str(result.report)}
-        print_json({**result.manifest, **folder, "effects": effects, "intervals": found})
+        attribution = result.attribution.to_pylist()
+        print_json({**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution})
     else:
         print_pair(result)
 

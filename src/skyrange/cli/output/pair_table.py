@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
 from skyrange.cli.output.run_summary import MAX_AIRCRAFT
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
 def print_pair(result: Pair) -> None:
     """Print the aircraft that departed from the twin, and means over seeds if there are several."""
     from rich.table import Table
+
+    from skyrange.study.attribution.attribute import unknown_subsets
 
     console = terminal()
     rows = [row for row in result.effects.to_pylist() if row["against"] == result.reference]
@@ -42,6 +45,9 @@ def print_pair(result: Pair) -> None:
     else:
         threshold_m = result.manifest["threshold_m"]
         console.print(f"no aircraft was farther than {threshold_m:g} m from its position in the twin")
+    for cause, vehicles in _causes(own).items():
+        shown = ", ".join(vehicles[:MAX_AIRCRAFT]) + (" …" if len(vehicles) > MAX_AIRCRAFT else "")
+        console.print(f"{cause}: {shown}", markup=False)
     for row in own:
         if row["outcome"] != row["outcome_twin"]:
             console.print(
@@ -53,10 +59,32 @@ def print_pair(result: Pair) -> None:
                 console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {text} in the twin, {row[what]} attacked")
     if len(result.seeds) > 1:
         _print_intervals(console, result, {row["vehicle"] for row in rows if row["departed_s"] is not None})
+    unknown = unknown_subsets(result.manifest.get("active", {}))
+    if unknown:
+        console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
     acts = sum(row["phase"] in ("onset", "act") for row in result.propagation.to_pylist())
     console.print(f"{acts:,} hostile acts labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}")
     console.print(f"pair   {result.path}", soft_wrap=True, markup=False)
     console.print(f"report {result.report}", soft_wrap=True, markup=False)
+
+
+def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
+    """The aircraft of these rows by what caused their effect."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        found.setdefault(_describe_cause(row["attribution"], row["attacks"]), []).append(row["vehicle"])
+    return found
+
+
+def _describe_cause(attribution: str | None, attacks: Sequence[str]) -> str:
+    names = " and ".join(attacks)
+    if attribution in (None, "none"):
+        return "no attack is the cause"
+    if attribution == "unknown":
+        return "the cause is unknown, because the runs without the attacks were not made"
+    if attribution == "both":
+        return f"caused by {names}, necessary and sufficient"
+    return f"caused by {names}, {attribution}"
 
 
 def _print_intervals(console: Console, result: Pair, affected: set[str]) -> None:

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record.read.run import RunRecord, load
+from skyrange.study.measures.aircraft_measures import Ticks, departures, read_ticks
 from skyrange.study.measures.time_series import vehicles
-from skyrange.study.twins.effects import Ticks, departures, read_ticks
 
 Key = tuple[str, str, str, str, str]
 """Table, kind, about, source, and as JSON the details that are text, Boolean values or whole numbers."""

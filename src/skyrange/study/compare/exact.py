@@ -23,8 +23,8 @@ from skyrange.core.time import to_seconds
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import TABLES
+from skyrange.study.measures.aircraft_measures import DEPARTED_M, departures, read_ticks
 from skyrange.study.measures.time_series import vehicles
-from skyrange.study.twins.effects import DEPARTED_M, departures, read_ticks
 
 _KEYS: dict[str, tuple[str, ...]] = {
     "frames": ("sent_ns", "link", "direction", "sender", "serial"),

@@ -1,9 +1,8 @@
-"""Effects of an attack on each aircraft: measures of a run, and their differences from the twin."""
+"""Effects on each aircraft: the columns of `effects.parquet`, and the differences between a run and its twin."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -13,117 +12,11 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
-from skyrange.study.measures.separation import NEAR_M, closest_approaches, min_building_distance_m
-from skyrange.study.measures.time_series import read_notes, vehicles
-from skyrange.study.measures.track_deviation import AIRBORNE_M
+from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
 
 Floats = NDArray[np.float64]
 
-DEPARTED_M = 1.0
-"""An aircraft has departed from the twin if it is farther than this from its position there at the same time."""
-
 _F64, _I64 = pa.float64(), pa.int64()
-
-
-@dataclass(frozen=True, slots=True)
-class Ticks:
-    """The recorded truth of a fleet: t ticks, n aircraft in the manifest's order."""
-
-    time_ns: NDArray[np.int64]
-    """(t,)"""
-    enu_m: Floats
-    """(t, n, 3)"""
-    aloft: NDArray[np.bool_]
-    """(t, n)"""
-    power_w: Floats
-    """(t, n) drawn from the battery; NaN if the world has no battery"""
-
-
-@dataclass(frozen=True, slots=True)
-class Measured:
-    """Measures of one aircraft in one run; `None` if the record does not contain the data."""
-
-    vehicle: str
-    outcome: str
-    finished_s: float | None
-    distance_m: float
-    energy_j: float | None
-    min_separation_m: float | None
-    nearest: str | None
-    near_misses: int
-    collisions: int
-    min_wall_m: float | None
-
-
-def read_ticks(record: RunRecord) -> Ticks:
-    """The truth of all aircraft by tick; ticks with missing aircraft are left out."""
-    names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
-    there = set(record.tables.schema("truth").names)
-    columns = [name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in there]
-    table = record.table("truth", ["time_ns", "vehicle", *columns])
-    codes = table.column("vehicle").combine_chunks().dictionary_encode()
-    lookup = np.array([names.get(name, -1) for name in codes.dictionary.to_pylist()], dtype=np.int64)
-    who = lookup[codes.indices.to_numpy(zero_copy_only=False)] if len(lookup) else np.zeros(0, np.int64)
-    time_ns = table.column("time_ns").to_numpy()
-    order = np.lexsort((who, time_ns))
-    moments, counts = np.unique(time_ns, return_counts=True)
-    whole = np.repeat(counts == len(names), counts)
-    shape = (int((counts == len(names)).sum()), len(names))
-    values = {name: table.column(name).to_numpy()[order][whole].reshape(shape) for name in columns}
-    unknown = np.full(shape, np.nan)
-    enu_m = np.stack([values.get(name, unknown) for name in ("east_m", "north_m", "up_m")], axis=2)
-    return Ticks(
-        moments[counts == len(names)],
-        enu_m,
-        values["on_ground"] == 0.0 if "on_ground" in values else enu_m[:, :, 2] > AIRBORNE_M,
-        values.get("battery_v", unknown) * values.get("battery_a", unknown),
-    )
-
-
-def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Measured]:
-    """The measures of every aircraft of a run, in the manifest's order.
-
-    Distances are lengths of the recorded truth and so depend on its sampling rate. Energy is volts times amperes at the
-    battery's terminals, by the trapezoidal rule over the whole run.
-    """
-    fleet = [vehicle.id for vehicle in vehicles(record)]
-    hits: dict[str, int] = {}
-    for row in read_notes(record, "events"):
-        if row.kind == "event.collision":
-            hits[row.about] = hits.get(row.about, 0) + 1
-    seconds = np.diff(ticks.time_ns) / NS_PER_S
-    flown_m = np.sqrt((np.diff(ticks.enu_m, axis=0) ** 2).sum(axis=2)).sum(axis=0)
-    energy_j = (0.5 * (ticks.power_w[1:] + ticks.power_w[:-1]) * seconds[:, None]).sum(axis=0)
-    near = closest_approaches(ticks.enu_m, ticks.aloft, near_m)
-    walls_m = min_building_distance_m(ticks.enu_m, ticks.aloft, record.city)
-    outcomes = record.outcomes
-    return [
-        Measured(
-            vehicle=name,
-            outcome=str(outcomes.get(name, {}).get("state") or "unfinished"),
-            finished_s=outcomes.get(name, {}).get("finished_s"),
-            distance_m=float(flown_m[k]),
-            energy_j=_finite(energy_j[k]),
-            min_separation_m=_finite(near.least_m[k]),
-            nearest=fleet[near.nearest[k]] if near.nearest[k] >= 0 else None,
-            near_misses=int(near.near_misses[k]),
-            collisions=hits.get(name, 0),
-            min_wall_m=_finite(walls_m[k]),
-        )
-        for k, name in enumerate(fleet)
-    ]
-
-
-def departures(ticks: Ticks, twin: Ticks, threshold_m: float = DEPARTED_M) -> tuple[Floats, NDArray[np.int64]]:
-    """(n,) largest distance of each aircraft from its position in the twin at the same time, and (n,) ns when it first
-    exceeded `threshold_m`, −1 for never. Times that only one of the runs has are ignored.
-    """
-    _, mine, other = np.intersect1d(ticks.time_ns, twin.time_ns, assume_unique=True, return_indices=True)
-    away_m = np.sqrt(((ticks.enu_m[mine] - twin.enu_m[other]) ** 2).sum(axis=2))
-    beyond = away_m > threshold_m
-    first = np.where(beyond.any(axis=0), ticks.time_ns[mine][beyond.argmax(axis=0)] if len(mine) else -1, -1)
-    return away_m.max(axis=0, initial=0.0), first
-
 
 COLUMNS: Final[tuple[Column, ...]] = (
     Column("seed", _I64, "", "seed of both runs"),
@@ -153,6 +46,15 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("min_wall_twin_m", _F64, "m", "the same in the twin", True),
     Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
     Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", True),
+    Column("attacks", pa.list_(pa.string()), "", "ids of the attacks that caused the effect; empty if none did"),
+    Column(
+        "attribution",
+        NAME,
+        "",
+        "how: necessary, sufficient, both, joint or redundant; none for an effect without an author, unknown where the "
+        "arms were not run; null without an effect",
+        True,
+    ),
 )
 """The columns of `effects.parquet`, which has a row per seed, twin and aircraft."""
 
@@ -184,6 +86,7 @@ def effect_rows(
         row["extra_energy_j"] = (a.energy_j or 0.0) - (b.energy_j or 0.0) if known else None
         row["departure_m"] = float(away_m[k])
         row["departed_s"] = float(first_ns[k]) / NS_PER_S if first_ns[k] >= 0 else None
+        row["attacks"], row["attribution"] = [], None
         rows.append(row)
     return rows
 
@@ -191,7 +94,3 @@ def effect_rows(
 def effects_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     """Rows as the table of `effects.parquet`."""
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("effects", COLUMNS))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

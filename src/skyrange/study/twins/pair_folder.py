@@ -13,17 +13,20 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.record import RunRecord, load
+from skyrange.study.attribution.arms import NOMINAL, SHAM
+from skyrange.study.attribution.attribute import attribution_table
 from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.twins.effects import CHANGES, MEASURES
 
-FORMAT: Final = "skyrange.pair/2"
-"""The format of a pair's folder. `skyrange.pair/1`, which can be read too, has `labels.parquet` as `PROPAGATION`."""
+FORMAT: Final = "skyrange.pair/3"
+"""The format of a pair's folder. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
+`labels.parquet`."""
 
-READABLE: Final = (FORMAT, "skyrange.pair/1")
+READABLE: Final = (FORMAT, "skyrange.pair/2", "skyrange.pair/1")
 MANIFEST: Final = "pair.json"
 EFFECTS: Final = "effects.parquet"
 PROPAGATION: Final = "propagation.parquet"
-ARMS: Final = ("nominal", "attacked", "sham")
+ATTRIBUTION: Final = "attribution.parquet"
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,23 @@ class Pair:
 
     @property
     def arms(self) -> list[str]:
-        """The arms that were run: nominal, attacked and, if requested, sham."""
+        """The arms that were run: nominal, attacked, and those for attribution such as sham or only-ghost."""
         return list(self.manifest["arms"])
+
+    @property
+    def twins(self) -> list[str]:
+        """The arms in which no attack acts, with which effects are compared: nominal and, if it was run, sham."""
+        return [arm for arm in self.arms if arm in (NOMINAL, SHAM)]
+
+    @property
+    def baseline(self) -> str | None:
+        """The arm against which effects are attributed; `None` if it was not run, or for an older folder."""
+        return self.manifest.get("baseline")
 
     @property
     def reference(self) -> str:
         """The arm with which effects are compared by default: sham if it was run, else nominal."""
-        return "sham" if "sham" in self.arms else "nominal"
+        return SHAM if SHAM in self.arms else NOMINAL
 
     def run(self, arm: str, seed: int | None = None) -> RunRecord:
         """The record of one arm and seed (default: the first); raises `InputError` if that was not run."""
@@ -60,6 +73,12 @@ class Pair:
     def effects(self) -> pa.Table:
         """The table of `effects.parquet`."""
         return pq.read_table(self.path / EFFECTS)
+
+    @property
+    def attribution(self) -> pa.Table:
+        """The table of `attribution.parquet`: how each attack relates to each effect. Empty for an older folder."""
+        path = self.path / ATTRIBUTION
+        return pq.read_table(path) if path.exists() else attribution_table([])
 
     @property
     def propagation(self) -> pa.Table:

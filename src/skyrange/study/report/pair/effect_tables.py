@@ -74,6 +74,7 @@ def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]
 
 def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     departed, energy = row["departed_s"], row["extra_energy_j"]
+    to_its_end = () if row["outcome"] == row["outcome_twin"] else (("to its end", ""),)
     states = dict.fromkeys((row["outcome_twin"], row["outcome"]))
     return {
         "vehicle": row["vehicle"],
@@ -84,8 +85,8 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
             quantities.MISSING if departed is None else quantities.quantity(departed, "s", 1),
             quantities.quantity(row["departure_m"], "m", 1),
             quantities.signed(row["delay_s"], "s", 1),
-            quantities.signed(row["extra_distance_m"], "m", 1),
-            quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2),
+            (*quantities.signed(row["extra_distance_m"], "m", 1), *to_its_end),
+            (*quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2), *to_its_end),
             _change(row["min_separation_twin_m"], row["min_separation_m"]),
             _change(row["min_wall_twin_m"], row["min_wall_m"]),
             _counts(row["near_misses_twin"], row["near_misses"]),
@@ -95,14 +96,15 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
 
 
 def _together(rows: Sequence[Row]) -> Sequence[str | quantities.Quantity]:
-    """The sums over one operator's aircraft."""
+    """The sums over one operator's aircraft; distance and energy over those with the same outcome in both runs."""
+    flown = [row for row in rows if row["outcome"] == row["outcome_twin"]]
     return (
         quantities.count(len(rows)),
         quantities.count(sum(row["departed_s"] is not None for row in rows)),
         quantities.count(sum(row["outcome"] != row["outcome_twin"] for row in rows)),
         quantities.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 1),
-        quantities.signed(sum(row["extra_distance_m"] for row in rows), "m", 1),
-        quantities.signed(sum(row["extra_energy_j"] or 0.0 for row in rows) / 1000.0, "kJ", 2),
+        quantities.signed(sum(row["extra_distance_m"] for row in flown), "m", 1),
+        quantities.signed(sum(row["extra_energy_j"] or 0.0 for row in flown) / 1000.0, "kJ", 2),
         _counts(sum(row["near_misses_twin"] for row in rows), sum(row["near_misses"] for row in rows)),
         _counts(sum(row["collisions_twin"] for row in rows), sum(row["collisions"] for row in rows)),
     )

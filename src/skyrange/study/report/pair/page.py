@@ -21,6 +21,7 @@ from skyrange.study.measures.receptions import read_receptions, summarise_recept
 from skyrange.study.measures.time_series import RecordedNote, Track, read_notes, truth_tracks
 from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.pair import belief, effect_tables, propagation_timeline
+from skyrange.study.report.pair.attribution_table import describe_attribution
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.report.run.page import colour_rules
 from skyrange.study.twins.pair_folder import Pair
@@ -29,8 +30,8 @@ MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
 
 _TWINS = {
-    "nominal": "Against the nominal twin: every attack present and muted.",
-    "sham": "Against the sham: the same transmitters, airtime and timing with benign content.",
+    "nominal": "Against the nominal twin: every attack is present and muted.",
+    "sham": "Against the sham: the same transmitters, airtime and timing, with benign content.",
 }
 
 
@@ -79,7 +80,8 @@ def render_comparison(pair: Pair) -> str:
         steps=propagation_timeline.render_steps(subject, propagation),
         seed=seed,
         near=f"{pair.manifest['near_m']:g}",
-        effects=[_effects(subject, effects, seed, arm) for arm in pair.arms if arm != "attacked"],
+        attribution=describe_attribution(pair, subject, seed),
+        effects=[_effects(subject, effects, seed, arm) for arm in pair.twins],
         ensemble=_ensemble(pair, subject, effects),
         belief=belief.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
         receptions=_receptions(attacked, subject, places),
@@ -169,8 +171,9 @@ def _numbers(
     first = min((row["at_ns"] for row in propagation if row["phase"] == "effect"), default=None)
     departed = sum(row["departed_s"] is not None for row in effects)
     delays = [row["delay_s"] for row in effects if row["delay_s"] is not None]
-    longer = max((row["extra_distance_m"] for row in effects), key=abs, default=None)
-    energy = max((row["extra_energy_j"] for row in effects if row["extra_energy_j"] is not None), key=abs, default=None)
+    flown = [row for row in effects if row["outcome"] == row["outcome_twin"]]
+    longer = max((row["extra_distance_m"] for row in flown), key=abs, default=None)
+    energy = max((row["extra_energy_j"] for row in flown if row["extra_energy_j"] is not None), key=abs, default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     return [
         ("onset", quantities.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),
@@ -185,13 +188,13 @@ def _numbers(
         (
             "delay",
             quantities.signed(max(delays, key=abs, default=None), "s", 1),
-            f"the most; {worse} missions end otherwise",
+            f"the most; {worse} missions with another outcome",
         ),
-        ("extra distance", quantities.signed(longer, "m", 1), "the most of one aircraft"),
+        ("extra distance", quantities.signed(longer, "m", 1), "the most, same outcome"),
         (
             "extra energy",
             quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2),
-            "the most of one aircraft",
+            "the most, same outcome",
         ),
     ]
 

@@ -1,0 +1,1 @@
+"""Attribution of effects to attacks: arms to run, outcomes to compare, and the rules that name causes."""

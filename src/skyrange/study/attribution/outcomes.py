@@ -1,0 +1,157 @@
+"""Outcomes of aircraft that are compared between arms, and the difference that counts as an effect.
+
+An outcome is declared here, not found: after two trajectories have parted nearly everything about them differs. An
+aircraft's outcome differs between two runs by a distance of zero or more. It counts as an effect if that distance is
+beyond what a placebo makes of it: the sham of all attacks, compared with the nominal run, over all seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.core.time import NS_PER_S
+from skyrange.record.read.run import RunRecord
+from skyrange.study.measures.aircraft_measures import Measured, Ticks, departures, measure, read_ticks
+from skyrange.study.measures.separation import WALLS_M
+from skyrange.study.measures.time_series import read_notes
+
+Floats = NDArray[np.float64]
+
+PLACEBO_PERCENTILE: Final = 99.0
+"""The percentile of the placebos' differences beyond which a difference is an effect; of fewer than 100 placebos it is
+the largest."""
+SEPARATION_M: Final = WALLS_M
+"""Separations above this count as equal: aircraft that are far apart anyway have no effect on each other's safety."""
+ENERGY_SHARE: Final = 0.01
+"""An energy differs if it does so by more than this share of the baseline's."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One declared outcome."""
+
+    name: str
+    unit: str
+    about: str
+
+
+OUTCOMES: Final = (
+    Outcome("departure", "m", "largest distance from the aircraft's position in the other run at the same time"),
+    Outcome("delay", "s", "difference between the ends of the missions, where both are complete"),
+    Outcome(
+        "separation",
+        "m",
+        "difference between the least distances to another aircraft in the air, up to `SEPARATION_M`",
+    ),
+    Outcome("mission", "", "1 where the outcomes of the mission differ, otherwise 0"),
+    Outcome("mishaps", "", "difference between the numbers of near misses and collisions"),
+    Outcome("energy", "J", "difference between the energies drawn from the battery"),
+    Outcome("decisions", "", "decisions of any kind that were made more or fewer times, in total"),
+)
+"""The outcomes in the order in which they are reported."""
+NAMES: Final = tuple(outcome.name for outcome in OUTCOMES)
+
+
+@dataclass(frozen=True)
+class ArmOutcomes:
+    """The outcomes of all aircraft in one run, in the manifest's order."""
+
+    record: RunRecord
+    near_m: float
+
+    @cached_property
+    def ticks(self) -> Ticks:
+        """The true positions."""
+        return read_ticks(self.record)
+
+    @cached_property
+    def measured(self) -> list[Measured]:
+        """The measures of each aircraft."""
+        return measure(self.record, self.ticks, self.near_m)
+
+    @cached_property
+    def decisions(self) -> list[dict[str, int]]:
+        """How often each kind of decision was made about each aircraft."""
+        counts: dict[str, dict[str, int]] = {one.vehicle: {} for one in self.measured}
+        for row in read_notes(self.record, "decisions"):
+            own = counts.get(row.about.split(".", 1)[0])
+            if own is not None:
+                own[row.kind] = own.get(row.kind, 0) + 1
+        return list(counts.values())
+
+
+def distances(a: ArmOutcomes, b: ArmOutcomes) -> dict[str, Floats]:
+    """(n,) by outcome: the distance between two runs, NaN where an aircraft does not have that outcome in both."""
+    pairs = list(zip(a.measured, b.measured, strict=True))
+    return {
+        "departure": departures(a.ticks, b.ticks)[0],
+        "delay": _between(
+            [one.finished_s if one.outcome == "complete" else None for one in a.measured],
+            [one.finished_s if one.outcome == "complete" else None for one in b.measured],
+        ),
+        "separation": _between(
+            [_capped(one.min_separation_m) for one in a.measured], [_capped(one.min_separation_m) for one in b.measured]
+        ),
+        "mission": np.array([float(one.outcome != other.outcome) for one, other in pairs]),
+        "mishaps": np.array(
+            [abs(one.near_misses - other.near_misses) + abs(one.collisions - other.collisions) for one, other in pairs],
+            dtype=np.float64,
+        ),
+        "energy": _between([one.energy_j for one in a.measured], [one.energy_j for one in b.measured]),
+        "decisions": np.array(
+            [
+                float(sum(abs(mine.get(kind, 0) - other.get(kind, 0)) for kind in {*mine, *other}))
+                for mine, other in zip(a.decisions, b.decisions, strict=True)
+            ]
+        ),
+    }
+
+
+def onsets_ns(a: ArmOutcomes, b: ArmOutcomes, limits_m: Floats) -> list[int | None]:
+    """When each aircraft was first farther than its limit from its position in the other run; `None` for never."""
+    first = departures(a.ticks, b.ticks, limits_m)[1]
+    return [None if at_ns < 0 else int(at_ns) for at_ns in first]
+
+
+def floors(baseline: ArmOutcomes, threshold_m: float) -> dict[str, Floats]:
+    """(n,) by outcome: the least difference that counts, whatever the placebos say.
+
+    For `departure` and `separation` the pair's `threshold_m`; for `delay` the period of the recorded truth; for
+    `energy` `ENERGY_SHARE`; counts may not differ at all.
+    """
+    count = len(baseline.measured)
+    period_s = float(np.diff(baseline.ticks.time_ns).min(initial=NS_PER_S)) / NS_PER_S
+    energy_j = np.array([ENERGY_SHARE * (one.energy_j or 0.0) for one in baseline.measured])
+    given = {"departure": threshold_m, "separation": threshold_m, "delay": period_s}
+    return {name: np.full(count, given.get(name, 0.0)) for name in NAMES} | {"energy": energy_j}
+
+
+def limits(
+    placebos: Sequence[Mapping[str, Floats]], floor: Mapping[str, Floats], percentile: float = PLACEBO_PERCENTILE
+) -> dict[str, Floats]:
+    """(n,) by outcome: the largest difference that is no effect.
+
+    `placebos` has, for each seed, the distances between the sham and the nominal run.
+    """
+    found = {}
+    for name, least in floor.items():
+        samples = [np.nan_to_num(placebo[name], nan=0.0) for placebo in placebos]
+        highest = np.percentile(samples, percentile, axis=0, method="higher") if samples else np.zeros(len(least))
+        found[name] = np.maximum(least, highest)
+    return found
+
+
+def _capped(separation_m: float | None) -> float | None:
+    return None if separation_m is None else min(separation_m, SEPARATION_M)
+
+
+def _between(mine: Sequence[float | None], others: Sequence[float | None]) -> Floats:
+    values = [[np.nan if one is None else one for one in row] for row in (mine, others)]
+    found: Floats = np.abs(np.array(values[0], dtype=np.float64) - np.array(values[1], dtype=np.float64))
+    return found

@@ -1,0 +1,28 @@
+"""Paths from attacks to their effects in every shipped scenario with an attack; effects without a path are listed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skyrange.scenario.shipped import SHIPPED, load
+from skyrange.study.pairing import pair
+
+NO_PATH: dict[str, set[str]] = {"gnss-drift": set(), "rid-spoofing": set(), "rid-city": set()}
+"""By scenario, the aircraft whose departure is confirmed and to which the record does not lead from its author."""
+
+
+def test_every_shipped_scenario_with_an_attack_is_here() -> None:
+    assert {name for name in SHIPPED if load(name).attacks} == NO_PATH.keys()
+
+
+@pytest.mark.parametrize("name", ["gnss-drift", "rid-spoofing", pytest.param("rid-city", marks=pytest.mark.slow)])
+def test_effects_without_a_path_are_the_ones_that_are_known(name: str, tmp_path: Path) -> None:
+    made = pair(name, tmp_path / "pair")
+    effects = [row for row in made.propagation.to_pylist() if row["phase"] == "effect"]
+    departed = {row["vehicle"] for row in made.attribution.to_pylist() if row["outcome"] == "departure"}
+    assert departed
+    assert {row["vehicle"] for row in effects} == departed
+    assert {row["relation"] for row in effects} == {"both"}
+    assert {row["vehicle"] for row in effects if not row["path"]} == NO_PATH[name]

@@ -1,0 +1,167 @@
+"""Arms of a comparison, limits by placebos, and the rows of attribution."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skyrange.core.errors import InputError
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.attribution.arms import Arm, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.study.attribution.attribute import (
+    Authors,
+    Comparison,
+    attribution_table,
+    authors,
+    relate,
+    summarise,
+    unknown_subsets,
+    with_authors,
+)
+from skyrange.study.attribution.outcomes import NAMES, limits
+
+SCENARIO = """
+name = "two"
+origin = [47.3977, 8.5456]
+duration_s = 20
+[radio]
+[[operators]]
+id = "blue"
+  [[operators.vehicles]]
+  plan = { square = { side_m = 20, alt_m = 15 } }
+[[attacks]]
+id = "noise"
+kind = "remote_id.jam"
+params = { transmitter_m = [0, 0, 2] }
+[[attacks]]
+id = "drift"
+kind = "gnss.drift"
+params = { vehicles = ["blue/1"], rate_mps = [1, 0, 0] }
+[[attacks]]
+id = "off"
+kind = "gnss.jump"
+muted = true
+params = { vehicles = ["blue/1"], offset_m = [10, 0, 0] }
+"""
+
+
+@pytest.fixture(scope="module")
+def scenario() -> Scenario:
+    return load_text(SCENARIO)
+
+
+def states(scenario: Scenario) -> dict[str, str]:
+    return {one.id: "muted" if one.muted else "sham" if one.sham else "active" for one in scenario.attacks}
+
+
+def test_each_attack_has_its_own_counterfactual(scenario: Scenario) -> None:
+    attacks = acting_attacks(scenario)
+    assert attacks == {"noise": "mute", "drift": "sham"}
+    arms = plan_arms(attacks)
+    assert [arm.name for arm in arms] == ["nominal", "attacked", "sham", "only-drift", "only-noise"]
+    assert baseline_of(attacks, arms) == "sham"
+    found = {arm.name: states(scenario_of(scenario, arm, 3)) for arm in arms}
+    assert found == {
+        "nominal": {"noise": "muted", "drift": "muted", "off": "muted"},
+        "attacked": {"noise": "active", "drift": "active", "off": "muted"},
+        "sham": {"noise": "muted", "drift": "sham", "off": "muted"},
+        "only-drift": {"noise": "muted", "drift": "active", "off": "muted"},
+        "only-noise": {"noise": "active", "drift": "sham", "off": "muted"},
+    }
+    assert scenario_of(scenario, arms[0], 3).seed == 3
+
+
+@pytest.mark.parametrize(
+    ("count", "selection", "arms", "unknown"),
+    [(1, None, 3, 0), (3, None, 9, 0), (4, None, 17, 0), (5, None, 13, 20), (5, "subsets", 33, 0), (2, "each", 5, 0),
+     (3, "nominal", 2, 6), (3, "sham", 3, 6)],
+)  # fmt: skip
+def test_the_number_of_runs(count: int, selection: str | None, arms: int, unknown: int) -> None:
+    planned = plan_arms(dict.fromkeys("abcdefg"[:count], "sham"), selection)  # type: ignore[arg-type]
+    assert len(planned) == len({arm.name for arm in planned}) == arms
+    assert unknown_subsets({arm.name: sorted(arm.active) for arm in planned}) == unknown
+
+
+def test_a_sham_that_equals_the_nominal_run_is_not_run() -> None:
+    planned = plan_arms({"noise": "mute"})
+    assert planned == [Arm("nominal"), Arm("attacked", frozenset({"noise"}))]
+    assert baseline_of({"noise": "mute"}, planned) == "nominal"
+    assert baseline_of({"ghost": "sham"}, planned) is None
+    with pytest.raises(InputError, match="expected one of nominal, sham, each, subsets"):
+        plan_arms({}, "all")  # type: ignore[arg-type]
+
+
+def test_an_effect_is_beyond_what_placebos_do() -> None:
+    floor = {"departure": np.array([1.0, 1.0]), "delay": np.zeros(2)}
+    placebos = [
+        {"departure": np.array([0.0, 0.4]), "delay": np.array([np.nan, 0.0])},
+        {"departure": np.array([6.0, 0.2]), "delay": np.array([2.0, 0.0])},
+    ]
+    found = limits(placebos, floor)
+    assert found["departure"].tolist() == [6.0, 1.0]
+    assert found["delay"].tolist() == [2.0, 0.0]
+    assert limits([], floor)["departure"].tolist() == [1.0, 1.0]
+    many = [{"departure": np.array([float(k), 0.0]), "delay": np.zeros(2)} for k in range(1, 201)]
+    assert limits(many, floor)["departure"].tolist() == [199.0, 1.0]
+
+
+def distances(**given: float) -> dict[str, np.ndarray]:
+    return {name: np.array([given.get(name, 0.0)]) for name in NAMES}
+
+
+A, B, AB = frozenset("a"), frozenset("b"), frozenset("ab")
+
+
+def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() -> None:
+    away = {AB: distances(departure=30.0, mission=1.0), A: distances(departure=30.0), B: distances(departure=0.5)}
+    departed = {AB: [7_000_000_000], A: [7_000_000_000], B: [None]}
+    rows = relate(Comparison(1, ["blue/1"], away, departed, distances(departure=1.0)), True, 5)
+    said = [(row["outcome"], row["attack"], row["relation"], row["shift"], row["shift_s"]) for row in rows]
+    assert said == [
+        ("departure", "a", "both", None, None),
+        ("departure", "b", "none", None, 0.0),
+        ("mission", "a", "joint", None, None),
+        ("mission", "b", "joint", None, None),
+    ]
+    assert [(row["alone"], row["without"], row["departed_s"]) for row in rows[:2]] == [
+        (30.0, 0.5, 7.0),
+        (0.5, 30.0, 7.0),
+    ]
+    assert attribution_table(rows).num_rows == 4
+    named = authors(rows)
+    assert named == {(1, "blue/1"): Authors(("a",), "both")}
+    row = {"seed": 1, "vehicle": "blue/1", "departed_s": 7.0}
+    assert with_authors(row, named) == row | {"attacks": ["a"], "attribution": "both"}
+    assert with_authors(row | {"seed": 2}, named) == row | {"seed": 2, "attacks": [], "attribution": "none"}
+    assert with_authors(row | {"seed": 2, "departed_s": None}, named)["attribution"] is None
+
+
+def test_an_attack_that_only_shifts_an_effect_says_by_how_much() -> None:
+    away = {AB: distances(departure=9.0), A: distances(departure=9.0), B: distances(departure=8.0)}
+    departed = {AB: [4_000_000_000], A: [6_000_000_000], B: [3_000_000_000]}
+    rows = relate(Comparison(1, ["blue/1"], away, departed, distances(departure=1.0)), True, 1)
+    assert [(row["relation"], row["shift"], row["shift_s"]) for row in rows] == [
+        ("redundant", "delayed", 1.0),
+        ("redundant", "advanced", -2.0),
+    ]
+
+
+def test_without_a_baseline_nothing_is_attributed() -> None:
+    rows = relate(
+        Comparison(1, ["blue/1"], {A: distances(departure=9.0)}, {A: [1]}, distances(departure=1.0)), False, 0
+    )
+    assert [row["relation"] for row in rows] == ["unknown"]
+    assert authors(rows) == {(1, "blue/1"): Authors((), "unknown")}
+
+
+def test_differences_that_are_not_known_are_no_effects() -> None:
+    away = {A: distances(delay=float("nan"))}
+    assert relate(Comparison(1, ["blue/1"], away, {A: [None]}, distances()), True, 0) == []
+
+
+def test_one_word_for_several_attacks() -> None:
+    assert summarise({"a": "none", "b": "none"}) == Authors((), "none")
+    assert summarise({"a": "unknown", "b": "necessary"}) == Authors(("b",), "necessary")
+    assert summarise({"a": "redundant", "b": "redundant"}) == Authors(("a", "b"), "redundant")
+    assert summarise({"a": "necessary", "b": "redundant", "c": "redundant"}) == Authors(("a", "b", "c"), "joint")
