@@ -31,7 +31,7 @@ params = { at = [45, 0, 30] }
 def told(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     folder = tmp_path_factory.mktemp("ensemble")
     (folder / "s.toml").write_text(plain(30, own='avoidance = "geometric"', more=ATTACK))
-    asked = ["pair", str(folder / "s.toml"), "--sham", "--seeds", "3", "--json", "--out", str(folder / "out")]
+    asked = ["pair", str(folder / "s.toml"), "--seeds", "3", "--json", "--out", str(folder / "out")]
     done = CliRunner().invoke(app, asked)
     assert done.exit_code == 0, done.output
     found: dict[str, Any] = json.loads(done.stdout)

@@ -92,7 +92,7 @@ def test_what_estimators_noted_of_false_sensors_is_told(tmp_path: Path) -> None:
     assert cells[1::4] == ["glitch", "estimator", "mode"]
     assert cells[0::4] == ["a/1"] * 3, "the other one's sensors were not touched"
     assert "reset position east_m 30" in cells[6]
-    assert "did not ask for EKF_STATUS_REPORT" in section
+    assert "did not request EKF_STATUS_REPORT" in section
     quiet = SampleRun(tmp_path, run.manifest, CITY, {})
     assert belief.render_belief((quiet, quiet), (TRACKS, TWINS), SUBJECT, [], 12) == ""
 

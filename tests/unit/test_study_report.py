@@ -135,7 +135,7 @@ def test_the_scene_gets_the_tracks_as_they_were(text: str, tmp_path: Path) -> No
 
 def test_the_clock_stops_when_all_is_calm(text: str) -> None:
     assert data_of(text)["end"] == pytest.approx(40.7, abs=0.5)  # the last outcome at 37.2 s, a little later
-    assert "the clock of this page stops there" in Page(text).text
+    assert "the clock of this page stops before" in Page(text).text
 
 
 def test_statistics_of_the_links_stand_in_the_table(text: str) -> None:
