@@ -119,7 +119,7 @@ class Alert(NamedTuple):
     at: Time
     """The moment that it is about, not after the service time at which it is raised."""
     subject: str
-    """Whom it is about: a vehicle, an operator, an endpoint or a link."""
+    """The subject: a vehicle, an operator, an endpoint or a link."""
     kind: str
     """What was found: lower-case words, dotted, such as `heartbeat.gap`."""
     score: float
