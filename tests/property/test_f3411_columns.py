@@ -10,8 +10,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from skyrange.codec.f3411 import BasicId, Location, MessagePack, SingleMessage, decode, encode
+from skyrange.codec.f3411 import (
+    Authentication,
+    BasicId,
+    Location,
+    MessagePack,
+    OperatorId,
+    Reserved,
+    SelfId,
+    SingleMessage,
+    System,
+    decode,
+    encode,
+)
 from skyrange.codec.f3411 import columns as f3411_columns
+from skyrange.codec.f3411.broadcast_columns import NO_MESSAGE, decode_broadcasts
 from skyrange.codec.f3411.columns import CODES, NUMBERS
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader
@@ -56,6 +69,54 @@ def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
             assert math.isnan(got) if one is None else got == one, name
         if location:
             assert [getattr(rows, name)[row] for name in CODES] == [getattr(location, name) for name in CODES]
+
+
+def code_of(part: SingleMessage) -> int:
+    if isinstance(part, Reserved):
+        return part.message_type
+    kinds = (BasicId, Location, Authentication, SelfId, System, OperatorId)  # in the order of their numbers
+    return next(number for number, kind in enumerate(kinds) if isinstance(part, kind))
+
+
+@given(st.lists(BODIES, max_size=12))
+@settings(max_examples=200, deadline=None)
+def test_whole_broadcasts_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
+    rows = decode_broadcasts(Payloads.of(bodies))
+    for row, body in enumerate(bodies):
+        parts = parts_of(body)
+        assert [kind for kind in rows.kinds[row].tolist() if kind != NO_MESSAGE] == [code_of(part) for part in parts]
+        assert rows.version[row] == (body[0] & 15 if parts else 0)
+        ids = [part for part in parts if isinstance(part, BasicId)]
+        second = ids[1] if len(ids) > 1 else None
+        assert rows.has_second_id[row] == (second is not None)
+        assert rows.second_uas_id[row] == (second.uas_id.encode("latin-1") if second else b"")
+        pages = [part for part in parts if isinstance(part, Authentication)]
+        assert rows.has_authentication[row] == bool(pages)
+        assert rows.auth_data[row] == b"".join(page.data for page in pages)
+        if pages:
+            first = pages[0]
+            told = (first.last_page or 0, first.length or 0, first.timestamp_s or 0)
+            assert (rows.auth_type[row], rows.auth_page[row]) == (first.auth_type, first.page)
+            assert (rows.auth_last_page[row], rows.auth_length[row], rows.auth_timestamp_s[row]) == told
+        text = next((part for part in parts if isinstance(part, SelfId)), None)
+        assert rows.has_self_id[row] == (text is not None)
+        assert rows.self_id[row] == (text.text.encode("latin-1") if text else b"")
+        assert rows.description_type[row] == (text.description_type if text else 0)
+        operator = next((part for part in parts if isinstance(part, OperatorId)), None)
+        assert rows.has_operator_id[row] == (operator is not None)
+        assert rows.operator_id[row] == (operator.operator_id.encode("latin-1") if operator else b"")
+        assert rows.operator_id_type[row] == (operator.operator_id_type if operator else 0)
+        system = next((part for part in parts if isinstance(part, System)), None)
+        assert rows.has_system[row] == (system is not None)
+        for name in System._fields:
+            if name == "version":
+                continue
+            column = "system_timestamp_s" if name == "timestamp_s" else name
+            one, got = getattr(system, name, None), getattr(rows, column)[row]
+            if system is None:
+                assert got == 0 or math.isnan(got), name
+            else:
+                assert math.isnan(got) if one is None else got == one, name
 
 
 @given(st.lists(locations(), min_size=1, max_size=8))

@@ -16,8 +16,8 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
-from skyrange.radio import ground_receptions
 from skyrange.record import RunRecord, load
+from skyrange.record.schema import arrow_schema
 from skyrange.study.captures import packet_captures
 from skyrange.study.captures import received_broadcasts as received_broadcasts
 from skyrange.study.captures.received_broadcasts import received_broadcasts as heard_in
@@ -32,71 +32,89 @@ MANIFEST = {
 }  # fmt: skip
 
 
-class Tables:
-    """Frames (link, sender, payload) in batches, counted as they are read."""
+Row = tuple[str, int, str, int]
+"""Receiver, end of the reception in ns, the radio that sent, the serial number of its frame."""
 
-    def __init__(self, batches: Iterator[list[tuple[str, str, bytes]]]) -> None:
-        self.batches = batches
+
+class Tables:
+    """Receptions in batches, counted as they are read, and the frames that they name: one per radio and serial."""
+
+    def __init__(self, batches: Sequence[list[Row]], payload: bytes | None) -> None:
+        self._batches = batches
+        self._payload = payload
         self.read = 0
 
-    def frames_with_payloads(self, columns: Sequence[str]) -> Iterator[pa.Table]:
-        for rows in self.batches:
+    def batches(self, name: str, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        assert name == "receptions"
+        usual = {"direction": "fwd", "east_m": 0.0, "north_m": 0.0, "up_m": 0.0, "transport": "wifi_beacon"}
+        usual |= {"channel": 11, "rssi_dbm": -70.125}
+        for batch in self._batches:
             self.read += 1
-            yield pa.table(dict(zip(("link", "sender", "payload"), map(list, zip(*rows, strict=True)), strict=True)))
+            rows = [
+                {
+                    **usual, "time_ns": at_ns, "link": f"rid_up:{radio}", "sender": f"{radio}.companion",
+                    "serial": serial, "receiver": receiver, "outcome": "weak" if receiver == "deaf" else "decoded",
+                }
+                for receiver, at_ns, radio, serial in batch
+            ]  # fmt: skip
+            yield pa.RecordBatch.from_pylist(rows, schema=arrow_schema("receptions")).select(list(columns))
 
-
-def record(*batches: list[tuple[str, str, bytes]], **changes: Any) -> RunRecord:
-    return RunRecord(Path("run"), {**MANIFEST, **changes}, Tables(iter(batches)))  # type: ignore[arg-type]
-
-
-def reception(at_ns: int, counter: int = 0) -> bytes:
-    return link_payload.pack(RidHeader(Transport.WIFI_BEACON, 6, counter, b"abcdef", -7000, at_ns), bytes(25))
-
-
-def report(*receptions: tuple[str, int]) -> bytes:
-    return ground_receptions.encode(
-        ground_receptions.ReceptionReport(
-            body=tuple(
-                ground_receptions.Reception(
-                    receiver=name, time_ns=at_ns, transport=1, channel=37, counter=0, rssi_dbm=-80.0,
-                    address="616263646566", body="00" * 25,
-                )
-                for name, at_ns in receptions
+    def frames_with_payloads(self, columns: Sequence[str]) -> Iterator[pa.Table]:
+        for batch in self._batches:
+            sent = sorted({(at_ns - 5, radio, serial) for _, at_ns, radio, serial in batch})
+            yield pa.table(
+                {
+                    "link": [f"rid_up:{radio}" for _, radio, _ in sent],
+                    "direction": ["fwd"] * len(sent),
+                    "sender": [f"{radio}.companion" for _, radio, _ in sent],
+                    "serial": [serial for _, _, serial in sent],
+                    "sent_ns": [at_ns for at_ns, _, _ in sent],
+                    "arrived_ns": [at_ns for at_ns, _, _ in sent],
+                    "payload": [self._payload or broadcast(serial) for _, _, serial in sent],
+                }
             )
-        )
-    )  # fmt: skip
 
 
-def test_receptions_are_ordered_by_time_and_are_the_oracles_own() -> None:
+def record(*batches: list[Row], payload: bytes | None = None, **changes: Any) -> RunRecord:
+    return RunRecord(Path("run"), {**MANIFEST, **changes}, Tables(batches, payload))  # type: ignore[arg-type]
+
+
+def broadcast(counter: int) -> bytes:
+    return link_payload.pack(RidHeader(Transport.WIFI_BEACON, 6, counter & 255, b"abcdef"), bytes(25))
+
+
+def test_receptions_are_ordered_by_time_and_say_who_sent_what() -> None:
     run = record(
-        [("rid_down:a/1", "oracle", reception(500)), ("oracle:a", "oracle", report(("mast", 300), ("mast", 700)))],
-        [
-            ("rid_down:b/1", "oracle", reception(100)),
-            ("rid_down:a/1", "tap@rid_down:a/1", reception(50)),
-            ("rid_down:a/1", "rid_down:a/1.channel", reception(60)),
-            ("oracle:a", "a.gcs", b"{}"),
-            ("rid_up:a/1", "a/1.companion", reception(70)),
-        ],
+        [("a/1", 500, "b/1", 3), ("mast", 300, "a/1", 1), ("mast", 700, "ghost", 0)],
+        [("b/1", 100, "a/1", 0), ("deaf", 100, "a/1", 0)],
     )
-    assert [(one.receiver, one.frame.header.time_ns) for one in heard_in(run)] == [
+    found = list(heard_in(run, ["a/1", "b/1", "mast"]))
+    assert [(one.receiver, one.frame.header.time_ns) for one in found] == [
         ("b/1", 100), ("mast", 300), ("a/1", 500), ("mast", 700),
+    ]  # fmt: skip
+    ghost = found[-1]
+    assert ghost.frame == (RidHeader(Transport.WIFI_BEACON, 11, 0, b"abcdef", -7012, 700), bytes(25))
+    assert (ghost.radio, ghost.sender, ghost.serial) == ("ghost", "ghost.companion", 0)
+    assert [one.frame_id for one in found[:2]] == [
+        "rid_up:a/1|fwd|a/1.companion|0", "rid_up:a/1|fwd|a/1.companion|1",
     ]  # fmt: skip
 
 
 def test_only_those_asked_for() -> None:
-    rows = [("rid_down:a/1", "oracle", reception(1)), ("oracle:a", "oracle", report(("mast", 2), ("other", 3)))]
+    rows = [("a/1", 1, "b/1", 0), ("mast", 2, "b/1", 0), ("other", 3, "b/1", 0)]
     assert [one.receiver for one in heard_in(record(rows), ["mast"])] == ["mast"]
     assert [one.receiver for one in heard_in(record(rows), ["a/1"])] == ["a/1"]
 
 
 def test_a_long_record_is_read_as_it_is_written() -> None:
-    """What is held is what lies within `WINDOW_NS`, here two batches' worth."""
+    """What is held is a batch of receptions and what lies within `WINDOW_NS`, here two batches' worth."""
     step = received_broadcasts.WINDOW_NS // 100
-    batches = [[("rid_down:a/1", "oracle", reception((50 * n + k) * step)) for k in range(50)] for n in range(400)]
+    batches = [[("a/1", (50 * n + k) * step, "b/1", 50 * n + k) for k in range(50)] for n in range(400)]
     run = record(*batches)
     stream = heard_in(run)
+    ahead = received_broadcasts._BATCH_ROWS // 50 + 5
     for n, _ in zip(range(2_000), stream, strict=False):
-        assert run.tables.read <= n // 50 + 4  # type: ignore[attr-defined]
+        assert run.tables.read <= n // 50 + ahead  # type: ignore[attr-defined]
     assert sum(1 for _ in stream) == 18_000
 
 
@@ -141,10 +159,9 @@ def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_sa
 
 def test_half_a_file_is_not_left_behind(tmp_path: Path) -> None:
     whole = tmp_path / "c.pcapng"
-    rows = [("rid_down:a/1", "oracle", reception(1)), ("rid_down:a/1", "oracle", b"broken")]
     whole.write_bytes(b"before")
     with pytest.raises(Exception, match="at least 24"):
-        packet_captures.remote_id(record(rows), whole)
+        packet_captures.remote_id(record([("a/1", 1, "b/1", 0)], payload=b"broken"), whole)
     assert [path.name for path in tmp_path.iterdir()] == ["c.pcapng"]
     assert whole.read_bytes() == b"before"
 

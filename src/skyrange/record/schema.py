@@ -42,6 +42,7 @@ class Column:
 _F64 = pa.float64()
 _F32 = pa.float32()
 _I64 = pa.int64()
+_I32 = pa.int32()
 _TIME = "ns since the scenario's start"
 
 _NOTES = (
@@ -175,6 +176,69 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("at_ns", _I64, "ns", f"time of the observation, {_TIME}"),
         Column("data", TEXT, "", "details: a JSON object of scalars; not-a-number and infinities as strings"),
     ),
+    "observations": (
+        Column("time_ns", _I64, "ns", f"end of the reception, {_TIME}"),
+        Column("receiver", NAME, "", "the receiving radio: a vehicle, a ground receiver or an attack's radio"),
+        Column("receiver_east_m", _F32, "m", "position of the receiving radio, east of the origin"),
+        Column("receiver_north_m", _F32, "m", "the same, north of the origin"),
+        Column("receiver_up_m", _F32, "m", "the same, above the ground"),
+        Column("transport", NAME, "", "bt4, bt5, wifi_beacon or wifi_nan"),
+        Column("channel", _I64, "", "Wi-Fi channel or Bluetooth channel index"),
+        Column("rssi_dbm", _F32, "dBm", "signal strength"),
+        Column("frame", NAME, "", "id of the frame on rid_up that was transmitted; no receiver knows it"),
+        Column("radio", NAME, "", "the radio that truly sent it, a vehicle or an attack's; no receiver knows it"),
+        Column("mac", NAME, "", "address of the sender as claimed; null if the record lacks the frame", True),
+        Column("counter", _I32, "", "the sender's message counter, 0 to 255", True),
+        Column("valid", pa.bool_(), "", "whether the body is a message or a pack of F3411", True),
+        Column("messages", NAME, "", "types of the messages in the body, in order; a number if reserved", True),
+        Column("version", _I32, "", "protocol version: 2 is F3411-22a", True),
+        Column("uas_id", NAME, "", "UAS id of the first Basic ID; a UUID or session id as text", True),
+        Column("id_type", _I32, "", "1 serial number, 2 CAA registration, 3 UTM UUID, 4 session id", True),
+        Column("ua_type", _I32, "", "kind of aircraft: 1 aeroplane, 2 helicopter or multirotor … 15 other", True),
+        Column("second_uas_id", NAME, "", "UAS id of the second Basic ID", True),
+        Column("second_id_type", _I32, "", "type of the second UAS id", True),
+        Column("status", _I32, "", "0 undeclared, 1 on the ground, 2 airborne, 3 emergency, 4 failure", True),
+        Column("lat_deg", _F64, "deg", "claimed latitude, WGS 84", True),
+        Column("lon_deg", _F64, "deg", "claimed longitude, WGS 84", True),
+        Column("alt_geo_m", _F64, "m", "claimed height above the WGS 84 ellipsoid", True),
+        Column("alt_baro_m", _F64, "m", "claimed pressure altitude, against 1013.25 hPa", True),
+        Column("height_m", _F64, "m", "claimed height above what height_type says", True),
+        Column("height_type", _I32, "", "0 above the take-off, 1 above the ground", True),
+        Column("east_m", _F64, "m", "claimed position east of the origin, from lat_deg and lon_deg", True),
+        Column("north_m", _F64, "m", "the same, north of the origin", True),
+        Column("up_m", _F64, "m", "claimed height above the ground, from alt_geo_m", True),
+        Column("speed_mps", _F64, "m/s", "claimed speed over ground; 254.25 or faster", True),
+        Column("vertical_mps", _F64, "m/s", "claimed climb rate", True),
+        Column("track_deg", _F64, "deg", "claimed course over ground from true north", True),
+        Column("timestamp_s", _F64, "s", "claimed time of the position, since the full hour of UTC", True),
+        Column("timestamp_accuracy", _I32, "0.1 s", "accuracy of timestamp_s; 0 unknown", True),
+        Column("horizontal_accuracy", _I32, "", "code of F3411: 9 below 30 m, 10 below 10 m, 11 below 3 m …", True),
+        Column("vertical_accuracy", _I32, "", "code of F3411 for alt_geo_m: 4 below 10 m, 5 below 3 m …", True),
+        Column("baro_accuracy", _I32, "", "the same for alt_baro_m", True),
+        Column("speed_accuracy", _I32, "", "code of F3411: 2 below 3 m/s, 3 below 1 m/s, 4 below 0.3 m/s", True),
+        Column("operator_lat_deg", _F64, "deg", "claimed latitude of the operator", True),
+        Column("operator_lon_deg", _F64, "deg", "claimed longitude of the operator", True),
+        Column("operator_alt_geo_m", _F64, "m", "claimed height of the operator above the ellipsoid", True),
+        Column("operator_location_type", _I32, "", "0 take-off, 1 live GNSS, 2 fixed", True),
+        Column("area_count", _I32, "", "aircraft in the area", True),
+        Column("area_radius_m", _F64, "m", "radius of the area", True),
+        Column("area_ceiling_m", _F64, "m", "ceiling of the area above the ellipsoid", True),
+        Column("area_floor_m", _F64, "m", "floor of the area above the ellipsoid", True),
+        Column("classification", _I32, "", "0 undeclared, 1 EU", True),
+        Column("category", _I32, "", "EU: 1 open, 2 specific, 3 certified", True),
+        Column("ua_class", _I32, "", "EU: 1 to 7 are C0 to C6", True),
+        Column("system_timestamp_s", _I64, "s", "claimed time of the System message, since 2019-01-01 UTC", True),
+        Column("operator_id", NAME, "", "operator id", True),
+        Column("operator_id_type", _I32, "", "0 is the operator id", True),
+        Column("self_id", NAME, "", "the Self-ID's text", True),
+        Column("description_type", _I32, "", "type of the Self-ID: 0 text, 1 emergency, 2 extended status", True),
+        Column("auth_type", _I32, "", "type of the Authentication, such as 1 signature of the UAS id", True),
+        Column("auth_page", _I32, "", "the first Authentication page in the body", True),
+        Column("auth_last_page", _I32, "", "number of the last page, told by page 0", True),
+        Column("auth_length", _I32, "byte", "length of the data on all pages, told by page 0", True),
+        Column("auth_timestamp_s", _I64, "s", "claimed time of the Authentication, since 2019-01-01 UTC", True),
+        Column("auth_data", pa.binary(), "", "data of the pages in the body", True),
+    ),
     "telemetry": (
         Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
         Column("operator", NAME, "", "the operator of the ground station"),
@@ -191,8 +255,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
 }
 """The columns of every table. Truth may have more, as the world defines; telemetry has one per MAVLink field."""
 
-OPTIONAL = frozenset({"alerts"})
-"""Tables that only some runs have: `alerts`, only runs with detectors. In other runs they are read as empty."""
+OPTIONAL = frozenset({"alerts", "observations"})
+"""Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
+decoded something. In other runs they are read as empty."""
+
+DERIVED = frozenset({"observations", "telemetry"})
+"""Tables that are not recorded: they are derived from recorded tables after the run."""
 
 BAD_DATA = "BAD_DATA"
 """pymavlink's name for bytes that are not a message."""

@@ -23,7 +23,7 @@ from skyrange.record.manifest import MANIFEST
 from skyrange.record.read.run import load
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.time_order import sort_by_time
-from skyrange.record.schema import OPTIONAL, TABLES
+from skyrange.record.schema import DERIVED, OPTIONAL, TABLES
 from skyrange.record.spool import SPOOL
 
 FRAME_COLUMNS = (
@@ -99,7 +99,7 @@ class NodeRecord:
             if (src in self.endpoints) != (dst in self.endpoints):
                 self.directions[direction_key] = (OUTGOING if src in self.endpoints else INCOMING, src)
         for name in TABLES:
-            if name in ("payloads", "telemetry") or self.tables is None:
+            if name == "payloads" or name in DERIVED or self.tables is None:
                 continue
             try:
                 self.rows[name] = sum(map(self._scan_batch, self._raw(name, _TIMES[name])))

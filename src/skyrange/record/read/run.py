@@ -16,9 +16,10 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
 from skyrange.record.manifest import RUNNING, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.read.observations import derive_observations, observations_table, origin_of
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import derive_telemetry
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import DERIVED, TABLES
 from skyrange.record.spool import SPOOL
 
 
@@ -72,24 +73,37 @@ class RunRecord:
         The names of tables are those of `skyrange.record.schema.TABLES`. A table without recorded rows is empty.
         """
         _check(name)
-        if name == "telemetry" and self.tables.spooled:
-            table = derive_telemetry(self.tables)
+        if self._is_derived_now(name):
+            table = (
+                derive_telemetry(self.tables)
+                if name == "telemetry"
+                else observations_table(self.tables, origin_of(self.manifest))
+            )
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """The same rows in batches, for tables that are larger than memory."""
         _check(name)
-        if name == "telemetry" and self.tables.spooled:
+        if name == "observations" and self._is_derived_now(name):
+            batches = derive_observations(self.tables, origin_of(self.manifest))
+            return batches if columns is None else (batch.select(list(columns)) for batch in batches)
+        if self._is_derived_now(name):
             return iter(self.table(name, columns).to_batches())
         return self.tables.batches(name, columns)
 
     def rows(self, name: str) -> int:
         """Number of rows of a table."""
         _check(name)
-        if name == "telemetry" and self.tables.spooled:
+        if self._is_derived_now(name):
             return int(self.table(name, ["time_ns"]).num_rows)
         return self.tables.rows(name)
+
+    def _is_derived_now(self, name: str) -> bool:
+        """Whether a table is derived on request, because the run did not end or is older than the table."""
+        if name == "observations" and not (self.path / f"{name}.parquet").exists():
+            return True
+        return name in DERIVED and self.tables.spooled
 
     @property
     def telemetry(self) -> pa.Table:

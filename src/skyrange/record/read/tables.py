@@ -45,7 +45,8 @@ _JOINED = {"parent": _join_parent_ids}
 class Tables:
     """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
 
-    `telemetry` is not recorded but derived from frames (`skyrange.record.read.station_frames`) and stored as Parquet.
+    `telemetry` and `observations` are not recorded but derived from other tables (`record.read.telemetry`,
+    `record.read.observations`) and stored as Parquet.
     """
 
     folder: Path

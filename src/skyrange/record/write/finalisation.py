@@ -9,6 +9,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.time import Epoch
+from skyrange.record.read.observations import derive_observations, origin_of
 from skyrange.record.read.station_frames import read_station_frames, survey_messages
 from skyrange.record.read.tables import Tables, combine_batches, parquet_options
 from skyrange.record.read.telemetry import ReceivedMessages, TelemetryBuilder
-from skyrange.record.schema import OPTIONAL, TABLES
+from skyrange.record.schema import DERIVED, OPTIONAL, TABLES, arrow_schema
 from skyrange.record.spool import write_error
 from skyrange.record.write.operator_files import OperatorFiles
 
@@ -44,8 +46,11 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> dict[str, int]:
         shutil.rmtree(final, ignore_errors=True)
         (final / "operators").mkdir(parents=True)
         for name in TABLES:
-            if name != "telemetry" and has_table(name, tables, manifest):
+            if name not in DERIVED and has_table(name, tables, manifest):
                 counts[name] = _write(final / f"{name}.parquet", tables.schema(name), tables.batches(name))
+        observed = _write_observations(final / "observations.parquet", tables, manifest)
+        if observed:
+            counts["observations"] = observed
         counts["telemetry"] = _write_station_data(final, tables, manifest)
         (folder / "operators").mkdir(exist_ok=True)
         for path in sorted(final.rglob("*")):
@@ -76,6 +81,15 @@ def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], gro
             writer.write_table(table, row_group_size=group)
             rows += table.num_rows
     return rows
+
+
+def _write_observations(path: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
+    """Write what the receivers decoded; no file if they decoded nothing."""
+    batches = derive_observations(tables, origin_of(manifest))
+    first = next(batches, None)
+    if first is None:
+        return 0
+    return _write(path, arrow_schema("observations"), chain([first], batches), _WIDE_GROUP_ROWS)
 
 
 def _write_station_data(final: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:

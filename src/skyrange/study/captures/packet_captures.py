@@ -55,8 +55,9 @@ def remote_id(record: RunRecord, path: Path | None = None, receivers: Sequence[s
     interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in remote_id_packet.INTERFACES]
 
     def packets() -> Iterator[tuple[str, bytes]]:
-        for receiver, frame in received_broadcasts(record, names):
-            yield receiver, remote_id_packet.packet_block(frame, start, f"received by {receiver}", first[receiver])
+        for one in received_broadcasts(record, names):
+            comment = f"received by {one.receiver}"
+            yield one.receiver, remote_id_packet.packet_block(one.frame, start, comment, first[one.receiver])
 
     return _write(path or record.path / REMOTE_ID, pcapng.file_header(interfaces), packets(), names)
 

@@ -1,7 +1,6 @@
-"""Broadcasts received in a run, byte for byte, by aircraft, attackers and ground receivers.
+"""Broadcasts received in a run, by aircraft, attackers and ground receivers, each with the frame that was transmitted.
 
-For aircraft and attackers they are the frames that the oracle sends on `rid_down:*`; for ground receivers they are the
-contents of its reports on `oracle:*`. They do not include what a tap altered, delayed or added behind the antenna.
+They are what the radios decoded; what a tap altered, delayed or added behind the antenna is not among them.
 """
 
 from __future__ import annotations
@@ -10,37 +9,43 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from heapq import heappop, heappush
 from typing import Final, NamedTuple, TypeVar
 
-import pyarrow as pa
-import pyarrow.compute as pc
-
-from skyrange.codec.remote_id.link_payload import RidFrame, unpack
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidFrame, unpack
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
-from skyrange.radio import ground_receptions
-from skyrange.radio.oracle import ENDPOINT
 from skyrange.record.read.run import RunRecord
+from skyrange.record.read.transmissions import RADIO_LINK, read_decoded_receptions
 
 T = TypeVar("T")
 
-_UP: Final = "rid_up:"
 _DOWN: Final = "rid_down:"
 _REPORTS: Final = "oracle:"
 WINDOW_NS: Final = NS_PER_S
 """Length of the sorting window. An item that is recorded later than this after its time, because a link was that slow,
 is yielded out of order."""
+_BATCH_ROWS: Final = 1_024
 
 
 class ReceivedBroadcast(NamedTuple):
-    """One reception; the frame's header has signal strength, channel, claimed address and end of reception."""
+    """One reception. `receiver` and `frame` are what the receiver knows; the rest is truth, to judge a detector by."""
 
     receiver: str
     frame: RidFrame
+    """Body as transmitted; header with signal strength, channel, claimed address and end of reception."""
+    frame_id: str
+    """Id of the frame that was transmitted, as in `frames`, `labels` and `observations`."""
+    radio: str
+    """The radio that transmitted it: a vehicle or an attack's radio."""
+    sender: str
+    """The endpoint, or the tap, that truly sent the frame to the radio."""
+    serial: int
+    """That sender's serial number of the frame."""
 
 
 def has_radio(record: RunRecord) -> bool:
     """Whether a run has a radio medium."""
     names = (str(link["name"]) for link in record.manifest.get("links") or [])
-    return any(name.startswith((_UP, _DOWN, _REPORTS)) for name in names)
+    return any(name.startswith((RADIO_LINK, _DOWN, _REPORTS)) for name in names)
 
 
 def receivers_of(record: RunRecord) -> list[str]:
@@ -71,29 +76,28 @@ def select_receivers(record: RunRecord, names: Iterable[str]) -> list[str]:
 def received_broadcasts(record: RunRecord, receivers: Sequence[str] = ()) -> Iterator[ReceivedBroadcast]:
     """The receptions of some receivers (all if none are named) in order of their end, read batch by batch.
 
-    Raises `InputError` immediately for an unknown receiver and for a run without a radio medium.
+    A reception whose frame the record lacks, as after a crash, is left out. Raises `InputError` immediately for an
+    unknown receiver and for a run without a radio medium.
     """
-    wanted = frozenset(select_receivers(record, receivers))
+    wanted = select_receivers(record, receivers)
     return sort_in_window(_recorded(record, wanted), lambda one: one.frame.header.time_ns)
 
 
-def _recorded(record: RunRecord, wanted: frozenset[str]) -> Iterator[ReceivedBroadcast]:
+def _recorded(record: RunRecord, wanted: Sequence[str]) -> Iterator[ReceivedBroadcast]:
     """The receptions in the order recorded."""
-    downs = [_DOWN + name for name in wanted]
-    grounds = {str(row["id"]) for row in record.manifest.get("receivers") or []} & wanted
-    for table in record.tables.frames_with_payloads(["link", "sender"]):
-        link = table.column("link")
-        keep = pc.is_in(link, value_set=pa.array(downs, pa.string()))
-        if grounds:
-            keep = pc.or_(keep, pc.starts_with(link, _REPORTS))
-        rows = table.filter(pc.and_(keep, pc.equal(table.column("sender"), ENDPOINT)))
-        for name, payload in zip(rows.column("link").to_pylist(), rows.column("payload").to_pylist(), strict=True):
-            if name.startswith(_DOWN):
-                yield ReceivedBroadcast(name.removeprefix(_DOWN), unpack(payload))
+    names = ("time_ns", "receiver", "channel", "rssi_dbm", "link", "direction", "sender", "serial")
+    for received in read_decoded_receptions(record.tables, wanted, _BATCH_ROWS):
+        sent = [unpack(payload) for payload in received.payloads]
+        columns = [received.rows.column(name).to_pylist() for name in names]
+        for place, *row in zip(received.place.tolist(), *columns, strict=True):
+            if place < 0:
                 continue
-            for reception in ground_receptions.decode(payload).body:
-                if reception.receiver in grounds:
-                    yield ReceivedBroadcast(reception.receiver, reception.frame())
+            time_ns, receiver, channel, rssi_dbm, link, direction, sender, serial = row
+            rssi_cdbm = min(max(round(rssi_dbm * 100.0), NO_RSSI + 1), 32_767)
+            header = sent[place].header._replace(channel=channel, rssi_cdbm=rssi_cdbm, time_ns=time_ns)
+            frame_id = str(FrameId(link, direction, sender, serial))
+            radio = link.removeprefix(RADIO_LINK)
+            yield ReceivedBroadcast(receiver, RidFrame(header, sent[place].body), frame_id, radio, sender, serial)
 
 
 def sort_in_window(items: Iterable[T], at_ns: Callable[[T], int]) -> Iterator[T]:

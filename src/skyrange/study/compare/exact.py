@@ -22,7 +22,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import to_seconds
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.read.time_order import sort_by_time
-from skyrange.record.schema import TABLES
+from skyrange.record.schema import DERIVED, TABLES
 from skyrange.study.measures.aircraft_measures import DEPARTED_M, departures, read_ticks
 from skyrange.study.measures.time_series import vehicles
 
@@ -35,8 +35,8 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }
 """The tables that are compared row by row, with the columns that order and identify rows, first a time in ns."""
 
-_COUNTED = [name for name in TABLES if name not in ("telemetry", "payloads")]
-"""Telemetry and payloads are left out: they follow from the frames, however payloads were de-duplicated."""
+_COUNTED = [name for name in TABLES if name not in DERIVED and name != "payloads"]
+"""Derived tables and payloads are left out: they follow from the others, however payloads were de-duplicated."""
 
 
 @dataclass(frozen=True, slots=True)
