@@ -45,12 +45,16 @@ def _python() -> Finding:
 def _packages() -> list[Finding]:
     findings = []
     for requirement in requires("skyrange") or []:
-        if "extra ==" in requirement:
+        if "extra ==" in requirement and "'city'" not in requirement.replace('"', "'"):
             continue
         name = requirement.split(">")[0].split("<")[0].split("=")[0].split(";")[0].strip()
         try:
             findings.append(Finding(name, version(name)))
         except PackageNotFoundError:
+            if "extra ==" in requirement:
+                hint = "Optional. pip install 'skyrange[city]' reads buildings of more formats than GeoJSON."
+                findings.append(Finding(name, "missing", False, hint, optional=True))
+                continue
             findings.append(Finding(name, "missing", False, f"pip install '{requirement}'"))
     return findings
 

@@ -74,22 +74,18 @@ def test_ignores_and_counts_what_is_no_building(load):
         _feature([_moved(SQUARE, 0.004)]),
     ]
     city, _ = load(features)
-    assert city.counts == {
-        "buildings": 3,
-        "ignored": 4,
-        "repaired": 0,
-        "empty": 0,
-        "by_height": 1,
-        "by_levels": 1,
-        "by_default": 1,
-    }
+    told = city.reading
+    assert (told.features, told.kept, told.repaired) == (7, 3, 0)
+    assert told.dropped == {"with building=no": 1, "of type Point": 1, "of type LineString": 1, "without geometry": 1}
+    assert told.heights == {"measured": 1, "derived": 1, "defaulted": 1}
+    assert told.height_keys == {"height": 1, "building:levels": 1}
     assert [building.height_m for building in city.buildings] == [30.0, 12.0, 9.0]
 
 
 def test_crossing_ring_is_repaired_and_flat_one_left_out(load):
     flat = [[0.0, 0.0], [0.001, 0.0], [0.0005, 0.0], [0.0, 0.0]]
     city, _ = load([_feature([BOW_TIE], height="10"), _feature([flat])])
-    assert (city.counts["repaired"], city.counts["empty"], len(city)) == (2, 1, 1)
+    assert (city.reading.repaired, city.reading.dropped["without area"], len(city)) == (2, 1, 1)
     assert city.buildings[0].shape.is_valid
     assert city.buildings[0].shape.area == pytest.approx(0.5 * 111.32 * 110.574, rel=1e-3)
 
@@ -181,15 +177,9 @@ def test_buildings_a_continent_apart_are_no_city(load):
 def test_manhattan():
     """Its 1,239 polygons are buildings, its 47 points are not; 1,228 have a height tag, as its own note says."""
     city, origin = load_geojson(MANHATTAN)
-    assert city.counts == {
-        "buildings": 1239,
-        "ignored": 47,
-        "repaired": 1,
-        "empty": 0,
-        "by_height": 1228,
-        "by_levels": 2,
-        "by_default": 9,
-    }
+    told = city.reading
+    assert (told.features, told.kept, told.repaired, told.dropped) == (1286, 1239, 1, {"of type Point": 47})
+    assert told.heights == {"measured": 1228, "derived": 2, "defaulted": 9}
     assert (origin.lat_deg, origin.lon_deg) == pytest.approx((40.77834, -73.95468), abs=1e-4)
     west, south, east, north = city.bounds
     assert (east - west, north - south) == pytest.approx((1054.0, 908.0), abs=2.0)

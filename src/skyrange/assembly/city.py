@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from skyrange.city.building_files import load_buildings
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
-from skyrange.city.geojson import load_geojson
 from skyrange.scenario.model.scenario import Scenario
 
 
@@ -13,7 +13,7 @@ def build_city(scenario: Scenario) -> City | None:
     if scenario.city is None:
         return None
     if scenario.city.buildings is not None:
-        return load_geojson(scenario.city.buildings, scenario.origin.datum)[0]
+        return load_buildings(scenario.city.buildings, scenario.origin.datum)[0]
     grid = scenario.city.grid
     assert grid is not None  # the model allows exactly one of the two
     return downtown_grid(grid.blocks, grid.height_m, grid.seed, grid.street_m, grid.block_m)

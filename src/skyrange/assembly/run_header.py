@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.assembly.radio import uas_id_of
+from skyrange.city.building_files import files_of
 from skyrange.city.city import City
 from skyrange.codec.mission import format_waypoints
 from skyrange.contracts.links import LinkSpec
@@ -69,8 +70,20 @@ def make_header(
             {"id": receiver.id, "operator": receiver.operator, "kind": receiver.kind, "at_enu_m": list(receiver.place)}
             for receiver in (scenario.radio.receivers if scenario.radio is not None else ())
         ],
-        "city": {"source": city.source, "buildings": len(city.buildings)} if city is not None else None,
+        "city": _describe_city(city) if city is not None else None,
     }
+
+
+def _describe_city(city: City) -> dict[str, Any]:
+    """The city in the manifest: its source, its number of buildings, and what became of its file's features."""
+    told = {"source": city.source, "buildings": len(city.buildings)}
+    return told | ({"reading": city.reading.to_dict()} if city.reading is not None else {})
+
+
+def _name_copy(file: Path) -> str:
+    """The name of a file of buildings in the run's folder, in which `city.json` is another file."""
+    suffix = file.suffix.lower()
+    return "city.geojson" if suffix == ".json" else f"city{suffix}"
 
 
 def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
@@ -85,8 +98,9 @@ def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: 
             copies[given] = f"missions/given/{len(copies) + 1}-{Path(given).name}"
             files[copies[given]] = Path(given).read_bytes()
     if scenario.city is not None and scenario.city.buildings is not None:
-        copies[scenario.city.buildings] = "city.geojson"
-        files["city.geojson"] = Path(scenario.city.buildings).read_bytes()
+        buildings = Path(scenario.city.buildings)
+        copies[scenario.city.buildings] = _name_copy(buildings)
+        files |= {_name_copy(file): file.read_bytes() for file in files_of(buildings)}
     for number, (name, source) in enumerate(loaded_sources(), 1):
         files[f"{PLUGINS}/{number:02}-{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}"] = source
     files["scenario.toml"] = to_toml(scenario, copies).encode()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 
 from skyrange.city.buildings import Building
+from skyrange.city.reading import Reading
 
 if TYPE_CHECKING:
     from skyrange.city.wall_index import WallIndex
@@ -21,17 +22,17 @@ Point3 = tuple[float, float, float]
 class City:
     """Buildings on flat ground. Immutable, so a deep copy is the city itself."""
 
-    __slots__ = ("_heights_m", "_tree", "_walls", "bounds", "buildings", "counts", "source")
+    __slots__ = ("_heights_m", "_tree", "_walls", "bounds", "buildings", "reading", "source")
 
-    def __init__(self, buildings: Sequence[Building], source: str, counts: Mapping[str, int] | None = None) -> None:
-        """`source` names their origin; `counts` are the statistics of their reader. Raises `ValueError` without
+    def __init__(self, buildings: Sequence[Building], source: str, reading: Reading | None = None) -> None:
+        """`source` names their origin; `reading` says what their reader kept and dropped. Raises `ValueError` without
         buildings.
         """
         if not buildings:
             raise ValueError("a city needs at least one building")
         self.buildings: tuple[Building, ...] = tuple(buildings)
         self.source = source
-        self.counts: dict[str, int] = dict(counts or {})
+        self.reading = reading
         self._tree = shapely.STRtree([building.shape for building in self.buildings])
         self._walls: WallIndex | None = None
         self._heights_m = np.array([building.height_m for building in self.buildings])

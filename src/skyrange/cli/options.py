@@ -36,8 +36,7 @@ Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of the run; ov
 Buildings = Annotated[
     Path | None,
     typer.Option(
-        metavar="FILE",
-        help="GeoJSON file of a city that replaces that of the scenario; the origin moves to its centre.",
+        metavar="FILE", help="File of the buildings of a city to use, such as GeoJSON; the origin moves to its centre."
     ),
 ]
 

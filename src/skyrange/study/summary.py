@@ -18,7 +18,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
     `finished_s`; `mishap`, its first collision or crash in words, `None` without one; `distance_m` and `highest_m`
     from the recorded truth, which depend on its sampling rate; the numbers of frames that were sent on the `gcs` link
     towards its ground station and that arrived there. `mishaps` are collisions (once for both aircraft), crashes,
-    fence breaches and failsafes in order of time, with the details of their events.
+    fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's entry:
+    the buildings, and what was kept and dropped of their file; `None` without a city.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
@@ -70,6 +71,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "fingerprint": digests.get("fingerprint"),
         "digests": digests,
         "timings": manifest.get("timings") or {},
+        "city": manifest.get("city"),
         "vehicles": vehicles,
         "mishaps": mishaps,
         "path": str(record.path),

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
-from skyrange.cli.output.run_summary import MAX_AIRCRAFT
+from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -62,6 +62,7 @@ def print_pair(result: Pair) -> None:
     unknown = unknown_subsets(result.manifest.get("active", {}))
     if unknown:
         console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
+    print_city(console, result.run(result.reference, result.seeds[0]).manifest.get("city"))
     acts = sum(row["phase"] in ("onset", "act") for row in result.propagation.to_pylist())
     console.print(f"{acts:,} hostile acts labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}")
     console.print(f"pair   {result.path}", soft_wrap=True, markup=False)

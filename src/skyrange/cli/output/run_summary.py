@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
@@ -46,6 +46,7 @@ def print_summary(facts: dict[str, Any]) -> None:
             )
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
+    print_city(console, facts.get("city"))
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
     wall_s = timings.get("wall_s")
@@ -56,6 +57,16 @@ def print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
+
+
+def print_city(console: Console, city: Mapping[str, Any] | None) -> None:
+    """Print what was kept and dropped of a file of buildings; nothing for a generated city."""
+    from skyrange.city.reading import describe_reading
+
+    if city and city.get("reading"):
+        console.print(f"city   {city['source']}", soft_wrap=True, markup=False)
+        for line in describe_reading(city["reading"]):
+            console.print(f"       {line}", soft_wrap=True, markup=False)
 
 
 def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]]) -> None:

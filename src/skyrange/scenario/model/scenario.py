@@ -110,8 +110,8 @@ class City(Model):
 
     buildings: FileName | None = Field(
         default=None,
-        description="GeoJSON file of building footprints, with heights in OpenStreetMap's height or building:levels "
-        "tags. The path is relative to the scenario file.",
+        description="File of buildings, such as GeoJSON with OpenStreetMap's height or building:levels tags, "
+        "relative to the scenario's file.",
     )
     grid: Grid | None = Field(default=None, description="Generated downtown; {} uses all defaults.")
 

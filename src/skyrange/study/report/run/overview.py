@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from skyrange.city.reading import describe_reading
 from skyrange.study.figures.svg import format_number
 from skyrange.study.measures.flight_summary import FlightSummary
 from skyrange.study.measures.time_series import Track
@@ -101,6 +102,13 @@ def render_gaps(run: RunContents) -> Markup:
     known.sort(key=lambda row: -(row[1].max_gap_m or 0.0))
     worst = max((flight.max_gap_m or 0.0 for _, flight in known), default=0.0)
     return render("run/gaps.html.jinja", rows=[_gap(index, flight, max(worst, 1e-9)) for index, flight in known])
+
+
+def city_lines(manifest: Mapping[str, Any]) -> list[str]:
+    """Sentences on the file of buildings: what was kept and dropped of it; none for a generated city."""
+    city = manifest.get("city")
+    reading = city.get("reading") if isinstance(city, Mapping) else None
+    return [str(city["source"]), *describe_reading(reading)] if city and reading else []
 
 
 def left_out(notes: Mapping[str, int]) -> str:

@@ -54,6 +54,7 @@ def render_run(record: Record) -> str:
         decisions=timeline.render_happenings(run.decisions, run, "decisions", "Decisions of ground stations"),
         folder=str(run.record.path),
         left_out=overview.left_out(notes),
+        city=overview.city_lines(run.record.manifest),
         digests=run.manifest.get("digests") or {},
     )
 

@@ -1,0 +1,191 @@
+"""Footprints of buildings: choice among a file's features, reprojection, repair and projection to local metres."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skyrange.city.building_heights import KEYS, height_of
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
+from skyrange.city.coordinate_systems import Projection
+from skyrange.city.reading import Reading
+from skyrange.core.errors import InputError
+from skyrange.core.geodesy import Origin
+
+MAX_EXTENT_DEG = 2.0
+"""The flat map is inaccurate beyond this; two longitudes with opposite signs also exceed it."""
+
+BUILDING_KEYS: Final = ("building", "building:part", "building_part")
+_OTHER_KINDS: Final = (
+    "highway",
+    "landuse",
+    "natural",
+    "leisure",
+    "waterway",
+    "railway",
+    "boundary",
+    "place",
+    "amenity",
+)
+"""OpenStreetMap's keys of features that are no buildings: a file that has them does not consist of buildings alone."""
+
+Vertices = NDArray[np.float64]
+"""(n, 2) or (n, 3): x, y and perhaps z in the file's coordinate system, the last vertex equal to the first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Feature:
+    """A building of a file, before it is projected and repaired."""
+
+    where: str
+    """Its place in the file, such as `features[3]`."""
+    id: str
+    """Its own id, or empty."""
+    tags: Mapping[str, Any]
+    polygons: Sequence[Sequence[Vertices]]
+    """Its polygons, each as [outer ring, holes…]; walls and roofs of a solid count as polygons."""
+
+
+def choose_buildings(tags: Sequence[Mapping[str, Any]], reading: Reading) -> list[str]:
+    """For the tags of each polygon of a file, why it is no building, or empty if it is one.
+
+    A feature with a `building` or `building:part` tag other than "no" is one. If no feature of the file has such a
+    tag, every polygon counts as a building, unless features have OpenStreetMap's keys of other things.
+    """
+    keys = [{key.lower() for key in own} for own in tags]
+    if any(own.intersection(BUILDING_KEYS) for own in keys):
+        return [_reason(own) for own in tags]
+    if any(own.intersection(_OTHER_KINDS) for own in keys):
+        return ["" if own & KEYS else "without a building tag" for own in keys]
+    if tags:
+        reading.notes.append("no feature has a building tag, so every polygon counts as a building")
+    return [""] * len(tags)
+
+
+def _reason(tags: Mapping[str, Any]) -> str:
+    values = [value for key, value in tags.items() if key.lower() in BUILDING_KEYS and value not in ("", None)]
+    if not values:
+        return "without a building tag"
+    return "with building=no" if all(value == "no" for value in values) else ""
+
+
+def make_city(
+    name: str, features: Sequence[Feature], reading: Reading, projection: Projection | None, origin: Origin | None
+) -> tuple[City, Origin]:
+    """The city of some buildings, in metres from `origin`; by default from the centre of their bounding box.
+
+    `reading` gets the counts. Raises `InputError` if there is no building, and for buildings that lie too far apart.
+    """
+    chosen, degrees, owners = _vertices(features, reading, projection)
+    if not chosen:
+        dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(reading.dropped.items()))
+        value = f"{reading.features} features, no building" + (f": {dropped}" if dropped else "")
+        raise InputError.one(name, "features", value, "polygons tagged building=…")
+    west, south = degrees.min(axis=0).tolist()
+    east, north = degrees.max(axis=0).tolist()
+    if max(east - west, north - south) > MAX_EXTENT_DEG:
+        across = f"buildings from {south:.3f}, {west:.3f} to {north:.3f}, {east:.3f} degrees"
+        hint = f"Cut a part out: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 -spat WEST SOUTH EAST NORTH city.geojson {name}`."
+        raise InputError.one(name, "features", across, f"one city, at most {MAX_EXTENT_DEG} degrees across", hint)
+    if origin is None:
+        origin = Origin(0.5 * (south + north), 0.5 * (west + east))
+    east_m, north_m = origin.to_enu(degrees[:, 1], degrees[:, 0])
+    lines = shapely.linearrings(np.column_stack((east_m, north_m)), indices=owners.ring_of_vertex)
+    shapes = shapely.polygons(lines, indices=owners.polygon_of_ring)
+    return _build(name, chosen, shapes, owners.building_of_polygon, reading), origin
+
+
+@dataclass(frozen=True, slots=True)
+class _Owners:
+    ring_of_vertex: NDArray[np.int64]
+    polygon_of_ring: list[int]
+    building_of_polygon: list[int]
+
+
+def _vertices(
+    chosen: Sequence[Feature], reading: Reading, projection: Projection | None
+) -> tuple[list[Feature], Vertices, _Owners]:
+    """All vertices in degrees; features without a place on earth are left out and counted."""
+    kept: list[Feature] = []
+    rings: list[Vertices] = []
+    polygon_of_ring: list[int] = []
+    building_of_polygon: list[int] = []
+    for feature in chosen:
+        own = [ring for polygon in feature.polygons for ring in polygon]
+        flat = np.concatenate([ring[:, :2] for ring in own]) if own else np.empty((0, 2))
+        degrees = projection.to_degrees(flat) if projection is not None else flat
+        if not len(degrees):
+            reading.dropped["without geometry"] += 1
+            continue
+        if not ((np.abs(degrees) <= (180.0, 90.0)).all()):  # false for a NaN too
+            reading.dropped["outside the coordinate system"] += 1
+            continue
+        ends = np.cumsum([len(ring) for ring in own])[:-1]
+        rings += np.split(degrees, ends)
+        for polygon in feature.polygons:
+            polygon_of_ring += [len(building_of_polygon)] * len(polygon)
+            building_of_polygon.append(len(kept))
+        kept.append(feature)
+    whole = np.concatenate(rings) if rings else np.empty((0, 2))
+    ring_of_vertex = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    return kept, whole, _Owners(ring_of_vertex, polygon_of_ring, building_of_polygon)
+
+
+def _build(
+    name: str, chosen: Sequence[Feature], shapes: NDArray[Any], building_of_polygon: Sequence[int], reading: Reading
+) -> City:
+    """Join polygons to buildings, repair them, and read their tags."""
+    first = np.searchsorted(building_of_polygon, np.arange(len(chosen) + 1)).tolist()
+    buildings = []
+    used: set[str] = set()
+    for feature, (start, end) in zip(chosen, pairwise(first), strict=True):
+        span_m = _span_m(feature)
+        shape = shapes[start] if end - start == 1 else shapely.multipolygons(shapes[start:end])
+        if span_m > 0.0 and end - start > 1:
+            shape = _shadow(shapes[start:end])  # walls, roofs and ground of a solid
+        elif not shapely.is_valid(shape):
+            shape = _areas(shapely.make_valid(shape))
+            reading.repaired += 1
+        if shape.area <= 0.0:
+            reading.dropped["without area"] += 1
+            continue
+        height = height_of(feature.tags, span_m)
+        reading.count_height(height)
+        known = feature.id or feature.where
+        identity = known if known not in used else f"{known} {feature.where}"
+        used.add(identity)
+        label = str(feature.tags.get("name") or "")
+        buildings.append(Building(identity, height.height_m, shape, label, height.base_m))
+    if not buildings:
+        raise InputError.one(name, "features", f"{len(chosen)} buildings without area", "polygons that enclose an area")
+    reading.kept = len(buildings)
+    return City(buildings, name, reading)
+
+
+def _span_m(feature: Feature) -> float:
+    """Metres between the lowest and the highest vertex; 0 for coordinates without heights."""
+    heights = [ring[:, 2] for polygon in feature.polygons for ring in polygon if ring.shape[1] > 2]
+    if not heights:
+        return 0.0
+    z = np.concatenate(heights)
+    z = z[np.isfinite(z)]
+    return float(z.max() - z.min()) if len(z) else 0.0
+
+
+def _shadow(surfaces: NDArray[Any]) -> Any:
+    """What the surfaces of a solid cover, seen from above."""
+    valid = [surface if shapely.is_valid(surface) else _areas(shapely.make_valid(surface)) for surface in surfaces]
+    return shapely.union_all([surface for surface in valid if surface.area > 0.0])
+
+
+def _areas(shape: Any) -> Any:
+    """The areas of what make_valid returns, which may also contain lines and points."""
+    parts = [part for part in shapely.get_parts(shape) if part.geom_type in ("Polygon", "MultiPolygon")]
+    return shapely.union_all(parts)

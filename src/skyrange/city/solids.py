@@ -1,0 +1,212 @@
+"""CityJSON and CityGML: buildings as solids or surfaces with 3-D coordinates, and their attributes.
+
+Of each building the surfaces of one level of detail are read, the lowest that has heights, otherwise the footprint.
+What they cover, seen from above, becomes the footprint (`city.footprints`). CityJSON 1.0 to 2.0, also as a sequence of
+features (CityJSONSeq); CityGML 1.0 to 3.0. XML is read as a stream by the standard library, which resolves no external
+entities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.city.city import City
+from skyrange.city.coordinate_systems import Projection
+from skyrange.city.footprints import Feature, make_city
+from skyrange.city.reading import Reading
+from skyrange.core.errors import InputError
+from skyrange.core.geodesy import Origin
+
+_KINDS: Final = ("Building", "BuildingPart", "BuildingUnit")
+_SURFACE_DEPTH: Final = {"MultiSurface": 1, "CompositeSurface": 1, "Solid": 2, "MultiSolid": 3, "CompositeSolid": 3}
+"""Levels of lists above a surface, which is a list of rings."""
+_NO_GEOMETRY: Final = "without surfaces of their own (the geometry of their parts counts)"
+
+Surface = list[NDArray[np.float64]]
+"""Rings (n, 3), the outer one first."""
+
+
+def read_cityjson(name: str, documents: list[Any], origin: Origin | None) -> tuple[City, Origin]:
+    """The city of a CityJSON document, or of the documents of a CityJSONSeq, of which the first has the metadata.
+
+    Raises `InputError` for a document of another kind, a broken geometry and an unknown coordinate system.
+    """
+    head = documents[0]
+    system = (head.get("metadata") or {}).get("referenceSystem") or ""
+    if not system:
+        expected = "the coordinate system, such as https://www.opengis.net/def/crs/EPSG/0/7415"
+        hint = f"Add it: `cjio {name} crs_assign 7415 save city.city.json`."
+        raise InputError.one(name, "metadata.referenceSystem", "missing", expected, hint)
+    projection = Projection(name, str(system), authority_order=True)
+    reading = Reading("CityJSON", projection.label)
+    features: list[Feature] = []
+    for document in documents:
+        if not isinstance(document, dict) or not isinstance(document.get("CityObjects"), dict):
+            raise InputError.one(name, "CityObjects", type(document).__name__, "an object of city objects by id")
+        features += _objects(name, document, document.get("transform") or head.get("transform") or {}, reading)
+    return make_city(name, features, reading, projection, origin)
+
+
+def _objects(name: str, document: Mapping[str, Any], transform: Mapping[str, Any], reading: Reading) -> list[Feature]:
+    objects = document["CityObjects"]
+    try:
+        scale, move = (
+            np.array(transform.get(key, value), dtype=np.float64).reshape(3)
+            for key, value in (("scale", (1, 1, 1)), ("translate", (0, 0, 0)))
+        )
+        vertices = np.array(document.get("vertices") or [], dtype=np.float64).reshape(-1, 3) * scale + move
+    except (TypeError, ValueError) as error:
+        raise InputError.one(name, "vertices", str(error), "a list of [x, y, z]") from error
+    features = []
+    for key, one in objects.items():
+        reading.features += 1
+        kind = str(one.get("type"))
+        if kind not in _KINDS:
+            reading.dropped[f"of type {kind}"] += 1
+            continue
+        tags = dict(one.get("attributes") or {})
+        for parent in one.get("parents") or ():
+            tags = {**(objects.get(parent, {}).get("attributes") or {}), **tags}
+        try:
+            surfaces = _lowest(one.get("geometry") or [], vertices)
+        except (IndexError, TypeError, ValueError, KeyError) as error:
+            hint = f"Check it: `cjio {name} validate`."
+            raise InputError.one(
+                name, f"CityObjects.{key}", repr(error), "boundaries of vertex indices", hint
+            ) from error
+        if not surfaces:
+            reading.dropped[_NO_GEOMETRY] += 1
+            continue
+        features.append(Feature(f"CityObjects.{key}", key, tags, surfaces))
+    return features
+
+
+def _lowest(geometries: list[Mapping[str, Any]], vertices: NDArray[np.float64]) -> list[Surface]:
+    """The surfaces of the lowest level of detail from 1 on, otherwise of level 0."""
+    known = [one for one in geometries if one["type"] in _SURFACE_DEPTH]
+    ranked = sorted(known, key=lambda one: (float(one.get("lod", 0)) < 1.0, float(one.get("lod", 0))))
+    if not ranked:
+        return []
+    lod = ranked[0].get("lod")
+    found: list[Surface] = []
+    for one in ranked:
+        if one.get("lod") == lod:
+            for surface in _surfaces(one["boundaries"], _SURFACE_DEPTH[one["type"]]):
+                rings = [vertices[np.array(ring, dtype=np.int64)] for ring in surface]
+                if rings and all(len(ring) >= 3 for ring in rings):
+                    found.append([np.vstack((ring, ring[:1])) for ring in rings])
+    return found
+
+
+def _surfaces(boundaries: Any, depth: int) -> Iterator[Any]:
+    for part in boundaries:
+        if depth == 1:
+            yield part
+        else:
+            yield from _surfaces(part, depth - 1)
+
+
+# ---------------------------------------------------------------- CityGML
+
+
+def read_citygml(path: Path, origin: Origin | None) -> tuple[City, Origin]:
+    """The city of a CityGML file.
+
+    Raises `InputError` for XML that is broken or of another kind, and for an unknown coordinate system.
+    """
+    name = str(path)
+    reading = Reading("CityGML")
+    features: list[Feature] = []
+    system = ""
+    try:
+        stack: list[ElementTree.Element] = []
+        depth = 0  # within a building
+        for event, element in ElementTree.iterparse(path, ("start", "end")):  # noqa: S314 (expat bounds entities)
+            local = _local(element)
+            if event == "start":
+                if not stack and local != "CityModel":
+                    raise InputError.one(name, "root", local, "a CityGML CityModel", _convert_hint(name))
+                stack.append(element)
+                system = system or element.get("srsName", "")
+                depth += local in _KINDS
+                continue
+            stack.pop()
+            system = system or element.get("srsName", "")
+            if local in _KINDS:
+                depth -= 1
+                _add_building(features, element, reading)
+                element[:] = [child for child in element if _local(child) in _ATTRIBUTES]
+            elif depth == 0:
+                if local == "cityObjectMember" and len(element) and _local(element[0]) not in _KINDS:
+                    reading.features += 1
+                    reading.dropped[f"of type {_local(element[0])}"] += 1
+                element.clear()
+    except ElementTree.ParseError as error:
+        raise InputError.one(name, "file", str(error), "XML", "The file may be cut off.") from error
+    except OSError as error:
+        raise InputError.one(name, "file", error.strerror or str(error), "a readable CityGML file") from error
+    if not system:
+        raise InputError.one(
+            name, "srsName", "missing", "the coordinate system, such as EPSG:25832", _convert_hint(name)
+        )
+    projection = Projection(name, system, authority_order=True)
+    reading.crs = projection.label
+    return make_city(name, features, reading, projection, origin)
+
+
+_ATTRIBUTES: Final = {"measuredHeight": "measuredHeight", "storeysAboveGround": "storeysAboveGround", "name": "name"}
+
+
+def _add_building(features: list[Feature], element: ElementTree.Element, reading: Reading) -> None:
+    reading.features += 1
+    tags = {_ATTRIBUTES[_local(child)]: child.text for child in element if _local(child) in _ATTRIBUTES}
+    for child in element.iter():
+        if _local(child) == "Height":  # CityGML 3.0: con:height/con:Height/con:value
+            value = next((part.text for part in child if _local(part) == "value"), None)
+            tags.setdefault("measuredHeight", value)
+    by_lod: dict[str, list[Surface]] = {}
+    _collect(element, "", by_lod)
+    levels = sorted(by_lod, key=lambda lod: (lod < "1", lod))
+    identity = next((value for key, value in element.attrib.items() if key.endswith("id")), "")
+    if not levels:
+        reading.dropped[_NO_GEOMETRY] += 1
+        return
+    features.append(Feature(f"building {identity or len(features)}", identity, tags, by_lod[levels[0]]))
+
+
+def _collect(element: ElementTree.Element, lod: str, by_lod: dict[str, list[Surface]]) -> None:
+    """Collect the polygons below an element, by their level of detail."""
+    for child in element:
+        local = _local(child)
+        level = local[3] if local.startswith("lod") and local[3:4].isdigit() else lod
+        if local == "Polygon":
+            rings = [_ring(ring) for ring in child.iter() if _local(ring) == "LinearRing"]
+            if rings and all(len(ring) >= 4 for ring in rings):
+                by_lod.setdefault(level or "2", []).append(rings)
+        else:
+            _collect(child, level, by_lod)
+
+
+def _ring(ring: ElementTree.Element) -> NDArray[np.float64]:
+    """The vertices of a LinearRing (posList or pos), (n, 3); none if they are no numbers."""
+    text = " ".join(part.text or "" for part in ring if _local(part) in ("posList", "pos"))
+    try:
+        numbers = np.array(text.split(), dtype=np.float64)
+    except ValueError:
+        return np.empty((0, 3))
+    return numbers.reshape(-1, 3) if len(numbers) % 3 == 0 else np.empty((0, 3))
+
+
+def _local(element: ElementTree.Element) -> str:
+    """The name of an element without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _convert_hint(name: str) -> str:
+    return f"Convert it: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 city.geojson {name}`."
