@@ -39,6 +39,8 @@ class FakeAutopilot:
     home: tuple[float, float, float] = (0.0, 0.0, 0.0)
     answers: dict[int, list[int | None]] = field(default_factory=dict)
     """command → results to give first, in order; `None` stays silent once."""
+    texts: dict[int, list[tuple[int, str, int, int]]] = field(default_factory=dict)
+    """command → STATUSTEXTs to send before each answer: severity, text, id, chunk number."""
     mute_until: int = 0
     """Says nothing before this time."""
     deaf: bool = False
@@ -151,6 +153,8 @@ class FakeAutopilot:
 
     def on_command_long(self, message: Any) -> None:
         command = int(message.command)
+        for severity, text, number, chunk in self.texts.get(command, ()):
+            self.say(mav.MAVLink_statustext_message(severity, text.encode(), number, chunk))
         scripted = self.answers.get(command)
         result: int | None = scripted.pop(0) if scripted else mav.MAV_RESULT_ACCEPTED
         if result is None:

@@ -403,6 +403,27 @@ def test_a_command_refused_for_good_fails_the_flight(answers: dict[int, list[int
     assert got == reason
 
 
+def test_a_failed_flight_says_what_the_autopilot_said() -> None:
+    """Warnings and worse, each once, long ones in one piece; not what it said of other things."""
+    texts = {
+        ARM: [
+            (2, "PreArm: RC not found", 0, 0),
+            (2, "PreArm: Compass not calibrated, and this text is l", 7, 0),
+            (2, "onger than a message\x1b[2J", 7, 1),
+            (6, "EKF3 IMU0 origin set", 0, 0),
+        ],
+        MODE: [(6, "Mode GUIDED", 0, 0), (4, "GPS glitch", 0, 0)],
+    }
+    run = loop(answers={ARM: [FAILED] * 200}, texts=texts)
+    state, reason = outcome(run.run(250))
+    assert state == "failed"
+    assert reason == (
+        'arm: FAILED; the autopilot said "GPS glitch", "PreArm: RC not found", '
+        '"PreArm: Compass not calibrated, and this text is longer than a message [2J"'
+    )
+    assert run.note("decision.gave_up", "blue/b1").data["reason"] == reason
+
+
 def test_a_refused_stream_is_noted_and_done_without() -> None:
     run = loop(answers={INTERVAL: [UNSUPPORTED]}).run(120)
     assert outcome(run) == ("complete", "")

@@ -18,6 +18,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
+from skyrange.runtime.live.taps import tap_process
 from skyrange.runtime.live.taps.external_tap import MAX_HELD, ExternalTap, TapTerms
 from skyrange.runtime.live.taps.tap_process import TapProcess, find_node_folder, parse_loopback
 from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, SOCKET, TapServer, line_of, socket_path
@@ -381,6 +382,33 @@ def test_programs_come_one_at_a_time_and_may_talk_nonsense(tmp_path: Path) -> No
     record, tapping = asyncio.run(talk())
     assert [label.action for label in record.labels] == ["drop"]
     assert (tapping.counts["handed"], tapping.counts["dropped"], tapping.counts["strange"]) == (1, 1, 2)
+
+
+@pytest.mark.parametrize("reads", [True, False])
+def test_the_end_of_the_range_is_no_error_while_a_program_is_connected(
+    reads: bool, tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """asyncio reports a cancelled task of a server with a traceback, after the loop has closed."""
+    monkeypatch.setattr(tap_process, "END_S", 0.05)
+
+    async def talk() -> None:
+        door = Door(node(tmp_path, "blue.gcs", LINK.a, LINK.a, door=False))
+        await door.open()
+        told: list[str] = []
+        tapping = TapProcess(TapTerms(link=LINK.name), ("127.0.0.1", 0), tmp_path)
+        serving = asyncio.create_task(tapping.relay(told.append))
+        await until(lambda: told)
+        reader, writer = await called(int(told[0].rpartition(":")[2]))
+        await reader.readline()
+        if not reads:  # as if its connection could not be closed, because data wait for it
+            monkeypatch.setattr(tapping._program, "close", lambda: None)
+        door.taps.close(S)
+        async with asyncio.timeout(2.0):
+            await serving
+        writer.transport.abort()
+
+    asyncio.run(talk())
+    assert caplog.records == []
 
 
 def test_a_range_that_has_ended_is_named(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, from_seconds, to_seconds
 from skyrange.gcs.flight import procedures
+from skyrange.gcs.flight.autopilot_texts import AutopilotTexts
 from skyrange.gcs.flight.flight import Flight, FlightOutcome
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
 from skyrange.gcs.flight.intent_submission import IntentSubmission
@@ -48,6 +49,9 @@ _FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_
 """Modes that show that a disarmed aircraft has flown: no aircraft is prepared in them."""
 _STREAM_CHECKED = frozenset({FlightState.WAITING, FlightState.HOLDING, FlightState.FLYING})
 """States in which the streams must arrive and in which no other required command can be in progress."""
+
+_EXPLAINED = frozenset({FlightState.PREPARING, FlightState.ARMING, FlightState.STARTING})
+"""States in which the texts of the autopilot say why it rejects a command."""
 
 _TIMED = {FlightState.WAITING: FlightEvent.DUE, FlightState.HOLDING: FlightEvent.DEPARTED}
 """States that end at a fixed time, with the event that ends them."""
@@ -85,6 +89,8 @@ class FlightSequencer:
     """Frames that led to the current state: the causes of what a timer triggers in it."""
     reason: str = ""
     """Why the plan was given up, while the aircraft returns home."""
+    texts: AutopilotTexts = field(default_factory=AutopilotTexts)
+    """What the autopilot said since the ground station began to prepare it."""
 
     # --- inputs --------------------------------------------------------------------------------
 
@@ -219,6 +225,10 @@ class FlightSequencer:
         elif answer != "wait":
             self._command_rejected(answer, now, out, (ref,))
 
+    def _on_text(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        if self.state in _EXPLAINED:
+            self.texts.read(message)
+
     # --- events and states -------------------------------------------------------------------------
 
     def _raise(
@@ -262,6 +272,7 @@ class FlightSequencer:
             self._raise(_TIMED[state], now, out, causes)
         elif state is FlightState.PREPARING:
             self._mark_telemetry_fresh(now)
+            self.texts.clear()
         elif state is FlightState.FLYING:
             self.belief.set("farthest_item", 0)
         elif state in ENDED:
@@ -284,6 +295,8 @@ class FlightSequencer:
         out.note("event.outcome", self.flight.vehicle, {"state": self.state.value, "reason": reason}, causes)
 
     def _give_up(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+        if self.state in _EXPLAINED and self.texts.texts:
+            reason = f"{reason}; {self.texts.quote()}"
         self.reason = f"{self.reason}; {reason}" if self.reason else reason
         self._drop_commands()
         self._raise(FlightEvent.GAVE_UP, now, out, causes, {"reason": reason})
@@ -462,6 +475,7 @@ _HANDLERS = {
     mav.MAVLINK_MSG_ID_MISSION_COUNT: FlightSequencer._on_count,
     mav.MAVLINK_MSG_ID_MISSION_ITEM_INT: FlightSequencer._on_item,
     mav.MAVLINK_MSG_ID_COMMAND_ACK: FlightSequencer._on_command_ack,
+    mav.MAVLINK_MSG_ID_STATUSTEXT: FlightSequencer._on_text,
 }
 READ = frozenset(_HANDLERS)
 """Ids of the messages that a flight sequencer handles; other telemetry is decoded and stored, bad frames counted."""

@@ -25,6 +25,8 @@ from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, MAX_WAITING_BY
 
 RETRY_S: Final = 0.1
 """Between two attempts to reach the node."""
+END_S: Final = 1.0
+"""How long a program's connection may take to end after the range."""
 OnWord = Callable[[str], None]
 """Called with a line for the user."""
 
@@ -44,6 +46,7 @@ class TapProcess:
     """The node's counts at the end; empty where the range broke off."""
     _program: asyncio.StreamWriter | None = None
     _hello: bytes = b""
+    _serving: set[asyncio.Task[Any]] = field(default_factory=set)
 
     def serve(self, on_word: OnWord) -> None:
         """Serve until the range ends. `InputError` for a link that is not there or an address that cannot be had."""
@@ -69,9 +72,17 @@ class TapProcess:
             raise ComponentError("tap", f"the range broke off: {error}") from error
         finally:
             server.close()
-            node.close()
             if self._program is not None:
                 self._program.close()
+            await self._end_serving()
+            node.close()
+
+    async def _end_serving(self) -> None:
+        """Let the tasks that serve programs end, because a task that the loop cancels is reported as an error."""
+        if self._serving:
+            await asyncio.wait(self._serving, timeout=END_S)
+        for task in self._serving:
+            task.cancel()
 
     async def _attach(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
         """Connect to the tap socket of the link's node, once it is there."""
@@ -106,6 +117,9 @@ class TapProcess:
             writer.close()
             return
         self._program = writer
+        task = asyncio.current_task()
+        assert task is not None
+        self._serving.add(task)
         writer.write(self._hello)
         node.write(line_of({"program": True}))
         try:
@@ -114,7 +128,10 @@ class TapProcess:
                 await node.drain()
         except (OSError, ValueError):  # it has gone, or sent a line that is too long
             pass
+        except asyncio.CancelledError:  # the range has ended, and the program did not read on
+            pass
         finally:
+            self._serving.discard(task)
             self._program = None
             node.write(line_of({"program": False}))
             writer.close()

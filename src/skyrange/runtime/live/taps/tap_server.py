@@ -123,6 +123,9 @@ class TapServer:
             await self._serve(reader, writer)
         except (OSError, ValueError):  # it has gone, or sent a line that is too long
             pass
+        except asyncio.CancelledError:
+            if not self._closed:  # by `close`: asyncio would report the end of the range as an error
+                raise
         finally:
             self._connections.discard(connection)
             writer.close()
