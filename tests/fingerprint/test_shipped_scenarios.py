@@ -19,7 +19,7 @@ EVENTS = {
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
     "rid-city": "e572d231ffe15762cebece077e5c31fa",
-    "rid-spoofing": "a63a466c787fe513f0bb150be0ea3d16",
+    "rid-spoofing": "a397d2acb56469a19f40ce9c523c1c16",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",
     "wind": "2898e76c3ee8c572c45ebb10544036ce",

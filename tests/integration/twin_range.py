@@ -10,8 +10,11 @@ from skyrange.record import RunRecord
 from skyrange.scenario.shipped import source_of
 
 RID_SPOOFING = source_of("rid-spoofing").read_text(encoding="utf-8")
-FLEET = RID_SPOOFING[: RID_SPOOFING.index("[[attacks]]")]
-"""rid-spoofing without its attack: green/g1 flies north between two rows of buildings, red/r1 beside it."""
+FLEET = (
+    RID_SPOOFING[: RID_SPOOFING.index("[[radio.receivers]]")]
+    + RID_SPOOFING[RID_SPOOFING.index("[[operators]]") : RID_SPOOFING.index("[[attacks]]")]
+)
+"""rid-spoofing without its attack and its receivers on the ground: green/g1 flies north between two rows of buildings, red/r1 beside it."""
 
 PLAIN = """
 name = "plain"
