@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
+from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.gnss.drift import DRIFT
@@ -18,6 +19,8 @@ from skyrange.attack.remote_id.spoof import SPOOF
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.params import Number, Params
+from skyrange.contracts.verdicts import Delay
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.testing import NonConformance, check_attack
 from tests.hostile_kind import HOMEWARD, Homeward, Orders
@@ -146,3 +149,78 @@ def test_broken_attacks_are_found(kind: AttackPlugin, rule: str) -> None:
     with pytest.raises(NonConformance) as caught:
         check_attack(kind, {"vehicle": "blue/b1"}, duration_s=8.0)
     assert caught.value.rule == rule
+
+
+class Lag(Params):
+    """As in docs/how-to/add-an-attack.md: delays the frames to an aircraft."""
+
+    vehicle: str = Field(description="The aircraft.")
+    by_s: Number = Field(default=2.0, description="Delay in seconds.")
+
+
+@dataclass(slots=True)
+class Holder:
+    by_ns: Time
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Any]:
+        return [Delay(now + self.by_ns)] if frame.direction == "fwd" else []
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Any]:
+        return []
+
+
+@dataclass(frozen=True, slots=True)
+class MakeHolder:
+    by_ns: Time
+
+    def __call__(self, link: str) -> Holder:
+        return Holder(self.by_ns)
+
+
+def make_lag(params: Lag, context: AttackContext) -> Attack:
+    by_ns = 1_000 if context.sham else round(params.by_s * NS_PER_S)
+    return Attack(taps=[TapPlacement(f"gcs:{params.vehicle}", "companion", MakeHolder(by_ns))])
+
+
+LAG = AttackPlugin(Lag, make_lag, "Delays commands to the aircraft.", technique="T0814")
+
+
+@pytest.mark.parametrize(("start_s", "stop_s"), [(0.0, 3.0), (0.5, 2.0), (1.0, 9.0), (3.0, 7.0), (4.3, 12.0)])
+def test_an_attack_to_which_others_react_conforms_in_any_window(start_s: float, stop_s: float) -> None:
+    """A delayed upload is repeated, so the attack has more to delay than its sham has."""
+    check_attack(LAG, {"vehicle": "blue/b1"}, start_s=start_s, stop_s=stop_s, acts={"delay"})
+
+
+def test_the_expected_acts_are_checked() -> None:
+    with pytest.raises(NonConformance, match=r"did delay.*drop"):
+        check_attack(LAG, {"vehicle": "blue/b1"}, start_s=1.0, stop_s=2.0, acts={"drop"})
+    with pytest.raises(ValueError, match="expected True, False or some of delay, drop"):
+        check_attack(LAG, {"vehicle": "blue/b1"}, acts="delay")
+    with pytest.raises(ValueError, match="start_s 7"):
+        check_attack(LAG, {"vehicle": "blue/b1"}, start_s=7.0)
+
+
+def test_a_sham_that_acts_otherwise_from_its_first_act_on_does_not_conform() -> None:
+    def make_late(params: Lag, context: AttackContext) -> Attack:
+        if not context.sham:
+            return make_lag(params, context)
+        return Attack(taps=[TapPlacement(f"gcs:{params.vehicle}", "companion", MakeNone())])
+
+    late = AttackPlugin(Lag, make_late, "Delays commands to the aircraft.", technique="T0814")
+    with pytest.raises(NonConformance, match="sham"):
+        check_attack(late, {"vehicle": "blue/b1"}, start_s=1.0, stop_s=5.0)
+
+
+@dataclass(slots=True)
+class Idle(Holder):
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Any]:
+        return []
+
+
+@dataclass(frozen=True, slots=True)
+class MakeNone:
+    def __call__(self, link: str) -> Idle:
+        return Idle(0)

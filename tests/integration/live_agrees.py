@@ -31,7 +31,7 @@ MISSION_CURRENT, which comes once a second from whenever it was asked for."""
 RACES: Final[Mapping[str, str]] = {
     "decision.progress": "an item of less than a second is seen, or not, in a message that comes once a second",
     "decision.avoid": "the same leg, chosen a quarter of a second later, when one track more or fewer is heard",
-    "event.track_lost": "a weak sender is heard by a ground receiver, or not, by a chance that depends on the time of sending",
+    "event.track_lost": "by chance, which depends on the time of sending, a receiver hears a weak sender",
     "event.track_seen": "the same",
     "event.remote_id": "whether the first broadcast, at 1 s, comes before or after the first position",
 }

@@ -237,3 +237,23 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     data = json.loads(capsys.readouterr().out)
     assert (data["seeds"], data["status"], data["path"]) == ([9], "complete", str(tmp_path / "more"))
     assert {row["vehicle"] for row in data["effects"]} == {"blue/b1", "blue/b2"}
+
+
+def test_show_and_report_take_the_folder_of_a_pair(
+    made: Pair, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    app(["show", str(made.path)], standalone_mode=False)
+    assert "hostile acts labelled in 1 attacked run" in capsys.readouterr().out
+    app(["show", str(made.path), "--json"], standalone_mode=False)
+    assert json.loads(capsys.readouterr().out)["effects"] == made.effects.to_pylist()
+    page = tmp_path / "again.html"
+    app(["report", str(made.path), "--out", str(page)], standalone_mode=False)
+    assert page.read_bytes() == made.report.read_bytes()
+
+
+def test_a_pair_that_did_not_end_says_where_its_runs_are(tmp_path: Path) -> None:
+    told = {"format": "skyrange.pair/3", "seeds": [1], "arms": ["nominal", "attacked"]}
+    (tmp_path / "pair.json").write_text(json.dumps(told))
+    for command in ("show", "report"):
+        with pytest.raises(InputError, match=r"effects\.parquet: missing.*skyrange show .*attacked"):
+            app([command, str(tmp_path)], standalone_mode=False)

@@ -14,7 +14,8 @@ FLEET = (
     RID_SPOOFING[: RID_SPOOFING.index("[[radio.receivers]]")]
     + RID_SPOOFING[RID_SPOOFING.index("[[operators]]") : RID_SPOOFING.index("[[attacks]]")]
 )
-"""rid-spoofing without its attack and its receivers on the ground: green/g1 flies north between two rows of buildings, red/r1 beside it."""
+"""rid-spoofing without its attack and without receivers on the ground: green/g1 flies north between two
+rows of buildings, red/r1 beside it."""
 
 PLAIN = """
 name = "plain"

@@ -20,6 +20,7 @@ from skyrange.cli.options import (
     Plugins,
     Qgc,
     RunFolder,
+    RunOrPairFolder,
     RunOut,
     ScenarioName,
     Seed,
@@ -138,20 +139,20 @@ def pair(
 
 
 @app.command(epilog="Example: skyrange show runs/squares")
-def show(run: RunFolder, as_json: AsJson = False) -> None:
-    """Summarise a run. Killed and unfinished runs are accepted too."""
+def show(run: RunOrPairFolder, as_json: AsJson = False) -> None:
+    """Summarise a run or a pair. Killed and unfinished runs are accepted too."""
     runs.show(run, as_json)
 
 
 @app.command(epilog="Example: skyrange report runs/squares --out squares.html")
 def report(
-    run: RunFolder,
+    run: RunOrPairFolder,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="File to write. Default: report.html in the run's folder.")
+        Path | None, typer.Option(metavar="FILE", help="The file to write. Default: report.html in the folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write the HTML report of a run, one file that can be read offline."""
+    """Write the HTML report of a run or a pair, one file that can be read offline."""
     runs.report(run, out, as_json)
 
 

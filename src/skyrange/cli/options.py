@@ -10,6 +10,9 @@ import typer
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON, for scripts.")]
 RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="A run's folder.", show_default=False)]
+RunOrPairFolder = Annotated[
+    Path, typer.Argument(metavar="FOLDER", help="The folder of a run or of a pair.", show_default=False)
+]
 
 
 def complete_scenario(incomplete: str) -> list[str]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import print_json, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
 
 if TYPE_CHECKING:
     from skyrange.study.attribution.arms import Selection
+    from skyrange.study.twins.pair_folder import Pair
 
 
 def run(
@@ -80,23 +81,47 @@ def pair(
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
         result = fly_pair(scenario, out, arms=arms, seeds=seeds, jobs=jobs, on_progress=on_progress)
     if as_json:
-        effects = result.effects.to_pylist()
-        found = {
-            vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()
-        }
-        folder = {"path": str(result.path), "report": str(result.report)}
-        attribution = result.attribution.to_pylist()
-        print_json({**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution})
+        print_json(_pair_facts(result))
     else:
         print_pair(result)
 
 
+def _pair_facts(result: Pair) -> dict[str, Any]:
+    """A pair as plain data, for `--json`."""
+    found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
+    folder = {"path": str(result.path), "report": str(result.report)}
+    effects, attribution = result.effects.to_pylist(), result.attribution.to_pylist()
+    return {**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution}
+
+
+def _open_pair(folder: Path) -> Pair | None:
+    """The pair in a folder, None if it is another folder; `InputError` for a pair whose runs did not all end."""
+    from skyrange.study.twins.pair_folder import EFFECTS, MANIFEST, load_pair
+
+    folder = folder.expanduser()
+    if not (folder / MANIFEST).exists():
+        return None
+    result = load_pair(folder)
+    if not (folder / EFFECTS).exists():
+        hint = f"It was interrupted, or a run failed. See a single run: `skyrange show {folder / 'attacked'}`."
+        raise InputError.one(str(folder), EFFECTS, "missing", "a pair whose runs have all ended", hint)
+    return result
+
+
 def show(folder: Path, as_json: bool) -> None:
     """`skyrange show`."""
+    from skyrange.cli.output.pair_table import print_pair
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.record import load
     from skyrange.study.summary import summary
 
+    result = _open_pair(folder)
+    if result is not None:
+        if as_json:
+            print_json(_pair_facts(result))
+        else:
+            print_pair(result)
+        return
     facts = summary(load(folder))
     if as_json:
         print_json(facts)
@@ -108,11 +133,15 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     """`skyrange report`."""
     from skyrange.record import load
     from skyrange.study.report import write_report
+    from skyrange.study.report.pair.page import write_comparison
 
-    record = load(folder)
-    path = out.expanduser() if out is not None else record.path / "report.html"
+    result = _open_pair(folder)
+    path = out.expanduser() if out is not None else folder.expanduser() / "report.html"
     try:
-        write_report(record, path)
+        if result is not None:
+            write_comparison(result, path)
+        else:
+            write_report(load(folder), path)
     except OSError as error:
         raise InputError.one("--out", "file", str(path), f"a file that can be written ({error.strerror})") from None
     if as_json:

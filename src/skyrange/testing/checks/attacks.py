@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.contracts.links import AttackPlan, Schedule
 from skyrange.core.errors import SkyrangeError
-from skyrange.core.time import NS_PER_S, Time, from_seconds
+from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.model.scenario import Operator as Owner
@@ -22,6 +22,8 @@ from skyrange.testing.rules import Broken, RuleBook, need, same, short
 ID = "checked"
 """The attack's id while it is checked."""
 Row = tuple[Any, ...]
+ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor"})
+"""Kinds of acts, as in the table `labels`."""
 
 ATTACK: RuleBook[AttackCase] = RuleBook("attack")
 
@@ -62,6 +64,13 @@ class Flight:
         rows = [(n.time_ns, n.source, n.note.kind, n.note.about, str(n.note.data)) for n in self.seen.notes]
         return [row for row in rows if row[1] != "kernel"]
 
+    def inputs(self, links: Collection[str]) -> list[Row]:
+        """What others sent on some links, in canonical order: all that the attack can react to there."""
+        acts = [label for label in self.seen.labels if label.action in ("inject", "send", "replace")]
+        made = {label.frame if label.child is None else label.child for label in acts}
+        rows = [(f.sent_ns, *f.id, f.payload) for f in self.seen.frames if f.link in links and f.id not in made]
+        return sorted(rows)
+
     def labels(self) -> list[Row]:
         """Every act."""
         return [tuple(label) for label in self.seen.labels]
@@ -76,7 +85,7 @@ class AttackCase:
     scenario: Scenario
     start_ns: Time
     stop_ns: Time
-    acts: bool
+    acts: bool | Collection[str]
     _flown: dict[str, Flight] = field(default_factory=dict)
 
     def made(self, sham: bool = False) -> tuple[Attack, Schedule]:
@@ -128,14 +137,26 @@ def check_attack(
     scenario: Callable[[float], Scenario] = two_squares,
     start_s: float = 3.0,
     stop_s: float = 7.0,
-    duration_s: float = 9.0,
-    acts: bool = True,
+    duration_s: float | None = None,
+    acts: bool | Collection[str] = True,
 ) -> None:
     """Check that attacks of `kind` with `params` keep every rule of `ATTACK`.
 
-    It is flown on `scenario(duration_s)`, a scenario without attacks, and acts from `start_s` until `stop_s`. `acts`
-    says whether it can be expected to do anything there. Raises `NonConformance` at the first broken rule.
+    The attack is active from `start_s` until `stop_s`, in seconds of simulated time. It is run on
+    `scenario(duration_s)`, a scenario without attacks; by default two aircraft, `blue/b1` and `green/g1`, which arm
+    about 3 s after the start and then fly squares. `duration_s` is by default 2 s longer than `stop_s`. `acts` says
+    what the attack is expected to do in that time: something (True), perhaps nothing (False), or acts of exactly these
+    kinds, of drop, delay, replace, inject, send and sensor.
+
+    Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
+    unknown kind of act.
     """
+    duration_s = stop_s + 2.0 if duration_s is None else duration_s
+    if not 0.0 <= start_s < stop_s <= duration_s:
+        times = f"start_s {start_s}, stop_s {stop_s}, duration_s {duration_s}"
+        raise ValueError(f"check_attack: {times}: expected 0 <= start_s < stop_s <= duration_s")
+    if not isinstance(acts, bool) and (isinstance(acts, str) or not set(acts) <= ACTIONS):
+        raise ValueError(f"check_attack: acts {acts!r}: expected True, False or some of {', '.join(sorted(ACTIONS))}")
     times = from_seconds(start_s), from_seconds(stop_s)
     ATTACK.check(f"attack {kind.params.__name__}", AttackCase(kind, params, scenario(duration_s), *times, acts))
 
@@ -191,6 +212,9 @@ def _onset(case: AttackCase) -> None:
 def _acts(case: AttackCase) -> None:
     labels = case.fly().labels()
     need(bool(labels) or not case.acts, "did nothing", "an act between its start and its stop")
+    if not isinstance(case.acts, bool):
+        kinds = {str(label.action) for label in case.fly().seen.labels}
+        need(kinds == set(case.acts), f"did {', '.join(sorted(kinds))}", ", ".join(sorted(case.acts)))
     for label in labels:
         need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
 
@@ -221,11 +245,28 @@ def _copies(case: AttackCase) -> None:
     _alike(straight, trunk, "the straight run and the one that was forked")
 
 
-@ATTACK.rule("sham", "As a sham, acts as often, at the same times, on the same links, with as many bytes.")
+@ATTACK.rule(
+    "sham",
+    "As a sham, acts as often, at the same times, on the same links, with as many bytes, as long as what it sees there "
+    "is the same.",
+)
 def _sham(case: AttackCase) -> None:
     live, sham = case.fly(), case.fly(sham=True)
+    until = _departure(live, sham)
     expected = "the same times, links and sizes as the attack itself"
-    same(_acted(live), _acted(sham), "acts of the attack and of its sham", expected)
+    mine, other = ([row for row in _acted(each) if row[0] < until] for each in (live, sham))
+    same(mine, other, "acts of the attack and of its sham", expected)
+
+
+def _departure(live: Flight, sham: Flight) -> Time:
+    """When others first send something else on the links on which the attack acts, as a consequence of it."""
+    links = {label.frame.link for flight in (live, sham) for label in flight.seen.labels} | live.own
+    mine, other = live.inputs(links), sham.inputs(links)
+    for row, twin in zip(mine, other, strict=False):
+        if row != twin:
+            return min(row[0], twin[0])
+    rest = (mine if len(mine) > len(other) else other)[min(len(mine), len(other)) :]
+    return int(rest[0][0]) if rest else NEVER
 
 
 def _acted(flight: Flight) -> list[Row]:
