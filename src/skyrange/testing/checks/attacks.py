@@ -153,8 +153,8 @@ def check_attack(
     """
     duration_s = stop_s + 2.0 if duration_s is None else duration_s
     if not 0.0 <= start_s < stop_s <= duration_s:
-        times = f"start_s {start_s}, stop_s {stop_s}, duration_s {duration_s}"
-        raise ValueError(f"check_attack: {times}: expected 0 <= start_s < stop_s <= duration_s")
+        given = f"start_s {start_s}, stop_s {stop_s}, duration_s {duration_s}"
+        raise ValueError(f"check_attack: {given}: expected 0 <= start_s < stop_s <= duration_s")
     if not isinstance(acts, bool) and (isinstance(acts, str) or not set(acts) <= ACTIONS):
         raise ValueError(f"check_attack: acts {acts!r}: expected True, False or some of {', '.join(sorted(ACTIONS))}")
     times = from_seconds(start_s), from_seconds(stop_s)
@@ -264,7 +264,7 @@ def _departure(live: Flight, sham: Flight) -> Time:
     mine, other = live.inputs(links), sham.inputs(links)
     for row, twin in zip(mine, other, strict=False):
         if row != twin:
-            return min(row[0], twin[0])
+            return int(min(row[0], twin[0]))
     rest = (mine if len(mine) > len(other) else other)[min(len(mine), len(other)) :]
     return int(rest[0][0]) if rest else NEVER
 
