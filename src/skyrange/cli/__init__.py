@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-import io
 import os
 import sys
+
+TRACEBACK_VARIABLE = "SKYRANGE_TRACEBACK"
+"""If this environment variable is set, an error that skyrange did not foresee is printed with its traceback."""
 
 
 def main() -> None:
@@ -12,33 +14,43 @@ def main() -> None:
 
     Exit codes: 0 success, 2 bad input, 3 a component failed, 4 the run fell short of what was requested.
     """
-    from skyrange.cli.app import app
-    from skyrange.core.errors import SkyrangeError
+    from skyrange.cli.output.standard_streams import open_standard_streams
 
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without a character shows "?" for it
+    open_standard_streams()
+    code = _run_command()
     try:
-        try:
-            app()
-        finally:
-            sys.stdout.flush()  # here, so that a full disk or a closed pipe can still be reported
-    except SkyrangeError as error:
-        print(f"skyrange: {error}", file=sys.stderr)
-        sys.exit(error.exit_code)
-    except BrokenPipeError:  # the reader of the output (`| head`) has ended
-        _discard_output()
-        sys.exit(0)
-    except OSError as error:
-        # for example, a full disk when a report or redirected output is written
-        _discard_output()
-        where = f"{error.filename}: " if error.filename else ""
-        print(f"skyrange: {where}{error.strerror or error}", file=sys.stderr)
-        sys.exit(2)
+        sys.stdout.flush()
+    except OSError as error:  # a full disk behind redirected output
+        from skyrange.cli.output.standard_streams import discard_output
+
+        discard_output(1)  # because Python would try to write it on exit and report the error a second time
+        code = code or _report(error)
+    sys.exit(code)
 
 
-def _discard_output() -> None:
-    """Discard buffered output, because Python would try to write it on exit and report the error a second time."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
+def _run_command() -> int:
+    """Run the command that the arguments name, report its error; returns the exit code."""
+    from skyrange.cli.app import app
+
+    try:
+        code = app(prog_name="skyrange", standalone_mode=False)
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    except Exception as error:
+        return _report(error)
+    return code if isinstance(code, int) else 0
+
+
+def _report(error: Exception) -> int:
+    """Print an error in one line, or one line per problem; returns its exit code."""
+    from skyrange.cli.output.console import print_notice
+    from skyrange.cli.output.error_messages import describe_error
+
+    if os.environ.get(TRACEBACK_VARIABLE):
+        import traceback
+
+        print_notice("".join(traceback.format_exception(error)).rstrip())
+    text, code = describe_error(error)
+    if text:
+        print_notice(text)
+    return code

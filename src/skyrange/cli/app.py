@@ -49,8 +49,9 @@ app.add_typer(parity_app, name="parity")
 def _version(wanted: bool) -> None:
     if wanted:
         from skyrange import __version__
+        from skyrange.cli.output.console import print_text
 
-        typer.echo(f"skyrange {__version__}")
+        print_text(f"skyrange {__version__}")
         raise typer.Exit
 
 

@@ -1,4 +1,4 @@
-"""Orderly interruption by Ctrl-C: the signal is noted, and obeyed between two instants of a run."""
+"""Orderly interruption by Ctrl-C, SIGTERM or a closed terminal: the signal is noted, and obeyed between two instants of a run."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from types import FrameType, TracebackType
 
 
 class Interruptible:
-    """A context in which SIGINT and SIGTERM set `requested` instead of raising; a second SIGINT raises.
+    """A context in which SIGINT, SIGTERM and SIGHUP set `requested` instead of raising; a second SIGINT raises.
 
+    SIGHUP stays ignored where it is (`nohup`).
     Does nothing outside the main thread, where Python delivers no signals.
     """
 
@@ -19,7 +20,8 @@ class Interruptible:
 
     def __enter__(self) -> Interruptible:
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGINT, signal.SIGTERM):
+            hang_up = () if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN else (signal.SIGHUP,)
+            for number in (signal.SIGINT, signal.SIGTERM, *hang_up):
                 self._before[number] = signal.signal(number, self._note)
         return self
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -139,7 +138,7 @@ class Run:
                         on_progress(self.kernel.now, end)
             except Exception as error:  # the record states any failure
                 self._wall_s += time.perf_counter() - began
-                self._fail(str(error) if isinstance(error, SkyrangeError) else repr(error))
+                self._fail(error)
                 raise
             self._wall_s += time.perf_counter() - began
             self.finish("interrupted" if interrupt.requested and self.kernel.now < end else "complete", pace.lag_s)
@@ -163,14 +162,15 @@ class Run:
         self._end()
         self.recorder.close(status, self._summary(lag_s))
 
-    def _fail(self, reason: str) -> None:
-        """Close the record as failed; an error in doing so is only printed, since `reason` matters more."""
+    def _fail(self, cause: Exception) -> None:
+        """Close the record as failed; an error in doing so is only noted at `cause`, which matters more."""
         self._finished = True
+        reason = str(cause) if isinstance(cause, SkyrangeError) else repr(cause)
         try:
             self._end()
             self.recorder.close("failed", {**self._summary(0.0), "error": reason})
         except ComponentError as error:
-            print(f"skyrange: {error}", file=sys.stderr)
+            cause.add_note(str(error))
 
     def _oracle(self) -> Oracle | None:
         """The oracle of this run's kernel: a fork has another than its stem."""

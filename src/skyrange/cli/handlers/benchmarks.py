@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from skyrange.cli.output.console import print_json
+from skyrange.cli.output.console import print_json, print_text
 
 
 def bench_fleet(
@@ -15,15 +15,14 @@ def bench_fleet(
 
     rows = []
     if not as_json:
-        print(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
+        print_text(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
     for count in vehicles:
         row = measure(count, seconds, load, remote_id, detector)
         rows.append(row)
         if not as_json:
             shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)
-            print(
-                f"{count:>8} {row['real_time_factor']:>11.2f} {row['cpu_s']:>7.2f} {row['memory_mb']:>9.0f}  {shares}",
-                flush=True,
+            print_text(
+                f"{count:>8} {row['real_time_factor']:>11.2f} {row['cpu_s']:>7.2f} {row['memory_mb']:>9.0f}  {shares}"
             )
     if as_json:
         print_json(rows)
@@ -45,16 +44,15 @@ def bench_ardupilot(
     rows = []
     if not as_json:
         heads = f"{'aircraft':>8} {'loop Hz':>7} {'× real time':>11} {'ArduPilots cpu s':>16} {'skyrange cpu s':>14}"
-        print(f"{heads} {'bare cpu s':>10} {'skyrange/bare':>13} {'per core':>8}")
+        print_text(f"{heads} {'bare cpu s':>10} {'skyrange/bare':>13} {'per core':>8}")
     for count in vehicles:
         row = measure(count, seconds, load, rates, physics, speedup, remote_id)
         rows.append(row)
         if not as_json:
-            print(
+            print_text(
                 f"{count:>8} {row['loop_hz']:>7.0f} {row['real_time_factor']:>11.2f} {row['autopilots_cpu_s']:>16.2f} "
                 f"{row['ours_cpu_s']:>14.2f} {row['bare_cpu_s']:>10.2f} {row['ours_over_bare']:>13.2f} "
                 f"{row['per_core']:>8.1f}",
-                flush=True,
             )
     if as_json:
         print_json(rows)
@@ -67,16 +65,15 @@ def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json:
     rows = []
     if not as_json:
         heads = f"{'nodes':>8} {'× real time':>11} {'µs/node·s':>9} {'sent/s':>9} {'received/s':>10}"
-        print(f"{heads} {'receivers':>9} {'line of sight':>13}")
+        print_text(f"{heads} {'receivers':>9} {'line of sight':>13}")
     for count in nodes:
         row = measure(count, seconds, horizon_m)
         rows.append(row)
         if not as_json:
-            print(
+            print_text(
                 f"{count:>8} {row['real_time_factor']:>11.2f} {row['us_per_node_s']:>9.1f} "
                 f"{row['transmissions_per_s']:>9.0f} {row['receptions_per_s']:>10.0f} {row['heard_by']:>9.1f} "
                 f"{row['line_of_sight_share']:>13.0%}",
-                flush=True,
             )
     if as_json:
         print_json(rows)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from skyrange.cli.output.console import print_json
+from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.core.errors import InputError
 
 
@@ -18,9 +18,10 @@ def doctor(as_json: bool) -> None:
         print_json([finding.to_dict() for finding in findings])
     else:
         for finding in findings:
-            print(f"{'ok ' if finding.ok else '-- ' if finding.optional else '!! '} {finding.subject}: {finding.found}")
+            mark = "ok" if finding.ok else "--" if finding.optional else "!!"
+            print_text(f"{mark}  {finding.subject}: {finding.found}")
             if finding.hint:
-                print(f"    {finding.hint}")
+                print_text(f"    {finding.hint}")
     if not all(finding.ok or finding.optional for finding in findings):
         sys.exit(3)
 
@@ -38,16 +39,14 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
     if as_json:
         print_json(facts)
     else:
-        print(f"installed ArduCopter {binary.version}")
+        print_text(f"installed ArduCopter {binary.version}")
         for key in ("path", "sha256", "from"):
-            print(f"{key:<6} {facts[key]}")
+            print_text(f"{key:<6} {facts[key]}")
     try:
         first = find_binary()
     except InputError as error:
-        print(f"skyrange runs a different binary, which is unusable: {error}", file=sys.stderr)
+        print_notice(f"skyrange runs a different binary, which is unusable: {error}")
     else:
         if first.path != binary.path:
             where = "which is newer" if first.source == "installed" else f"from {first.source}"
-            print(
-                f"skyrange runs a different binary, {where}: ArduCopter {first.version}, {first.path}", file=sys.stderr
-            )
+            print_notice(f"skyrange runs a different binary, {where}: ArduCopter {first.version}, {first.path}")

@@ -9,7 +9,7 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.console import print_json, tell_if_cold
+from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
 from skyrange.cli.output.interlock_notice import print_interlock_notice
 from skyrange.cli.output.live_viewer_notices import print_viewer_addresses, print_viewer_counts
 from skyrange.cli.output.run_summary import print_summary
@@ -76,11 +76,11 @@ def live(
         if behind:
             late = facts["live"]["late_max_s"]
             nodes = ", ".join(f"{node} by {late[node]:.1f} s" for node in behind)
-            print(f"fell behind real time: {nodes}", file=sys.stderr)
+            print_notice(f"fell behind real time: {nodes}")
         for address, clock in facts["live"]["clocks"].items():
             for jump in clock["jumps"]:
                 jumped = f"the clock of {address} jumped by {jump['by_s']:+.1f} s at {jump['at_s']:.1f} s"
-                print(f"{jumped}; it was set, or the machine was suspended", file=sys.stderr)
+                print_notice(f"{jumped}; it was set, or the machine was suspended")
     if failure is not None:
         raise failure
 
@@ -96,7 +96,7 @@ def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
     if separator and not (port.isdigit() and 0 < int(port) < 65_536):
         raise InputError.one("node", "--join", remote, "ADDRESS or ADDRESS:PORT")
     at = (_host("--join", host.strip("[]")), int(port) if separator else CONTROL_PORT)
-    join_range(at, load_member(key), own, wait_s=wait_s, on_word=lambda word: print(word, file=sys.stderr, flush=True))
+    join_range(at, load_member(key), own, wait_s=wait_s, on_word=print_notice)
 
 
 def _host(option: str, text: str) -> str:
@@ -112,10 +112,10 @@ def keys(folder: Path, names: Sequence[str]) -> None:
 
     made = make_range_keys(folder, names)
     if not made:
-        print(f"{folder} already has the keys of a range; give the names of machines that may join", file=sys.stderr)
+        print_notice(f"{folder} already has the keys of a range; give the names of machines that may join")
     for path in made:
         use = "stays on this machine" if path.stem == RANGE else "copy it to that machine only"
-        print(f"{path}  {use}")
+        print_text(f"{path}  {use}")
 
 
 def merge(folder: Path, out: Path | None, as_json: bool) -> None:
@@ -143,10 +143,9 @@ def _show_progress(flown: LiveRange, *, quiet: bool) -> Iterator[OnUpdate | None
     if quiet:
         yield None
     elif sys.stderr.isatty():
-        from rich.console import Console
         from rich.live import Live
 
-        with Live(_table(flown), console=Console(stderr=True), refresh_per_second=4) as shown:
+        with Live(_table(flown), console=terminal(stderr=True), refresh_per_second=4) as shown:
             yield lambda now: shown.update(_table(now))
     else:
         printed, waited = -2, False
@@ -155,14 +154,14 @@ def _show_progress(flown: LiveRange, *, quiet: bool) -> Iterator[OnUpdate | None
             nonlocal printed, waited
             if now.waits_for and not waited:
                 waited = True
-                print(_format_waiting(now), file=sys.stderr, flush=True)
+                print_notice(_format_waiting(now))
             tens = int(now.now_s // 10) if now.zero_ns else -1
             if tens > printed and now.members:
                 printed = tens
                 states = [member.state for member in now.members.values()]
                 counted = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-                at = f"{max(now.now_s, 0.0):.0f} of {now.built.scenario.duration_s:.0f} s"
-                print(f"{now.built.scenario.name}: {at}; {counted}", file=sys.stderr, flush=True)
+                at = _format_time(now)
+                print_notice(f"{now.built.scenario.name}: {at}; {counted}")
 
         yield tell
 
@@ -174,6 +173,12 @@ def _format_address(crossing: Crossing) -> str:
     return f"{crossing.transport} {port}" if is_loopback(host) else f"{crossing.transport} {host}:{port}"
 
 
+def _format_time(flown: LiveRange) -> str:
+    """The time reached; processes end a moment after the scenario's end, and that is no more time of it."""
+    end_s = flown.built.scenario.duration_s
+    return f"{min(max(flown.now_s, 0.0), end_s):.0f} of {end_s:.0f} s"
+
+
 def _format_waiting(flown: LiveRange) -> str:
     where = f"{flown.deployment.base}:{flown.control_port}"
     return f"waiting for {', '.join(flown.waits_for)}: run `skyrange node --join {where} --key FILE` on each"
@@ -182,9 +187,9 @@ def _format_waiting(flown: LiveRange) -> str:
 def _table(flown: LiveRange) -> Table:
     """A table with one row per node."""
     from rich.table import Table
+    from rich.text import Text
 
-    at = f"{max(flown.now_s, 0.0):.0f} of {flown.built.scenario.duration_s:.0f} s"
-    table = Table(title=f"{flown.built.scenario.name}: {at}", title_justify="left", title_style="bold")
+    table = Table(title=f"{flown.built.scenario.name}: {_format_time(flown)}", title_justify="left", title_style="bold")
     for column in ("node", "listens at", "state"):
         table.add_column(column, no_wrap=column != "listens at")
     for column in ("sent/s", "received/s", "lag", "core"):
@@ -198,7 +203,7 @@ def _table(flown: LiveRange) -> Table:
         table.add_row(
             name,
             places,
-            member.state if not member.ended else f"[red]{member.state}[/]",
+            Text(member.state, "red" if member.ended else ""),
             f"{status.get('sent', 0) / seconds:.0f}",
             f"{status.get('received', 0) / seconds:.0f}",
             f"{status.get('lag_ns', 0) / NS_PER_MS:.0f} ms",

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.console import print_json, terminal
+from skyrange.cli.output.console import print_json, print_notice, terminal
 from skyrange.cli.output.progress import progress
 from skyrange.core.time import NS_PER_S
 
@@ -26,7 +25,7 @@ def live(vehicles: Sequence[int], seconds: float, group: Group | None, port_offs
     transports = []
     for number, transport in enumerate(TRANSPORTS):
         if not as_json:
-            print(f"transport {number + 1} of {len(TRANSPORTS)}: {transport}", file=sys.stderr, flush=True)
+            print_notice(f"transport {number + 1} of {len(TRANSPORTS)}: {transport}")
         transports.append(measure_transport(transport, 5_000 if transport == "http" else 50_000))
     if not as_json:
         terminal().print(_transports(transports))

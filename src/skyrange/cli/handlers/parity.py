@@ -72,9 +72,9 @@ def _print_parity(scenario: str, parity: Parity, names: Mapping[str, str], folde
         for what in ("outcome", "modes", "items"):
             mine, others = (_names(getattr(each, what)) for each in (one, other))
             if mine != others:
-                console.print(f"{vehicle}: {what} {mine} with {first}, {others} with {second}", markup=False)
-        console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on", markup=False)
-    console.print(f"runs   {folder}", soft_wrap=True, markup=False)
+                console.print(f"{vehicle}: {what} {mine} with {first}, {others} with {second}")
+        console.print(f"{vehicle}: at most {parity.apart_m(vehicle):.1f} m apart, from lift-off on")
+    console.print(f"runs   {folder}", soft_wrap=True)
 
 
 def _names(happened: str | Sequence[tuple[float, Any]]) -> str:
@@ -126,7 +126,7 @@ def gnss(out: Path | None, rates: str, as_json: bool) -> None:
     console.print(
         f"both reset in {found.resets}: {found.together} within {TIME_S:g} s, at most {found.reset_apart_max_s:.2f} s"
     )
-    console.print(f"run    {folder}", soft_wrap=True, markup=False)
+    console.print(f"run    {folder}", soft_wrap=True)
 
 
 def _seconds(at: float | None) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.console import print_json, tell_if_cold
+from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
 
 if TYPE_CHECKING:
@@ -147,7 +146,7 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     if as_json:
         print_json({"report": str(path), "bytes": path.stat().st_size})
     else:
-        print(path)
+        print_text(path)
 
 
 def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
@@ -171,9 +170,9 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
         print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in result.items()})
         return
     for one in result.values():
-        print(f"{one.packets:>9,} packets  {one.path}")
+        print_text(f"{one.packets:>9,} packets  {one.path}")
     if "remote_id" not in result and only is None:
-        print("no Remote ID: the run has no radio medium", file=sys.stderr)
+        print_notice("no Remote ID: the run has no radio medium")
 
 
 def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
@@ -188,7 +187,7 @@ def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     if as_json:
         print_json(difference.to_dict())
     else:
-        print(difference)
+        print_text(difference)
 
 
 def scenarios(as_json: bool) -> None:
@@ -200,7 +199,7 @@ def scenarios(as_json: bool) -> None:
         return
     width = max(map(len, SHIPPED))
     for name, about in SHIPPED.items():
-        print(f"{name:<{width}}  {about}")
+        print_text(f"{name:<{width}}  {about}")
 
 
 def load_plugins(files: Sequence[Path] | None) -> None:
@@ -223,7 +222,7 @@ def attacks(as_json: bool) -> None:
         return
     width = max(map(len, found), default=0)
     for name, one in found.items():
-        print(f"{name:<{width}}  {one.about}")
+        print_text(f"{name:<{width}}  {one.about}")
 
 
 def schema() -> None:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
-from skyrange.cli.output.console import print_json
+from skyrange.cli.output.console import print_json, print_notice, print_text
 
 
 def tap(
@@ -26,13 +25,14 @@ def tap(
         raise InputError.one("tap", "--name", name, "1 to 32 letters, digits, '-' or '_'") from error
     tapping = TapProcess(terms, parse_loopback(listen), run or newest_live_run(), wait_s)
     try:
-        tapping.serve(lambda line: print(line, file=sys.stderr, flush=True))
+        tapping.serve(print_notice)
     except KeyboardInterrupt:
-        print("tap: removed from the link", file=sys.stderr)
+        print_notice("tap: removed from the link")
     if as_json:
         print_json(dict(tapping.counts))
     else:
-        print(f"{link}: " + (", ".join(f"{count} {what}" for what, count in tapping.counts.items()) or "no frames"))
+        counted = ", ".join(f"{count} {what}" for what, count in tapping.counts.items())
+        print_text(f"{link}: {counted or 'no frames'}")
 
 
 def newest_live_run() -> Path:

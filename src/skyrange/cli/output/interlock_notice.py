@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from typing import Any
+
+from skyrange.cli.output.console import print_notice
 
 
 def print_interlock_notice(manifest: Mapping[str, Any]) -> None:
@@ -15,7 +16,4 @@ def print_interlock_notice(manifest: Mapping[str, Any]) -> None:
             missing = [] if lock["scenario"] else ["allow_motion in the scenario"]
             missing += [] if lock["command_line"] else ["--allow-motion"]
             vehicles = ", ".join(engine["vehicles"])
-            print(
-                f"interlock closed: {vehicles} cannot be armed or moved without {' and '.join(missing)}",
-                file=sys.stderr,
-            )
+            print_notice(f"interlock closed: {vehicles} cannot be armed or moved without {' and '.join(missing)}")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
+from skyrange.cli.output.console import print_notice
 from skyrange.cli.output.viewer_notices import open_port_warning, viewer_address_lines, viewer_counts_text
 from skyrange.core.ids import vehicle_id
 
@@ -32,7 +32,7 @@ def print_viewer_addresses(flown: LiveRange) -> None:
         systems = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in fleet}
         lines += viewer_address_lines([Address(vehicle, LOOPBACK, port) for vehicle, port in flown.watched], systems)
     for line in lines:
-        print(line, file=sys.stderr, flush=True)
+        print_notice(line)
 
 
 def print_viewer_counts(flown: LiveRange) -> None:
@@ -43,4 +43,4 @@ def print_viewer_counts(flown: LiveRange) -> None:
     for status in statuses:
         prefix = "viewing_"
         counts = {name.removeprefix(prefix): int(value) for name, value in status.items() if name.startswith(prefix)}
-        print(viewer_counts_text(ViewerCounts(**counts)), file=sys.stderr)
+        print_notice(viewer_counts_text(ViewerCounts(**counts)))

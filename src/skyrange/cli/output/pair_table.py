@@ -50,9 +50,7 @@ def print_pair(result: Pair) -> None:
         console.print(f"{cause}: {shown}", markup=False)
     for row in own:
         if row["outcome"] != row["outcome_twin"]:
-            console.print(
-                f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked", markup=False
-            )
+            console.print(f"{row['vehicle']}: {row['outcome_twin']} in the twin, {row['outcome']} attacked")
         for what in ("near_misses", "collisions"):
             if row[what] != row[f"{what}_twin"]:
                 text = what.replace("_", " ")
@@ -65,8 +63,8 @@ def print_pair(result: Pair) -> None:
     print_city(console, result.run(result.reference, result.seeds[0]).manifest.get("city"))
     acts = sum(row["phase"] in ("onset", "act") for row in result.propagation.to_pylist())
     console.print(f"{acts:,} hostile acts labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}")
-    console.print(f"pair   {result.path}", soft_wrap=True, markup=False)
-    console.print(f"report {result.report}", soft_wrap=True, markup=False)
+    console.print(f"pair   {result.path}", soft_wrap=True)
+    console.print(f"report {result.report}", soft_wrap=True)
 
 
 def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
@@ -98,4 +96,4 @@ def _print_intervals(console: Console, result: Pair, affected: set[str]) -> None
             for key, one in own.items()
             if one.low is not None and one.high is not None
         ]
-        console.print(f"{vehicle}, mean of {len(result.seeds)} seeds, 95 %: {'; '.join(text)}", markup=False)
+        console.print(f"{vehicle}, mean of {len(result.seeds)} seeds, 95 %: {'; '.join(text)}")

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
+from skyrange.cli.output.console import print_notice, terminal
 from skyrange.core.time import Time, to_seconds
 
 OnProgress = Callable[[Time, Time], None]
@@ -20,12 +21,11 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
     if quiet:
         yield None
     elif sys.stderr.isatty():
-        from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-        said, at = TextColumn("{task.description}"), TextColumn("{task.fields[at]}")
+        said, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
         columns = (said, BarColumn(), at, TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=None, at="starting")
 
             def show(now: Time, end: Time) -> None:
@@ -44,19 +44,17 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
             if now < 0:
                 if boot is None:
                     boot = monotonic(), now
-                    print(
-                        f"{name}: autopilots boot for {-to_seconds(now):.0f} simulated s", file=sys.stderr, flush=True
-                    )
+                    print_notice(f"{name}: autopilots boot for {-to_seconds(now):.0f} simulated s")
                 return
             if boot is not None:
                 share = (monotonic() - boot[0]) / -to_seconds(boot[1])
                 pace = f"{share:.1f} s per simulated second, at this pace {share * to_seconds(end):.0f} s for the run"
-                print(f"{name}: autopilots booted in {pace}", file=sys.stderr, flush=True)
+                print_notice(f"{name}: autopilots booted in {pace}")
                 boot = None
             reached = 10 * now // end
             if reached > tenth:
                 tenth = reached
-                print(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s", file=sys.stderr, flush=True)
+                print_notice(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s")
 
         yield tell
 
@@ -83,11 +81,10 @@ def download_progress(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
     if quiet:
         yield None
     elif sys.stderr.isatty():
-        from rich.console import Console
         from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TransferSpeedColumn
 
-        columns = (TextColumn("{task.description}"), BarColumn(), DownloadColumn(), TransferSpeedColumn())
-        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), DownloadColumn(), TransferSpeedColumn())
+        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
             task = bar.add_task(name, total=None)
             yield lambda done, total: bar.update(task, total=total, completed=done)
     else:
@@ -99,6 +96,6 @@ def download_progress(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
             if reached > quarter:
                 quarter = reached
                 of = f" of {total / 1e6:.1f}" if total else ""
-                print(f"{name}: {done / 1e6:.1f}{of} MB", file=sys.stderr, flush=True)
+                print_notice(f"{name}: {done / 1e6:.1f}{of} MB")
 
         yield tell

@@ -18,11 +18,11 @@ MAX_MISHAPS = 12
 
 def print_summary(facts: dict[str, Any]) -> None:
     """Print the summary of a run."""
-    from rich.markup import escape
     from rich.table import Table
+    from rich.text import Text
 
     console = terminal()
-    title = f"{escape(facts['name'])} · {facts['status']}"
+    title = f"{facts['name']} · {facts['status']}"
     rows = facts["vehicles"]
     if len(rows) > MAX_AIRCRAFT:
         _print_operators(console, title, rows)
@@ -35,10 +35,10 @@ def print_summary(facts: dict[str, Any]) -> None:
         for row in rows[:MAX_AIRCRAFT]:
             good = row["outcome"] == "complete"
             why = row["mishap"] or row["reason"]
-            reason = f" ({escape(why)})" if why and not good else ""
+            reason = f" ({why})" if why and not good else ""
             aircraft.add_row(
                 row["id"],
-                f"[{'green' if good else 'yellow'}]{row['outcome']}[/]{reason}",
+                Text.assemble((row["outcome"], "green" if good else "yellow"), reason),
                 "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
                 f"{row['distance_m']:.0f} m",
                 f"{row['highest_m']:.1f} m",
@@ -54,9 +54,9 @@ def print_summary(facts: dict[str, Any]) -> None:
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
-    console.print(f"run    {facts['path']}", soft_wrap=True, markup=False)
+    console.print(f"run    {facts['path']}", soft_wrap=True)
     if facts["report"]:
-        console.print(f"report {facts['report']}", soft_wrap=True, markup=False)
+        console.print(f"report {facts['report']}", soft_wrap=True)
 
 
 def print_city(console: Console, city: Mapping[str, Any] | None) -> None:
@@ -92,7 +92,9 @@ def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]
 
 def _print_mishaps(console: Console, mishaps: Sequence[dict[str, Any]]) -> None:
     """Print collisions, crashes, fence breaches and failsafes, one per line."""
+    from rich.text import Text
+
     for mishap in mishaps[:MAX_MISHAPS]:
-        console.print(f"[red]![/] {mishap['words']}", markup=True)
+        console.print(Text.assemble(("!", "red"), f" {mishap['words']}"))
     if len(mishaps) > MAX_MISHAPS:
-        console.print(f"[red]![/] and {len(mishaps) - MAX_MISHAPS} more; the report shows all")
+        console.print(Text.assemble(("!", "red"), f" and {len(mishaps) - MAX_MISHAPS} more; the report shows all"))

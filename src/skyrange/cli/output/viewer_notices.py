@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from skyrange.cli.output.console import print_notice
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ MAX_LINES = 60
 def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> Iterator[Viewers | None]:
     """Open the viewers' ports for `fly`, if `wanted`. Messages go to standard error, like progress."""
     for line in open_port_warning(scenario):
-        print(line, file=sys.stderr, flush=True)
+        print_notice(line)
     if not wanted:
         yield None
         return
@@ -31,10 +31,10 @@ def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> It
     system_ids = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in scenario.fleet}
     with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port) as viewers:
         for line in viewer_address_lines(viewers.addresses, system_ids):
-            print(line, file=sys.stderr, flush=True)
+            print_notice(line)
         yield viewers
     if viewers.counts.viewers:
-        print(viewer_counts_text(viewers.counts), file=sys.stderr)
+        print_notice(viewer_counts_text(viewers.counts))
 
 
 def viewer_address_lines(addresses: Sequence[Address], system_ids: dict[str, int]) -> list[str]:

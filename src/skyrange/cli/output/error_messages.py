@@ -1,0 +1,52 @@
+"""Messages and exit codes of errors that end a command."""
+
+from __future__ import annotations
+
+import errno
+
+import typer
+
+from skyrange.core.errors import SkyrangeError
+
+_BAD_INPUT, _FAILED = 2, 3
+_OUT_OF_MEMORY = "memory: the system gave no more. Use a smaller input, or raise the limit (`ulimit -v`)"
+_NO_MEMORY_SIGNS = ("cannot allocate memory", "failed to map segment", "can't start new thread", "out of memory")
+"""What libraries say if the system gives no memory; they use errors of other kinds."""
+
+
+def describe_error(error: Exception) -> tuple[str, int]:
+    """The message of an error that ends a command ("" for none), and the exit code."""
+    if isinstance(error, typer.Abort):
+        return "skyrange: aborted", 1
+    usage = getattr(error, "format_message", None)
+    if callable(usage):  # of typer: an option or argument that is not known, or has a wrong value
+        return _describe_usage(error, str(usage())), int(getattr(error, "exit_code", _BAD_INPUT))
+    if isinstance(error, SkyrangeError):
+        return "\n".join([f"skyrange: {error}", *getattr(error, "__notes__", ())]), error.exit_code
+    if _is_out_of_memory(error):
+        return f"skyrange: {_OUT_OF_MEMORY}", _FAILED
+    if isinstance(error, OSError):  # for example, a full disk when a report or redirected output is written
+        where = f"{error.filename}: " if error.filename else ""
+        return f"skyrange: {where}{error.strerror or error}", _BAD_INPUT
+    hint = "Set SKYRANGE_TRACEBACK=1 to see where, and report it"
+    return f"skyrange: {type(error).__name__}: {error} — a defect of skyrange. {hint}", _FAILED
+
+
+def _describe_usage(error: Exception, message: str) -> str:
+    if type(error).__name__ == "NoArgsIsHelpError":  # the help was printed, or is the message
+        return message
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return f"skyrange: {message}"
+    return f"{context.get_usage()}\nskyrange: {message}\nTry `{context.command_path} --help`."
+
+
+def _is_out_of_memory(error: BaseException | None) -> bool:
+    while error is not None:
+        text = str(error).lower()
+        if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
+            return True
+        if isinstance(error, ImportError | RuntimeError | OSError) and any(sign in text for sign in _NO_MEMORY_SIGNS):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -1,0 +1,61 @@
+"""Standard streams that survive their reader: output without a reader is discarded, and the command goes on."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import sys
+from typing import Final
+
+_READER_GONE: Final = (errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF)
+"""Errors of a pipe whose reader has ended (`| head`), of a terminal that was closed, and of a closed descriptor."""
+
+
+class _LossyFile(io.FileIO):
+    """A descriptor that refers to the null device once its reader has gone."""
+
+    def __init__(self, descriptor: int, *, loses_all: bool) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._loses_all = loses_all
+
+    def write(self, data: io._WrappedBuffer) -> int:  # type: ignore[override,name-defined]
+        """Write, or discard if nobody can read it; a full disk is an error, except for notices."""
+        try:
+            return super().write(data)
+        except OSError as error:
+            if error.errno not in _READER_GONE and not self._loses_all:
+                raise
+        discard_output(self.fileno())
+        return memoryview(data).nbytes
+
+
+def open_standard_streams() -> None:
+    """Open the three standard streams where they are closed, and make both outputs survive their readers.
+
+    A closed one is the null device: otherwise the next file that is opened would have its number, and receive what
+    libraries print. A character that the encoding lacks is written as "?".
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # the lowest number that is free: this one
+    sys.stdout = _lossy_stream(sys.stdout, 1)
+    sys.stderr = _lossy_stream(sys.stderr, 2)
+
+
+def discard_output(descriptor: int) -> None:
+    """Let `descriptor` refer to the null device."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+def _lossy_stream(stream: object, descriptor: int) -> io.TextIOWrapper:
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    raw = _LossyFile(descriptor, loses_all=descriptor == 2)
+    buffer = io.BufferedWriter(raw)
+    # line by line, as Python's own standard error
+    lines = descriptor == 2 or raw.isatty()
+    return io.TextIOWrapper(buffer, encoding=encoding, errors="replace", line_buffering=lines)
