@@ -1,4 +1,4 @@
-"""Orderly interruption by Ctrl-C, SIGTERM or a closed terminal: the signal is noted, and obeyed between two instants of a run."""
+"""Orderly interruption by Ctrl-C, SIGTERM or a closed terminal: noted at once, obeyed between two instants of a run."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import errno
 import io
 import os
 import sys
-from typing import Final
+from typing import Final, TextIO
 
 _READER_GONE: Final = (errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF)
 """Errors of a pipe whose reader has ended (`| head`), of a terminal that was closed, and of a closed descriptor."""
@@ -52,8 +52,15 @@ def discard_output(descriptor: int) -> None:
     os.close(nowhere)
 
 
-def _lossy_stream(stream: object, descriptor: int) -> io.TextIOWrapper:
-    encoding = getattr(stream, "encoding", None) or "utf-8"
+def _lossy_stream(stream: TextIO | None, descriptor: int) -> TextIO:
+    encoding = "utf-8"
+    if stream is not None:
+        try:
+            if stream.fileno() != descriptor:
+                return stream
+        except OSError:  # it has no descriptor: another program's, which calls `main`
+            return stream
+        encoding = stream.encoding
     raw = _LossyFile(descriptor, loses_all=descriptor == 2)
     buffer = io.BufferedWriter(raw)
     # line by line, as Python's own standard error
