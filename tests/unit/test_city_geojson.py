@@ -164,7 +164,7 @@ def test_corrupt_files(tmp_path, content, problem):
 
 
 def test_missing_file(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
+    with pytest.raises(InputError, match="no such file"):
         load_geojson(tmp_path / "none.geojson")
 
 

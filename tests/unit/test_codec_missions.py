@@ -334,5 +334,5 @@ def test_a_path_that_is_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with pytest.raises(InputError):
         read_mission("a\0b")
     monkeypatch.setattr("skyrange.codec.mission.mission_file.MAX_FILE_BYTES", 100)
-    with pytest.raises(InputError, match="over 100 bytes"):
+    with pytest.raises(InputError, match="at most 100 bytes"):
         read_mission(DATA / "survey.plan")

@@ -151,6 +151,18 @@ def test_files_that_are_no_keys_of_a_range_are_named(tmp_path: Path) -> None:
         make_range_keys(tmp_path / "keys", ["range"])
 
 
+@pytest.mark.parametrize("names", [["lab2", "range"], ["lab2", "a/b"], ["lab2", "lab2"], ["lab2", "taken"]])
+def test_keys_that_cannot_all_be_made_leave_nothing_behind(tmp_path: Path, names: list[str]) -> None:
+    taken = names[-1] == "taken"
+    folder = tmp_path / "new" / "keys"
+    if taken:
+        folder.mkdir(parents=True)
+        (folder / "taken.key").touch()
+    with pytest.raises(InputError):
+        make_range_keys(folder, names)
+    assert [path.name for path in tmp_path.rglob("*")] == (["new", "keys", "taken.key"] if taken else [])
+
+
 # --- files in pieces -------------------------------------------------------------------------------
 
 

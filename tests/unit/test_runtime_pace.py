@@ -58,7 +58,7 @@ def test_falling_behind_is_reported_not_skipped() -> None:
 
 @pytest.mark.parametrize("speed", [-1.0, math.inf, math.nan])
 def test_what_is_no_speed_is_refused(speed: float) -> None:
-    with pytest.raises(InputError, match=f"speed: value: {speed} — expected a number of 0 or more"):
+    with pytest.raises(InputError, match=f"speed: value: {speed} — expected 0, which is as fast as it goes"):
         Pace(speed)
 
 

@@ -87,7 +87,7 @@ def test_all_faults_come_at_once():
     said = "\n".join(faults(text))
     for expected in [
         "sead = 3 — expected a known key. Did you mean 'seed'?",
-        "duration_s: -1 — expected more than 0",
+        "duration_s: -1 — expected at least 0.001",
         "origin.lat: nan — expected a finite number",
         "origin.lon: 181 — expected at most 180",
         "wind.speed_kts: speed_kts = 10 — expected a known key. Write speed_mps = 5.144444444, in m/s.",

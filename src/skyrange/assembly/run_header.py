@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,12 +10,15 @@ from typing import Any
 from skyrange.assembly.radio import uas_id_of
 from skyrange.city.building_files import files_of
 from skyrange.city.city import City
+from skyrange.city.geojson import MAX_FILE_BYTES as MAX_CITY_BYTES
 from skyrange.codec.mission import format_waypoints
+from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import loaded_sources
 from skyrange.core.ids import vehicle_id
+from skyrange.core.input_files import read_input
 from skyrange.gcs.plan.plans import FlightPlan
-from skyrange.record.folder import PLUGINS
+from skyrange.record.folder import PLUGINS, plain_name
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_writer import to_toml
 
@@ -95,14 +97,16 @@ def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: 
     for _, vehicle in scenario.fleet:
         given = vehicle.plan.file
         if given is not None and given not in copies:
-            copies[given] = f"missions/given/{len(copies) + 1}-{Path(given).name}"
-            files[copies[given]] = Path(given).read_bytes()
+            copies[given] = f"missions/given/{len(copies) + 1}-{plain_name(Path(given).name)}"
+            files[copies[given]] = read_input(Path(given), "mission", max_bytes=MAX_FILE_BYTES)
     if scenario.city is not None and scenario.city.buildings is not None:
         buildings = Path(scenario.city.buildings)
         copies[scenario.city.buildings] = _name_copy(buildings)
-        files |= {_name_copy(file): file.read_bytes() for file in files_of(buildings)}
+        files |= {
+            _name_copy(file): read_input(file, "buildings", max_bytes=MAX_CITY_BYTES) for file in files_of(buildings)
+        }
     for number, (name, source) in enumerate(loaded_sources(), 1):
-        files[f"{PLUGINS}/{number:02}-{re.sub(r'[^A-Za-z0-9_.-]', '_', name)}"] = source
+        files[f"{PLUGINS}/{number:02}-{plain_name(name)}"] = source
     files["scenario.toml"] = to_toml(scenario, copies).encode()
     if city is not None:
         files["city.json"] = json.dumps(city.to_json_rows(), separators=(",", ":")).encode()

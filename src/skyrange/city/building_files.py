@@ -17,6 +17,7 @@ from skyrange.city.city import City
 from skyrange.city.geojson import read_collection, read_json, read_json_lines
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
+from skyrange.core.input_files import open_input
 
 _JSON: Final = (".geojson", ".json")
 _LINES: Final = (".geojsonl", ".geojsons", ".geojsonseq", ".ndjson", ".jsonl")
@@ -50,8 +51,8 @@ def load_buildings(path: Path | str, origin: Origin | None = None) -> tuple[City
         if rows and isinstance(rows[0], dict) and rows[0].get("type") == "CityJSON":
             return _cityjson(name, rows, origin)
         return read_collection(name, {"type": "FeatureCollection", "features": rows}, origin, "GeoJSONSeq")
-    if not path.exists():
-        raise InputError.one(name, "file", "No such file or directory", "a readable file of buildings")
+    with open_input(path, name, "file", expected="a file of buildings"):
+        pass  # no pipe, no device
     if suffix in _GDAL:
         from skyrange.city.gdal_files import read_gdal
 

@@ -21,9 +21,11 @@ from skyrange.city.footprints import Feature, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.geodesy import Origin
+from skyrange.core.input_files import MIB, read_input
 
 MAX_PROBLEMS = 20
 """Problems that one error lists; further ones are only counted."""
+MAX_FILE_BYTES = 512 * MIB
 
 
 class _ShapeError(Exception):
@@ -88,9 +90,7 @@ def read_collection(name: str, document: Any, origin: Origin | None, kind: str =
 def read_json(name: str, path: Path) -> Any:
     """The JSON document in a file; raises `InputError` if it is none."""
     try:
-        return json.loads(path.read_bytes())
-    except OSError as error:
-        raise InputError.one(name, "file", error.strerror or str(error), "a readable GeoJSON file") from error
+        return json.loads(read_input(path, name, max_bytes=MAX_FILE_BYTES, expected="a readable GeoJSON file"))
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         raise InputError.one(name, where, error.msg, "JSON", "The file may be cut off or not be GeoJSON.") from error
@@ -103,13 +103,11 @@ def read_json_lines(name: str, path: Path) -> list[Any]:
     documents = []
     number = 0
     try:
-        for line in path.read_bytes().splitlines():
+        for line in read_input(path, name, max_bytes=MAX_FILE_BYTES, expected="a readable file").splitlines():
             number += 1
             text = line.strip(b"\x1e \t\r\n")
             if text:
                 documents.append(json.loads(text))
-    except OSError as error:
-        raise InputError.one(name, "file", error.strerror or str(error), "a readable file") from error
     except (ValueError, RecursionError) as error:
         where, hint = f"line {number}", "The file may be cut off, or be JSON on several lines: name it .geojson."
         raise InputError.one(name, where, str(error), "one JSON document a line", hint) from error

@@ -8,6 +8,7 @@ imported until a kind is asked for.
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import sys
 import traceback
@@ -20,6 +21,7 @@ from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from skyrange.contracts.params import Params
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
+from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 
 APPROVALS = "skyrange.approvals"
 ATTACKS = "skyrange.attacks"
@@ -133,10 +135,10 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
     A file that was loaded or imported before is not run again. Raises InputError for a file that is missing, that
     raises an error, or that registers nothing.
     """
-    path = Path(file).expanduser().absolute()
+    path = expand_user(file).absolute()
     if path in _loaded_files and _registered.keys() >= set(_loaded_files[path].offers):
         return _loaded_files[path].offers
-    if not path.is_file():
+    if not os.path.exists(path):
         raise InputError.one("--plugin", "file", str(file), "a Python file that exists")
     known = _offered_by(path)
     if known:
@@ -145,7 +147,7 @@ def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise InputError.one("--plugin", "file", str(file), "a Python file, whose name ends in .py")
-    source, before = path.read_bytes(), set(_registered)
+    source, before = read_input(path, "--plugin", max_bytes=MAX_TEXT_BYTES, expected="a Python file"), set(_registered)
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # where dataclasses and pickle look for it
     try:

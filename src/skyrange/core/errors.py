@@ -9,9 +9,14 @@ import difflib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from skyrange.core.time import Time, to_seconds
+
+MAX_LINES: Final = 60
+"""Problems that the message of an error lists; more are counted."""
+MAX_QUOTED: Final = 500
+"""Characters of a value, or of its place, that a message quotes."""
 
 
 class SkyrangeError(Exception):
@@ -44,12 +49,18 @@ class Problem:
     hint: str = ""
 
     def __str__(self) -> str:
-        line = f"{self.where}: {self.value} — expected {self.expected}"
+        line = f"{_shorten(self.where)}: {_shorten(self.value)} — expected {self.expected}"
         return f"{line}. {self.hint}" if self.hint else line
 
 
+def _shorten(text: str) -> str:
+    """A quoted text on one line, of bounded length."""
+    text = text if len(text) <= MAX_QUOTED else f"{text[:MAX_QUOTED]}…"
+    return text.replace("\n", "\\n").replace("\r", "\\r")
+
+
 class InputError(SkyrangeError):
-    """A scenario, a file or an argument is wrong; has all its problems at once."""
+    """A scenario, a file or an argument is wrong; has all its problems at once, and its message the first ones."""
 
     exit_code = 2
 
@@ -57,8 +68,12 @@ class InputError(SkyrangeError):
         """`who` is at fault (a file's name, "scenario", an option); `problems` is not empty."""
         self.who = who
         self.problems = tuple(problems)
-        lines = "\n".join(f"  {problem}" for problem in self.problems)
-        super().__init__(f"{who}:\n{lines}" if len(self.problems) > 1 else f"{who}: {self.problems[0]}")
+        who = _shorten(who)
+        lines = [f"  {problem}" for problem in self.problems[:MAX_LINES]]
+        if len(self.problems) > MAX_LINES:
+            lines.append(f"  … and {len(self.problems) - MAX_LINES:,} more")
+        text = "\n".join([f"{who}:", *lines]) if len(self.problems) > 1 else f"{who}: {self.problems[0]}"
+        super().__init__(text)
 
     @classmethod
     def one(cls, who: str, where: str, value: object, expected: str, hint: str = "") -> InputError:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import os
 import platform
 import re
-import stat
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, Final, NamedTuple
 from urllib.parse import urlsplit
 
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.input_files import read_input
 from skyrange.install.download import NotThereError, OnProgress, download
 from skyrange.io.processes.single_run import run_once
 from skyrange.vehicle.ardupilot.program.arducopter_binary import (
@@ -114,12 +114,17 @@ def _address_of(version: str) -> str:
 
 @contextmanager
 def _temporary_file() -> Iterator[tuple[IO[bytes], Path]]:
-    """Create a temporary file in the data folder; yields it and its path, and deletes it unless it was moved."""
+    """Create a temporary file in the data folder; yields it and its path, and deletes it unless it was moved.
+
+    Folders that were made for it and stay empty are removed.
+    """
     folder = data_folder()
+    made = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         number, name = tempfile.mkstemp(prefix=f".{PROGRAM}-", dir=folder)
     except OSError as error:
+        _remove_empty(made)
         raise _not_writable(folder, error) from None
     path = Path(name)
     try:
@@ -129,6 +134,13 @@ def _temporary_file() -> Iterator[tuple[IO[bytes], Path]]:
         raise _not_writable(folder, error) from None
     finally:
         path.unlink(missing_ok=True)
+        _remove_empty(made)
+
+
+def _remove_empty(folders: Sequence[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # not empty, or not there
+            folder.rmdir()
 
 
 def _not_writable(folder: Path, error: OSError) -> InputError:
@@ -139,17 +151,7 @@ def _not_writable(folder: Path, error: OSError) -> InputError:
 
 def _copy_file(source: Path, into: IO[bytes], on_progress: OnProgress | None) -> None:
     """Copy the given file, which need not be executable."""
-    try:
-        facts = source.stat()
-        if not stat.S_ISREG(facts.st_mode):
-            raise InputError.one("--from", str(source), "not a regular file", "an arducopter binary")
-        if facts.st_size > MAX_BYTES:
-            expected = f"an arducopter binary of at most {MAX_BYTES:,} bytes"
-            raise InputError.one("--from", str(source), f"a file of {facts.st_size:,} bytes", expected)
-        data = source.read_bytes()
-    except OSError as error:
-        problem = (error.strerror or str(error)).lower()
-        raise InputError.one("--from", str(source), problem, "a file that can be read") from None
+    data = read_input(source, "--from", max_bytes=MAX_BYTES, expected="an arducopter binary")
     into.write(data)
     if on_progress is not None:
         on_progress(len(data), len(data))
@@ -185,6 +187,11 @@ def _store(file: IO[bytes], path: Path, wanted: str | None, origin: str) -> Bina
     answer = run_once(path, "--help", deadline_s=ANSWER_S, who=origin)
     check_help(origin, answer.ended, answer.text)
     target = data_folder() / found.version / PROGRAM
-    target.parent.mkdir(exist_ok=True)
-    path.replace(target)
+    new = not target.parent.exists()
+    try:
+        target.parent.mkdir(exist_ok=True)
+        path.replace(target)
+    except OSError:
+        _remove_empty([target.parent] if new else [])
+        raise
     return replace(found, path=target)

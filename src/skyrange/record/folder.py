@@ -18,7 +18,10 @@ PARTS = ".parts"
 PLUGINS = "plugins"
 """The folder, inside a run's folder, of the plugin files that the run was started with."""
 
-_PART = re.compile(r"^[A-Za-z0-9_][A-Za-z0-9_.+ -]{0,127}$")
+_PART = re.compile(r"^[\w(][\w.+ ()-]{0,127}$")
+_NOT_PLAIN = re.compile(r"[^\w.+ ()-]")
+_KEPT_CHARACTERS = 60
+"""Of a name that is copied: at most 240 bytes, which every file system takes."""
 
 
 def make_folder(folder: Path) -> list[Path]:
@@ -53,6 +56,11 @@ def remove_folder(folder: Path, made: Sequence[Path]) -> None:
     for path in made:
         with suppress(OSError):  # somebody else may have put files there
             path.rmdir()
+
+
+def plain_name(name: str) -> str:
+    """A name for a copy of the file `name` that `put_file` takes: letters, digits and `_.+ ()-`, with the same end."""
+    return _NOT_PLAIN.sub("_", name).replace("..", "__")[-_KEPT_CHARACTERS:]
 
 
 def unwritable_error(path: Path, error: OSError) -> InputError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
@@ -11,6 +12,7 @@ from typing import Any
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
 from skyrange.record.schema import FORMAT
 
 MANIFEST = "manifest.json"
@@ -72,18 +74,10 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     path = folder / MANIFEST
     if not folder.is_dir():
         raise InputError.one(who, "path", who, "a run's folder", "The path does not exist or is not a folder.")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    if not os.path.lexists(path):
         hint = "`skyrange run SCENARIO --out DIR` creates one."
-        raise InputError.one(who, MANIFEST, "missing", "a run's folder, which contains it", hint) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError.one(who, MANIFEST, str(error), "a readable JSON file in UTF-8") from None
-    try:
-        manifest = json.loads(text)
-    except json.JSONDecodeError as error:
-        where = f"{MANIFEST}:{error.lineno}"
-        raise InputError.one(who, where, error.msg, "a JSON object", "The file is damaged.") from None
+        raise InputError.one(who, MANIFEST, "missing", "a run's folder, which contains it", hint)
+    manifest = parse_json(read_input(path, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
     if not isinstance(manifest, dict):
         raise InputError.one(who, MANIFEST, type(manifest).__name__, "a JSON object", "The file is damaged.")
     found = manifest.get("format")

@@ -39,6 +39,8 @@ class Pace:
     ahead; `lag_s` is its largest delay.
     """
 
+    MIN_SPEED = 1e-6
+    """Slowest speed: a step of 1 µs then takes a second."""
     FREE_STEP_NS = 100 * NS_PER_MS
     """Simulated time between two checks of Ctrl-C and the progress bar in an unpaced run."""
     PACED_STEP_NS = 10 * NS_PER_MS
@@ -47,9 +49,10 @@ class Pace:
     def __init__(
         self, speed: float, *, clock: Callable[[], float] = time.monotonic, sleep: Callable[[float], None] = time.sleep
     ) -> None:
-        """`speed` is finite and not negative; raises `InputError` for any other."""
-        if not 0.0 <= speed < math.inf:
-            raise InputError.one("speed", "value", str(speed), "a number of 0 or more, 0 being as fast as it goes")
+        """`speed` is 0, or finite and at least `MIN_SPEED`; raises `InputError` for any other."""
+        if not (speed == 0.0 or self.MIN_SPEED <= speed < math.inf):
+            expected = f"0, which is as fast as it goes, or at least {self.MIN_SPEED:g}"
+            raise InputError.one("speed", "value", str(speed), expected)
         self._speed = speed
         self._clock = clock
         self._sleep = sleep

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.errors import MAX_LINES, InputError, Problem, nearest
+from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.validation.error_messages import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings"})
@@ -19,23 +20,21 @@ def read_text(path: Path, who: str) -> str:
     if fault is not None:
         raise InputError(who, [fault])
     try:
-        return path.read_bytes().decode()
-    except OSError as error:
-        raise InputError.one(who, "file", str(path), f"a file that can be read ({error.strerror})") from None
+        return read_input(path, who, max_bytes=MAX_TEXT_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError.one(who, f"byte {error.start}", hex(error.object[error.start]), "UTF-8 text") from None
 
 
-def check_file(path: Path, where: str) -> Problem | None:
-    """The problem of a file that does not exist, with the most similar name in its folder; None if it exists."""
+def check_file(path: Path, where: str, *, suggest: bool = True) -> Problem | None:
+    """The problem of a file that does not exist, None if it exists; with `suggest`, with the nearest name beside it."""
     try:
         if path.is_file():
             return None
         if path.exists():
             return Problem(
-                where, str(path), "a file", "It is a folder." if path.is_dir() else "It is not a regular file."
+                where, str(path), "a file", "It is a folder." if path.is_dir() else "It is a pipe or a device."
             )
-        siblings = [sibling.name for sibling in path.parent.iterdir()] if path.parent.is_dir() else []
+        siblings = [one.name for one in path.parent.iterdir()] if suggest and path.parent.is_dir() else []
         hint = nearest(path.name, siblings) if len(siblings) <= 1000 else ""
         return Problem(where, str(path), "a file that exists", hint if hint.startswith("Did you") else "")
     except (OSError, ValueError) as error:
@@ -52,8 +51,8 @@ def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any],
         if isinstance(part, (list, tuple)):
             return [visit(value, (*loc, index)) for index, value in enumerate(part)]
         if isinstance(part, str) and part and loc[-1] in FILE_KEYS:
-            path = folder / Path(part).expanduser()
-            fault = check_file(path, spell_path(loc, data))
+            path = folder / expand_user(part)
+            fault = check_file(path, spell_path(loc, data), suggest=len(faults) < MAX_LINES)
             if fault is not None:
                 faults.append(fault)
             return str(path.absolute())

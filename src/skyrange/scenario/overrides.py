@@ -11,12 +11,12 @@ import copy
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.input_files import expand_user
 from skyrange.scenario.model.operators import operator_names, vehicle_names
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import FILE_KEYS
@@ -47,7 +47,7 @@ def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict
             )
             continue
         if keys[-1] in FILE_KEYS and isinstance(value, str):
-            value = str(Path(value).expanduser().absolute())
+            value = str(expand_user(value).absolute())
         problem = _assign(changed, Scenario, keys, value)
         if problem is not None:
             faults.append(problem)

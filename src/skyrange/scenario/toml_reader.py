@@ -17,6 +17,11 @@ from skyrange.scenario.named_files import locate_files, read_text
 from skyrange.scenario.overrides import apply_overrides
 from skyrange.scenario.validation.error_messages import explain_errors
 
+MAX_DEPTH = 64
+"""Tables and lists inside each other; a scenario needs nine."""
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?:^|[{{,])[ \t]*+\[{{0,2}}+[ \t]*+(?:{_PART}\.[ \t]*+){{{MAX_DEPTH}}}", re.MULTILINE)
+
 
 def load_file(
     path: str | Path,
@@ -60,6 +65,7 @@ def load_text(
 
 def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path = ".") -> Scenario:
     """The scenario that plain data describes. Raises InputError with all problems, also those of named files."""
+    _check_plain(data, who)
     data, faults = locate_files(data, Path(folder))
     try:
         scenario = Scenario.model_validate(data)
@@ -72,12 +78,40 @@ def load_data(data: Mapping[str, Any], who: str = "scenario", folder: str | Path
 
 def parse_toml(text: str, who: str = "scenario") -> dict[str, Any]:
     """TOML text as plain data. Raises InputError with line and column."""
+    long_key = _LONG_KEY.search(text)
+    if long_key is not None:  # tomllib takes time with the square of the parts
+        line = text.count("\n", 0, long_key.end()) + 1
+        raise InputError.one(who, f"line {line}", f"a key of more than {MAX_DEPTH} parts", "a key of a scenario")
     try:
-        return tomllib.loads(text)
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(who, [_syntax_fault(str(error), text)]) from None
     except RecursionError:
         raise InputError.one(who, "TOML", "too many levels of nesting", "fewer levels") from None
+    except ValueError as error:  # a number of thousands of digits, or a date that does not exist
+        raise InputError.one(who, "TOML", str(error), "values of TOML") from None
+    _check_plain(data, who)
+    return data
+
+
+def _check_plain(data: Mapping[str, Any], who: str) -> None:
+    """Raise `InputError` for data nested too deep, and for integers that TOML does not have (64 bits)."""
+    faults = []
+    level: list[tuple[str, Any]] = [("", data)]
+    for _ in range(MAX_DEPTH):
+        below: list[tuple[str, Any]] = []
+        for where, part in level:
+            if isinstance(part, Mapping):
+                below += [(f"{where}.{key}", value) for key, value in part.items()]
+            elif isinstance(part, (list, tuple)):
+                below += [(f"{where}.{index}", value) for index, value in enumerate(part)]
+            elif isinstance(part, int) and not -(2**63) <= part < 2**63:
+                faults.append(Problem(where[1:], f"an integer of {part.bit_length()} bits", "at most 64 bits"))
+        level = below
+    if level:
+        faults.append(Problem(level[0][0][1:], f"nested deeper than {MAX_DEPTH}", "a scenario"))
+    if faults:
+        raise InputError(who, faults)
 
 
 def _syntax_fault(message: str, text: str) -> Problem:

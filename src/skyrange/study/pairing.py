@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import expand_user
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
@@ -78,7 +79,7 @@ def pair(
     planned = plan_arms(attacks, arms)
     baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
-    folder = _make_folder(Path(out).expanduser() if out is not None else free_folder(f"{scenario.name}-pair"))
+    folder = _make_folder(expand_user(out) if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in planned]
     flown = run_all(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import expand_user
 
 
 def doctor(as_json: bool) -> None:
@@ -33,7 +34,7 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
     from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 
     with download_progress("arducopter", quiet=as_json) as on_progress:
-        made = install(version, source.expanduser() if source is not None else None, on_progress)
+        made = install(version, expand_user(source) if source is not None else None, on_progress)
     binary = made.binary
     facts = {"version": binary.version, "path": str(binary.path), "sha256": binary.sha256, "from": made.origin}
     if as_json:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
+from skyrange.core.input_files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.study.attribution.arms import Selection
@@ -135,7 +136,7 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report.pair.page import write_comparison
 
     result = _open_pair(folder)
-    path = out.expanduser() if out is not None else folder.expanduser() / "report.html"
+    path = expand_user(out) if out is not None else folder.expanduser() / "report.html"
     try:
         if result is not None:
             write_comparison(result, path)
@@ -156,7 +157,7 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
     from skyrange.study.captures.received_broadcasts import has_radio
 
     record = load(folder)
-    target = out.expanduser() if out is not None else record.path
+    target = expand_user(out) if out is not None else record.path
     if not target.is_dir():
         raise InputError.one("--out", "folder", str(target), "a folder that exists")
     if receivers and only == "mavlink":

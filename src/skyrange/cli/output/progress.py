@@ -51,7 +51,7 @@ def progress(name: str, *, quiet: bool) -> Iterator[OnProgress | None]:
                 pace = f"{share:.1f} s per simulated second, at this pace {share * to_seconds(end):.0f} s for the run"
                 print_notice(f"{name}: autopilots booted in {pace}")
                 boot = None
-            reached = 10 * now // end
+            reached = 10 * now // max(end, 1)
             if reached > tenth:
                 tenth = reached
                 print_notice(f"{name}: {to_seconds(now):.0f} of {to_seconds(end):.0f} s")

@@ -9,6 +9,7 @@ from skyrange.codec.mission.items import MAX_FILE_BYTES, Mission
 from skyrange.codec.mission.qgc_plan import parse_plan
 from skyrange.codec.mission.qgc_wpl import parse_waypoints
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import read_input
 
 
 def read_mission(path: str | os.PathLike[str]) -> Mission:
@@ -20,16 +21,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     """
     file = Path(path)
     name = str(file)
-    try:
-        if not file.is_file():
-            kind = "a folder or device" if file.exists() else "no such file"
-            raise InputError.one(name, "path", kind, "a mission file (.plan, .waypoints or .txt)")
-        with file.open("rb") as stream:
-            data = stream.read(MAX_FILE_BYTES + 1)
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        raise InputError.one(name, "path", str(error), "a readable mission file") from error
-    if len(data) > MAX_FILE_BYTES:
-        raise InputError.one(name, "size", f"over {MAX_FILE_BYTES} bytes", f"at most {MAX_FILE_BYTES} bytes")
+    expected = "a mission file (.plan, .waypoints or .txt)"
+    data = read_input(file, name, "path", max_bytes=MAX_FILE_BYTES, expected=expected)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -45,5 +38,5 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     if file.suffix.lower() in (".waypoints", ".txt"):
         return parse_waypoints(text, name)
     raise InputError.one(
-        name, "line 1", repr(text[:40]), "`QGC WPL 110` or a JSON object", "Known: .plan, .waypoints and .txt files."
+        name, "line 1", "another text", "`QGC WPL 110` or a JSON object", "Known: .plan, .waypoints and .txt files."
     )

@@ -54,8 +54,9 @@ def parse_waypoints(text: str, name: str) -> Mission:
     lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1)]
     lines = [(number, line) for number, line in lines if line and not line.startswith("#")]
     if not lines or lines[0][1].split() != HEADER.split():
+        # not quoted: the file may be none of this user's, linked to by a scenario of somebody else
         number, line = lines[0] if lines else (1, "")
-        problems.stop(f"line {number}", line, f"`{HEADER}`")
+        problems.stop(f"line {number}", line if line.startswith("QGC WPL") else "another text", f"`{HEADER}`")
     if len(lines) < 2:
         problems.stop("file", "no items", "the home position as item 0, then the mission's items")
     if len(lines) - 2 > MAX_ITEMS:

@@ -11,6 +11,7 @@ import os
 import re
 import stat
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
@@ -19,6 +20,7 @@ import zmq
 import zmq.auth
 
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import open_input, read_input
 
 PUBLIC_SUFFIX = ".key"
 SECRET_SUFFIX = ".key_secret"  # noqa: S105 (the end of a name)
@@ -68,8 +70,7 @@ def make_keys(folder: Path, name: str, metadata: Mapping[str, str] | None = None
     Makes the folder (0700) if there is none. Raises `InputError` if either file exists, since peers that trust the old
     key would be locked out, or cannot be written.
     """
-    if not _NAME.fullmatch(name):
-        raise InputError.one(_WHO, "name", name, "1 to 64 letters, digits, '-', '_' or '.', a letter or digit first")
+    _check_name(name)
     paths = (folder / (name + PUBLIC_SUFFIX), folder / (name + SECRET_SUFFIX))
     made: list[Path] = []
     try:
@@ -90,26 +91,46 @@ def make_keys(folder: Path, name: str, metadata: Mapping[str, str] | None = None
     return paths
 
 
+def _check_name(name: str) -> None:
+    if not _NAME.fullmatch(name):
+        raise InputError.one(_WHO, "name", name, "1 to 64 letters, digits, '-', '_' or '.', a letter or digit first")
+
+
 def make_range_keys(folder: Path, names: Iterable[str]) -> list[Path]:
     """Make a range's pair in `folder`, unless it is there, and one for each machine of `names`; the secret files.
 
     The file `NAME.key_secret` goes to that machine: it has the range's public key, and the range accepts the machine by
-    `NAME.key`, until that is deleted. `InputError` as `make_keys`.
+    `NAME.key`, until that is deleted. `InputError` as `make_keys`; nothing new is left behind then.
     """
+    names = list(names)
     own = folder / (RANGE + SECRET_SUFFIX)
-    made = [] if own.exists() else [make_keys(folder, RANGE)[1]]
-    public = load_keys(own).public.decode()
     for name in names:
-        if name == RANGE:
-            raise InputError.one(_WHO, "name", name, "another name: that one is the range's own")
-        made.append(make_keys(folder, name, {_RANGE_KEY.decode(): public})[1])
+        _check_name(name)
+        if name == RANGE or names.count(name) > 1:
+            expected = "another name: that one is the range's own" if name == RANGE else "each name once"
+            raise InputError.one(_WHO, "name", name, expected)
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    made: list[Path] = []
+    try:
+        made += [] if own.exists() else [make_keys(folder, RANGE)[1]]
+        public = load_keys(own).public.decode()
+        for name in names:
+            made.append(make_keys(folder, name, {_RANGE_KEY.decode(): public})[1])
+    except InputError:
+        for path in made:
+            path.unlink()
+            path.with_suffix(PUBLIC_SUFFIX).unlink()
+        for each in missing:
+            with suppress(OSError):  # not empty, or not there
+                each.rmdir()
+        raise
     return made
 
 
 def load_range(folder: Path) -> Keys:
     """Load the range's own keys in `folder`, and those of all machines that may join."""
     own = folder / (RANGE + SECRET_SUFFIX)
-    if not own.is_file():
+    if not os.path.exists(own):
         hint = f"`skyrange keys {folder} NAME` makes it."
         raise InputError.one(_WHO, str(folder), f"no {own.name}", "a folder of a range's keys", hint)
     others = [path for path in sorted(folder.glob(f"*{PUBLIC_SUFFIX}")) if path.stem != RANGE]
@@ -119,7 +140,7 @@ def load_range(folder: Path) -> Keys:
 def load_member(path: Path) -> Keys:
     """Load the keys of a machine that joins: its own, and the range's public one."""
     mine = load_keys(path)
-    theirs = _entry(path, path.read_bytes()[:MAX_BYTES], _RANGE_KEY)
+    theirs = _entry(path, read_input(path, _WHO, str(path), max_bytes=MAX_BYTES), _RANGE_KEY)
     if mine.secret is None or theirs is None:
         what = "only a public key" if mine.secret is None else "no key of a range"
         hint = f"`skyrange keys FOLDER NAME` makes NAME{SECRET_SUFFIX}."
@@ -129,13 +150,9 @@ def load_member(path: Path) -> Keys:
 
 def load_keys(path: Path) -> KeyFile:
     """Read a certificate. Raises `InputError` if it is none, or holds a secret that others can read."""
-    try:
-        with path.open("rb") as file:
-            mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise InputError.one(_WHO, str(path), reason, "a key file", "`skyrange keys` makes one.") from error
+    with open_input(path, _WHO, "key", expected="a key file", hint="`skyrange keys` makes one.") as file:
+        mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
+        data = file.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise InputError.one(_WHO, str(path), f"more than {MAX_BYTES} bytes", "a ZeroMQ certificate")
     public, secret = _entry(path, data, b"public-key"), _entry(path, data, b"secret-key")

@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.ids import FrameId
+from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
 from skyrange.record.manifest import RUNNING, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
@@ -124,11 +125,11 @@ class RunRecord:
         path = self.path / "city.json"
         if not path.exists():
             return []
-        try:
-            buildings = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise InputError.one(str(self.path), "city.json", str(error), "a JSON list of buildings") from None
-        return list(buildings)
+        who = str(self.path)
+        buildings = parse_json(read_input(path, who, path.name, max_bytes=MAX_RECORD_BYTES), who, path.name)
+        if not isinstance(buildings, list):
+            raise InputError.one(who, path.name, type(buildings).__name__, "a JSON list of buildings")
+        return buildings
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
@@ -161,7 +162,7 @@ def load(path: Path | str) -> RunRecord:
     Raises `InputError` if it is not a run's folder, was written in another format, or has a damaged manifest. Of a
     run that was killed or is running, the record contains the rows that were written.
     """
-    folder = Path(path).expanduser()
+    folder = expand_user(path)
     manifest = read_manifest(folder)
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
     if spooled and not (folder / SPOOL).is_dir():

@@ -25,6 +25,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.input_files import expand_user
 from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
@@ -138,7 +139,7 @@ class Recorder:
         are de-duplicated together. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
         is not empty or cannot be written.
         """
-        folder = Path(path).expanduser()
+        folder = expand_user(path)
         check_rates(truth_hz, sensors_hz)
         try:
             epoch_of(header)
@@ -339,7 +340,7 @@ class Recorder:
         """
         if self._write_failed:
             raise ComponentError("recorder", f"{self.path} cannot be forked: an earlier write failed")
-        folder = Path(path).expanduser()
+        folder = expand_user(path)
         if self.path.resolve() in (folder.resolve(), *folder.resolve().parents):
             raise InputError.one("fork", "folder", str(folder), "a folder outside the run that is forked")
         self.flush()

@@ -228,7 +228,7 @@ class Scenario(Model):
     )
     duration_s: Number = Field(
         default=300.0,
-        gt=0,
+        ge=0.001,
         le=31_536_000,
         description="Simulated duration of the run in seconds. The run does not end earlier, even if all missions "
         "are complete.",

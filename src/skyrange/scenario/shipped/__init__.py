@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.input_files import expand_user
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_file
 
@@ -33,8 +35,8 @@ def source_of(name_or_file: str | Path) -> Path:
     text = str(name_or_file)
     if text in SHIPPED:
         return FOLDER / f"{text}.toml"
-    path = Path(text).expanduser()
-    if path.suffix or path.exists() or "/" in text or "\\" in text:
+    path = expand_user(text)
+    if path.suffix or os.path.exists(path) or "/" in text or "\\" in text:
         return path
     raise InputError.one("scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, SHIPPED))
 

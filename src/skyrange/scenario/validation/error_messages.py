@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -15,6 +15,9 @@ from skyrange.scenario.validation.field_path import field_at, model_of, type_at
 Loc = tuple[str | int, ...]
 Between = Callable[[Any], list[Problem]]
 """Finds problems between the parts of a table, also if values in it are invalid."""
+
+MAX_EXPLAINED = 1_000
+"""Problems of one scenario that are explained."""
 
 _EXPECTED = {
     "float_type": "a number",
@@ -46,6 +49,15 @@ def explain_errors(
         details = error.errors(include_url=False)
     except UnicodeEncodeError as bad:  # a lone surrogate, which a program or a shell can pass
         return [Problem("text", ascii(bad.object), "text that can be encoded as UTF-8")]
+    if len(details) > MAX_EXPLAINED:  # the rest is counted, not explained: to look for near names takes time
+        rest = f"{len(details) - MAX_EXPLAINED:,} more problems"
+        return [*_explain(details[:MAX_EXPLAINED], model, data, None), Problem("further on", rest, "none")]
+    return _explain(details, model, data, between)
+
+
+def _explain(
+    details: Sequence[ErrorDetails], model: type[BaseModel], data: Any, between: Between | None
+) -> list[Problem]:
     faults = []
     renamed: set[Loc] = set()
     for detail in details:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.record import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL, SHAM
 from skyrange.study.attribution.attribute import attribution_table
@@ -98,11 +98,10 @@ class Pair:
 
 def load_pair(path: Path | str) -> Pair:
     """Open a pair's folder; raises `InputError` if it is not one."""
-    folder = Path(path).expanduser()
-    try:
-        manifest = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError.one(str(folder), MANIFEST, str(error), "the folder of a pair") from None
+    folder = expand_user(path)
+    who = str(folder)
+    data = read_input(folder / MANIFEST, who, MANIFEST, max_bytes=MAX_RECORD_BYTES, expected="the file of a pair")
+    manifest = parse_json(data, who, MANIFEST)
     if not isinstance(manifest, dict) or manifest.get("format") not in READABLE:
         raise InputError.one(str(folder), MANIFEST, "another format", FORMAT)
     return Pair(folder, manifest)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.input_files import expand_user
 from skyrange.vehicle.ardupilot.program.elf_check import why_not_executable
 
 VARIABLE: Final = "SKYRANGE_ARDUCOPTER"
@@ -105,7 +106,7 @@ def find_binary() -> Binary:
     """
     named = os.environ.get(VARIABLE)
     if named:
-        return examine_binary(Path(named).expanduser(), VARIABLE)
+        return examine_binary(expand_user(named), VARIABLE)
     on_path = shutil.which(PROGRAM)
     if on_path is not None:
         return examine_binary(Path(on_path), "PATH")
