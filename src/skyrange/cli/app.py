@@ -206,6 +206,12 @@ def diff(
     runs.diff(a, b, tolerance, as_json)
 
 
+@app.command(epilog="Example: skyrange verify runs/squares")
+def verify(run: RunFolder, as_json: AsJson = False) -> None:
+    """Compare a run's files and tables with its manifest: hashes, counts, digests. The exit code is 3 if any differ."""
+    runs.verify(run, as_json)
+
+
 @app.command(epilog="Example: skyrange scenarios --json")
 def scenarios(as_json: AsJson = False) -> None:
     """List the shipped scenarios."""

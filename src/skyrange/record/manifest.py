@@ -33,6 +33,8 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("timings", dict, "a table"),
     ("digests", dict, "a table"),
     ("outcomes", dict, "a table by vehicle"),
+    ("counts", dict, "a table by table"),
+    ("files", dict, "a table by file"),
 )
 """Key, type and description of the entries that readers rely on; each may be absent."""
 

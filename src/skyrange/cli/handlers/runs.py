@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -189,6 +190,20 @@ def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
         print_json(difference.to_dict())
     else:
         print_text(difference)
+
+
+def verify(folder: Path, as_json: bool) -> None:
+    """`skyrange verify`."""
+    from skyrange.record.read.run import open_folder
+    from skyrange.record.verification import verify_run
+
+    found = verify_run(open_folder(folder))
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_text(found)
+    if not found.ok:
+        sys.exit(3)
 
 
 def scenarios(as_json: bool) -> None:

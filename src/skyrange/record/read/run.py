@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from skyrange.core.errors import InputError, nearest
+from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
@@ -159,9 +159,21 @@ class RunRecord:
 def load(path: Path | str) -> RunRecord:
     """Open the run in the folder `path`.
 
-    Raises `InputError` if it is not a run's folder, was written in another format, or has a damaged manifest. Of a
-    run that was killed or is running, the record contains the rows that were written.
+    Raises `InputError` if it is not a run's folder, was written in another format, has a damaged manifest, or lacks a
+    table. Of a run that was killed or is running, the record contains the rows that were written.
     """
+    record = open_folder(path)
+    counts = record.manifest.get("counts") or {}
+    lost = [name for name in counts if not record.tables.spooled and not (record.path / f"{name}.parquet").is_file()]
+    if lost:
+        hint = f"It was removed. `skyrange verify {record.path}` names everything that is not as the manifest says."
+        problems = [Problem(f"{name}.parquet", "missing", "a table of this run", hint) for name in lost]
+        raise InputError(str(record.path), problems)
+    return record
+
+
+def open_folder(path: Path | str) -> RunRecord:
+    """Open a run's folder as `load` does, also one that lacks tables: these are read as empty."""
     folder = expand_user(path)
     manifest = read_manifest(folder)
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True

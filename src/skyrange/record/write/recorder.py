@@ -28,6 +28,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
+from skyrange.record.file_hashes import describe_files
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, write_manifest
 from skyrange.record.notes import (
@@ -383,7 +384,8 @@ class Recorder:
             self.flush()
             self._spool.end_segment()
             counts = dict(self._state.counts) if in_spool else finalise(self.path, self._manifest)
-            self._manifest |= {"counts": counts, **({"spooled": True} if in_spool else {})}
+            self._manifest |= {"counts": counts}
+            self._manifest |= {"spooled": True} if in_spool else {"files": describe_files(self.path)}
             self._manifest |= self._final_entries(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:

@@ -23,6 +23,7 @@ from skyrange.core.time import to_seconds
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.schema import DERIVED, TABLES
+from skyrange.record.verification import verify_run
 from skyrange.study.measures.aircraft_measures import DEPARTED_M, departures, read_ticks
 from skyrange.study.measures.time_series import vehicles
 
@@ -75,6 +76,8 @@ class Difference:
     outcomes: Mapping[str, tuple[Any, Any]]
     columns: Mapping[str, tuple[list[str], list[str]]]
     numeric: tuple[str | None, str | None]
+    unverified: tuple[tuple[str, ...], tuple[str, ...]]
+    """What is not as the run's own manifest says (`record.verification`); such runs are never the same."""
     apart: Mapping[str, tuple[float, float | None]]
     """By aircraft, the largest distance in metres between its positions in the two runs at the same time, and when in
     seconds it first exceeded `DEPARTED_M`; empty if truth is the same or the fleets differ."""
@@ -95,6 +98,8 @@ class Difference:
 
     def __str__(self) -> str:
         lines = [f"a: {self.a} ({self.statuses[0]})", f"b: {self.b} ({self.statuses[1]})"]
+        for side, problems in zip("ab", self.unverified, strict=True):
+            lines += [f"{side} is not as its manifest says: {problem}" for problem in problems]
         if self.same:
             rows = ", ".join(f"{count} {name}" for name, (count, _) in self.counts.items() if count)
             return "\n".join([*lines, f"the same: {rows or 'both empty'}"])
@@ -116,12 +121,14 @@ class Difference:
 def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
     """Compare two runs, complete or killed; raises `InputError` for a folder that is not a run's.
 
-    Frames and truth of two runs that ended are not read if their digests are equal.
+    Runs that ended are verified first. Frames and truth of two that are as their manifests say are not compared row by
+    row if their digests are equal.
     """
     left, right = (run if isinstance(run, RunRecord) else load(run) for run in (a, b))
     digests = {
         name: (_digest(left, name), _digest(right, name)) for name in ("events", "frames", "truth", "fingerprint")
     }
+    unverified = _unverified(left), _unverified(right)
     first: dict[str, RowDifference] = {}
     columns: dict[str, tuple[list[str], list[str]]] = {}
     for table in _KEYS:
@@ -129,7 +136,7 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         if mine != other:
             columns[table] = sorted(mine - other), sorted(other - mine)
         known = digests.get(table, (None, None)) if table in ("frames", "truth") else (None, None)
-        if known[0] is None or known[0] != known[1]:
+        if known[0] is None or known[0] != known[1] or any(unverified):
             found = _first_difference(table, left, right, mine & other)
             if found is not None:
                 first[table] = found
@@ -143,7 +150,8 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
     return Difference(
         a=str(left.path),
         b=str(right.path),
-        same=not (first or outcomes or columns) and all(mine == other for mine, other in counts.values()),
+        same=not (first or outcomes or columns or any(unverified))
+        and all(mine == other for mine, other in counts.values()),
         statuses=(left.status, right.status),
         counts=counts,
         digests=digests,
@@ -151,8 +159,13 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         outcomes=outcomes,
         columns=columns,
         numeric=(_numeric(left), _numeric(right)),
+        unverified=unverified,
         apart=_distances(left, right) if "truth" in first else {},
     )
+
+
+def _unverified(run: RunRecord) -> tuple[str, ...]:
+    return verify_run(run).problems if _digest(run, "fingerprint") is not None else ()
 
 
 def _distances(a: RunRecord, b: RunRecord) -> dict[str, tuple[float, float | None]]:

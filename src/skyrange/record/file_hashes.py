@@ -1,0 +1,46 @@
+"""Sizes and hashes of the files in a run's folder: the manifest's `files`, and their comparison with what is there."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from skyrange.core.input_files import open_input
+from skyrange.record.folder import PARTS
+from skyrange.record.manifest import MANIFEST
+from skyrange.record.spool import SPOOL
+
+REPORT: Final = "report.html"
+"""The one file of a run's folder that is written again later."""
+
+
+def describe_files(folder: Path) -> dict[str, dict[str, Any]]:
+    """The manifest's `files`: size and hash (BLAKE2b, 16 bytes) of every file in a run's folder, but the manifest."""
+    return {name: _describe_file(folder / name, str(folder), name) for name in _names(folder)}
+
+
+def _names(folder: Path) -> Iterator[str]:
+    for path in sorted(folder.rglob("*")):
+        name = path.relative_to(folder)
+        if path.is_file() and name.parts[0] not in (SPOOL, PARTS) and str(name) not in (MANIFEST, REPORT):
+            yield name.as_posix()
+
+
+def _describe_file(path: Path, who: str, name: str) -> dict[str, Any]:
+    with open_input(path, who, name) as file:
+        digest = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16))
+        return {"bytes": file.tell(), "blake2b": digest.hexdigest()}
+
+
+def check_file(folder: Path, name: str, entry: Any) -> Iterator[str]:
+    """What is wrong with a file of the folder, by its entry in the manifest's `files`."""
+    path = folder / name
+    if not isinstance(entry, dict) or Path(name).is_absolute() or ".." in Path(name).parts:
+        yield f"{MANIFEST}: files: {name} — expected the name of a file in the folder, with bytes and blake2b"
+    elif not path.is_file():
+        yield f"{name}: missing — expected a file of {entry.get('bytes')} bytes"
+    elif (found := _describe_file(path, str(folder), name)) != entry:
+        what = "bytes" if found["bytes"] != entry.get("bytes") else "blake2b"
+        yield f"{name}: {what} {found[what]} — expected {entry.get(what)}"
