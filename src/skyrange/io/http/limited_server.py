@@ -23,7 +23,9 @@ _LOG.propagate = False  # a flood of bad requests would fill the standard error
 
 
 class LimitedServer(web.Server):
-    """aiohttp's server with at most `MAX_CONNECTIONS` at a time: more are refused, silent ones closed and counted."""
+    """aiohttp's server with at most `MAX_CONNECTIONS` at a time: above it the oldest silent one is closed,
+    or the new one; all are counted.
+    """
 
     def __init__(self, handler: Callable[[web.BaseRequest], Awaitable[web.StreamResponse]], patience_s: float) -> None:
         """`handler` answers each request that is HTTP."""
@@ -31,7 +33,7 @@ class LimitedServer(web.Server):
         self.not_http = 0
         self.silent = 0
         """Connections that ended without one complete header."""
-        self._without_header: set[web.RequestHandler] = set()
+        self._without_header: dict[web.RequestHandler, asyncio.Transport] = {}
         super().__init__(
             handler,
             request_factory=self._make,
@@ -47,19 +49,21 @@ class LimitedServer(web.Server):
         super().connection_made(handler, transport)
         if len(self.connections) > MAX_CONNECTIONS:
             self.refused += 1
-            transport.abort()
-            return
+            oldest = next(iter(self._without_header), None)
+            if oldest is None:
+                transport.abort()
+                return
+            self._without_header.pop(oldest).abort()  # a client is silent for a moment only
         transport.set_write_buffer_limits(high=0)  # so that an answer is out, or its writing is not done
-        self._without_header.add(handler)
+        self._without_header[handler] = transport
 
     def connection_lost(self, handler: web.RequestHandler, exc: BaseException | None = None) -> None:
         """Called by aiohttp."""
         super().connection_lost(handler, exc)
-        if handler in self._without_header:
-            self._without_header.discard(handler)
+        if self._without_header.pop(handler, None) is not None:
             self.silent += 1
 
     def _make(self, message: Any, payload: Any, protocol: Any, writer: Any, task: Any) -> web.BaseRequest:
-        self._without_header.discard(protocol)
+        self._without_header.pop(protocol, None)
         self.not_http += message.method == _NOT_HTTP
         return self._make_request(message, payload, protocol, writer, task)

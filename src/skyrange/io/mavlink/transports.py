@@ -91,6 +91,7 @@ class TcpTransport(asyncio.Protocol):
     def __init__(self, on_piece: OnPiece) -> None:
         self._on_piece = on_piece
         self._transport: asyncio.Transport | None = None
+        self._aborted = False
         self._deframer = Deframer()
         self.lost = asyncio.get_running_loop().create_future()
         """Done when the peer has gone; what it left unfinished has been delivered by then."""
@@ -110,6 +111,9 @@ class TcpTransport(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Called by asyncio."""
         self._transport = cast("asyncio.Transport", transport)
+        if self._aborted:  # asyncio makes the protocols of several connections before it makes the connections
+            self._transport.abort()
+            return
         own = transport.get_extra_info("socket")
         own.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for name, value in _PROBES:
@@ -141,6 +145,12 @@ class TcpTransport(asyncio.Protocol):
         """Close after what was sent has gone out."""
         if self._transport is not None:
             self._transport.close()
+
+    def abort(self) -> None:
+        """Close now, or as soon as the connection is made; what was not sent is lost."""
+        self._aborted = True
+        if self._transport is not None:
+            self._transport.abort()
 
 
 async def listen_tcp(

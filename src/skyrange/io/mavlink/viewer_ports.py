@@ -19,6 +19,8 @@ from skyrange.io.processes.program import raise_file_limit
 LOOPBACK = "127.0.0.1"
 MAX_VIEWERS = 8
 """At one port at a time; more are turned away."""
+MAX_MORE_VIEWERS = 64
+"""At all ports together, beside one for each."""
 WAITING_BYTES = 1 << 16
 """Bytes that may wait for one viewer beside the system's own buffer, which is set to the same size."""
 _CHUNK = 1 << 16
@@ -32,7 +34,7 @@ class ViewerCounts:
     viewers: int = 0
     """Viewers that have connected."""
     turned_away: int = 0
-    """Viewers that connected while `MAX_VIEWERS` were there."""
+    """Viewers that connected while as many were there as there may be."""
     frames_lost: int = 0
     """Frames not sent to a viewer because it read too slowly, or because a run of garbage was too long."""
     bytes_ignored: int = 0
@@ -51,7 +53,8 @@ class ViewerPorts:
 
     def __init__(self, ports: Sequence[int]) -> None:
         """Listen at `ports`, 0 for any that is free. Raises `InputError` if one cannot be had; then none is held."""
-        raise_file_limit(2 * len(ports), "viewers")  # a listener and a viewer for each
+        self._most = len(ports) + MAX_MORE_VIEWERS
+        raise_file_limit(len(ports) + self._most, "viewers")  # the listeners, and a viewer for each beside those
         self.counts = ViewerCounts()
         self._selector = selectors.DefaultSelector()
         self._listeners: list[socket.socket] = []
@@ -106,7 +109,7 @@ class ViewerPorts:
     def _accept(self, place: int) -> None:
         with contextlib.suppress(OSError):  # it has gone again, or no more files can be opened
             connection, _ = self._listeners[place].accept()
-            if len(self._viewers[place]) >= MAX_VIEWERS:
+            if len(self._viewers[place]) >= MAX_VIEWERS or sum(map(len, self._viewers)) >= self._most:
                 self.counts.turned_away += 1
                 connection.close()
                 return

@@ -17,7 +17,7 @@ import sys
 import threading
 import time
 import weakref
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from skyrange.core.errors import ComponentError
@@ -27,6 +27,8 @@ OUTPUT = "output.txt"
 _PR_SET_PDEATHSIG = 1
 _PR_SET_TIMERSLACK = 29
 _TAIL_BYTES = 4096
+MAX_FILES = 65_536
+SPARE_FILES = 64
 _FILES_BESIDE = 256
 """Files that everything else may open later, beside those asked for."""
 
@@ -40,6 +42,28 @@ def raise_file_limit(files: int, who: str) -> None:
     if hard != resource.RLIM_INFINITY and hard < needed:
         raise ComponentError(who, f"needs {needed} open files, and {hard} are allowed", f"Try `ulimit -n {needed}`")
     resource.setrlimit(resource.RLIMIT_NOFILE, (needed, hard))
+
+
+def reserve_files() -> None:
+    """Raise the limit of open files as far as is allowed, but for `SPARE_FILES` that `spare_files` lends."""
+    _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    most = MAX_FILES if hard == resource.RLIM_INFINITY else min(hard, MAX_FILES)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most - SPARE_FILES, hard))
+
+
+@contextlib.contextmanager
+def spare_files() -> Iterator[None]:
+    """A context in which `SPARE_FILES` more can be opened, which connections of peers cannot have taken before."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    more = soft + SPARE_FILES if hard == resource.RLIM_INFINITY else min(soft + SPARE_FILES, hard)
+    if soft == resource.RLIM_INFINITY or more <= soft:
+        yield
+        return
+    resource.setrlimit(resource.RLIMIT_NOFILE, (more, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def _prctl() -> ctypes.CDLL | None:
@@ -73,7 +97,7 @@ class Program:
                     os._exit(1)
 
         try:
-            with self._output.open("wb") as output:
+            with spare_files(), self._output.open("wb") as output:
                 self._process = subprocess.Popen(  # noqa: S603 (the caller checks what is run)
                     list(command), cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
                     start_new_session=True, preexec_fn=bind_to_parent,

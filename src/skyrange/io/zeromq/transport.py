@@ -22,6 +22,7 @@ from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import InputError
 from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
+from skyrange.io.zeromq.connection_limit import ConnectionLimit
 from skyrange.io.zeromq.context import AT_ONCE, ZmqContext, watch_socket
 from skyrange.io.zeromq.curve_keys import Keys
 
@@ -111,6 +112,7 @@ class ZmqTransport:
         self._connections = 0
         """Open connections, and how many of them were let in."""
         self._let_in = 0
+        self._limit = ConnectionLimit(with_keys=keys is not None)
         self._refusal = _NO_ZMQ
         self._closed = False
         self._context = ZmqContext.acquire()
@@ -279,6 +281,8 @@ class ZmqTransport:
     def _on_event(self, kind: int, value: int) -> None:
         if kind in (zmq.Event.ACCEPTED, zmq.Event.CONNECTED):
             self._connections += 1
+            if kind == zmq.Event.ACCEPTED:
+                self._limit.add(value)
         elif kind == zmq.Event.HANDSHAKE_SUCCEEDED:
             self._let_in += 1
             self.counts.connections += 1
@@ -289,6 +293,7 @@ class ZmqTransport:
                     self._socket.send(b"", zmq.NOBLOCK)
             self._on_note("connected", f"{format_address(self._address)}: connection {self.counts.connections}")
         elif kind == zmq.Event.DISCONNECTED:
+            self._limit.remove(value)
             self._on_disconnected()
         else:
             self._refusal = _FAILED[kind]

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from skyrange.io.mavlink.transports import Address, OnPiece
+from skyrange.io.processes.program import reserve_files
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.clock import Clock, MonotonicClock
 from skyrange.runtime.live.config import NodeConfig
@@ -97,6 +98,7 @@ class RealSystem:
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
         """See `System`."""
+        reserve_files()  # strangers at the sockets shall not take what a process needs
         return asyncio.run(main)
 
     def check_free(self, crossings: Sequence[Crossing]) -> None:

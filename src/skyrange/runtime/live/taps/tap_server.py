@@ -26,6 +26,10 @@ from skyrange.runtime.live.transport.addresses import Crossing
 SOCKET: Final = "tap.sock"
 MAX_LINE_BYTES: Final = 4 << 20
 """Longest line: what ground receivers received in a step, in hexadecimal, is the longest payload."""
+HELLO_S: Final = 5.0
+"""Seconds in which a tap process has to send its terms."""
+MAX_CONNECTIONS: Final = 64
+"""Tap processes at one node at a time."""
 MAX_WAITING_BYTES: Final = 4 << 20
 """What may wait for a tap process that does not read; then its frames are dealt with as if no program were there."""
 
@@ -118,6 +122,9 @@ class TapServer:
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         connection = asyncio.current_task()
         assert connection is not None
+        if len(self._connections) >= MAX_CONNECTIONS:
+            writer.close()
+            return
         self._connections.add(connection)
         try:
             await self._serve(reader, writer)
@@ -131,7 +138,9 @@ class TapServer:
             writer.close()
 
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        tap = self._attach(await reader.readline())
+        async with asyncio.timeout(HELLO_S):
+            hello = await reader.readline()
+        tap = self._attach(hello)
         if isinstance(tap, str):
             writer.write(line_of({"error": tap}))
             await writer.drain()

@@ -21,6 +21,7 @@ from zmq.utils.monitor import recv_monitor_message
 
 from skyrange.io.addresses import format_address, with_address
 from skyrange.io.mavlink.transports import LOOPBACK, Address
+from skyrange.io.zeromq.connection_limit import ConnectionLimit
 from skyrange.io.zeromq.context import AllowedKeys, authenticator_of
 from skyrange.io.zeromq.curve_keys import Keys
 
@@ -30,8 +31,11 @@ CHUNK_BYTES: Final = 1 << 19
 """Longest part of a file that goes with one message."""
 _LINGER_MS: Final = 2_000
 _HEARTBEAT_MS: Final = 2_000
+_HANDSHAKE_MS: Final = 5_000
 _REFUSED: Final = int(zmq.Event.HANDSHAKE_FAILED_AUTH | zmq.Event.HANDSHAKE_FAILED_PROTOCOL)
 _REACHED: Final = int(zmq.Event.CONNECTED)
+_ACCEPTED: Final = int(zmq.Event.ACCEPTED)
+_ENDED: Final = int(zmq.Event.DISCONNECTED)
 
 
 def pack_message(kind: str, **data: Any) -> bytes:
@@ -56,7 +60,7 @@ class ControlServer(Protocol):
     strange: int
     """Received messages that were none."""
     refused: int
-    """Connections without a key that is known here."""
+    """Connections without a key that is known here, and those above the limit."""
     address: Address
 
     def open(self, local: Address = (LOOPBACK, 0)) -> None:
@@ -126,8 +130,8 @@ class ZmqControlServer:
         _configure(socket, self.keys, local)
         socket.curve_server = True
         socket.set(zmq.ROUTER_HANDOVER, 1)  # a node that was started anew has its predecessor's name
-        self._monitor = socket.get_monitor_socket(_REFUSED)
-        self._watch = asyncio.ensure_future(self._count_refused())
+        self._monitor = socket.get_monitor_socket(_REFUSED | _ACCEPTED | _ENDED)
+        self._watch = asyncio.ensure_future(self._watch_connections())
         try:
             socket.bind(f"tcp://{format_address(local)}")
         except zmq.ZMQError as error:
@@ -136,10 +140,19 @@ class ZmqControlServer:
         bound = bytes(self._socket.get(zmq.LAST_ENDPOINT)).decode().rstrip("\0")
         self.address = (local[0], int(bound.rpartition(":")[2]))
 
-    async def _count_refused(self) -> None:
+    async def _watch_connections(self) -> None:
+        limit = ConnectionLimit(with_keys=True)
+        refused = 0
         while True:
-            await recv_monitor_message(self._monitor)
-            self.refused += 1
+            event = await recv_monitor_message(self._monitor)
+            kind = int(event["event"])
+            if kind & _ACCEPTED:
+                limit.add(int(event["value"]))
+            elif kind & _ENDED:
+                limit.remove(int(event["value"]))
+            else:
+                refused += 1
+            self.refused = refused + limit.shut_down
 
     async def receive(self) -> tuple[str, Message, bytes]:
         """See `ControlServer`."""
@@ -226,4 +239,5 @@ def _configure(socket: Any, keys: Keys, address: Address) -> None:
     socket.ipv6 = ":" in address[0]
     socket.set(zmq.MAXMSGSIZE, max(MAX_MESSAGE_BYTES, CHUNK_BYTES))
     socket.set(zmq.HEARTBEAT_IVL, _HEARTBEAT_MS)
+    socket.set(zmq.HANDSHAKE_IVL, _HANDSHAKE_MS)
     socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret

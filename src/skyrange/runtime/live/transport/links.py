@@ -138,7 +138,7 @@ class TcpListener:
             if self._peer.counts.frames:
                 self.refused += 1
                 return _RefusedConnection()
-            self._peer.close()
+            self._peer.abort()  # not `close`, which would wait until it has read
         self._peer = TcpTransport(self._on_piece)
         return self._peer
 
