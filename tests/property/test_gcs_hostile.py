@@ -126,7 +126,7 @@ def test_every_sound_path_can_be_checked_measured_and_filed(
 ) -> None:
     plan = plans.path(ORIGIN, (3, 4, 0), points, kind=kind, cruise_mps=cruise_mps)
     assert check(plan, "p") == []
-    assert routes.comes_to_an_end(plan)
+    assert routes.is_bounded(plan)
     length_m = routes.length_m(plan)
     assert length_m >= 2 * max(up for _, _, up in points) - 1e-6
     assert routes.estimated_duration_s(plan) >= length_m / (max(cruise_mps, 2.5) * 2)

@@ -70,7 +70,6 @@ def test_mission_planners_home_has_command_0() -> None:
     ("old", "new", "where", "value"),
     [
         ("QGC WPL 110", "QGC WPL 120", "line 1", "'QGC WPL 120'"),
-        ("2\t0\t3\t16", "5\t0\t3\t16", "line 4, column 1 (sequence)", "'5'"),
         ("2\t0\t3\t16", "2\t7\t3\t16", "line 4, column 2 (current)", "'7'"),
         ("2\t0\t3\t16", "2\t0\t13\t16", "line 4, column 3 (frame)", "'13'"),
         ("2\t0\t3\t16", "2\t0\t3\t70000", "line 4, column 4 (command)", "'70000'"),
@@ -99,6 +98,13 @@ def test_a_fault_in_waypoints_is_named(old: str, new: str, where: str, value: st
         parse_waypoints(SQUARE.replace(old, new, 1), "square.waypoints")
     assert faults_of(error) == {where: value}
     assert "square.waypoints" in str(error.value)
+
+
+def test_waypoints_may_be_numbered_with_gaps() -> None:
+    """As pymavlink reads them: an item's number is its place in the file."""
+    whole = parse_waypoints(SQUARE, "square.waypoints")
+    gaps = parse_waypoints(SQUARE.replace("\n2\t0\t3\t16", "\n5\t0\t3\t16"), "square.waypoints")
+    assert gaps.items == whole.items
 
 
 def test_all_faults_come_at_once_but_not_without_end() -> None:

@@ -138,7 +138,6 @@ NAN = math.nan
         ((TAKEOFF,) * (MAX_ITEMS + 1), f"{MAX_ITEMS + 1} mission items"),
         ((item(16, x=-35.36, y=149.16, z=5), RTL), "NAV_TAKEOFF"),
         ((item(178, param1=1, param2=2), RTL), "NAV_TAKEOFF"),
-        ((item(22, z=0.0), RTL), "above home"),
         ((TAKEOFF, item(16, x=-35.3633, y=149.1652, z=-3), RTL), "3.0 m below the ground"),
         ((TAKEOFF, item(16, frame=0, x=-35.3633, y=149.1652, z=500), RTL), "84.0 m below the ground"),
         ((TAKEOFF, item(16, x=NAN, y=149.1652, z=5), RTL), "latitude nan"),
@@ -150,9 +149,9 @@ NAN = math.nan
         ((TAKEOFF, item(16, x=-35.3633, y=149.1652, z=5, param1=math.inf), RTL), "param1: inf"),
         ((TAKEOFF, item(16, x=0.0, y=1.0, z=5), RTL), "km from home"),
         ((TAKEOFF, item(177, param1=9, param2=1), RTL), "an item from 1 to 3"),
-        ((TAKEOFF, item(177, param1=1, param2=-1), RTL), "without end"),
+        ((TAKEOFF, item(177, param1=1, param2=-2), RTL), "-1 for ever"),
+        ((item(93, param1=5), item(16, x=-35.36, y=149.16, z=5), TAKEOFF, RTL), "command 16"),
         ((TAKEOFF, item(177, param1=2, param2=30000), RTL), "come to an end"),
-        ((TAKEOFF, item(17, x=-35.3633, y=149.1652, z=5)), "NAV_LOITER_UNLIM"),
     ],
 )
 def test_a_faulty_mission_is_told_apart(items: tuple[MissionItem, ...], says: str) -> None:
@@ -161,8 +160,35 @@ def test_a_faulty_mission_is_told_apart(items: tuple[MissionItem, ...], says: st
     assert all(fault.where.startswith("blue/b1.plan") for fault in faults)
 
 
+@pytest.mark.parametrize(
+    ("items", "endless"),
+    [
+        ((item(22, z=0.0), RTL), False),
+        ((item(22, z=-10.0), item(16, z=0.0), RTL), False),
+        ((item(93, param1=5), TAKEOFF, RTL), False),
+        ((item(84, z=10.0), RTL), False),
+        ((TAKEOFF, item(16, x=-35.3633, y=149.1652, z=5), item(177, param1=2, param2=-1), RTL), True),
+        ((TAKEOFF, item(17, x=-35.3633, y=149.1652, z=5)), True),
+        ((TAKEOFF, item(600, param1=7), item(93, param1=2), item(601, param1=7, param2=2), RTL), False),
+    ],
+)
+def test_a_mission_that_arducopter_takes_has_no_faults(items: tuple[MissionItem, ...], endless: bool) -> None:
+    """Take-offs to any height, delays before one, jumps and waits for ever (AP_Mission, ModeAuto::takeoff_start)."""
+    plan = auto(*items)
+    assert check(plan, "p") == []
+    assert routes.is_endless(plan) is endless
+    assert math.isfinite(routes.estimated_duration_s(plan))
+
+
+def test_what_is_repeated_for_ever_is_flown_twice_in_the_estimate() -> None:
+    there = item(16, x=-35.3633, y=149.1652, z=5)
+    found = routes.legs(auto(TAKEOFF, there, item(177, param1=2, param2=-1), RTL))
+    assert [piece.end.up_m for piece in found] == pytest.approx([found[0].end.up_m, 5.0, 5.0])
+    assert found[1].end == found[2].end
+
+
 def test_all_faults_come_at_once() -> None:
-    bad = replace(auto(TAKEOFF, item(16, x=NAN), item(177, param1=99, param2=-1)), cruise_mps=0.0)
+    bad = replace(auto(TAKEOFF, item(16, x=NAN), item(177, param1=99, param2=-3)), cruise_mps=0.0)
     assert len(check(bad, "p")) == 4
 
 

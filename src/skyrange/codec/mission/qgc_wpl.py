@@ -47,8 +47,9 @@ _NUMBER = re.compile(r"[+-]?([0-9]{1,400}(\.[0-9]{0,400})?|\.[0-9]{1,400})([eE][
 def parse_waypoints(text: str, name: str) -> Mission:
     """Parse the mission in `text`; `name` is the file's name in errors.
 
-    `nan` is permitted in parameters 1 to 4. A home of 0, 0 counts as none. Raises `InputError` with line, column,
-    value and expectation of everything wrong.
+    Items are numbered by their order, as pymavlink and MAVProxy do: the first column may have gaps, and a DO_JUMP means
+    the item that will have its number. `nan` is permitted in parameters 1 to 4. A home of 0, 0 counts as none. Raises
+    `InputError` with line, column, value and expectation of everything wrong.
     """
     problems = ProblemCollector(name)
     lines = [(number, line.strip()) for number, line in enumerate(text.split("\n"), start=1)]
@@ -61,7 +62,7 @@ def parse_waypoints(text: str, name: str) -> Mission:
         problems.stop("file", "no items", "the home position as item 0, then the mission's items")
     if len(lines) - 2 > MAX_ITEMS:
         problems.stop("file", f"{len(lines) - 2} items", f"at most {MAX_ITEMS}")
-    items = [_item(index, number, line, problems) for index, (number, line) in enumerate(lines[1:])]
+    items = [_item(number, line, problems) for number, line in lines[1:]]
     home = items[0]
     if home is not None:
         _check_home(home, lines[1][0], problems)
@@ -93,7 +94,7 @@ def format_waypoints(mission: Mission) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _item(index: int, line_number: int, line: str, problems: ProblemCollector) -> MissionItem | None:
+def _item(line_number: int, line: str, problems: ProblemCollector) -> MissionItem | None:
     """The item of one line, or `None` and some problems."""
     before = problems.total
     cells = line.split()
@@ -107,8 +108,6 @@ def _item(index: int, line_number: int, line: str, problems: ProblemCollector) -
             whole[place] = int(cells[place])
         else:
             problems.add(positions[place], cells[place], f"a whole number in 0…{highest}")
-    if whole.get(0, index) != index:
-        problems.add(positions[0], cells[0], f"{index}: items are numbered from 0 without gaps")
     if whole.get(2, 0) not in FRAMES:
         problems.add(positions[2], cells[2], expected_frames())
     values = []

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.gcs.flight.lifecycle import FlightEvent, FlightState
-from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.plans import LANDINGS, FlightPlan, is_navigation
 from skyrange.gcs.protocols.commands import Command, set_mode
 from skyrange.gcs.telemetry.streams import interval_us
 
@@ -121,7 +121,7 @@ def last_navigation_item(plan: FlightPlan) -> int:
     """Sequence number (home is 0) of a mission's last navigation command; 0 if there is none."""
     last = 0
     for seq, item in enumerate(plan.items, start=1):
-        if item.command < mav.MAV_CMD_NAV_LAST:
+        if is_navigation(item.command):
             last = seq
     return last
 
@@ -129,7 +129,7 @@ def last_navigation_item(plan: FlightPlan) -> int:
 def lands_itself(plan: FlightPlan) -> bool:
     """Whether a mission ends on the ground without a command of the ground station."""
     last = last_navigation_item(plan)
-    return last > 0 and plan.items[last - 1].command in (mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH)
+    return last > 0 and plan.items[last - 1].command in LANDINGS | {mav.MAV_CMD_NAV_RETURN_TO_LAUNCH}
 
 
 def premature_disarm_reason(state: FlightState, plan: FlightPlan, progress: int) -> str:

@@ -21,7 +21,7 @@ from skyrange.gcs.flight.flight import Flight, FlightOutcome
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
 from skyrange.gcs.flight.intent_submission import IntentSubmission
 from skyrange.gcs.flight.lifecycle import ARMED, ENDED, TRANSFERRING, FlightEvent, FlightState, next_state
-from skyrange.gcs.plan.routes import estimated_duration_s
+from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
 from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
 from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
@@ -236,9 +236,10 @@ class FlightSequencer:
     ) -> None:
         self.state = next_state(self.state, event, self.flight.vehicle)
         self.state_causes = causes
-        time_limit_s = procedures.time_limit_s(
-            self.state, estimated_duration_s(self.flight.plan) if self.state in ARMED else 0.0
-        )
+        plan = self.flight.plan
+        time_limit_s = procedures.time_limit_s(self.state, estimated_duration_s(plan) if self.state in ARMED else 0.0)
+        if self.state is FlightState.FLYING and is_endless(plan):
+            time_limit_s = None
         self.deadline = NEVER if time_limit_s is None else now + from_seconds(time_limit_s)
         kind = procedures.EVENT_NOTES[event]
         if kind:

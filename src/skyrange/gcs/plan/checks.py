@@ -9,8 +9,8 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
 from skyrange.core.errors import Problem
 from skyrange.gcs.plan.paths import Point
-from skyrange.gcs.plan.plans import GLOBAL_FRAMES, LOCATED, FlightPlan
-from skyrange.gcs.plan.routes import MAX_LEGS, comes_to_an_end, place, up_m
+from skyrange.gcs.plan.plans import GLOBAL_FRAMES, LANDINGS, LOCATED, TAKEOFFS, FlightPlan, is_navigation
+from skyrange.gcs.plan.routes import MAX_LEGS, climb_top_m, is_bounded, place
 
 MAX_ITEMS = 649
 """Mission items besides home that ArduCopter holds in 16 KiB of storage.
@@ -20,6 +20,8 @@ AP_MISSION_EEPROM_COMMAND_SIZE)."""
 MAX_TARGETS = 10_000
 MAX_ALT_M = 83_000.0
 """Largest altitude ArduCopter accepts (LOCATION_ALT_MAX_M)."""
+FOR_EVER = -1
+"""param2 of a DO_JUMP that is repeated for ever (AP_MISSION_JUMP_REPEAT_FOREVER)."""
 MAX_RADIUS_M = 100_000.0
 """Greatest distance from home that a plan may reach; farther away the local frame is not valid."""
 
@@ -28,12 +30,12 @@ def check(plan: FlightPlan, where: str) -> list[Problem]:
     """All problems of `plan`; `where` is the key or file that they name. A plan without problems can be flown.
 
     It finds: no items or too many, NaN and infinity, invalid coordinates, positions far from home, points below the
-    ground, a mission that does not begin with a take-off, jumps that are out of range or endless, and speeds and
-    radii that are not positive.
+    ground, a mission that does not begin with a take-off, jumps that are out of range or repeat too often, and speeds
+    and radii that are not positive. A mission that repeats for ever or waits for ever is none of these.
     """
     faults = list(_check_numbers(plan, where))
     faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
-    if not faults and not comes_to_an_end(plan):
+    if not faults and not is_bounded(plan):
         faults.append(Problem(where, f"more than {MAX_LEGS} legs or jumps", "a mission whose jumps come to an end"))
     return faults
 
@@ -70,9 +72,10 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Problem]:
     if not 1 <= len(items) <= MAX_ITEMS:
         yield Problem(where, f"{len(items)} mission items", f"1 to {MAX_ITEMS}")
         return
-    navigating = [item for item in items if item.command < mav.MAV_CMD_NAV_LAST]
-    if not navigating or navigating[0].command != mav.MAV_CMD_NAV_TAKEOFF:
-        first = f"command {navigating[0].command}" if navigating else "none"
+    navigating = [item for item in items if is_navigation(item.command)]
+    waited = [item for item in navigating if item.command != mav.MAV_CMD_NAV_DELAY]  # AP_Mission::is_takeoff_next
+    if not waited or waited[0].command not in TAKEOFFS:
+        first = f"command {waited[0].command}" if waited else "none"
         yield Problem(
             f"{where}: first navigation command", first, "22 (NAV_TAKEOFF), without which AUTO refuses to start"
         )
@@ -80,22 +83,18 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Problem]:
     for seq, item in enumerate(items, start=1):
         at = f"{where}: item {seq} (command {item.command})"
         yield from _check_params(at, item)
-        if item.command == mav.MAV_CMD_DO_JUMP:
+        if item.command in (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG):
             yield from _check_jump(at, item, len(items))
-        elif item.command == mav.MAV_CMD_NAV_LOITER_UNLIM:
-            yield Problem(at, "NAV_LOITER_UNLIM", "a command that ends", "Use NAV_LOITER_TIME with seconds in param1.")
         elif item.command in LOCATED:
             fault = _check_place(at, item)
             if fault is not None:
                 yield fault
                 continue
-            if item.command == mav.MAV_CMD_NAV_TAKEOFF:
-                here = here._replace(up_m=up_m(plan, item))
-                if here.up_m <= plan.home_enu_m.up_m:
-                    yield Problem(at, f"{here.up_m - plan.home_enu_m.up_m:g} m above home", "a height above 0")
-            elif item.command < mav.MAV_CMD_NAV_LAST:
+            if item.command in TAKEOFFS:
+                here = here._replace(up_m=climb_top_m(plan, item, here))
+            elif is_navigation(item.command):
                 here = place(plan, item, here)
-            if item.command != mav.MAV_CMD_NAV_LAND:
+            if item.command not in LANDINGS:
                 yield from _check_height(at, here, plan)
 
 
@@ -107,10 +106,11 @@ def _check_params(at: str, item: MissionItem) -> Iterator[Problem]:
 
 
 def _check_jump(at: str, item: MissionItem, count: int) -> Iterator[Problem]:
-    if math.isfinite(item.param1) and not 1 <= item.param1 <= count:
+    tagged = item.command == mav.MAV_CMD_DO_JUMP_TAG
+    if not tagged and math.isfinite(item.param1) and not 1 <= item.param1 <= count:
         yield Problem(f"{at} param1", f"{item.param1:g}", f"an item from 1 to {count}")
-    if math.isfinite(item.param2) and item.param2 < 0.0:
-        yield Problem(f"{at} param2", f"{item.param2:g}", "a number of repeats", "A plan without end never completes.")
+    if math.isfinite(item.param2) and item.param2 < 0.0 and item.param2 != FOR_EVER:
+        yield Problem(f"{at} param2", f"{item.param2:g}", f"a number of repeats, or {FOR_EVER} for ever")
 
 
 def _check_place(at: str, item: MissionItem) -> Problem | None:

@@ -43,9 +43,12 @@ LOCATED = frozenset(
         mav.MAV_CMD_NAV_LOITER_TIME,
         mav.MAV_CMD_NAV_LAND,
         mav.MAV_CMD_NAV_TAKEOFF,
+        mav.MAV_CMD_NAV_VTOL_TAKEOFF,
+        mav.MAV_CMD_NAV_VTOL_LAND,
         mav.MAV_CMD_NAV_LOITER_TO_ALT,
         mav.MAV_CMD_NAV_SPLINE_WAYPOINT,
         mav.MAV_CMD_DO_SET_HOME,
+        mav.MAV_CMD_DO_RETURN_PATH_START,
         mav.MAV_CMD_DO_LAND_START,
         mav.MAV_CMD_DO_SET_ROI_LOCATION,
         mav.MAV_CMD_DO_SET_ROI,
@@ -53,6 +56,17 @@ LOCATED = frozenset(
     }
 )
 """Commands whose position ArduCopter stores (`AP_Mission::stored_in_location`); it drops x, y, z of the others."""
+
+TAKEOFFS = frozenset({mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_VTOL_TAKEOFF})
+LANDINGS = frozenset({mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_VTOL_LAND})
+_MORE_NAVIGATION = frozenset(
+    {mav.MAV_CMD_NAV_SET_YAW_SPEED, mav.MAV_CMD_NAV_SCRIPT_TIME, mav.MAV_CMD_NAV_ATTITUDE_TIME}
+)
+
+
+def is_navigation(command: int) -> bool:
+    """Whether a command takes time and is flown by itself (AP_Mission::is_nav_cmd)."""
+    return command <= mav.MAV_CMD_NAV_LAST or command in _MORE_NAVIGATION
 
 
 @dataclass(frozen=True, slots=True)

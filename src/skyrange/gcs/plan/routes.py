@@ -7,12 +7,13 @@ home and lands. The estimates serve airspace volumes, checks against buildings, 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
 from skyrange.gcs.plan import paths
 from skyrange.gcs.plan.paths import Leg, Point, leg
-from skyrange.gcs.plan.plans import MSL_FRAMES, TERRAIN_FRAMES, FlightPlan
+from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan
 
 RTL_ALT_M = 15.0
 """ArduCopter RTL_ALT, default 1500 cm above home (ArduCopter/config.h)."""
@@ -24,7 +25,10 @@ CIRCLE_RADIUS_M = 10.0
 """ArduCopter CIRCLE_RADIUS, default 1000 cm: the radius of a LOITER_TURNS that states none."""
 MAX_LEGS = 10_000
 """Unrolling stops at this number of legs or jumps; `plan.checks.check` rejects such plans."""
+TAKEOFF_MIN_M = 1.0
+"""A take-off on the ground climbs at least so high, whatever its altitude (ModeAuto::takeoff_start)."""
 
+_JUMPS = (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG)
 _HOLD_COMMANDS = (mav.MAV_CMD_NAV_WAYPOINT, mav.MAV_CMD_NAV_LOITER_TIME, mav.MAV_CMD_NAV_SPLINE_WAYPOINT)
 _MOVE_COMMANDS = (
     *_HOLD_COMMANDS,
@@ -37,14 +41,20 @@ _MOVE_COMMANDS = (
 def legs(plan: FlightPlan) -> tuple[Leg, ...]:
     """The plan's legs in the order flown, from home to the landing; at most `MAX_LEGS`.
 
-    The result is meaningful only for a plan in which `plan.checks.check` finds no problem.
+    The result is meaningful only for a plan in which `plan.checks.check` finds no problem. What is repeated for ever
+    is flown twice in it, and a wait for ever takes no time.
     """
     return _guided_legs(plan) if plan.kind == "guided" else _auto_legs(plan)[0]
 
 
-def comes_to_an_end(plan: FlightPlan) -> bool:
-    """Whether unrolling the plan's jumps ends within `MAX_LEGS`."""
+def is_bounded(plan: FlightPlan) -> bool:
+    """Whether unrolling the plan's jumps ends within `MAX_LEGS`, or they repeat for ever."""
     return plan.kind == "guided" or _auto_legs(plan)[1]
+
+
+def is_endless(plan: FlightPlan) -> bool:
+    """Whether a mission never ends by itself: it repeats or waits for ever."""
+    return plan.kind != "guided" and _auto_legs(plan)[2]
 
 
 def enu_points(plan: FlightPlan) -> tuple[Point, ...]:
@@ -111,18 +121,23 @@ def up_m(plan: FlightPlan, item: MissionItem) -> float:
     return item.z if item.frame in TERRAIN_FRAMES else plan.home_enu_m.up_m + item.z
 
 
-def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool]:
-    """The legs, and whether they are complete."""
+def climb_top_m(plan: FlightPlan, item: MissionItem, here: Point) -> float:
+    """Height above the origin to which a take-off climbs from `here`, in metres."""
+    return max(up_m(plan, item), here.up_m + (TAKEOFF_MIN_M if here.up_m <= plan.home_enu_m.up_m else 0.0))
+
+
+def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool, bool]:
+    """The legs, whether they are complete, and whether the mission never ends."""
     here, speed_mps = plan.home_enu_m, plan.cruise_mps
     items, out, jumps_done = plan.items, list[Leg](), dict[int, int]()
     at = 0
     while at < len(items):
         if len(out) >= MAX_LEGS or sum(jumps_done.values()) >= MAX_LEGS:
-            return tuple(out), False
+            return tuple(out), False, False
         item, at = items[at], at + 1
         command = item.command
-        if command == mav.MAV_CMD_NAV_TAKEOFF:
-            above = Point(here.east_m, here.north_m, up_m(plan, item))
+        if command in TAKEOFFS:
+            above = Point(here.east_m, here.north_m, climb_top_m(plan, item, here))
             out.append(leg(here, above, speed_mps))  # straight up: ArduCopter ignores a take-off's position
             here = above
         elif command in _MOVE_COMMANDS:
@@ -132,20 +147,38 @@ def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool]:
             wait_s = _wait_s(item, speed_mps)
             if wait_s > 0.0:
                 out.append(Leg(here, here, wait_s))
-        elif command == mav.MAV_CMD_NAV_DELAY:
+            if command == mav.MAV_CMD_NAV_LOITER_UNLIM:
+                return tuple(out), True, True
+        elif command == mav.MAV_CMD_NAV_DELAY or command == mav.MAV_CMD_NAV_ATTITUDE_TIME:
             out.append(Leg(here, here, max(item.param1, 0.0)))
+        elif command == mav.MAV_CMD_NAV_SCRIPT_TIME:
+            out.append(Leg(here, here, max(item.param2, 0.0)))
         elif command == mav.MAV_CMD_DO_CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
             speed_mps = item.param2
-        elif command == mav.MAV_CMD_DO_JUMP and jumps_done.get(at, 0) < item.param2:
+        elif command in _JUMPS and item.param2 < 0.0 and jumps_done.get(at, 0) > 0:
+            return tuple(out), True, True
+        elif command in _JUMPS and (item.param2 < 0.0 or jumps_done.get(at, 0) < item.param2):
             jumps_done[at] = jumps_done.get(at, 0) + 1
-            at = max(int(item.param1), 1) - 1  # item 1 is the first after home
-        elif command == mav.MAV_CMD_NAV_LAND:
+            at = _jump_target(items, item) - 1  # item 1 is the first after home
+        elif command in LANDINGS:
             there = place(plan, item, here)._replace(up_m=here.up_m)
             out.append(leg(here, there, speed_mps))
-            return (*out, *_final_legs(plan, there, speed_mps, rtl=False)), True
+            return (*out, *_final_legs(plan, there, speed_mps, rtl=False)), True, False
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return (*out, *_final_legs(plan, here, speed_mps, rtl=True)), True
-    return (*out, *_final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True
+            return (*out, *_final_legs(plan, here, speed_mps, rtl=True)), True, False
+    return (*out, *_final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False
+
+
+def _jump_target(items: Sequence[MissionItem], jump: MissionItem) -> int:
+    """Number of the item that a jump leads to; the end of the mission for a tag that no item has."""
+    if jump.command == mav.MAV_CMD_DO_JUMP:
+        return max(int(jump.param1), 1)
+    tagged = (
+        seq
+        for seq, item in enumerate(items, start=1)
+        if item.command == mav.MAV_CMD_JUMP_TAG and item.param1 == jump.param1
+    )
+    return next(tagged, len(items) + 1)
 
 
 def _wait_s(item: MissionItem, speed_mps: float) -> float:

@@ -76,7 +76,7 @@ class Transfer:
             self.retries = MAX_RETRIES  # the next `on_time` restarts the transfer, once frames in flight have arrived
             self.due = now + TIMEOUT_NS
         else:
-            self._end(f"{self._name()} refused: {reason}")
+            self._end(f"{self._name()} refused{self._refused_item()}: {reason}")
 
     def _restart(self, now: Time, reason: str) -> list[Message]:
         if self.attempts < MAX_ATTEMPTS:
@@ -87,6 +87,10 @@ class Transfer:
     def _end(self, result: str) -> None:
         self.result = result
         self.due = NEVER
+
+    def _refused_item(self) -> str:
+        """Which item a rejection concerns, for its reason."""
+        return ""
 
     def _name(self) -> str:
         raise NotImplementedError
@@ -135,6 +139,11 @@ class Upload(Transfer):
                 self._end("done")
         else:
             self._reject(now, kind)
+
+    def _refused_item(self) -> str:
+        if self.last_sent <= _HOME_SEQ:
+            return ""
+        return f" at item {self.last_sent} (command {self.items[self.last_sent].command})"
 
     def _name(self) -> str:
         return "mission upload"
