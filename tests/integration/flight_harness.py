@@ -188,7 +188,9 @@ class Range:
         """A MISSION_ITEM_INT."""
         frame, command, params, (east, north, alt) = item
         lat, lon = self.origin.geodetic_of(east, north)
-        x, y = (0, 0) if command in (dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH,) else (round(lat * 1e7), round(lon * 1e7))
+        x, y = (round(lat * 1e7), round(lon * 1e7))
+        if frame == dialect.MAV_FRAME_MISSION or command == dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH:
+            x, y = round(east), round(north)
         return dialect.MAVLink_mission_item_int_message(
             self.system[vehicle], 1, seq, frame, command, 0, 1, *params, x, y, alt, 0
         )

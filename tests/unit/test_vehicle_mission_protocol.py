@@ -140,7 +140,7 @@ def bad(command: int = 16, frame: int = 3, p1: float = 0, p4: float = 0, lat: in
 @pytest.mark.parametrize(
     ("message", "result"),
     [
-        (bad(command=A.MAV_CMD_NAV_VTOL_LAND), A.MAV_MISSION_UNSUPPORTED),
+        (bad(command=A.MAV_CMD_NAV_PAYLOAD_PLACE), A.MAV_MISSION_UNSUPPORTED),
         (bad(command=1), A.MAV_MISSION_INVALID),
         (bad(frame=A.MAV_FRAME_LOCAL_NED), A.MAV_MISSION_UNSUPPORTED_FRAME),
         (bad(p1=math.nan), A.MAV_MISSION_INVALID_PARAM1),
@@ -214,7 +214,7 @@ def test_failed_upload_leaves_the_first_part(r: Range) -> None:
     count(r, 4)
     put(r, 0, waypoint(0, 0, 0))
     put(r, 1, takeoff(11))
-    r.send(V, bad().__class__(1, 1, 2, 3, A.MAV_CMD_NAV_VTOL_LAND, 0, 1, 0, 0, 0, 0, 0, 0, 5, 0))
+    r.send(V, bad().__class__(1, 1, 2, 3, A.MAV_CMD_NAV_PAYLOAD_PLACE, 0, 1, 0, 0, 0, 0, 0, 0, 5, 0))
     r.run(0.01)
     assert acks(r)[-1] == A.MAV_MISSION_UNSUPPORTED
     assert [m.z for m in download(r)][1:] == [11.0, 5.0, 5.0]

@@ -201,3 +201,31 @@ def gnss(
 ) -> None:
     """Compare outcomes and reset times of both autopilots for a hundred GNSS jumps and drifts."""
     parity.gnss(out, rates.value, as_json)
+
+
+@parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")
+def missions(
+    count: Annotated[
+        int, typer.Option(metavar="N", min=1, help="How many missions to fly, in fleets of twenty.")
+    ] = 300,
+    first: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, help="Number of the first mission: a mission is a function of its number."),
+    ] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for runs and results. Default: runs/mission-parity, then -2 …"),
+    ] = None,
+    rates: Annotated[
+        Rates,
+        typer.Option(
+            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+        ),
+    ] = Rates.REDUCED,
+    shrink: Annotated[
+        bool, typer.Option("--shrink/--no-shrink", help="Make each mission that differs as simple as possible.")
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Fly random missions with both autopilots and compare accepted items, order, times and paths."""
+    parity.missions(count, first, out, rates.value, shrink, as_json)

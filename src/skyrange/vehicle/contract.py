@@ -53,6 +53,10 @@ def _opens_none(params: Any, count: int) -> Sequence[int]:
     return ()
 
 
+def _accepts_all(item: Any) -> int:
+    return 0
+
+
 @dataclass(frozen=True, slots=True)
 class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
     """A kind of autopilot."""
@@ -63,3 +67,7 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
     """Whether they obey `VehicleSpec.signing_key`."""
     opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none
     """`opened_ports(params, count)`: the ports where that many aircraft obey whoever connects; of each one, or none."""
+    mission_result: Callable[[Any], int] = _accepts_all
+    """`mission_result(item)`: the MAV_MISSION_RESULT with which they answer the upload of a MISSION_ITEM_INT.
+
+    A scenario is checked with it before it is flown; what is not known beforehand is 0, accepted."""

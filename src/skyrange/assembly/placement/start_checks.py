@@ -7,12 +7,17 @@ from collections.abc import Iterator
 
 from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.city.city import City
+from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.gcs.plan.checks import check as check_plan
+from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.protocols.commands import enum_name
+from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.validation.error_messages import spell_path
+from skyrange.vehicle.contract import AutopilotPlugin
 
 APART_M = 0.5
 """Starts nearer than this are one place: an Iris is 0.5 m across."""
@@ -22,7 +27,7 @@ def check_starts(scenario: Scenario, city: City | None) -> list[Problem]:
     """All faults of a scenario that is placed, in its world; an empty list means that it can start.
 
     Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
-    `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…).
+    `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…), items that the autopilot will reject.
     """
     faults: list[Problem] = []
     for o, operator in enumerate(scenario.operators):
@@ -31,12 +36,33 @@ def check_starts(scenario: Scenario, city: City | None) -> list[Problem]:
             if city is not None:
                 faults += _walls(vehicle, city, where)
             try:
-                faults += check_plan(make_flight_plan(scenario.origin.datum, vehicle), f"{where}.plan")
+                plan = make_flight_plan(scenario.origin.datum, vehicle)
+                found = check_plan(plan, f"{where}.plan")
+                faults += found
+                if not found and not vehicle.plan.rejection_expected:
+                    faults += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
             except InputError as error:
                 faults += [
                     Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems
                 ]
     return [*faults, *_crowded(scenario)]
+
+
+def _rejected_items(autopilot: str, plan: FlightPlan, where: str) -> Iterator[Problem]:
+    """The items of a mission that a kind of autopilot will reject, as far as it is known beforehand."""
+    if plan.kind == "guided":
+        return
+    answer = AutopilotPlugin.find(autopilot).mission_result
+    for seq, item in enumerate(encode_mission(plan)):
+        result = answer(item.message(seq, 1, mav.MAV_COMP_ID_AUTOPILOT1)) if seq else mav.MAV_MISSION_ACCEPTED
+        if result != mav.MAV_MISSION_ACCEPTED:
+            yield Problem(
+                f"{where}: item {seq} (command {item.command})",
+                f"{enum_name('MAV_CMD', 'MAV_CMD_', item.command)} ({', '.join(f'{value:g}' for value in item[2:6])})",
+                f"an item that the autopilot {autopilot} flies; it answers "
+                f"{enum_name('MAV_MISSION_RESULT', 'MAV_MISSION_', result)}",
+                "With plan.rejection_expected the scenario is flown nevertheless.",
+            )
 
 
 def _walls(vehicle: Vehicle, city: City, where: str) -> Iterator[Problem]:

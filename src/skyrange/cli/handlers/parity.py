@@ -1,4 +1,4 @@
-"""The commands `skyrange parity flight`, `parity rates` and `parity gnss`."""
+"""The commands `skyrange parity flight`, `parity rates`, `parity gnss` and `parity missions`."""
 
 from __future__ import annotations
 
@@ -146,3 +146,26 @@ def _setting(one: ComparedReaction) -> dict[str, Any]:
 
 def _reaction(one: Reaction) -> dict[str, Any]:
     return {**asdict(one), "outcome": one.outcome}
+
+
+def missions(count: int, first: int, out: Path | None, rates: str, shrink: bool, as_json: bool) -> None:
+    """`skyrange parity missions`."""
+    import sys
+
+    from skyrange.runtime.run import free_folder
+    from skyrange.study.compare.mission_parity import compare, page, results
+
+    folder = out if out is not None else free_folder("mission-parity")
+
+    def on_fleet(run: int, flown: int) -> None:
+        if not as_json:
+            print(f"run {run}: {flown} missions", file=sys.stderr, flush=True)
+
+    agreement = compare(folder, count, first=first, rates=rates, shrink=shrink, on_fleet=on_fleet)
+    if as_json:
+        print_json({"path": str(folder), **results(agreement)})
+        return
+    console = terminal()
+    for line in page(agreement):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    console.print(f"results {folder}/missions.json, missions.md", soft_wrap=True, markup=False)

@@ -34,7 +34,7 @@ def run(
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
     from skyrange.scenario.shipped import load
-    from skyrange.study.runs import fly
+    from skyrange.study.runs import fly, require_missions
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -56,6 +56,7 @@ def run(
         print_interlock_notice(record.manifest)
     if shortfall is not None:
         raise shortfall
+    require_missions(record, scenario)
 
 
 def pair(

@@ -126,6 +126,12 @@ def last_navigation_item(plan: FlightPlan) -> int:
     return last
 
 
+def is_done_at_last_item(plan: FlightPlan) -> bool:
+    """Whether a mission is done once its last navigation command is reached: no jump back follows it."""
+    jumps = (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG)
+    return not any(item.command in jumps for item in plan.items[last_navigation_item(plan) :])
+
+
 def lands_itself(plan: FlightPlan) -> bool:
     """Whether a mission ends on the ground without a command of the ground station."""
     last = last_navigation_item(plan)

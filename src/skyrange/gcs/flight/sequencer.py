@@ -191,7 +191,8 @@ class FlightSequencer:
 
     def _on_reached(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         self.belief.reached(message.seq)
-        if message.seq == procedures.last_navigation_item(self.flight.plan):
+        plan = self.flight.plan
+        if message.seq == procedures.last_navigation_item(plan) and procedures.is_done_at_last_item(plan):
             self._mission_done(now, out, ref)
 
     def _on_item_request(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:

@@ -93,6 +93,11 @@ class Plan(Model):
         description="Position of a mission file. file: fly at the coordinates in the file (the default); start: shift "
         "the mission so that its home is at the start of the aircraft.",
     )
+    rejection_expected: bool = Field(
+        default=False,
+        description="Whether the autopilot is expected to reject the mission. Otherwise an item that it will reject is "
+        "an error, and a run in which it rejects the mission falls short.",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Plan:

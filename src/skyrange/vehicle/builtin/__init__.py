@@ -9,11 +9,11 @@ Known differences from ArduCopter 4.6:
   ArduCopter does in its radio failsafe. That failsafe does not exist here; it would also return or land.
 - Failsafes are checked every 100 ms. There is no SmartRTL, no thrust boost, and no vibration, terrain or CPU failsafe.
 - The terrain is flat, at the height of the origin.
-- Mission items that this autopilot would fly differently are refused: guided mode within a mission, payload placement,
-  attitude for a time, scripts, the VTOL forms of take-off and landing, jumps to tags, DO_RETURN_PATH_START. No item
-  starts before the motors are armed.
-- A waypoint counts as reached again after one second at the earliest, not in every pass of the loop. A jump back among
-  the DO commands of one navigation command ends them; ArduCopter would run them until the next navigation command.
+- Mission items that this autopilot would fly differently are refused: payload placement, DO_RETURN_PATH_START,
+  DO_SET_RESUME_REPEAT_DIST, enabling a parachute, and auxiliary functions other than those of modes, fence, disarming
+  and devices that are not fitted. No item starts before the motors are armed.
+- A waypoint counts as reached again after 10 ms at the earliest, not in every pass of the loop. A jump back among the
+  DO commands of one navigation command ends them; ArduCopter would run them until the next navigation command.
 - A pause in AUTO brakes like a pause in GUIDED and continues along a new leg from where the aircraft came to rest.
   ArduCopter slows down along the leg, which is a different path in curves and corners only.
 - There is no motor test: on the ground it is UNSUPPORTED. Calibration, cameras and gimbals have no commands.

@@ -38,7 +38,8 @@ from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, new_records
 from skyrange.vehicle.builtin.messages import parameter_protocol, rc_override
 from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
-from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.mission import aux_functions, do_commands, execution, pause
+from skyrange.vehicle.builtin.mission.items import decode_item
 from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill_settings
@@ -181,6 +182,8 @@ class BuiltinFleet(EngineBase):
             self._handle_timers(tick)
             checks.run_checks(fleet, self._actuators)
             self._schedule.send_due(fleet)
+        if fleet.aux_pending:
+            aux_functions.run_pending(fleet)
         if self._signed is not None:
             for vehicle in fleet.rebooted:
                 self._signed.start(tick, vehicle)
@@ -348,5 +351,15 @@ def _make(params: NoParams, context: AutopilotContext) -> BuiltinFleet:
     return BuiltinFleet(context.name, context.specs, context.origin, context.epoch, context.chance)
 
 
-BUILTIN = AutopilotPlugin(NoParams, _make, "Models ArduCopter in skyrange's own code.", signs=True)
+def _mission_result(item: Any) -> int:
+    return int(decode_item(item, ())[0])
+
+
+BUILTIN = AutopilotPlugin(
+    NoParams,
+    _make,
+    "Models ArduCopter in skyrange's own code.",
+    signs=True,
+    mission_result=_mission_result,
+)
 """The autopilot `builtin`. Raises `InputError` as `BuiltinFleet` does."""

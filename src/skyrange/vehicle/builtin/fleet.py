@@ -164,6 +164,14 @@ class Vehicle:
     auto_armed: bool = False
     """Allowed to leave the ground (ArduPilot's `auto_armed`)."""
     target_causes: Causes = ()
+    speed_overrides: dict[str, float] = field(default_factory=dict)
+    """Speeds that the mission has set, m/s, by field of `Fleet.flight` (ModeAuto's `desired_speed_override`)."""
+    aux_functions: list[tuple[int, int, Causes]] = field(default_factory=list)
+    """Auxiliary functions that the mission has triggered and that were not run yet: function, position, causes."""
+    guided_limits: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    """DO_GUIDED_LIMITS: seconds, lowest and highest altitude above the origin, horizontal distance, m; 0 for none."""
+    guided_start: tuple[float, float, Time] = (0.0, 0.0, 0)
+    """Where and when AUTO began to obey the targets of GUIDED: east, north, time."""
     next_do: int = 0
     """The DO command that is due while the navigation command is flown, 0 for none."""
     condition: tuple[int, float] = (0, 0.0)
@@ -249,6 +257,8 @@ class Fleet:
         """(n,) reported mode of each aircraft."""
         self.boot_ns: NDArray[np.int64] = np.zeros(count, dtype=np.int64)
         """(n,) boot time of each aircraft."""
+        self.aux_pending = False
+        """Whether any aircraft has `aux_functions` to run."""
         self.rebooted: list[str] = []
         """Aircraft that rebooted in this tick."""
 
@@ -328,3 +338,4 @@ class Fleet:
         self.flight["target_acc"][row] = 0.0
         self.flight["land_delay_s"][row] = 0.0
         self.flight["land_nogps"][row] = 0
+        self.flight["land_datum"][row] = 0.0

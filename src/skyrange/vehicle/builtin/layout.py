@@ -107,6 +107,7 @@ FLIGHT: Final = np.dtype(
         ("landed", "i8"),
         ("flags", "i8"),  # FlightEvents raised by the loop
         ("spool_state", "f8"),  # motor spool state, 0 stopped … 1 spooled up: share of MOT_SPIN_MIN
+        ("arming_delay_s", "f8"),  # time for which the motors stay stopped after arming, s
         ("since_slow_s", "f8"),  # time since guidance and position control last ran, s
         ("climb_accel", "f8"),  # m/s², output of the climb rate controller
         ("accel_err", "f8"),
@@ -181,6 +182,7 @@ FLIGHT: Final = np.dtype(
         ("land_accel", "f8", (3,)),
         ("land_s", "f8"),
         ("crash_s", "f8"),
+        ("land_datum", "f8"),  # height above the ground from which a landing counts its height, m
         # LAND after a failsafe
         ("land_delay_s", "f8"),  # time to hold the height before the descent, s
         ("land_nogps", "i8"),  # 1: land without a position, level, drifting with the wind

@@ -273,6 +273,11 @@ def run_loop(
             for motor in range(out.shape[1]):
                 out[i, motor] = 0.0
             continue
+        if f.arming_delay_s > 0.0:
+            f.arming_delay_s -= dt_s
+            f.spool_state = 0.0
+            _set_all_motors(out, i, 0.0)
+            continue
         e: Any = estimate[i]
         g: Any = tuned[set_index[i]]
         f.since_slow_s += dt_s

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import from_seconds
+from skyrange.core.time import NEVER, from_seconds
 from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time
 from skyrange.vehicle.builtin.estimation import validity
@@ -151,9 +151,11 @@ def set_mode(fleet: Fleet, vehicle: Vehicle, number: int, reason: str, causes: C
             _enter_pilot_mode(fleet, vehicle)
         if mode == Mode.LAND:
             fleet.set_timer(vehicle, Timer.LANDED, fleet.now + from_seconds(fleet.param(vehicle, "MOT_SPOOL_TIME")))
-        else:
+        elif fleet.timers[vehicle.row, Timer.DISARM_DELAY] == NEVER:  # idle motors do not start it anew
             fleet.set_timer(vehicle, Timer.DISARM_DELAY, auto_disarm_time(fleet, vehicle))
     if mode == Mode.AUTO:
+        vehicle.speed_overrides.clear()
+        vehicle.guided_limits = (0.0, 0.0, 0.0, 0.0)
         execution.start_or_resume(fleet, vehicle)
     return True
 

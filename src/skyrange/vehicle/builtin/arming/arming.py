@@ -23,9 +23,12 @@ MAGIC_FORCE_ARM = 2989.0
 MAGIC_FORCE_ARM_DISARM = 21196.0
 """Magic numbers in param2 of MAV_CMD_COMPONENT_ARM_DISARM (GCS_Common.cpp): to force arming; to force either."""
 
+ARMING_DELAY_S = 2.0
+"""After arming, the motors stay stopped for this time (ARMING_DELAY_SEC of ArduCopter/config.h, `motors_output`)."""
+
 
 def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
-    """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle.
+    """Arm if the checks pass, and return whether it is armed: home moves here, the motors idle after `ARMING_DELAY_S`.
 
     Without `checked` only the mandatory checks run.
     """
@@ -44,6 +47,7 @@ def arm(fleet: Fleet, vehicle: Vehicle, checked: bool, causes: Causes) -> bool:
     vehicle.armed_yaw = float(fleet.estimate["yaw"][vehicle.row])
     vehicle.auto_armed = vehicle.mode == Mode.AUTO and bool(int(fleet.param(vehicle, "AUTO_OPTIONS")) & 2)
     flight["armed"][row] = 1
+    flight["arming_delay_s"][row] = ARMING_DELAY_S
     fleet.checks["armed_up_m"][row], fleet.checks["crashed"][row] = fleet.estimate["pos"][row, 2], 0
     flight["landed"][row] = 1
     flight["control"][row] = PILOT_CONTROLS.get(vehicle.mode, ControlMode.IDLE)
@@ -75,6 +79,7 @@ def disarm(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> None:
     """Stop the motors, also in flight, and set the mission back to its start."""
     flight, row = fleet.flight, vehicle.row
     flight["armed"][row] = 0
+    flight["arming_delay_s"][row] = 0.0
     flight["landed"][row] = 1
     flight["control"][row] = ControlMode.OFF
     flight["spool_state"][row] = 0.0
@@ -87,6 +92,7 @@ def disarm(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> None:
     vehicle.jump_counts.clear()
     vehicle.next_do = 0
     vehicle.condition = (0, 0.0)
+    vehicle.aux_functions.clear()
     vehicle.reached_ns.clear()
     for timer in (Timer.HOLD, Timer.LANDED, Timer.DISARM_DELAY, Timer.GUIDED_TIMEOUT, Timer.CONDITION):
         fleet.set_timer(vehicle, timer)

@@ -30,6 +30,7 @@ from skyrange.vehicle.builtin.flight_modes import guided
 from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.locations.home import send_home
 from skyrange.vehicle.builtin.mission import do_commands, execution, pause
+from skyrange.vehicle.builtin.mission.sequence import find_tag
 from skyrange.vehicle.builtin.mode_change import enter_landing_sequence, set_mode
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.telemetry.schedule import Schedule
@@ -199,8 +200,12 @@ def set_mission_current(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, comm
 
 
 def jump_tag(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:
-    """DO_JUMP_TAG: no mission item has a tag here."""
-    return DENIED if uint32(command.params[0]) > 0xFFFF else FAILED
+    """DO_JUMP_TAG: make the first item with a tag current (AP_Mission::jump_to_tag)."""
+    tag = uint32(command.params[0])
+    if tag > 0xFFFF:
+        return DENIED
+    seq = find_tag(vehicle, tag)
+    return ACCEPTED if seq and execution.set_current_cmd(fleet, vehicle, seq) else FAILED
 
 
 def land_start(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, command: Command) -> int:

@@ -51,6 +51,8 @@ def announce_failsafe(fleet: Fleet, vehicle: Vehicle, kind: str, action: str = "
 
 def should_disarm(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether it stands on the ground, so that a failsafe only stops the motors (`should_disarm_on_failsafe`)."""
+    if fleet.flight["arming_delay_s"][vehicle.row] > 0.0:
+        return True
     if vehicle.mode == Mode.AUTO:
         return not vehicle.auto_armed and fleet.landed(vehicle)
     return fleet.landed(vehicle)

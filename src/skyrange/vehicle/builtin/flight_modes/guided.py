@@ -19,6 +19,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.locations import location
+from skyrange.vehicle.builtin.mission.command_ids import GUIDED_COMMANDS
 from skyrange.vehicle.builtin.modes import Mode
 
 _POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
@@ -50,7 +51,7 @@ def on_position_target_local(
     fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes
 ) -> None:
     """SET_POSITION_TARGET_LOCAL_NED: relative to the origin, the aircraft or its heading, by frame."""
-    if vehicle.mode != Mode.GUIDED:
+    if not in_guided_mode(vehicle):
         return
     frame, mask = message.coordinate_frame, message.type_mask
     if frame not in _LOCAL_FRAMES:
@@ -75,7 +76,7 @@ def on_position_target_global(
     fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes
 ) -> None:
     """SET_POSITION_TARGET_GLOBAL_INT: latitude, longitude, and altitude above sea level, home or terrain."""
-    if vehicle.mode != Mode.GUIDED:
+    if not in_guided_mode(vehicle):
         return
     frame, mask = message.coordinate_frame, message.type_mask
     position = velocity = accel = None
@@ -93,6 +94,13 @@ def on_position_target_global(
     if position is not None and velocity is not None and accel is not None:
         accel = _ZERO  # set_destination_posvel has no acceleration
     _set_target(fleet, vehicle, position, velocity, accel, (yaw, rate, False), causes, mask)
+
+
+def in_guided_mode(vehicle: Vehicle) -> bool:
+    """Whether it obeys targets: in GUIDED, and in AUTO where the mission asks for them (`in_guided_mode`)."""
+    item = vehicle.active_item
+    asked = item is not None and item.command in GUIDED_COMMANDS
+    return vehicle.mode == Mode.GUIDED or (vehicle.mode == Mode.AUTO and asked)
 
 
 def _to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, x: float, y: float, z: float) -> Vector:
@@ -219,7 +227,7 @@ def hold_velocity(fleet: Fleet, vehicle: Vehicle) -> None:
 
 def on_attitude_target(fleet: Fleet, vehicle: Vehicle, message: Any, peer: tuple[int, int], causes: Causes) -> None:
     """SET_ATTITUDE_TARGET: an attitude or body rates, and a climb rate (thrust 0.5 is none, 0 and 1 the maximum)."""
-    if vehicle.mode != Mode.GUIDED:
+    if not in_guided_mode(vehicle):
         return
     mask = message.type_mask
     rates = (message.body_roll_rate, message.body_pitch_rate, message.body_yaw_rate)
@@ -268,6 +276,19 @@ def frd_ned_to_flu_enu(w: float, x: float, y: float, z: float) -> tuple[float, f
     return a * scale, b * scale, c * scale, d * scale
 
 
+def quaternion_of_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Return the quaternion of a yaw, then a pitch, then a roll, rad (Quaternion::from_euler)."""
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
 def _restart_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
     fleet.set_timer(
         vehicle, Timer.GUIDED_TIMEOUT, fleet.now + from_seconds(max(fleet.param(vehicle, "GUID_TIMEOUT"), 0.1))
@@ -276,7 +297,7 @@ def _restart_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
 
 def on_timeout(fleet: Fleet, vehicle: Vehicle) -> None:
     """Stop moving, level and stop turning when no new target came in time (mode_guided.cpp, `get_timeout_ms`)."""
-    if vehicle.mode != Mode.GUIDED:
+    if not in_guided_mode(vehicle):
         return
     row, flight, control = vehicle.row, fleet.flight, fleet.control(vehicle)
     if control not in (*_TIMED_CONTROLS, ControlMode.POSITION):

@@ -31,11 +31,14 @@ def start(fleet: Fleet, vehicle: Vehicle) -> None:
         fleet.flight["speed_xy"][vehicle.row] = speed
     vehicle.submode = SubMode.INITIAL_CLIMB
     auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
-    east, north, up = wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
-    height = _return_altitude(fleet, vehicle, east, north, up)
+    # as a Location, so a return that begins above home has legs of a centimetre, which take a second each (build_path)
+    east, north, _ = location.truncated(
+        fleet, wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
+    )
+    height = _return_altitude(fleet, vehicle, east, north)
     _start_leg(fleet, vehicle, (east, north, height), True)
     # it turns home before the climb has stopped (climb_start)
-    home = location.as_array((vehicle.return_target[0], vehicle.return_target[1], height))
+    home = location.as_array((*location.truncated(fleet, vehicle.return_target)[:2], height))
     wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, home)
 
 
@@ -45,11 +48,11 @@ def _start_leg(fleet: Fleet, vehicle: Vehicle, goal: tuple[float, float, float],
     )
 
 
-def _return_altitude(fleet: Fleet, vehicle: Vehicle, east: float, north: float, up: float) -> float:
-    """Return the altitude of the return, m above the origin."""
+def _return_altitude(fleet: Fleet, vehicle: Vehicle, east: float, north: float) -> float:
+    """Return the altitude of the return, m above the origin (compute_return_target, in whole centimetres)."""
     home_up = vehicle.home[2]
     to_east, to_north, to_up = vehicle.return_target
-    now = up - home_up
+    now = int((fleet.position(vehicle)[2] - home_up) * 100.0) * 0.01
     least = max(_ALT_MIN_M, now + fleet.param(vehicle, "RTL_CLIMB_MIN") * 0.01)
     height = max(fleet.param(vehicle, "RTL_ALT") * 0.01, least, to_up - home_up, 0.0)
     slope = fleet.param(vehicle, "RTL_CONE_SLOPE")
@@ -64,7 +67,7 @@ def on_destination_reached(fleet: Fleet, vehicle: Vehicle) -> None:
         vehicle.submode = SubMode.RETURN_HOME
         up = float(fleet.flight["target_pos"][vehicle.row, 2])
         auto_yaw.set_mode_to_default(fleet, vehicle, returning=True)
-        _start_leg(fleet, vehicle, (vehicle.return_target[0], vehicle.return_target[1], up), False)
+        _start_leg(fleet, vehicle, (*location.truncated(fleet, vehicle.return_target)[:2], up), False)
     elif vehicle.submode == SubMode.RETURN_HOME:
         vehicle.submode = SubMode.LOITER_AT_HOME
         auto_yaw.set_to_armed_yaw(fleet, vehicle)

@@ -142,7 +142,7 @@ def _land_descent_rate(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """Return the climb rate of a landing, m/s (negative): fast down to LAND_ALT_LOW, then LAND_SPEED."""
     slow = p.LAND_SPEED * 0.01
     quick = p.LAND_SPEED_HIGH * 0.01 if p.LAND_SPEED_HIGH > 0.0 else f.speed_down
-    rate = sqrt_controller(p.LAND_ALT_LOW * 0.01 - e.height, p.PSC_POSZ_P, f.accel_z, dt_s)
+    rate = sqrt_controller(p.LAND_ALT_LOW * 0.01 - (e.height - f.land_datum), p.PSC_POSZ_P, f.accel_z, dt_s)
     return clamp(rate, -max(quick, slow), -slow)
 
 

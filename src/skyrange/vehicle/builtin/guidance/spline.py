@@ -13,6 +13,11 @@ from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.guidance.scurve import kinematic_limit
 
+STILL_MPS = 3.45e-6
+"""A slower reference is at rest: `is_positive` of the squared speed in cm/s compares with FLT_EPSILON.
+
+A rounding error of a speed must not start a curve that departs at rest: its first step would be so short that the
+second, at nearly no speed along the curve, would lead beyond its end."""
 _SPLINE_FACTOR = 4.0  # SPLINE_FACTOR
 _TANGENTIAL_ACCEL_SCALER = 0.5  # TANGENTIAL_ACCEL_SCALER
 _LATERAL_ACCEL_SCALER = 0.5  # LATERAL_ACCEL_SCALER
@@ -40,8 +45,9 @@ def set_origin_and_destination(
     long = math.sqrt(ve * ve + vn * vn + vu * vu) + math.sqrt(we * we + wn * wn + wu * wu)
     k = min(1.0, apart * _SPLINE_FACTOR / long) if long > 0.0 else 1.0
     _update_solution(c, oe, on, ou, de, dn, du, ve * k, vn * k, vu * k, we * k, wn * k, wu * k)
-    c.to_speed = 0.0  # for the braking distance in the next call
+    # ArduPilot computes this with the end speed of the curve that the object held before
     _, _, _, _, c.from_speed, _ = calc_dt_speed_max(c, f, 0.0, 0.0)
+    c.to_speed = 0.0
     if we != 0.0 or wn != 0.0 or wu != 0.0:
         _, _, _, _, c.to_speed, _ = _calc_limits(c, f, 1.0, 0.0)
 
@@ -124,6 +130,8 @@ def advance_target_along_track(c: Any, f: Any, dt_s: float) -> None:
             f.ref_vel[axis] = 0.0
         return
     speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
+    if speed < STILL_MPS:
+        speed = 0.0
     dt, e, n, u, fastest, accel = calc_dt_speed_max(c, f, c.t, speed * dt_s)
     for axis in range(3):
         f.ref_pos[axis] = position_at(c, c.t, axis)

@@ -195,7 +195,7 @@ def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """
     wanted = 1.0
     speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
-    if speed > 0.0:
+    if speed > spline.STILL_MPS:
         per = 1.0 / (speed * speed)
         ahead = 0.0
         made = 0.0
@@ -302,6 +302,18 @@ def advance_along_track(e: Any, f: Any, w: Any, p: Any, dt_s: float) -> None:
             return
     w.reached_destination = 1
     f.flags |= _DESTINATION_REACHED
+
+
+@compiled
+def begin_at(
+    estimate: Records, flight: Records, legs: Records, settings: Records, row: int, place: NDArray[Any]
+) -> None:
+    """Call `wp_init` for one row, with legs that begin at a point instead of the stopping point."""
+    wp_init(estimate[row], flight[row], legs[row], settings[row])
+    for axis in range(3):
+        legs[row].origin[axis] = place[axis]
+        legs[row].destination[axis] = place[axis]
+        flight[row].target_pos[axis] = place[axis]
 
 
 @compiled

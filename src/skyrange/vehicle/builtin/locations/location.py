@@ -6,7 +6,8 @@ flat: altitude above terrain is height above the origin's plane.
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from skyrange.vehicle.builtin.fleet import Fleet, Vehicle
 RELATIVE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT))
 TERRAIN_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT, dialect.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT))
 ABSOLUTE_FRAMES = frozenset((dialect.MAV_FRAME_GLOBAL, dialect.MAV_FRAME_GLOBAL_INT))
+
+_UNIT_M: Final = 0.011131884502145034
+"""Length of 1e-7 degrees of latitude (LOCATION_SCALING_FACTOR of Location.h)."""
 
 Vector = tuple[float, float, float]
 
@@ -31,6 +35,13 @@ def altitude_datum_m(fleet: Fleet, vehicle: Vehicle, frame: int) -> float:
     if frame in RELATIVE_FRAMES:
         return vehicle.home[2]
     return 0.0 if frame in TERRAIN_FRAMES else -fleet.origin.alt_msl_m
+
+
+def truncated(fleet: Fleet, place: Vector) -> Vector:
+    """Return a point as a Location holds it: in whole 1e-7 degrees and centimetres (Location::offset)."""
+    east, north, up = place
+    east_unit = _UNIT_M * max(math.cos(math.radians(fleet.origin.lat_deg)), 0.01)
+    return int(east / east_unit) * east_unit, int(north / _UNIT_M) * _UNIT_M, int(up * 100.0) * 0.01
 
 
 def to_enu(fleet: Fleet, vehicle: Vehicle, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> Vector | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from skyrange.codec.mavlink import dialect
-from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS
+from skyrange.vehicle.builtin.mission.stored_commands import STORED_BY_FIELDS
 
 NAV_WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 NAV_SPLINE_WAYPOINT: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
@@ -17,23 +17,51 @@ NAV_DELAY: Final = dialect.MAV_CMD_NAV_DELAY
 NAV_RETURN_TO_LAUNCH: Final = dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH
 NAV_LAND: Final = dialect.MAV_CMD_NAV_LAND
 NAV_TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
-NAV_COMMANDS: Final = frozenset(
+NAV_VTOL_TAKEOFF: Final = dialect.MAV_CMD_NAV_VTOL_TAKEOFF
+NAV_VTOL_LAND: Final = dialect.MAV_CMD_NAV_VTOL_LAND
+NAV_GUIDED_ENABLE: Final = dialect.MAV_CMD_NAV_GUIDED_ENABLE
+NAV_SCRIPT_TIME: Final = dialect.MAV_CMD_NAV_SCRIPT_TIME
+NAV_ATTITUDE_TIME: Final = dialect.MAV_CMD_NAV_ATTITUDE_TIME
+TAKEOFFS: Final = frozenset((NAV_TAKEOFF, NAV_VTOL_TAKEOFF))
+LANDINGS: Final = frozenset((NAV_LAND, NAV_VTOL_LAND))
+"""ArduCopter treats the VTOL commands as the others (ModeAuto::start_command)."""
+GUIDED_COMMANDS: Final = frozenset((NAV_GUIDED_ENABLE, NAV_SCRIPT_TIME))
+"""Commands during which AUTO obeys the targets of GUIDED (ModeAuto::in_guided_mode)."""
+SKIPPED_NAV: Final = frozenset(
     (
-        NAV_WAYPOINT,
-        NAV_SPLINE_WAYPOINT,
-        NAV_LOITER_UNLIM,
-        NAV_LOITER_TURNS,
-        NAV_LOITER_TIME,
-        NAV_LOITER_TO_ALT,
-        NAV_DELAY,
-        NAV_RETURN_TO_LAUNCH,
-        NAV_LAND,
-        NAV_TAKEOFF,
+        dialect.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT,
+        dialect.MAV_CMD_NAV_ALTITUDE_WAIT,
+        dialect.MAV_CMD_NAV_SET_YAW_SPEED,
     )
 )
-"""Commands that take time and are flown one after another."""
+"""Navigation commands that AP_Mission stores and ArduCopter does not start: the next one follows at once."""
+NAV_COMMANDS: Final = (
+    frozenset(
+        (
+            NAV_WAYPOINT,
+            NAV_SPLINE_WAYPOINT,
+            NAV_LOITER_UNLIM,
+            NAV_LOITER_TURNS,
+            NAV_LOITER_TIME,
+            NAV_LOITER_TO_ALT,
+            NAV_DELAY,
+            NAV_RETURN_TO_LAUNCH,
+            NAV_ATTITUDE_TIME,
+        )
+    )
+    | TAKEOFFS
+    | LANDINGS
+    | GUIDED_COMMANDS
+    | SKIPPED_NAV
+)
+"""Commands that take time and are flown one after another (AP_Mission::is_nav_cmd)."""
 
 DO_JUMP: Final = dialect.MAV_CMD_DO_JUMP
+DO_JUMP_TAG: Final = dialect.MAV_CMD_DO_JUMP_TAG
+JUMP_TAG: Final = dialect.MAV_CMD_JUMP_TAG
+JUMPS: Final = frozenset((DO_JUMP, DO_JUMP_TAG))
+DO_GUIDED_LIMITS: Final = dialect.MAV_CMD_DO_GUIDED_LIMITS
+DO_AUX_FUNCTION: Final = dialect.MAV_CMD_DO_AUX_FUNCTION
 DO_CHANGE_SPEED: Final = dialect.MAV_CMD_DO_CHANGE_SPEED
 DO_SET_HOME: Final = dialect.MAV_CMD_DO_SET_HOME
 DO_LAND_START: Final = dialect.MAV_CMD_DO_LAND_START
@@ -57,20 +85,26 @@ STORED_IN_LOCATION: Final = frozenset(
         NAV_LOITER_TO_ALT,
         NAV_LAND,
         NAV_TAKEOFF,
+        NAV_VTOL_TAKEOFF,
+        NAV_VTOL_LAND,
+        NAV_GUIDED_ENABLE,
+        dialect.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT,
         DO_SET_HOME,
         DO_LAND_START,
+        dialect.MAV_CMD_DO_GO_AROUND,
         DO_SET_ROI,
         DO_SET_ROI_LOCATION,
-        DO_SET_ROI_NONE,
     )
 )
 """Commands that are stored with a place (AP_Mission::stored_in_location)."""
 SUPPORTED: Final = (
     STORED_IN_LOCATION
     | CONDITION_COMMANDS
-    | {NAV_DELAY, NAV_RETURN_TO_LAUNCH, DO_JUMP, DO_CHANGE_SPEED}
-    | DEVICE_COMMANDS.keys()
+    | JUMPS
+    | {NAV_DELAY, NAV_RETURN_TO_LAUNCH, DO_CHANGE_SPEED, DO_SET_ROI_NONE}
+    | STORED_BY_FIELDS.keys()
 )
+"""Commands that a mission may contain; all others are refused when they are uploaded."""
 
 COMMAND_NAMES: Final = {
     NAV_WAYPOINT: "WP",
@@ -83,6 +117,25 @@ COMMAND_NAMES: Final = {
     NAV_TAKEOFF: "Takeoff",
     NAV_LAND: "Land",
     NAV_DELAY: "Delay",
+    NAV_VTOL_TAKEOFF: "VTOLTakeoff",
+    NAV_VTOL_LAND: "VTOLLand",
+    NAV_GUIDED_ENABLE: "GuidedEnable",
+    NAV_SCRIPT_TIME: "NavScriptTime",
+    NAV_ATTITUDE_TIME: "NavAttitudeTime",
+    dialect.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT: "ContinueAndChangeAlt",
+    dialect.MAV_CMD_NAV_ALTITUDE_WAIT: "AltitudeWait",
+    dialect.MAV_CMD_NAV_SET_YAW_SPEED: "SetYawSpd",
+    JUMP_TAG: "Tag",
+    DO_GUIDED_LIMITS: "GuidedLimits",
+    dialect.MAV_CMD_DO_GO_AROUND: "Go Around",
+    dialect.MAV_CMD_DO_PAUSE_CONTINUE: "PauseContinue",
+    dialect.MAV_CMD_DO_SET_REVERSE: "SetReverse",
+    dialect.MAV_CMD_DO_INVERTED_FLIGHT: "InvertedFlight",
+    dialect.MAV_CMD_DO_AUTOTUNE_ENABLE: "AutoTuneEnable",
+    dialect.MAV_CMD_DO_SEND_SCRIPT_MESSAGE: "Scripting",
+    dialect.MAV_CMD_DO_ENGINE_CONTROL: "EngineControl",
+    dialect.MAV_CMD_SET_CAMERA_SOURCE: "SetCameraSource",
+    dialect.MAV_CMD_DO_VTOL_TRANSITION: "VTOLTransition",
     CONDITION_DELAY: "CondDelay",
     CONDITION_DISTANCE: "CondDist",
     CONDITION_YAW: "CondYaw",
@@ -104,7 +157,7 @@ COMMAND_NAMES: Final = {
     DO_PARACHUTE: "Parachute",
     dialect.MAV_CMD_DO_GRIPPER: "Gripper",
     dialect.MAV_CMD_DO_SPRAYER: "Sprayer",
-    dialect.MAV_CMD_DO_AUX_FUNCTION: "AuxFunction",
+    DO_AUX_FUNCTION: "AuxFunction",
     dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: "GimbalPitchYaw",
     dialect.MAV_CMD_IMAGE_START_CAPTURE: "ImageStartCapture",
     dialect.MAV_CMD_IMAGE_STOP_CAPTURE: "ImageStopCapture",

@@ -23,16 +23,20 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     CONDITION_DELAY,
     CONDITION_DISTANCE,
     CONDITION_YAW,
+    DO_AUX_FUNCTION,
     DO_CHANGE_SPEED,
+    DO_GUIDED_LIMITS,
     DO_LAND_START,
     DO_PARACHUTE,
     DO_SET_HOME,
     DO_SET_ROI,
     DO_SET_ROI_LOCATION,
     DO_SET_ROI_NONE,
+    JUMP_TAG,
 )
-from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS, DO_FENCE_ENABLE, REPORTED
 from skyrange.vehicle.builtin.mission.sequence import next_do_command
+from skyrange.vehicle.builtin.mission.stored_commands import DO_FENCE_ENABLE, SILENT, SKIPPED
+from skyrange.vehicle.builtin.modes import Mode
 
 _CHECK_NS = 20 * NS_PER_MS
 _SPEED_MIN_MPS = 0.1  # AC_WPNav.cpp WPNAV_WP_SPEED_MIN_CMS
@@ -53,6 +57,11 @@ def start_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
         _set_home(fleet, vehicle, item)
     elif command in (DO_SET_ROI, DO_SET_ROI_LOCATION, DO_SET_ROI_NONE):
         set_roi(fleet, vehicle, item.frame, item.x, item.y, item.z)
+    elif command == DO_GUIDED_LIMITS:
+        vehicle.guided_limits = (item.param1, item.param2, item.param3, item.param4)
+    elif command == DO_AUX_FUNCTION:
+        vehicle.aux_functions.append((int(item.param1), int(item.param2), item.causes))
+        fleet.aux_pending = True
     elif command == DO_FENCE_ENABLE:
         fence.handle_do_fence_enable(fleet, vehicle, int(item.param1), 0)
     elif command == CONDITION_DELAY:
@@ -66,13 +75,17 @@ def start_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
 
 def announce_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
     """Send the text of an item that starts (AP_Mission::start_command)."""
-    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {seq} {COMMAND_NAMES[vehicle.mission[seq].command]}")
+    item = vehicle.mission[seq]
+    tag = f" {int(item.param1)}" if item.command == JUMP_TAG else ""
+    fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Mission: {seq} {COMMAND_NAMES[item.command]}{tag}")
 
 
 def report_complete(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
-    """Report one completed command, unless it is for a device that is not fitted."""
+    """Report one completed command, unless AP_Mission completes it itself."""
     command = vehicle.mission[seq].command
-    if command not in DEVICE_COMMANDS or command in REPORTED:
+    if command in SKIPPED:
+        fleet.send_text(vehicle, dialect.MAV_SEVERITY_WARNING, f"Skipping invalid cmd #{command}")
+    if command not in SILENT:
         vehicle.item_to_report = 0
         fleet.send(vehicle, dialect.MAVLink_mission_item_reached_message(seq))
 
@@ -143,7 +156,15 @@ def change_speed(fleet: Fleet, vehicle: Vehicle, kind: int, speed_mps: float) ->
     if speed_mps >= _SPEED_MIN_MPS:
         fleet.flight[name][vehicle.row] = min(speed_mps, _SPEED_MAX_MPS)
         fleet.flight["speed_changed"][vehicle.row] = 1
+        if vehicle.mode == Mode.AUTO:
+            vehicle.speed_overrides[name] = min(speed_mps, _SPEED_MAX_MPS)
     return True
+
+
+def restore_speeds(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Set the speeds that the mission has set; a landing and a return have speeds of their own (ModeAuto::wp_start)."""
+    for name, speed_mps in vehicle.speed_overrides.items():
+        fleet.flight[name][vehicle.row] = speed_mps
 
 
 def set_roi(fleet: Fleet, vehicle: Vehicle, frame: int, lat_e7: int, lon_e7: int, alt_m: float) -> None:

@@ -8,7 +8,7 @@ another; the DO commands between them (`do_commands`) run beside the navigation 
 from __future__ import annotations
 
 from skyrange.codec.mavlink import dialect
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NS_PER_MS
 from skyrange.vehicle.builtin import loop
 from skyrange.vehicle.builtin.arming.arming import disarm
 from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, MissionState, SubMode, Timer, Vehicle
@@ -19,33 +19,37 @@ from skyrange.vehicle.builtin.mission import do_commands, nav_commands, pause
 from skyrange.vehicle.builtin.mission.command_ids import (
     CONDITION_COMMANDS,
     DO_LAND_START,
+    LANDINGS,
     NAV_COMMANDS,
-    NAV_DELAY,
-    NAV_LAND,
     NAV_LOITER_TIME,
     NAV_LOITER_TO_ALT,
     NAV_RETURN_TO_LAUNCH,
     NAV_SPLINE_WAYPOINT,
-    NAV_TAKEOFF,
     NAV_WAYPOINT,
+    SKIPPED_NAV,
+    TAKEOFFS,
 )
-from skyrange.vehicle.builtin.mission.sequence import MAX_COMMANDS, next_command, next_nav_command
+from skyrange.vehicle.builtin.mission.sequence import (
+    MAX_COMMANDS,
+    is_takeoff_next,
+    next_command,
+    next_nav_command,
+)
 from skyrange.vehicle.builtin.modes import Mode
 
-_MIN_REPEAT_NS = NS_PER_S
+_MIN_REPEAT_NS = 10 * NS_PER_MS
 """Minimum time before an item can be reached again: a loop of jumps between places already reached does not spin."""
 _CHANGE_DETECT_COMMANDS = 3  # mis_change_detect_cmd_max
 _MAX_JUMP_TEXTS = 30
 """Jumps that are reported at once: the length of ArduPilot's queue of texts (GCS.h `_status_capacity`)."""
 _REPORTED_COMMANDS = frozenset((NAV_WAYPOINT, NAV_SPLINE_WAYPOINT, NAV_LOITER_TIME))
-_GROUND_COMMANDS = frozenset((NAV_TAKEOFF, NAV_DELAY))
-"""Commands that continue a mission on the ground: a take-off, or a delay between a landing and a take-off."""
+_CONTINUE_AFTER_LAND = 1 << 2
+"""Bit of MIS_OPTIONS (AP_Mission::Option)."""
 
 
 def starts_with_takeoff_cmd(fleet: Fleet, vehicle: Vehicle) -> bool:
-    """Whether the first navigation command to be flown is a take-off (AP_Mission::starts_with_takeoff_cmd)."""
-    seq = next_nav_command(vehicle, 1 if fleet.param(vehicle, "MIS_RESTART") == 1 else vehicle.current or 1)
-    return seq is not None and vehicle.mission[seq].command == NAV_TAKEOFF
+    """Whether the mission begins with a take-off, after delays at most (AP_Mission::starts_with_takeoff_cmd)."""
+    return is_takeoff_next(vehicle, 1 if fleet.param(vehicle, "MIS_RESTART") == 1 else vehicle.current or 1)
 
 
 def start_or_resume(fleet: Fleet, vehicle: Vehicle) -> None:
@@ -83,7 +87,7 @@ def update(fleet: Fleet, vehicle: Vehicle) -> None:
             _advance_nav_command(fleet, vehicle, vehicle.current or 1)
         elif (
             vehicle.auto_armed
-            and vehicle.active_item.command == NAV_TAKEOFF
+            and vehicle.active_item.command in TAKEOFFS
             and fleet.control(vehicle) == ControlMode.IDLE
         ):
             _start_nav_command(fleet, vehicle, vehicle.active_item)
@@ -163,14 +167,16 @@ def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
 
 
 def on_landed(fleet: Fleet, vehicle: Vehicle) -> None:
-    """Process a landing with idle motors: it ends the mission unless a take-off follows."""
+    """Process a landing with idle motors: that of a return goes on, that of NAV_LAND ends the mission by disarming.
+
+    With bit 2 of MIS_OPTIONS the mission goes on where a take-off follows (ModeAuto::verify_land,
+    AP_Mission::continue_after_land_check_for_takeoff).
+    """
     item = vehicle.active_item
     if item is None:
         return
-    following = next_nav_command(vehicle, vehicle.current + 1)
-    if item.command == NAV_RETURN_TO_LAUNCH or (
-        following is not None and vehicle.mission[following].command in _GROUND_COMMANDS
-    ):
+    may_continue = bool(int(fleet.param(vehicle, "MIS_OPTIONS")) & _CONTINUE_AFTER_LAND)
+    if item.command == NAV_RETURN_TO_LAUNCH or (may_continue and is_takeoff_next(vehicle, vehicle.current + 1)):
         _complete_command(fleet, vehicle, item)
     else:
         disarm(fleet, vehicle, "landed", item.causes)
@@ -230,6 +236,10 @@ def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
         item = vehicle.mission[place]
         if item.command in NAV_COMMANDS:
             vehicle.current = place
+            if item.command in SKIPPED_NAV:  # start_command fails, and the search goes on
+                do_commands.announce_command(fleet, vehicle, place)
+                seq = place + 1
+                continue
             vehicle.active_item = item
             vehicle.upcoming = _upcoming_commands(vehicle)
             fleet.set_timer(vehicle, Timer.HOLD)
@@ -260,8 +270,8 @@ def _run_do_commands(fleet: Fleet, vehicle: Vehicle, first: int) -> None:
 
 def _start_nav_command(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
     """Start a navigation command, given the two that follow it; `False` where it is complete at once."""
-    if item.command in (NAV_LAND, NAV_TAKEOFF):
-        vehicle.in_landing_sequence = item.command == NAV_LAND
+    if item.command in LANDINGS | TAKEOFFS:
+        vehicle.in_landing_sequence = item.command in LANDINGS
     following = next_nav_command(vehicle, vehicle.current + 1)
     then = None if following is None else next_nav_command(vehicle, following + 1)
     after = None if following is None else vehicle.mission[following]

@@ -19,12 +19,13 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     CONDITION_DISTANCE,
     CONDITION_YAW,
     DO_CHANGE_SPEED,
-    DO_JUMP,
     DO_SET_HOME,
     DO_SET_ROI,
     DO_SET_ROI_LOCATION,
     DO_SET_ROI_NONE,
+    JUMPS,
     NAV_DELAY,
+    NAV_GUIDED_ENABLE,
     NAV_LAND,
     NAV_LOITER_TIME,
     NAV_LOITER_TO_ALT,
@@ -32,11 +33,13 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     NAV_LOITER_UNLIM,
     NAV_SPLINE_WAYPOINT,
     NAV_TAKEOFF,
+    NAV_VTOL_LAND,
+    NAV_VTOL_TAKEOFF,
     NAV_WAYPOINT,
     STORED_IN_LOCATION,
     SUPPORTED,
 )
-from skyrange.vehicle.builtin.mission.device_commands import DEVICE_COMMANDS, stored_fields
+from skyrange.vehicle.builtin.mission.stored_commands import STORED_BY_FIELDS, is_modelled, stored_fields
 
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
 _U8, _U16 = 255, 65535
@@ -49,8 +52,10 @@ _DATUMS = {
 """The frame in which a place is stored and read back (`mission_cmd_to_mavlink_int`): only its datum is kept."""
 _NO_FRAME = dialect.MAV_FRAME_GLOBAL
 """The frame of an item without a place."""
-_YAW_MAY_BE_NAN = frozenset((NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LAND, NAV_TAKEOFF))
+_YAW_MAY_BE_NAN = frozenset((NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LAND, NAV_TAKEOFF, NAV_VTOL_TAKEOFF, NAV_VTOL_LAND))
 """Commands whose yaw may be NaN, which leaves it to the autopilot (sanity_check_params)."""
+_APPROACH_PLACE = 2
+"""param3, which may be NaN in NAV_VTOL_LAND alone."""
 _INVALID_PARAM = (
     dialect.MAV_MISSION_INVALID_PARAM1,
     dialect.MAV_MISSION_INVALID_PARAM2,
@@ -67,7 +72,8 @@ def decode_item(message: Any, causes: Causes) -> tuple[int, MissionItem | None]:
     params = (message.param1, message.param2, message.param3, message.param4)
     for place, (value, bad) in enumerate(zip(params, _INVALID_PARAM, strict=True)):
         yaw = place == 3 and command in _YAW_MAY_BE_NAN
-        if math.isinf(value) or (math.isnan(value) and not yaw):
+        approach = place == _APPROACH_PLACE and command == NAV_VTOL_LAND
+        if math.isinf(value) or (math.isnan(value) and not yaw and not approach):
             return bad, None
     if command <= 1:
         return dialect.MAV_MISSION_INVALID, None
@@ -91,8 +97,10 @@ def decode_item(message: Any, causes: Causes) -> tuple[int, MissionItem | None]:
         return ACCEPTED, MissionItem(
             command, _DATUMS[message.frame], *stored_params(command, params), x, y, z, causes=causes
         )
-    if command in DEVICE_COMMANDS:
+    if command in STORED_BY_FIELDS:
         a, b, c, d, e, f, g = stored_fields(command, (*params, x, y, z))
+        if not is_modelled(command, a):
+            return dialect.MAV_MISSION_UNSUPPORTED, None
         return ACCEPTED, MissionItem(command, _NO_FRAME, a, b, c, d, int(e), int(f), g, causes=causes)
     return ACCEPTED, MissionItem(command, _NO_FRAME, *stored_params(command, params), causes=causes)
 
@@ -113,6 +121,9 @@ def stored_params(command: int, params: Params) -> Params:
         NAV_LAND,
         NAV_TAKEOFF,
         DO_SET_HOME,
+        NAV_VTOL_LAND,
+        NAV_GUIDED_ENABLE,
+        dialect.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT,
         DO_SET_ROI,
         DO_SET_ROI_LOCATION,
         DO_SET_ROI_NONE,
@@ -131,7 +142,7 @@ def stored_params(command: int, params: Params) -> Params:
         return 0.0, math.copysign(_to_whole(abs(b), 0, _U16), b), 0.0, float(d > 0.0)
     if command == NAV_DELAY:
         return a, _to_whole(b, -128, 127), _to_whole(c, -128, 127), _to_whole(d, -128, 127)
-    if command == DO_JUMP:
+    if command in JUMPS:
         return _to_whole(a, 0, _U16), _to_whole(b, -1, 32767), 0.0, 0.0
     if command == DO_CHANGE_SPEED:
         return _to_whole(a, 0, _U8), b, c, 0.0
@@ -139,7 +150,7 @@ def stored_params(command: int, params: Params) -> Params:
         return a, b, _to_whole(c, -128, 127), _to_whole(d, 0, _U8)
     if command in (CONDITION_DELAY, CONDITION_DISTANCE):
         return a, 0.0, 0.0, 0.0
-    return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, DO_LAND_START
+    return 0.0, 0.0, 0.0, 0.0  # RETURN_TO_LAUNCH, VTOL_TAKEOFF, DO_LAND_START, DO_GO_AROUND
 
 
 def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int], whole: bool) -> Any:
@@ -160,5 +171,5 @@ def encode_item(fleet: Fleet, vehicle: Vehicle, seq: int, peer: tuple[int, int],
     params = (item.param1, item.param2, item.param3, item.param4)
     if whole:
         return dialect.MAVLink_mission_item_int_message(*head, *params, item.x, item.y, item.z, 0)
-    scale = 1.0 if item.command in DEVICE_COMMANDS else 1e-7
+    scale = 1.0 if item.command in STORED_BY_FIELDS else 1e-7
     return dialect.MAVLink_mission_item_message(*head, *params, item.x * scale, item.y * scale, item.z, 0)

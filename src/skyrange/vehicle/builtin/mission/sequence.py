@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skyrange.vehicle.builtin.fleet import Vehicle
-from skyrange.vehicle.builtin.mission.command_ids import DO_JUMP, NAV_COMMANDS
+from skyrange.vehicle.builtin.fleet import MissionItem, Vehicle
+from skyrange.vehicle.builtin.mission.command_ids import (
+    DO_JUMP_TAG,
+    JUMP_TAG,
+    JUMPS,
+    NAV_COMMANDS,
+    NAV_DELAY,
+    TAKEOFFS,
+)
 
 _MAX_JUMPS = 64  # get_next_cmd
+_MAX_PLACES = 16  # is_takeoff_next
 MAX_COMMANDS = 255
 """Limit of advance_current_nav_cmd: a loop of jumps and DO commands ends the mission."""
 
@@ -23,9 +31,9 @@ def next_command(vehicle: Vehicle, seq: int, count: bool, jumped: JumpObserver |
         if seq >= len(vehicle.mission):
             return None
         item = vehicle.mission[seq]
-        if item.command != DO_JUMP:
+        if item.command not in JUMPS:
             return seq
-        target, times = int(item.param1), int(item.param2)
+        target, times = jump_target(vehicle, item), int(item.param2)
         if not 0 < target < len(vehicle.mission):
             return None
         if times < 0 or made.get(seq, 0) < times:
@@ -39,13 +47,36 @@ def next_command(vehicle: Vehicle, seq: int, count: bool, jumped: JumpObserver |
     return None
 
 
+def jump_target(vehicle: Vehicle, item: MissionItem) -> int:
+    """Return the item that a jump leads to; 0, which is none, for a tag that no item has."""
+    return find_tag(vehicle, int(item.param1)) if item.command == DO_JUMP_TAG else int(item.param1)
+
+
+def find_tag(vehicle: Vehicle, tag: int) -> int:
+    """Return the first item that sets a tag, 0 without one (AP_Mission::get_index_of_jump_tag)."""
+    found = (n for n, item in enumerate(vehicle.mission) if n and item.command == JUMP_TAG and int(item.param1) == tag)
+    return next(found, 0)
+
+
+def is_takeoff_next(vehicle: Vehicle, seq: int) -> bool:
+    """Whether a take-off is flown from `seq` on, after delays at most (AP_Mission::is_takeoff_next)."""
+    for first in range(seq, seq + _MAX_PLACES):
+        found = next_nav_command(vehicle, first)
+        if found is None or vehicle.mission[found].command != NAV_DELAY:
+            return found is not None and vehicle.mission[found].command in TAKEOFFS
+    return False
+
+
 def next_nav_command(vehicle: Vehicle, seq: int) -> int | None:
-    """Return the navigation command that would be flown from `seq` on, without counting jumps."""
-    for _ in range(MAX_COMMANDS):
-        found = next_command(vehicle, seq, count=False)
+    """Return the navigation command that ArduPilot expects next from `seq` on, without counting jumps.
+
+    After a DO command that a jump leads to, it looks behind the jump, and so may expect another command than the one
+    that is flown: it then stops at a waypoint that it will leave in another direction (AP_Mission::get_next_nav_cmd).
+    """
+    for first in range(seq, len(vehicle.mission)):
+        found = next_command(vehicle, first, count=False)
         if found is None or vehicle.mission[found].command in NAV_COMMANDS:
             return found
-        seq = found + 1
     return None
 
 

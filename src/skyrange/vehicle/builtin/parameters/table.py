@@ -227,6 +227,9 @@ PARAMETERS: Final = tuple(
             Parameter("LOIT_BRK_DELAY", 1, 0, 2, "delay between releasing the sticks and braking in LOITER, s"),
             Parameter("LOIT_BRK_JERK", 500, 500, 5000, "jerk of braking in LOITER, cm/s³"),
             Parameter("LOIT_SPEED", 1250, 20, 3500, "maximum speed in LOITER, cm/s"),
+            Parameter(
+                "MIS_OPTIONS", 0, 0, 15, "bit 2: a mission goes on after NAV_LAND where a take-off follows", _INT16
+            ),
             Parameter("MIS_RESTART", 0, 0, 1, "AUTO resumes the mission (0) or restarts it (1)", _INT8),
             Parameter("MOT_SPIN_ARM", 0.10, 0, 1, "command when armed on the ground"),
             Parameter("MOT_SPIN_MAX", 0.95, 0.5, 1, "command at full thrust"),
