@@ -58,6 +58,8 @@ APART_M: Final = 1_000.0
 ABREAST: Final = 8
 ORIGIN: Final = Origin(-35.363328, 149.1652241, 10.0)
 TRUTH_HZ: Final = 20.0
+DEADLINE_S: Final = 60.0
+"""Wall time in which ArduPilots have to answer: twenty of them on a busy machine are slow."""
 _STEP_M: Final = 0.1
 """Tracks are resampled to this distance between points."""
 _CHUNK: Final = 1024
@@ -278,7 +280,7 @@ def fleet_scenario(
             "wind": {"speed_mps": wind[0], "from_deg": wind[1]},
             "sensors": {"noise": 0.0},
             "record": {"truth_hz": TRUTH_HZ},
-            "autopilots": {"options": {"ardupilot": {"rates": rates}}},
+            "autopilots": {"deadline_s": DEADLINE_S, "options": {"ardupilot": {"rates": rates}}},
             "operators": operators,
         }
     )

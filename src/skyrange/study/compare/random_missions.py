@@ -168,11 +168,15 @@ def _roi(chance: Random, items: Sequence[PlacedItem]) -> list[PlacedItem]:
 
 
 def _jump(chance: Random, items: Sequence[PlacedItem]) -> list[PlacedItem]:
-    """A jump back over at most four items, not to before the take-off."""
+    """A jump back to one of the last three navigation commands after the take-off.
+
+    ArduCopter repeats a jump among the DO commands of one navigation command for ever: a known difference.
+    """
     climb = next(n for n, item in enumerate(items, start=1) if item.command in TAKEOFFS)
-    if len(items) <= climb:
+    places = [n for n, item in enumerate(items, start=1) if n > climb and is_navigation(item.command)][-3:]
+    if not places:
         return []
-    target = chance.randint(max(climb + 1, len(items) - 3), len(items))
+    target = chance.choice(places)
     return [PlacedItem(mav.MAV_CMD_DO_JUMP, (float(target), float(chance.randint(0, 2)), 0.0, 0.0))]
 
 

@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
 from skyrange.vehicle.builtin.control.gains import GRAVITY_MPS2
-from skyrange.vehicle.builtin.control.shaping import clamp, stopping_distance
+from skyrange.vehicle.builtin.control.shaping import clamp, limit_xy, stopping_distance
 from skyrange.vehicle.builtin.guidance import scurve, spline
 from skyrange.vehicle.builtin.layout import ControlMode, FlightEvent, Records
 
 _LEG = int(ControlMode.LEG)
+_ATTITUDE = int(ControlMode.ATTITUDE)
+_STABILIZE = int(ControlMode.STABILIZE)
 _DESTINATION_REACHED = int(FlightEvent.DESTINATION_REACHED)
 _CDEG = math.pi / 18_000.0
 # AC_PosControl.cpp POSCONTROL_STOPPING_DIST_{UP,DOWN}_MAX_M
@@ -39,8 +41,33 @@ def stopping_point(e: Any, f: Any, p: Any) -> tuple[float, float, float]:
 
 
 @compiled
+def _init_controllers(e: Any, f: Any, p: Any) -> None:
+    """Let the integrals request what is requested now (AC_PosControl `init_NE_controller`, `init_U_controller`).
+
+    The errors of velocity start from 0: at the stopping point the velocity is the one that is wanted.
+    """
+    if f.control == _ATTITUDE or f.control >= _STABILIZE:  # no position was controlled: the lean is what is requested
+        q = f.att_target
+        upward = max(1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2]), 0.1)
+        acc_e = GRAVITY_MPS2 * 2.0 * (q[1] * q[3] + q[0] * q[2]) / upward
+        acc_n = GRAVITY_MPS2 * 2.0 * (q[2] * q[3] - q[0] * q[1]) / upward
+    else:
+        acc_e = p.PSC_VELXY_P * f.vel_err[0] + f.vel_i[0] + p.PSC_VELXY_D * f.vel_d[0] + f.ref_acc[0]
+        acc_n = p.PSC_VELXY_P * f.vel_err[1] + f.vel_i[1] + p.PSC_VELXY_D * f.vel_d[1] + f.ref_acc[1]
+    most = min(GRAVITY_MPS2 * math.tan(p.ANGLE_MAX * _CDEG), p.PSC_VELXY_IMAX * 0.01)
+    f.vel_i[0], f.vel_i[1] = limit_xy(acc_e, acc_n, most)
+    for axis in range(2):
+        f.vel_err[axis] = 0.0
+        f.vel_d[axis] = 0.0
+    f.climb_err = 0.0
+    f.accel_err = -e.accel[2]
+    f.throttle_i = f.throttle - p.MOT_THST_HOVER
+
+
+@compiled
 def wp_init(e: Any, f: Any, w: Any, p: Any) -> None:
     """Reset all legs; the destination reached is the stopping point (`wp_and_spline_init_cm`)."""
+    _init_controllers(e, f, p)
     for c in (w.prev_leg, w.this_leg, w.next_leg):
         scurve.clear_leg(c)
     stop = stopping_point(e, f, p)
@@ -99,19 +126,14 @@ def set_wp_destination(e: Any, f: Any, w: Any, p: Any, de: float, dn: float, du:
         scurve.copy_leg(w.prev_leg, w.this_leg)
     for axis in range(3):
         w.origin[axis] = w.destination[axis]
-    same = w.next_leg.active == 1
-    for axis in range(3):
-        same = (
-            same
-            and abs((de, dn, du)[axis] - w.next_leg.origin[axis] - w.next_leg.unit[axis] * w.next_leg.length) < 1e-3
-        )
     if (
         w.fast_waypoint == 1
         and w.this_leg_is_spline == 0
         and w.next_leg_is_spline == 0
-        and same
+        and w.next_leg.active == 1
         and not scurve.finished(w.next_leg)
     ):
+        # ArduPilot does not compare where it leads
         scurve.copy_leg(w.this_leg, w.next_leg)
     else:
         _calculate_scurve(f, p, w.this_leg, w.origin, de, dn, du)

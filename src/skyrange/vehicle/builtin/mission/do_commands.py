@@ -16,7 +16,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
 from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import Fleet, MissionItem, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw
-from skyrange.vehicle.builtin.layout import ControlMode
+from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode
 from skyrange.vehicle.builtin.locations import home, location
 from skyrange.vehicle.builtin.mission.command_ids import (
     COMMAND_NAMES,
@@ -137,7 +137,10 @@ def _condition_met(fleet: Fleet, vehicle: Vehicle) -> bool:
         return fleet.now > value
     if kind == CONDITION_DISTANCE:
         return wp_distance_m(fleet, vehicle) < value
-    return kind != CONDITION_YAW or auto_yaw.reached_fixed_yaw_target(fleet, vehicle)
+    if kind == CONDITION_YAW:  # whatever else has set another yaw meanwhile (ModeAuto::verify_yaw)
+        auto_yaw.set_mode(fleet, vehicle, AutoYawMode.FIXED)
+        return auto_yaw.reached_fixed_yaw_target(fleet, vehicle)
+    return True
 
 
 def wp_distance_m(fleet: Fleet, vehicle: Vehicle) -> float:

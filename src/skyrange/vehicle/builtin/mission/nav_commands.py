@@ -63,12 +63,13 @@ def _is_terrain_alt(item: MissionItem) -> bool:
 def _default_location(fleet: Fleet, vehicle: Vehicle) -> Vector:
     """Return the place that a command without one means: the destination reached, or the present position.
 
-    As a Location it has whole centimetres and 1e-7 degrees, so a leg to it is seldom of no length, and takes a second.
+    The position is a Location, of whole centimetres and 1e-7 degrees, so a leg to it is seldom of no length and takes a
+    second. A destination already is one.
     """
     row = vehicle.row
     if fleet.control(vehicle) == ControlMode.LEG and fleet.legs["reached_destination"][row]:
         east, north, up = fleet.legs["destination"][row].tolist()
-        return location.truncated(fleet, (east, north, up))
+        return east, north, up
     return location.truncated(fleet, fleet.position(vehicle))
 
 
