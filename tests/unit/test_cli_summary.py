@@ -57,3 +57,10 @@ def test_a_large_fleet_is_said_by_operator_and_names_who_did_not_complete(
     assert "failed (link lost)" in out
     assert "red/3" in out
     assert "red/4" not in out
+
+
+def test_of_a_station_outside_the_range_it_says_what_was_handed_over(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    told = {"frames_sent": 26_276, "frames_received": 26_276, "station_outside": True, "frames_from_station": 812}
+    assert "26,276 handed over, 812 from it" in said([aircraft("a/1", **told)], capsys, monkeypatch)

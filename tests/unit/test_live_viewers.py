@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import socket
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from skyrange.cli.output.live_viewer_notices import tell_when_up
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
@@ -55,3 +57,21 @@ def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path)
         with pytest.raises(InputError, match=f"{port} is taken"):
             prepare_range(load("squares"), tmp_path / "run", port_offset=OFFSET, viewer_port=port)
     assert not (tmp_path / "run").exists()
+
+
+def test_addresses_are_printed_when_every_process_is_up(capsys: pytest.CaptureFixture[str]) -> None:
+    """Before, a process may compile for a minute, and nobody listens."""
+    flown = SimpleNamespace(
+        built=SimpleNamespace(scenario=load("squares")), watched=(("blue/b1", 5763),), zero_ns=0, now_s=0.0
+    )
+    updates: list[int] = []
+    update = tell_when_up(flown, lambda now: updates.append(now.zero_ns))  # type: ignore[arg-type]
+    update(flown)  # type: ignore[arg-type]
+    assert capsys.readouterr().err == ""
+    flown.zero_ns = 1
+    update(flown)  # type: ignore[arg-type]
+    assert "blue/b1" in (said := capsys.readouterr().err)
+    assert "127.0.0.1:5763" in said
+    update(flown)  # type: ignore[arg-type]
+    assert capsys.readouterr().err == ""
+    assert updates == [0, 1, 1]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from skyrange.contracts.frames.frame import Fate
+from skyrange.core.ids import endpoint
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.study.measures.link_statistics import link_statistics
@@ -17,14 +19,18 @@ def summary(record: RunRecord) -> dict[str, Any]:
     Per vehicle: `outcome` (complete, failed or unfinished) with `reason` (as its ground station gives it) and
     `finished_s`; `mishap`, its first collision or crash in words, `None` without one; `distance_m` and `highest_m`
     from the recorded truth, which depend on its sampling rate; the numbers of frames that were sent on the `gcs` link
-    towards its ground station and that arrived there. `mishaps` are collisions (once for both aircraft), crashes,
-    fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's entry:
-    the buildings, and what was kept and dropped of their file; `None` without a city.
+    towards its ground station and that arrived there. Of a ground station outside the range (`station_outside`) nobody
+    records what arrives: `frames_received` are then those that were handed to its socket. `frames_from_station` are the
+    frames of the ground station that arrived at the aircraft. `mishaps` are collisions (once for both aircraft),
+    crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
+    entry: the buildings, and what was kept and dropped of their file; `None` without a city.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
     links = link_statistics(record)
     downlinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
+    uplinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "fwd")}
+    outside = set((manifest.get("live") or {}).get("outside") or ())
     outcomes = record.outcomes
     events = read_notes(record, "events")
     ends = first_mishaps(events)
@@ -33,7 +39,11 @@ def summary(record: RunRecord) -> dict[str, Any]:
         name = vehicle["id"]
         outcome = outcomes.get(name, {})
         track = tracks.get(name, EMPTY_TRACK)
-        downlink = downlinks.get(name)
+        downlink, uplink = downlinks.get(name), uplinks.get(name)
+        is_outside = endpoint(vehicle["operator"], "gcs") in outside
+        received = downlink.delivered if downlink else 0
+        if downlink and is_outside:  # nobody records what arrives there
+            received += downlink.fates.get(Fate.IN_FLIGHT, 0)
         vehicles.append(
             {
                 "id": name,
@@ -46,7 +56,9 @@ def summary(record: RunRecord) -> dict[str, Any]:
                 "distance_m": round(track.distance_m, 3),
                 "highest_m": round(float(track.enu_m[:, 2].max(initial=0.0)), 3),
                 "frames_sent": downlink.sent if downlink else 0,
-                "frames_received": downlink.delivered if downlink else 0,
+                "frames_received": received,
+                "station_outside": is_outside,
+                "frames_from_station": uplink.delivered if uplink else 0,
             }
         )
     mishaps = [

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
 from skyrange.cli.output.interlock_notice import print_interlock_notice
-from skyrange.cli.output.live_viewer_notices import print_viewer_addresses, print_viewer_counts
+from skyrange.cli.output.live_viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.run_summary import print_summary
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
@@ -52,11 +52,11 @@ def live(
     tell_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
     flown = prepare_range(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
-    print_viewer_addresses(flown)
+    print_open_ports(flown)
     failure: ShortfallError | ComponentError | None = None
     with _show_progress(flown, quiet=as_json) as on_update:
         try:
-            run_range(flown, on_update)
+            run_range(flown, tell_when_up(flown, on_update))
         except (ShortfallError, ComponentError) as error:
             failure = error
     print_viewer_counts(flown)

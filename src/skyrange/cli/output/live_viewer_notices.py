@@ -9,7 +9,7 @@ from skyrange.cli.output.viewer_notices import open_port_warning, viewer_address
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
-    from skyrange.runtime.live.range import LiveRange
+    from skyrange.runtime.live.range import LiveRange, OnUpdate
 
 
 def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | None:
@@ -21,16 +21,40 @@ def first_port(qgc: bool, viewer_port: int | None, port_offset: int) -> int | No
     return FIRST_PORT + port_offset if qgc else None
 
 
+def tell_when_up(flown: LiveRange, on_update: OnUpdate | None) -> OnUpdate:
+    """`on_update` that also prints where aircraft can be watched, as soon as every process is up.
+
+    The ports then listen. Before that, processes may compile for a minute.
+    """
+    told = False
+
+    def update(now: LiveRange) -> None:
+        nonlocal told
+        if now.zero_ns and not told:
+            told = True
+            print_viewer_addresses(flown)
+        if on_update is not None:
+            on_update(now)
+
+    return update
+
+
+def print_open_ports(flown: LiveRange) -> None:
+    """Warn of autopilots that listen on network ports themselves."""
+    for line in open_port_warning(flown.built.scenario):
+        print(line, file=sys.stderr, flush=True)
+
+
 def print_viewer_addresses(flown: LiveRange) -> None:
     """Print the address of each aircraft for viewers, if viewers were requested."""
     from skyrange.io.mavlink.viewer_ports import LOOPBACK
     from skyrange.runtime.viewers import Address
 
-    lines = open_port_warning(flown.built.scenario)
+    lines: list[str] = []
     if flown.watched:
         fleet = flown.built.scenario.fleet
         systems = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in fleet}
-        lines += viewer_address_lines([Address(vehicle, LOOPBACK, port) for vehicle, port in flown.watched], systems)
+        lines = viewer_address_lines([Address(vehicle, LOOPBACK, port) for vehicle, port in flown.watched], systems)
     for line in lines:
         print_notice(line)
 

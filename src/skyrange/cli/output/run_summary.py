@@ -42,7 +42,7 @@ def print_summary(facts: dict[str, Any]) -> None:
                 "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
                 f"{row['distance_m']:.0f} m",
                 f"{row['highest_m']:.1f} m",
-                f"{row['frames_received']:,} of {row['frames_sent']:,}",
+                _frames_text(row),
             )
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
@@ -57,6 +57,13 @@ def print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True)
+
+
+def _frames_text(row: Mapping[str, Any]) -> str:
+    """The frames between an aircraft and its ground station."""
+    if row.get("station_outside"):
+        return f"{row['frames_received']:,} handed over, {row['frames_from_station']:,} from it"
+    return f"{row['frames_received']:,} of {row['frames_sent']:,}"
 
 
 def print_city(console: Console, city: Mapping[str, Any] | None) -> None:
