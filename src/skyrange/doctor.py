@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 import sys
 import tempfile
 import time
@@ -43,24 +44,55 @@ def _python() -> Finding:
 
 
 def _packages() -> list[Finding]:
+    """Packages that skyrange needs, and those of its optional parts (extras), but of development."""
     findings = []
     for requirement in requires("skyrange") or []:
-        if "extra ==" in requirement and "'city'" not in requirement.replace('"', "'"):
+        extra = _extra_of(requirement)
+        if extra == "dev":
             continue
-        name = requirement.split(">")[0].split("<")[0].split("=")[0].split(";")[0].strip()
-        try:
-            findings.append(Finding(name, version(name)))
-        except PackageNotFoundError:
-            if "extra ==" in requirement:
-                hint = "Optional. pip install 'skyrange[city]' reads buildings of more formats than GeoJSON."
-                findings.append(Finding(name, "missing", False, hint, optional=True))
-                continue
+        name = _name_of(requirement)
+        found = _installed_version(name)
+        if found is not None:
+            findings.append(Finding(name, found, optional=bool(extra)))
+        elif extra:
+            findings.append(
+                Finding(name, "missing", False, f"Optional. pip install 'skyrange[{extra}]'", optional=True)
+            )
+        else:
             findings.append(Finding(name, "missing", False, f"pip install '{requirement}'"))
     return findings
 
 
 def _plugins() -> list[Finding]:
-    return [Finding(group, ", ".join(kinds(group)) or "none") for group in GROUPS]
+    """The kinds of each group; one that has an extra of its name is available if the extra's packages are."""
+    lacking: dict[str, list[str]] = {}
+    for requirement in requires("skyrange") or []:
+        if _installed_version(_name_of(requirement)) is None:
+            lacking.setdefault(_extra_of(requirement), []).append(_name_of(requirement))
+    findings = []
+    for group in GROUPS:
+        lacked = {kind: ", ".join(lacking[kind]) for kind in kinds(group) if kind in lacking}
+        names = [f"{kind} (needs {lacked[kind]})" if kind in lacked else kind for kind in kinds(group)]
+        hint = "; ".join(f"Optional. pip install 'skyrange[{kind}]'" for kind in lacked)
+        findings.append(Finding(group, ", ".join(names) or "none", not lacked, hint, optional=bool(lacked)))
+    return findings
+
+
+def _name_of(requirement: str) -> str:
+    return re.split(r"[^A-Za-z0-9._-]", requirement, maxsplit=1)[0]
+
+
+def _extra_of(requirement: str) -> str:
+    """The extra that a requirement belongs to, "" for none."""
+    found = re.search(r"""extra\s*==\s*["']([^"']+)["']""", requirement)
+    return found[1] if found else ""
+
+
+def _installed_version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
 
 
 def _ardupilot() -> Finding:

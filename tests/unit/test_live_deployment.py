@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -12,7 +15,7 @@ from skyrange.contracts.links import LinkSpec
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.deployment import LOOPBACK, WORLD, assign_components, usual_group
 from skyrange.runtime.live.range import prepare_range
-from skyrange.runtime.live.transport.addresses import KINDS, check_free, crossings
+from skyrange.runtime.live.transport.addresses import KINDS, check_free, check_own_addresses, crossings
 from skyrange.scenario.shipped import load
 
 
@@ -133,3 +136,22 @@ def test_hosts_that_make_no_sense_are_named(links: list[LinkSpec]) -> None:
         load("rid-spoofing", ["hosts={'red.gcs' = 'lab2'}"])
     with pytest.raises(InputError, match="skyrange keys"):
         prepare_range(load("rid-spoofing", ["hosts={world = '127.0.0.2', 'red.gcs' = '127.0.0.3'}"]))
+
+
+@pytest.mark.parametrize("base", ["192.0.2.1", "2001:db8::1"])
+def test_a_range_starts_on_the_machine_that_its_hosts_name(base: str, tmp_path: Path) -> None:
+    check_own_addresses("127.0.0.1")
+    with pytest.raises(InputError, match=r"hosts\.world: .*expected an address of this machine"):
+        check_own_addresses(base)
+    scenario = load("squares", [f'hosts={{"*" = "{base}"}}'])
+    with pytest.raises(InputError, match=r"hosts\.world"):
+        prepare_range(scenario, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_loopback_interface_that_is_down_is_named_at_once() -> None:
+    code = "from skyrange.runtime.live.transport.addresses import check_own_addresses as c; c('127.0.0.1')"
+    if subprocess.run(["unshare", "-n", "true"], capture_output=True, check=False).returncode:
+        pytest.skip("no network namespace can be made here")
+    done = subprocess.run(["unshare", "-n", sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "a loopback interface that is up" in done.stderr

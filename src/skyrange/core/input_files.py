@@ -11,8 +11,9 @@ import os
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, Final
 
 from skyrange.core.errors import InputError
 
@@ -40,7 +41,9 @@ def expand_user(path: Path | str) -> Path:
 
 
 @contextmanager
-def open_input(path: Path, who: str, where: str, *, expected: str = "a file", hint: str = "") -> Iterator[BinaryIO]:
+def open_input(
+    path: Path, who: str, where: str, *, expected: str = "a file", hint: str = ""
+) -> Iterator[BufferedReader]:
     """Open a regular file for reading.
 
     Raises `InputError` in the name of `who` if there is none, if it cannot be read, also in the block, or if it is a

@@ -6,7 +6,7 @@ import errno
 import io
 import os
 import sys
-from typing import Final, TextIO
+from typing import Any, Final, TextIO
 
 _READER_GONE: Final = (errno.EPIPE, errno.EIO, errno.ENXIO, errno.EBADF)
 """Errors of a pipe whose reader has ended (`| head`), of a terminal that was closed, and of a closed descriptor."""
@@ -19,7 +19,7 @@ class _LossyFile(io.FileIO):
         super().__init__(descriptor, "w", closefd=False)
         self._loses_all = loses_all
 
-    def write(self, data: io._WrappedBuffer) -> int:  # type: ignore[override,name-defined]
+    def write(self, data: Any) -> int:
         """Write, or discard if nobody can read it; a full disk is an error, except for notices."""
         try:
             return super().write(data)

@@ -142,6 +142,8 @@ def prepare_range(
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
         raise InputError.one("live", "keys", f"none, and hosts {', '.join(planned.others)}", "keys to join with", hint)
+    if spaces is None:
+        machine.check_own_addresses(planned.base)
     here = [one for one in places if planned.home(one.listener) and planned.host(one.listener) == planned.base]
     machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0

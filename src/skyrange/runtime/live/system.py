@@ -17,7 +17,7 @@ from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.runtime.live.clock import Clock, MonotonicClock
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.supervisor.launch import start_node
-from skyrange.runtime.live.transport.addresses import Crossing, check_free
+from skyrange.runtime.live.transport.addresses import Crossing, check_free, check_own_addresses
 from skyrange.runtime.live.transport.control import ControlClient, ControlServer, ZmqControlClient, ZmqControlServer
 from skyrange.runtime.live.transport.credentials import Credentials
 from skyrange.runtime.live.transport.links import Transport, connect, listen
@@ -61,6 +61,10 @@ class System(Protocol):
         """Run `main` in an event loop whose time passes with `clock`; its result."""
         ...
 
+    def check_own_addresses(self, base: str) -> None:
+        """Raise `InputError` unless loopback is up and `base` is an address of this machine."""
+        ...
+
     def check_free(self, crossings: Sequence[Crossing]) -> None:
         """Raise `InputError` with every address of links that cannot be had here."""
         ...
@@ -100,6 +104,10 @@ class RealSystem:
         """See `System`."""
         reserve_files()  # strangers at the sockets shall not take what a process needs
         return asyncio.run(main)
+
+    def check_own_addresses(self, base: str) -> None:
+        """See `System`."""
+        check_own_addresses(base)
 
     def check_free(self, crossings: Sequence[Crossing]) -> None:
         """See `System`."""

@@ -13,6 +13,8 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.runtime.live.deployment import LOOPBACK, Deployment
 
 STEP: Final = 10
+LOOPBACK_S: Final = 2.0
+"""Seconds in which loopback has to connect."""
 TransportKind = Literal["udp", "tcp", "zmq", "http"]
 
 
@@ -75,6 +77,24 @@ def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -
     if faults:
         raise InputError("live", faults)
     return found
+
+
+def check_own_addresses(base: str) -> None:
+    """Raise `InputError` unless loopback carries bytes, and `base`, where the range is started, is this machine's."""
+    try:
+        with socket.create_server((LOOPBACK, 0)) as listener:
+            socket.create_connection(listener.getsockname(), LOOPBACK_S).close()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        hint = "The processes of a range need it: `ip link set lo up`."
+        raise InputError.one("live", LOOPBACK, reason, "a loopback interface that is up", hint) from None
+    try:
+        with socket.socket(socket.AF_INET6 if ":" in base else socket.AF_INET, socket.SOCK_DGRAM) as tried:
+            tried.bind((base, 0))
+    except OSError as error:
+        reason = f"{base}: {(error.strerror or str(error)).lower()}"
+        hint = "Start the range on the machine that hosts.world names."
+        raise InputError.one("live", "hosts.world", reason, "an address of this machine", hint) from None
 
 
 def check_free(places: Sequence[Crossing]) -> None:
