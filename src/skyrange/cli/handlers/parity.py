@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.console import print_json, terminal
+from skyrange.cli.output.console import print_json, print_notice, terminal
 
 if TYPE_CHECKING:
     from skyrange.study.compare.autopilot_parity import FlightMeasures, Parity
@@ -150,8 +150,6 @@ def _reaction(one: Reaction) -> dict[str, Any]:
 
 def missions(count: int, first: int, out: Path | None, rates: str, shrink: bool, as_json: bool) -> None:
     """`skyrange parity missions`."""
-    import sys
-
     from skyrange.runtime.run import free_folder
     from skyrange.study.compare.mission_parity import compare, page, results
 
@@ -159,7 +157,7 @@ def missions(count: int, first: int, out: Path | None, rates: str, shrink: bool,
 
     def on_fleet(run: int, flown: int) -> None:
         if not as_json:
-            print(f"run {run}: {flown} missions", file=sys.stderr, flush=True)
+            print_notice(f"run {run}: {flown} missions")
 
     agreement = compare(folder, count, first=first, rates=rates, shrink=shrink, on_fleet=on_fleet)
     if as_json:

@@ -10,22 +10,11 @@ from __future__ import annotations
 import json
 import sys
 from typing import TYPE_CHECKING, Any
-from unicodedata import category
+
+from skyrange.cli.output.control_characters import escape, is_control
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-_HARMLESS = "\n\t\u200c\u200d"
-"""Characters of the categories below that are printed: breaks, and the joiners that some scripts need."""
-_CATEGORIES = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
-"""Control, format (such as a change of the writing direction), half characters, line and paragraph separators."""
-
-
-def escape(text: str) -> str:
-    r"""`text` without characters that control a terminal; each is shown as `\xNN`, `\uNNNN` or `\UNNNNNNNN`."""
-    if text.isprintable():
-        return text
-    return "".join(_escape_character(one) if _is_control(one) else one for one in text)
 
 
 def print_text(text: object = "") -> None:
@@ -43,7 +32,7 @@ def print_json(data: Any) -> None:
     unicode = "utf" in (sys.stdout.encoding or "").lower()
     text = json.dumps(data, indent=2, ensure_ascii=not unicode, allow_nan=False)
     if not text.replace("\n", "").isprintable():  # what is left of such characters stands inside strings
-        text = "".join(json.dumps(one)[1:-1] if one != "\n" and _is_control(one) else one for one in text)
+        text = "".join(json.dumps(one)[1:-1] if one != "\n" and is_control(one) else one for one in text)
     print(text, flush=True)
 
 
@@ -60,14 +49,3 @@ def tell_if_cold(*, quiet: bool) -> None:
 
     if not quiet and not compiled_before():
         print_notice("compiling the numeric functions; this takes a minute or two, once")
-
-
-def _is_control(character: str) -> bool:
-    return category(character) in _CATEGORIES and character not in _HARMLESS
-
-
-def _escape_character(character: str) -> str:
-    code = ord(character)
-    if 0xDC80 <= code <= 0xDCFF:  # a byte of a file's name that is not UTF-8 (PEP 383)
-        code -= 0xDC00
-    return f"\\x{code:02x}" if code <= 0xFF else f"\\u{code:04x}" if code <= 0xFFFF else f"\\U{code:08x}"

@@ -42,7 +42,7 @@ def tell_when_up(flown: LiveRange, on_update: OnUpdate | None) -> OnUpdate:
 def print_open_ports(flown: LiveRange) -> None:
     """Warn of autopilots that listen on network ports themselves."""
     for line in open_port_warning(flown.built.scenario):
-        print(line, file=sys.stderr, flush=True)
+        print_notice(line)
 
 
 def print_viewer_addresses(flown: LiveRange) -> None:

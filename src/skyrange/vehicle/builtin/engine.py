@@ -27,6 +27,7 @@ from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
 from skyrange.vehicle.builtin import commands, loop
 from skyrange.vehicle.builtin.arming import open_drone_id
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
+from skyrange.vehicle.builtin.commands import aux_functions
 from skyrange.vehicle.builtin.commands import flight as flight_commands
 from skyrange.vehicle.builtin.control.gain_sets import GainSets
 from skyrange.vehicle.builtin.estimation import resets
@@ -38,7 +39,7 @@ from skyrange.vehicle.builtin.flight_modes import guided, rtl
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, new_records
 from skyrange.vehicle.builtin.messages import parameter_protocol, rc_override
 from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
-from skyrange.vehicle.builtin.mission import aux_functions, do_commands, execution, pause
+from skyrange.vehicle.builtin.mission import do_commands, execution, pause
 from skyrange.vehicle.builtin.mission.items import decode_item
 from skyrange.vehicle.builtin.mission_protocol import server as mission_protocol
 from skyrange.vehicle.builtin.modes import Mode

@@ -9,7 +9,13 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Final
 
+from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.layout import ControlMode
+
+NAV_GUIDED_ENABLE: Final = dialect.MAV_CMD_NAV_GUIDED_ENABLE
+NAV_SCRIPT_TIME: Final = dialect.MAV_CMD_NAV_SCRIPT_TIME
+GUIDED_COMMANDS: Final = frozenset((NAV_GUIDED_ENABLE, NAV_SCRIPT_TIME))
+"""Mission commands during which AUTO obeys the targets of GUIDED (ModeAuto::in_guided_mode)."""
 
 
 class Mode(IntEnum):

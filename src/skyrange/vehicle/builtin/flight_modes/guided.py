@@ -19,8 +19,7 @@ from skyrange.vehicle.builtin.fleet import Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.guidance import auto_yaw, wpnav
 from skyrange.vehicle.builtin.layout import ControlMode
 from skyrange.vehicle.builtin.locations import location
-from skyrange.vehicle.builtin.mission.command_ids import GUIDED_COMMANDS
-from skyrange.vehicle.builtin.modes import Mode
+from skyrange.vehicle.builtin.modes import GUIDED_COMMANDS, Mode
 
 _POS_IGNORE, _VEL_IGNORE, _ACC_IGNORE = 0b111, 0b111 << 3, 0b111 << 6
 _FORCE, _YAW_IGNORE, _YAW_RATE_IGNORE = 1 << 9, 1 << 10, 1 << 11

@@ -6,6 +6,7 @@ from typing import Final
 
 from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.mission.stored_commands import STORED_BY_FIELDS
+from skyrange.vehicle.builtin.modes import GUIDED_COMMANDS, NAV_GUIDED_ENABLE, NAV_SCRIPT_TIME
 
 NAV_WAYPOINT: Final = dialect.MAV_CMD_NAV_WAYPOINT
 NAV_SPLINE_WAYPOINT: Final = dialect.MAV_CMD_NAV_SPLINE_WAYPOINT
@@ -19,14 +20,10 @@ NAV_LAND: Final = dialect.MAV_CMD_NAV_LAND
 NAV_TAKEOFF: Final = dialect.MAV_CMD_NAV_TAKEOFF
 NAV_VTOL_TAKEOFF: Final = dialect.MAV_CMD_NAV_VTOL_TAKEOFF
 NAV_VTOL_LAND: Final = dialect.MAV_CMD_NAV_VTOL_LAND
-NAV_GUIDED_ENABLE: Final = dialect.MAV_CMD_NAV_GUIDED_ENABLE
-NAV_SCRIPT_TIME: Final = dialect.MAV_CMD_NAV_SCRIPT_TIME
 NAV_ATTITUDE_TIME: Final = dialect.MAV_CMD_NAV_ATTITUDE_TIME
 TAKEOFFS: Final = frozenset((NAV_TAKEOFF, NAV_VTOL_TAKEOFF))
 LANDINGS: Final = frozenset((NAV_LAND, NAV_VTOL_LAND))
 """ArduCopter treats the VTOL commands as the others (ModeAuto::start_command)."""
-GUIDED_COMMANDS: Final = frozenset((NAV_GUIDED_ENABLE, NAV_SCRIPT_TIME))
-"""Commands during which AUTO obeys the targets of GUIDED (ModeAuto::in_guided_mode)."""
 SKIPPED_NAV: Final = frozenset(
     (
         dialect.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT,

@@ -25,7 +25,6 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     DO_SET_ROI_NONE,
     JUMPS,
     NAV_DELAY,
-    NAV_GUIDED_ENABLE,
     NAV_LAND,
     NAV_LOITER_TIME,
     NAV_LOITER_TO_ALT,
@@ -40,6 +39,7 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     SUPPORTED,
 )
 from skyrange.vehicle.builtin.mission.stored_commands import STORED_BY_FIELDS, is_modelled, stored_fields
+from skyrange.vehicle.builtin.modes import NAV_GUIDED_ENABLE
 
 ACCEPTED = dialect.MAV_MISSION_ACCEPTED
 _U8, _U16 = 255, 65535

@@ -20,11 +20,9 @@ from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEven
 from skyrange.vehicle.builtin.locations import location
 from skyrange.vehicle.builtin.mission import do_commands
 from skyrange.vehicle.builtin.mission.command_ids import (
-    GUIDED_COMMANDS,
     LANDINGS,
     NAV_ATTITUDE_TIME,
     NAV_DELAY,
-    NAV_GUIDED_ENABLE,
     NAV_LOITER_TIME,
     NAV_LOITER_TO_ALT,
     NAV_LOITER_TURNS,
@@ -34,6 +32,7 @@ from skyrange.vehicle.builtin.mission.command_ids import (
     NAV_WAYPOINT,
     TAKEOFFS,
 )
+from skyrange.vehicle.builtin.modes import GUIDED_COMMANDS, NAV_GUIDED_ENABLE
 
 _WITHOUT_STOP = frozenset((NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_LOITER_TIME))
 """Commands that a leg continues to without a stop (set_next_wp)."""
