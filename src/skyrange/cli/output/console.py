@@ -11,7 +11,7 @@ import json
 import sys
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.control_characters import escape, is_control
+from skyrange.cli.output.escaping import escape, is_control
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,7 +44,7 @@ def terminal(*, stderr: bool = False) -> Console:
 
 
 def tell_if_cold(*, quiet: bool) -> None:
-    """Print a notice if the numeric functions must be compiled before this run."""
+    """Report that the numeric functions are compiled before the first run."""
     from skyrange.core.compiled import compiled_before
 
     if not quiet and not compiled_before():

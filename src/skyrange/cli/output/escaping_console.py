@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 
-from skyrange.cli.output.control_characters import escape
+from skyrange.cli.output.escaping import escape
 
 
 class EscapingConsole(Console):

@@ -1,4 +1,4 @@
-"""Characters that control a terminal, and their escapes."""
+"""Escapes of characters that control a terminal."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def escape(text: str) -> str:
 
 
 def is_control(character: str) -> bool:
-    """Whether a character controls the terminal, or is half of one."""
+    """Whether a character controls the terminal, or is only half of one."""
     return category(character) in _CATEGORIES and character not in _HARMLESS
 
 
