@@ -33,7 +33,7 @@ def test_flies_a_square(airframe: str) -> None:
     assert r.upload(V, square(20, 5)) == 0
     start(r, V)
     r.run_until(r.has("event.item_reached", 5), 90.0)
-    assert np.abs(np.array([p[0, 2] for t, p in r.track if t > 7.0]) - 5.0).max() < 0.4
+    assert np.abs(np.array([p[0, 2] for t, p in r.track if t > 9.0]) - 5.0).max() < 0.4
     r.run_until(r.has("event.disarmed"), 60.0)
     assert [note.kind for _, note in r.notes if note.kind in ("event.crash", "event.collision")] == []
     assert np.hypot(*r.positions()[0, :2]) < 0.3

@@ -90,7 +90,7 @@ def test_motors_spool_up_from_ground_idle() -> None:
     put(r, "TKOFF_SLEW_TIME", 5.0)
     r.mode(V, Mode.GUIDED)
     r.arm(V)
-    r.run(1.0)
+    r.run(3.0)  # the motors start 2 s after arming
     commands = r.engines[0]._actuators
     assert commands == pytest.approx(0.1)
     assert r.command(V, dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, 5.0) == 0

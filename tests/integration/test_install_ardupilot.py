@@ -351,8 +351,8 @@ def test_a_file_that_will_not_do(server: type[Server], tmp_path: Path) -> None:
     os.mkfifo(pipe)
     for source, said in (
         (plane, f"--from: {plane}: ArduPlane 4.6.3"),
-        (pipe, "not a regular file"),
-        (tmp_path, "not a regular file"),
+        (pipe, "is a pipe"),
+        (tmp_path, "is a folder"),
         (tmp_path / "nothing", "no such file"),
     ):
         with pytest.raises(InputError) as caught:

@@ -193,7 +193,7 @@ def test_ctrl_c_leaves_a_whole_record(tmp_path: Path) -> None:
         (["diff", "nowhere", "nowhere"], "a run's folder"),
         (["report", "nowhere"], "a run's folder"),
         (["run", "squares", "--speed", "-1"], "--speed"),
-        (["run", "squares", "--speed", "inf"], "a number of 0 or more"),
+        (["run", "squares", "--speed", "inf"], "expected 0, which is as fast as it goes"),
         (["run", "squares", "--out", "/dev/null/run"], "a writable folder"),
         (["run", "squares", "--out", "/proc/run"], "a writable folder"),
     ],
