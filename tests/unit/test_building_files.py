@@ -299,7 +299,7 @@ def test_geojson_with_heights_in_its_coordinates(tmp_path: Path) -> None:
         ("c.gml", b"<a", ["XML"]),
         ("c.geojsonl", b'{"type": "Feature"}\n{"type"', ["line 2", "one JSON document a line"]),
         ("c.json", b'{"type": "CityJSON", "CityObjects": {}}', ["referenceSystem", "cjio"]),
-        ("c.gpkg", None, ["No such file"]),
+        ("c.gpkg", None, ["no such file"]),
     ],
 )
 def test_what_cannot_be_read_says_what_to_do(

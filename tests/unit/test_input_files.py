@@ -194,7 +194,8 @@ def test_the_text_of_a_file_that_is_no_mission_is_not_shown(tmp_path: Path) -> N
 
 
 def test_an_error_shows_the_first_problems_and_counts_the_rest() -> None:
-    error = InputError("x", [Problem(f"p{number}\n", "v" * 10**6, "e") for number in range(100_000)])
+    value = "v" * 10**6  # one object, in all problems
+    error = InputError("x", [Problem(f"p{number}\n", value, "e") for number in range(100_000)])
     lines = str(error).splitlines()
     assert len(lines) == MAX_LINES + 2
     assert lines[-1] == f"  … and {100_000 - MAX_LINES:,} more"

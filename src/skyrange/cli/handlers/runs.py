@@ -100,7 +100,7 @@ def _open_pair(folder: Path) -> Pair | None:
     """The pair in a folder, None if it is another folder; `InputError` for a pair whose runs did not all end."""
     from skyrange.study.twins.pair_folder import EFFECTS, MANIFEST, load_pair
 
-    folder = folder.expanduser()
+    folder = expand_user(folder)
     if not (folder / MANIFEST).exists():
         return None
     result = load_pair(folder)
@@ -138,7 +138,7 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report.pair.page import write_comparison
 
     result = _open_pair(folder)
-    path = expand_user(out) if out is not None else folder.expanduser() / "report.html"
+    path = expand_user(out) if out is not None else expand_user(folder) / "report.html"
     try:
         if result is not None:
             write_comparison(result, path)
