@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 
+from skyrange.cli.options import Arms
 from skyrange.core.errors import InputError
+from skyrange.core.time import NS_PER_S
+from skyrange.record import Recorder, load
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.study.attribution.arms import Arm, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.study.attribution.arms import SELECTIONS, Arm, acting_attacks, baseline_of, plan_arms, scenario_of
 from skyrange.study.attribution.attribute import (
     Authors,
     Comparison,
@@ -19,7 +26,7 @@ from skyrange.study.attribution.attribute import (
     unknown_subsets,
     with_authors,
 )
-from skyrange.study.attribution.outcomes import NAMES, limits
+from skyrange.study.attribution.outcomes import NAMES, ArmOutcomes, floors, limits
 
 SCENARIO = """
 name = "two"
@@ -165,3 +172,25 @@ def test_one_word_for_several_attacks() -> None:
     assert summarise({"a": "unknown", "b": "necessary"}) == Authors(("b",), "necessary")
     assert summarise({"a": "redundant", "b": "redundant"}) == Authors(("a", "b"), "redundant")
     assert summarise({"a": "necessary", "b": "redundant", "c": "redundant"}) == Authors(("a", "b", "c"), "joint")
+
+
+def test_the_delay_that_counts_is_the_period_of_the_truth(tmp_path: Path) -> None:
+    recorder = Recorder.open(
+        tmp_path / "run", {"vehicles": [{"id": "a/1", "operator": "a"}]}, truth_hz=0.25, sensors_hz=0.0
+    )
+    for tick in range(3):
+        columns = {"east_m": np.zeros(1), "north_m": np.zeros(1), "up_m": np.zeros(1)}
+        world: Any = SimpleNamespace(
+            vehicles=["a/1"], sources=["dynamic"], truth=lambda columns=columns: columns, sensors=None
+        )
+        recorder.on_truth(tick * 4 * NS_PER_S, world)
+    recorder.close()
+    found = floors(ArmOutcomes.read(load(tmp_path / "run"), 10.0), threshold_m=2.0)
+    assert {name: values.tolist() for name, values in found.items()} == {
+        "departure": [2.0], "delay": [4.0], "separation": [2.0], "mission": [0.0], "mishaps": [0.0], "energy": [0.0],
+        "decisions": [0.0],
+    }  # fmt: skip
+
+
+def test_the_command_line_offers_every_selection() -> None:
+    assert [choice.value for choice in Arms] == list(SELECTIONS)

@@ -17,6 +17,7 @@ from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
 from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
 from skyrange.study.twins.confidence import interval, t_quantile
@@ -73,7 +74,7 @@ def two(tmp_path: Path) -> tuple[RunRecord, RunRecord]:
 
 
 def test_effects_by_hand(tmp_path: Path) -> None:
-    one, two_ = effect_rows(7, "nominal", two(tmp_path), near_m=10.0, threshold_m=1.0)
+    one, two_ = effect_rows(7, "nominal", *(ArmOutcomes.read(run, 10.0) for run in two(tmp_path)), threshold_m=1.0)
     assert (one["vehicle"], one["seed"], one["against"]) == ("a/1", 7, "nominal")
     assert (one["outcome_twin"], one["outcome"], one["delay_s"]) == ("complete", "complete", 1.0)
     assert one["distance_twin_m"] == pytest.approx(40.0)
@@ -93,8 +94,8 @@ def test_effects_by_hand(tmp_path: Path) -> None:
 
 
 def test_a_run_against_itself_has_no_effect(tmp_path: Path) -> None:
-    attacked, _ = two(tmp_path)
-    for row in effect_rows(1, "nominal", (attacked, attacked), 10.0, 1.0):
+    measured = ArmOutcomes.read(two(tmp_path)[0], 10.0)
+    for row in effect_rows(1, "nominal", measured, measured, 1.0):
         assert (row["extra_distance_m"], row["extra_energy_j"], row["departure_m"]) == (0.0, 0.0, 0.0)
         assert row["departed_s"] is None
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,15 @@ from skyrange.core.input_files import expand_user
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.attribution.arms import Arm, Selection, acting_attacks, baseline_of, plan_arms, scenario_of
+from skyrange.study.attribution.arms import (
+    ATTACKED,
+    Arm,
+    Selection,
+    acting_attacks,
+    baseline_of,
+    plan_arms,
+    scenario_of,
+)
 from skyrange.study.attribution.attribute import (
     attribute,
     attribution_table,
@@ -68,7 +78,7 @@ def pair(
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
     elif seed is not None or buildings is not None or changes:
         raise TypeError("seed, buildings and changes apply to a scenario's name or file; a Scenario holds its own")
-    jobs = jobs if jobs is not None else len(os.sched_getaffinity(0))
+    jobs = jobs if jobs is not None else os.cpu_count() or 1
     for name, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InputError.one("pair", name, value, "1 or more")
@@ -141,21 +151,26 @@ def _make_folder(folder: Path) -> Path:
 def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshold_m: float) -> None:
     """Write attribution, effects, propagation and the report when all runs are complete."""
 
+    @cache
+    def measured_of(arm: str, seed: int) -> ArmOutcomes:
+        return ArmOutcomes.read(result.run(arm, seed), near_m)
+
     def outcomes_of(arm: str, seed: int) -> ArmOutcomes:
-        return ArmOutcomes(result.run(arm, seed), near_m)
+        return replace(measured_of(arm, seed))  # positions are read by each copy, and go with it
 
     attributed = attribute(outcomes_of, result.seeds, arms, result.baseline, threshold_m)
     named = authors(attributed)
     effects: list[dict[str, Any]] = []
     propagation: list[dict[str, Any]] = []
     for seed in result.seeds:
-        attacked = result.run("attacked", seed)
+        attacked = result.run(ATTACKED, seed)
         departed = departures_by_author(attributed, seed)
         traced = trace(attacked, seed, near_m, departed)
         if result.baseline is not None:
             traced += absent_rows(attacked, result.run(result.baseline, seed), seed, departed)
+        mine = outcomes_of(ATTACKED, seed)
         for against in result.twins:
-            rows = effect_rows(seed, against, (attacked, result.run(against, seed)), near_m, threshold_m)
+            rows = effect_rows(seed, against, mine, outcomes_of(against, seed), threshold_m)
             effects += [with_authors(row, named) for row in rows]
         propagation += sorted([*traced, *effects_of(traced, attributed, seed)], key=_time_ns)
     _write(effects_table(effects), result.path / EFFECTS)

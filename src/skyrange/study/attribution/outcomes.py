@@ -63,17 +63,18 @@ class ArmOutcomes:
     """The outcomes of all aircraft in one run, in the manifest's order."""
 
     record: RunRecord
-    near_m: float
+    measured: Sequence[Measured]
+    """The measures of each aircraft. They take long and little memory, the positions the opposite."""
+
+    @classmethod
+    def read(cls, record: RunRecord, near_m: float) -> ArmOutcomes:
+        """Measure a run."""
+        return cls(record, measure(record, read_ticks(record), near_m))
 
     @cached_property
     def ticks(self) -> Ticks:
         """The true positions."""
         return read_ticks(self.record)
-
-    @cached_property
-    def measured(self) -> list[Measured]:
-        """The measures of each aircraft."""
-        return measure(self.record, self.ticks, self.near_m)
 
     @cached_property
     def decisions(self) -> list[dict[str, int]]:
@@ -126,7 +127,7 @@ def floors(baseline: ArmOutcomes, threshold_m: float) -> dict[str, Floats]:
     `energy` `ENERGY_SHARE`; counts may not differ at all.
     """
     count = len(baseline.measured)
-    period_s = float(np.diff(baseline.ticks.time_ns).min(initial=NS_PER_S)) / NS_PER_S
+    period_s = float(np.diff(baseline.ticks.time_ns[:2]).sum()) / NS_PER_S
     energy_j = np.array([ENERGY_SHARE * (one.energy_j or 0.0) for one in baseline.measured])
     given = {"departure": threshold_m, "separation": threshold_m, "delay": period_s}
     return {name: np.full(count, given.get(name, 0.0)) for name in NAMES} | {"energy": energy_j}

@@ -68,12 +68,6 @@ def complete(seen: Mapping[Attacks, bool]) -> dict[Attacks, bool]:
     return known
 
 
-def unknown_sets(seen: Mapping[Attacks, bool]) -> list[Attacks]:
-    """The sets of attacks of which the runs do not tell whether the effect is there, the smallest first."""
-    known = complete(seen)
-    return [active for active in subsets(max(seen, key=len)) if active not in known]
-
-
 def subsets(attacks: Attacks) -> Iterator[Attacks]:
     """All subsets, the smallest first, in the order of their names."""
     for size in range(len(attacks) + 1):

@@ -10,9 +10,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
-from skyrange.record.read.run import RunRecord
 from skyrange.record.schema import NAME, Column, arrow_schema
-from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
+from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.measures.aircraft_measures import departures
 
 Floats = NDArray[np.float64]
 
@@ -65,14 +65,12 @@ CHANGES: Final = ("near_misses", "collisions", "min_separation_m", "min_wall_m")
 
 
 def effect_rows(
-    seed: int, against: str, runs: tuple[RunRecord, RunRecord], near_m: float, threshold_m: float
+    seed: int, against: str, attacked: ArmOutcomes, twin: ArmOutcomes, threshold_m: float
 ) -> list[dict[str, Any]]:
-    """The rows of one pair: `runs` are the attacked run and its twin."""
-    both = [read_ticks(run) for run in runs]
+    """The rows of one pair of runs; their authors are filled in by `attribute.with_authors`."""
     rows = []
-    away_m, first_ns = departures(both[0], both[1], threshold_m)
-    measured = [measure(run, ticks, near_m) for run, ticks in zip(runs, both, strict=True)]
-    for k, (a, b) in enumerate(zip(*measured, strict=True)):
+    away_m, first_ns = departures(attacked.ticks, twin.ticks, threshold_m)
+    for k, (a, b) in enumerate(zip(attacked.measured, twin.measured, strict=True)):
         done = a.outcome == b.outcome == "complete" and a.finished_s is not None and b.finished_s is not None
         row: dict[str, Any] = {"seed": seed, "against": against, "vehicle": a.vehicle, "nearest": a.nearest}
         for name in ("outcome", "near_misses", "collisions"):
@@ -86,7 +84,6 @@ def effect_rows(
         row["extra_energy_j"] = (a.energy_j or 0.0) - (b.energy_j or 0.0) if known else None
         row["departure_m"] = float(away_m[k])
         row["departed_s"] = float(first_ns[k]) / NS_PER_S if first_ns[k] >= 0 else None
-        row["attacks"], row["attribution"] = [], None
         rows.append(row)
     return rows
 
