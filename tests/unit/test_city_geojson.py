@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.city.geojson import load_geojson
+from skyrange.city.building_files import load_buildings
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 
@@ -31,7 +31,7 @@ def load(tmp_path):
     def _load(features, origin=None):
         path = tmp_path / "city.geojson"
         path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-        return load_geojson(path, origin)
+        return load_buildings(path, origin)
 
     return _load
 
@@ -158,14 +158,14 @@ def test_corrupt_files(tmp_path, content, problem):
     path = tmp_path / "broken.geojson"
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
-        load_geojson(path)
+        load_buildings(path)
     assert problem in str(caught.value)
     assert caught.value.who == str(path)
 
 
 def test_missing_file(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        load_geojson(tmp_path / "none.geojson")
+        load_buildings(tmp_path / "none.geojson")
 
 
 def test_buildings_a_continent_apart_are_no_city(load):
@@ -176,7 +176,7 @@ def test_buildings_a_continent_apart_are_no_city(load):
 @pytest.mark.skipif(not MANHATTAN.exists(), reason="the Manhattan extract is not beside the project")
 def test_manhattan():
     """Its 1,239 polygons are buildings, its 47 points are not; 1,228 have a height tag, as its own note says."""
-    city, origin = load_geojson(MANHATTAN)
+    city, origin = load_buildings(MANHATTAN)
     told = city.reading
     assert (told.features, told.kept, told.repaired, told.dropped) == (1286, 1239, 1, {"of type Point": 47})
     assert told.heights == {"measured": 1228, "derived": 2, "defaulted": 9}

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.city.geojson import load_geojson
+from skyrange.city.building_files import load_buildings
 from skyrange.codec.mission.mission_file import read_mission
 from skyrange.contracts.plugins import load_file as load_plugin
 from skyrange.core import input_files
@@ -65,12 +65,22 @@ def as_range_key(path: Path) -> object:
     return load_range(path.parent / "keys")
 
 
+def as_buildings(suffix: str) -> Callable[[Path], object]:
+    def read(path: Path) -> object:
+        named = Path(f"{path}{suffix}")
+        if path.name == "given.py":
+            named.symlink_to(path)
+        return load_buildings(named)
+
+    return read
+
+
 READERS: dict[str, Callable[[Path], object]] = {
     "scenario": load_scenario,
     "mission of a scenario": as_mission,
     "mission": read_mission,
     "--buildings": lambda path: load_scenario("squares", buildings=path),
-    "buildings": load_geojson,
+    **{f"buildings{suffix}": as_buildings(suffix) for suffix in (".geojson", ".geojsonl", ".gml", ".gpkg", ".osm")},
     "--plugin": load_plugin,
     "key": load_keys,
     "key of a machine": load_member,

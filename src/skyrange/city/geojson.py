@@ -32,16 +32,6 @@ class _ShapeError(Exception):
     """A feature's coordinates are not a polygon: (value, expected)."""
 
 
-def load_geojson(path: Path | str, origin: Origin | None = None) -> tuple[City, Origin]:
-    """Read the city in a file, in metres from `origin`; by default from the centre of the buildings' bounding box.
-
-    `City.reading` says what was kept and dropped. Raises `InputError` naming each bad feature by its index, all at
-    once.
-    """
-    name = str(path)
-    return read_collection(name, read_json(name, Path(path)), origin)
-
-
 def read_collection(name: str, document: Any, origin: Origin | None, kind: str = "GeoJSON") -> tuple[City, Origin]:
     """The city of a FeatureCollection; `kind` is the format's name in the reading."""
     if not isinstance(document, dict) or document.get("type") != "FeatureCollection":

@@ -12,6 +12,7 @@ from typing import Any
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
+from skyrange.core.geodesy import Origin
 from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
 from skyrange.record.schema import FORMAT
 
@@ -114,3 +115,16 @@ def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
             for part in parts:
                 if not isinstance(row, dict) or not isinstance(row.get(part), str):
                     yield Problem(f"{MANIFEST}: {key}.{index}", repr(row)[:80], f"a table with {part!r} as text")
+
+
+def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
+    """The origin of a run's local coordinates, by its manifest; None if the manifest has none."""
+    declared = manifest.get("origin")
+    if not isinstance(declared, Mapping) or "lat_deg" not in declared or "lon_deg" not in declared:
+        return None
+    return Origin(
+        float(declared["lat_deg"]),
+        float(declared["lon_deg"]),
+        float(declared.get("alt_msl_m") or 0.0),
+        float(declared.get("geoid_m") or 0.0),
+    )

@@ -6,7 +6,7 @@ and `radio` say which frame was transmitted by whom; they join a row with labels
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -33,19 +33,6 @@ _RECEIVED: Final = {
 }  # fmt: skip
 """Columns of observations that are columns of receptions."""
 _NAMES: Final = {int(kind): kind.name.lower() for kind in MessageType}
-
-
-def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
-    """The origin of a run's local coordinates, by its manifest; None if the manifest has none."""
-    declared = manifest.get("origin")
-    if not isinstance(declared, Mapping) or "lat_deg" not in declared or "lon_deg" not in declared:
-        return None
-    return Origin(
-        float(declared["lat_deg"]),
-        float(declared["lon_deg"]),
-        float(declared.get("alt_msl_m", 0.0)),
-        float(declared.get("geoid_m", 0.0)),
-    )
 
 
 def derive_observations(tables: Tables, origin: Origin | None) -> Iterator[pa.RecordBatch]:

@@ -15,9 +15,9 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
-from skyrange.record.manifest import RUNNING, read_manifest
+from skyrange.record.manifest import RUNNING, origin_of, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
-from skyrange.record.read.observations import derive_observations, observations_table, origin_of
+from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import derive_telemetry
 from skyrange.record.schema import DERIVED, TABLES

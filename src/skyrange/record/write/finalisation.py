@@ -17,7 +17,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.time import Epoch
-from skyrange.record.read.observations import derive_observations, origin_of
+from skyrange.record.manifest import origin_of
+from skyrange.record.read.observations import derive_observations
 from skyrange.record.read.station_frames import read_station_frames, survey_messages
 from skyrange.record.read.tables import Tables, combine_batches, parquet_options
 from skyrange.record.read.telemetry import ReceivedMessages, TelemetryBuilder

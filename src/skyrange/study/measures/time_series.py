@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
+from skyrange.record.manifest import origin_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -164,13 +165,11 @@ def belief_tracks(record: Record) -> dict[str, Track]:
             _append_rows(parts, heard, heard.column("vehicle"), names)
     except KeyError:  # telemetry has a column for each field received; these fields were never received
         parts = {}
-    declared = record.manifest.get("origin") or {}
-    origin = Origin(float(declared.get("lat_deg", 0.0)), float(declared.get("lon_deg", 0.0)))
-    ground_m = float(declared.get("alt_msl_m") or 0.0)
+    origin = origin_of(record.manifest) or Origin(0.0, 0.0)
 
     def local(rows: Floats) -> tuple[Floats, Floats]:
         east, north = origin.to_enu(rows[:, 0] * 1e-7, rows[:, 1] * 1e-7)
-        return np.stack([east, north, rows[:, 2] * 1e-3 - ground_m], axis=1), rows[:, 3:] * 0.01
+        return np.stack([east, north, rows[:, 2] * 1e-3 - origin.alt_msl_m], axis=1), rows[:, 3:] * 0.01
 
     return _tracks(record, parts, local)
 

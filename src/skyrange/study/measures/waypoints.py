@@ -13,6 +13,7 @@ from skyrange.codec.mavlink import decode, dialect
 from skyrange.contracts.frames.frame import Fate
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
+from skyrange.record.manifest import origin_of
 from skyrange.study.measures.time_series import Record
 
 Floats = NDArray[np.float64]
@@ -50,23 +51,16 @@ def received_waypoints(record: Record) -> dict[str, Floats]:
         )
     rows.sort(key=lambda row: row["sent_ns"])
     found: dict[str, dict[tuple[float, float, float], None]] = {}
-    origin, ground_m = _origin(record)
+    origin = origin_of(record.manifest) or Origin(0.0, 0.0)
     for row in rows:
         kind, _, vehicle = str(row["link"]).partition(":")
-        point = _position(places[row["payload_id"]], origin, ground_m) if kind == "gcs" else None
+        point = _position(places[row["payload_id"]], origin) if kind == "gcs" else None
         if point is not None:
             found.setdefault(vehicle, {})[point] = None
     return {vehicle: np.array(list(points)) for vehicle, points in found.items()}
 
 
-def _origin(record: Record) -> tuple[Origin, float]:
-    declared = record.manifest.get("origin") or {}
-    return Origin(float(declared.get("lat_deg", 0.0)), float(declared.get("lon_deg", 0.0))), float(
-        declared.get("alt_msl_m") or 0.0
-    )
-
-
-def _position(payload: bytes, origin: Origin, ground_m: float) -> tuple[float, float, float] | None:
+def _position(payload: bytes, origin: Origin) -> tuple[float, float, float] | None:
     """The position in ENU metres that a frame commands, or `None` if it commands none or is damaged."""
     try:
         message: Any = decode(payload)
@@ -81,5 +75,5 @@ def _position(payload: bytes, origin: Origin, ground_m: float) -> tuple[float, f
             return None
         lat, lon, alt, frame = message.lat_int, message.lon_int, message.alt, message.coordinate_frame
     east, north = origin.enu_of(lat * 1e-7, lon * 1e-7)
-    up = alt - ground_m if frame in _MSL_FRAMES else alt
+    up = alt - origin.alt_msl_m if frame in _MSL_FRAMES else alt
     return (round(east, 2), round(north, 2), round(float(up), 2))
