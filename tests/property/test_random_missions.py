@@ -12,17 +12,10 @@ from skyrange.codec.mission import parse_waypoints
 from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.protocols.mission_items import encode_mission
-from skyrange.study.compare.mission_parity import (
-    ORIGIN,
-    FlownMission,
-    compare_flights,
-    flight_plan,
-    is_legal,
-    legal_missions,
-    path_distance_m,
-    shrink_mission,
-)
+from skyrange.study.compare.mission_flights import ORIGIN, FlownMission, compare_flights, flight_plan
+from skyrange.study.compare.mission_parity import is_legal, legal_missions, shrink_mission
 from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
+from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.vehicle.builtin.engine import BUILTIN
 
 NUMBERS = st.integers(0, 2**31)

@@ -1,9 +1,7 @@
-"""Random missions flown by two kinds of autopilot: which agree in items, times and path, and why the others differ.
+"""Random missions flown by two kinds of autopilot: how many agree, and a simple mission for each that does not.
 
-Every mission has two aircraft, one per kind, in one run with the same wind, so that both fly in the same world. Twenty
-missions are one run. A mission agrees if both accept its items, report the same items and modes in the same order, at
-the same times after lift-off, fly along the same path, and end alike. A mission that differs is made simpler, step by
-step, while it still differs in the same way.
+Twenty missions are one run. A mission that differs is made simpler, step by step, while it still differs in the same
+way.
 """
 
 from __future__ import annotations
@@ -11,97 +9,26 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from skyrange.codec.mavlink import decode, message_name
-from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mission import format_waypoints
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import endpoint, link_name
-from skyrange.core.time import NS_PER_S
+from skyrange.core.files import atomic_write
 from skyrange.gcs.plan.checks import check
-from skyrange.gcs.plan.plans import FlightPlan, from_file
 from skyrange.gcs.plan.routes import estimated_duration_s
-from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
-from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare.mission_flights import ComparedMission, compare_fleet, flight_plan
 from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
-from skyrange.study.measures.time_series import Track, read_notes, truth_tracks
-from skyrange.study.measures.track_deviation import AIRBORNE_M
-from skyrange.study.runs import fly, rejected_missions
 
-Floats = NDArray[np.float64]
-
-KINDS: Final = ("builtin", "ardupilot")
-"""The kinds of autopilot that are compared; each has an operator of the same name."""
 FLEET: Final = 20
 """Missions in one run."""
-TIME_S: Final = 0.5
-TIME_SHARE: Final = 0.01
-"""An item is reached at the same time if the times differ by at most `TIME_S` plus this share of the time."""
-PATH_M: Final = 1.0
-"""Two tracks are one path if no point of either is farther from the other track."""
 WINDS_MPS: Final = (0.0, 0.0, 3.0, 5.0)
 """Winds that are drawn; in more than 5 m/s ArduCopter does not always detect its landing."""
 LONGEST_S: Final = 130.0
 """Missions that are estimated to last longer are not flown."""
-MARGIN_S: Final = 75.0
-DEPART_S: Final = 5.0
-APART_M: Final = 1_000.0
-ABREAST: Final = 8
-ORIGIN: Final = Origin(-35.363328, 149.1652241, 10.0)
-TRUTH_HZ: Final = 20.0
-DEADLINE_S: Final = 60.0
-"""Wall time in which ArduPilots have to answer: twenty of them on a busy machine are slow."""
-_STEP_M: Final = 0.1
-"""Tracks are resampled to this distance between points."""
-_CHUNK: Final = 1024
-
-
-@dataclass(frozen=True, slots=True)
-class FlownMission:
-    """One aircraft's flight of a mission. Times are in s after lift-off."""
-
-    rejected: str
-    """Why the autopilot rejected the mission, or ""."""
-    items: tuple[tuple[float, int], ...]
-    """Items reported as reached: time, sequence number."""
-    modes: tuple[str, ...]
-    outcome: str
-    down_s: float
-    """When it was last above `AIRBORNE_M`; NaN if it never was."""
-    path_m: Floats
-    """(n, 3) true positions in the air, relative to the start."""
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedMission:
-    """One mission, flown by both in the order of `KINDS`, in a wind of `wind_mps` from `wind_from_deg`.
-
-    `miss` says in which way the flights differ, "" for none; `detail` gives the numbers.
-    """
-
-    mission: RandomMission
-    wind_mps: float
-    wind_from_deg: float
-    flights: tuple[FlownMission, FlownMission]
-    miss: str
-    detail: str
-    path_apart_m: float
-    time_apart_s: float
-    """Greatest difference between the times of an item that both reached."""
-
-    @property
-    def alike(self) -> bool:
-        """Whether they agree within the tolerances."""
-        return not self.miss
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,14 +70,6 @@ def is_legal(mission: RandomMission) -> bool:
     """Whether the ground station finds no problem in a mission, and it is not too long."""
     plan = flight_plan(mission)
     return not check(plan, "plan") and estimated_duration_s(plan) <= LONGEST_S
-
-
-def flight_plan(mission: RandomMission) -> FlightPlan:
-    """The flight plan of a mission for an aircraft that starts at the origin."""
-    with TemporaryDirectory() as scratch:
-        file = Path(scratch) / "mission.waypoints"
-        file.write_text(format_waypoints(mission.at(ORIGIN, (0.0, 0.0))))
-        return from_file(ORIGIN, (0.0, 0.0, 0.0), file, anchor=False)
 
 
 def compare(
@@ -234,212 +153,14 @@ def shrink_mission(one: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int 
     return one
 
 
-def compare_fleet(
-    folder: Path,
-    missions: Sequence[RandomMission],
-    wind: tuple[float, float],
-    rates: str = "reduced",
-    *,
-    on_progress: OnProgress | None = None,
-) -> list[ComparedMission]:
-    """Fly missions with both autopilots in one run, into the run folder `folder`, and compare the flights."""
-    with TemporaryDirectory() as scratch:
-        record = fly(
-            fleet_scenario(missions, wind, Path(scratch), rates), folder, on_progress=on_progress, report=False
-        )
-    return read(record, missions, wind)
-
-
-def fleet_scenario(
-    missions: Sequence[RandomMission], wind: tuple[float, float], scratch: Path, rates: str = "reduced"
-) -> Scenario:
-    """The scenario with two aircraft for every mission, whose files are written into `scratch`; `rates` ArduPilot's."""
-    operators: list[dict[str, Any]] = []
-    for place, kind in enumerate(KINDS):
-        vehicles = []
-        for number, mission in enumerate(missions):
-            east_m, north_m = _start(2 * number + place)
-            file = scratch / f"{kind}-{number}.waypoints"
-            file.write_text(format_waypoints(mission.at(ORIGIN, (east_m, north_m))))
-            vehicles.append(
-                {
-                    "id": _name(number),
-                    "autopilot": kind,
-                    "start": [east_m, north_m, 0.0],
-                    "depart_s": DEPART_S,
-                    "plan": {"file": str(file), "rejection_expected": True},
-                }
-            )
-        operators.append({"id": kind, "vehicles": vehicles})
-    longest_s = max(estimated_duration_s(flight_plan(mission)) for mission in missions)
-    return Scenario.model_validate(
-        {
-            "name": "mission-parity",
-            "duration_s": DEPART_S + longest_s + MARGIN_S,
-            "origin": {"lat": ORIGIN.lat_deg, "lon": ORIGIN.lon_deg, "alt_msl_m": ORIGIN.alt_msl_m},
-            "wind": {"speed_mps": wind[0], "from_deg": wind[1]},
-            "sensors": {"noise": 0.0},
-            "record": {"truth_hz": TRUTH_HZ},
-            "autopilots": {"deadline_s": DEADLINE_S, "options": {"ardupilot": {"rates": rates}}},
-            "operators": operators,
-        }
-    )
-
-
-def read(record: RunRecord, missions: Sequence[RandomMission], wind: tuple[float, float]) -> list[ComparedMission]:
-    """Compare the flights recorded in a run of `fleet_scenario`."""
-    tracks = truth_tracks(record)
-    names = [f"{kind}/{_name(number)}" for number in range(len(missions)) for kind in KINDS]
-    lifts = {name: _airborne_span_s(tracks[name]) for name in names}
-    items = _reached_items(record, lifts)
-    rejected = rejected_missions(record)
-    modes: dict[str, list[str]] = {name: [] for name in names}
-    for event in read_notes(record, "events"):
-        if event.kind == "event.mode" and event.about in modes:
-            modes[event.about].append(str(event.data["mode"]))
-
-    def flown(name: str, place: int) -> FlownMission:
-        lift_s, down_s = lifts[name]
-        track = tracks[name]
-        at_s = track.time_ns / NS_PER_S
-        start = np.array([*_start(place), 0.0])
-        return FlownMission(
-            rejected=rejected.get(name, ""),
-            items=tuple(items[name]),
-            modes=tuple(modes[name]),
-            outcome=str(record.outcomes.get(name, {}).get("state") or "unfinished"),
-            down_s=down_s - lift_s,
-            path_m=track.enu_m[(at_s >= lift_s) & (at_s <= down_s)] - start,
-        )
-
-    return [
-        compare_flights(
-            mission,
-            wind,
-            (flown(f"{KINDS[0]}/{_name(number)}", 2 * number), flown(f"{KINDS[1]}/{_name(number)}", 2 * number + 1)),
-        )
-        for number, mission in enumerate(missions)
-    ]
-
-
-def compare_flights(
-    mission: RandomMission, wind: tuple[float, float], flights: tuple[FlownMission, FlownMission]
-) -> ComparedMission:
-    """Compare two flights of a mission: the first difference, in the order of their importance, is the miss."""
-    first, second = flights
-    path_apart_m, where = path_distance_m(first.path_m, second.path_m)
-    both = list(zip(first.items, second.items, strict=False))
-    time_apart_s = max((abs(a[0] - b[0]) for a, b in both if a[1] == b[1]), default=0.0)
-    one = ComparedMission(mission, *wind, flights, "", "", path_apart_m, time_apart_s)
-    for miss, detail in _differences(mission, flights, path_apart_m, where):
-        return replace(one, miss=miss, detail=detail)
-    return one
-
-
-def _differences(
-    mission: RandomMission, flights: tuple[FlownMission, FlownMission], path_apart_m: float, where: str
-) -> Iterator[tuple[str, str]]:
-    first, second = flights
-    if bool(first.rejected) != bool(second.rejected):
-        yield "accepted items", f"{first.rejected or 'accepted'} / {second.rejected or 'accepted'}"
-    if first.rejected and second.rejected:
-        return
-    seqs = [[seq for _, seq in flight.items] for flight in flights]
-    if seqs[0] != seqs[1]:
-        short = min(map(len, seqs))
-        at = next((n for n in range(short) if seqs[0][n] != seqs[1][n]), short)
-        seq = next((each[at] for each in seqs if len(each) > at), 0)
-        yield f"items: {_command(mission, seq)}", f"{_listed(seqs[0])} / {_listed(seqs[1])}"
-    if first.modes != second.modes:
-        yield "modes", f"{', '.join(first.modes)} / {', '.join(second.modes)}"
-    for (mine_s, seq), (other_s, _) in zip(first.items, second.items, strict=False):
-        if abs(mine_s - other_s) > TIME_S + TIME_SHARE * max(other_s, 0.0):
-            yield f"time: {_command(mission, seq)}", f"item {seq} at {mine_s:.2f} s / {other_s:.2f} s"
-    if not path_apart_m <= PATH_M:
-        yield "path", f"{path_apart_m:.2f} m apart {where}"
-    if first.outcome != second.outcome:
-        yield "outcome", f"{first.outcome} / {second.outcome}"
-
-
-def _command(mission: RandomMission, seq: int) -> str:
-    if not 1 <= seq <= len(mission.items):
-        return "end"
-    return str(mav.enums["MAV_CMD"][mission.items[seq - 1].command].name.removeprefix("MAV_CMD_"))
-
-
-def _listed(seqs: Sequence[int]) -> str:
-    return ",".join(map(str, seqs)) or "none"
-
-
-def path_distance_m(first: Floats, second: Floats) -> tuple[float, str]:
-    """Greatest distance of a point of either track (n, 3) from the other track, and where it is; NaN without both.
-
-    This is the Hausdorff distance of the tracks as lines, to within half of `_STEP_M`.
-    """
-    if len(first) < 2 or len(second) < 2:
-        return (0.0, "") if len(first) < 2 and len(second) < 2 else (np.nan, "")
-    most, where = 0.0, ""
-    for points, line in ((first, resampled(second)), (second, resampled(first))):
-        for start in range(0, len(points), _CHUNK):
-            part = points[start : start + _CHUNK]
-            squares = np.full(len(part), np.inf)
-            for begin in range(0, len(line), _CHUNK):
-                apart = part[:, None, :] - line[None, begin : begin + _CHUNK, :]
-                squares = np.minimum(squares, (apart * apart).sum(axis=2).min(axis=1))
-            far = int(squares.argmax())
-            if np.sqrt(squares[far]) > most:
-                most = float(np.sqrt(squares[far]))
-                where = "near " + ", ".join(f"{value:.0f}" for value in part[far]) + " m"
-    return most, where
-
-
-def resampled(track: Floats) -> Floats:
-    """The points of a track (n, 3) at equal distances of `_STEP_M` along it, with its ends."""
-    steps = np.sqrt((np.diff(track, axis=0) ** 2).sum(axis=1))
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    wanted = np.append(np.arange(0.0, along[-1], _STEP_M), along[-1])
-    return np.stack([np.interp(wanted, along, track[:, axis]) for axis in range(3)], axis=1)
-
-
-def _airborne_span_s(track: Track) -> tuple[float, float]:
-    """First and last time above `AIRBORNE_M`; NaN if it never was."""
-    high = track.time_ns[track.enu_m[:, 2] > AIRBORNE_M]
-    return (float(high[0]) / NS_PER_S, float(high[-1]) / NS_PER_S) if len(high) else (np.nan, np.nan)
-
-
-def _reached_items(record: RunRecord, lifts: Mapping[str, tuple[float, float]]) -> dict[str, list[tuple[float, int]]]:
-    """By aircraft, (s after lift-off, sequence number) of the items that it reported as reached while in the air.
-
-    A delay before the take-off, and what is reported after the touchdown, depend on when the ground station acts.
-    """
-    owners = {link_name("autopilot", name): name for name in lifts}
-    found: dict[str, list[tuple[float, int]]] = {name: [] for name in lifts}
-    for frame in record.frames_with_payloads():
-        owner = owners.get(frame.link)
-        if owner is None or frame.sender != endpoint(owner, "autopilot"):
-            continue
-        if message_name(frame.payload) != "MISSION_ITEM_REACHED":
-            continue
-        at_s = frame.sent_ns / NS_PER_S
-        lift_s, down_s = lifts[owner]
-        if lift_s <= at_s <= down_s:
-            found[owner].append((at_s - lift_s, int(decode(frame.payload).seq)))
-    return found
-
-
-def _name(number: int) -> str:
-    return f"m{number + 1:02}"
-
-
-def _start(place: int) -> tuple[float, float]:
-    row, column = divmod(place, ABREAST)
-    return (column - 0.5 * (ABREAST - 1)) * APART_M, row * APART_M
-
-
 def write_results(folder: Path, agreement: MissionAgreement) -> None:
     """Write `missions.json` and `missions.md` into `folder`."""
-    (folder / "missions.json").write_text(json.dumps(results(agreement), indent=1) + "\n")
-    (folder / "missions.md").write_text("\n".join(page(agreement)) + "\n")
+    for name, text in (
+        ("missions.json", json.dumps(results(agreement), indent=1)),
+        ("missions.md", "\n".join(page(agreement))),
+    ):
+        with atomic_write(folder / name) as file:
+            file.write(f"{text}\n".encode())
 
 
 def results(agreement: MissionAgreement) -> dict[str, Any]:
