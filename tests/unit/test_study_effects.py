@@ -181,6 +181,7 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
     innocent = FrameId("log:a/1", "fwd", "a/1.companion", 2)
     recorder.on_label(Label(2 * S, "x", "x@gcs:a/1.companion", "inject", bad))
     recorder.on_label(Label(4 * S, "x", "x@gcs:a/1.companion", "drop", late))
+    recorder.on_label(Label(S, "sham", "sham@log:a/1.companion", "inject", innocent, benign=True))  # not hostile
     original = FrameId("gcs:a/2", "fwd", "a.gcs", 4)
     recorder.on_label(Label(3 * S, "y", "y@gcs:a/2.gcs", "replace", original, swapped))
     for frame, at, parent, causes in (
@@ -225,6 +226,7 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
         ("y", "a/1", 3_500_000_000, False, None),  # nothing on record leads from there to it
         (None, "a/2", 3_600_000_000, False, None),  # an effect without an author
     ]
+    assert effects_of(rows[::-1], attributed, 5) == found
     assert propagation_table([*rows, *found]).num_rows == 10
 
 

@@ -15,6 +15,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_US
 from skyrange.record.read.run import RunRecord
+from skyrange.record.read.transmissions import RADIO_LINK
 from skyrange.study.twins.consequences import LostReception
 
 Ints = NDArray[np.int64]
@@ -48,7 +49,7 @@ def lost_receptions(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> l
 
 def _bursts(record: RunRecord, labels: Sequence[Mapping[str, Any]]) -> tuple[Ints, Ints, list[str], list[str]]:
     """Begin, end, frame and attack of each burst of noise, in order of their begin."""
-    sent = {row["frame"]: row for row in labels if row["action"] == "send" and row["frame"].startswith("rid_up:")}
+    sent = {row["frame"]: row for row in labels if row["action"] == "send" and row["frame"].startswith(RADIO_LINK)}
     links = sorted({FrameId.parse(frame).link for frame in sent})
     rows: list[tuple[int, int, str, str]] = []
     for table in record.tables.frames_with_payloads([*_FRAME]) if links else ():

@@ -86,7 +86,8 @@ def trace(
     With `departed`, decisions that others make on the honest broadcasts of an aircraft after it departed lead back too.
     """
     fleet = {vehicle.id for vehicle in vehicles(record)}
-    labels = record.table("labels").sort_by([("at_ns", "ascending"), ("frame", "ascending")]).to_pylist()
+    table = record.table("labels").sort_by([("at_ns", "ascending"), ("frame", "ascending")])
+    labels = [label for label in table.to_pylist() if not label.get("benign")]  # older records have no such column
     if not labels:
         return []
     known: Known = {}
@@ -230,7 +231,7 @@ def effects_of(
                 for row in rows
                 if row["vehicle"] == vehicle and row["attack"] == attack and row["at_ns"] <= at_ns and _moves(row)
             ]
-            last = steps[-1] if steps else None
+            last = max(steps, key=_time_ns, default=None)
             effect = _row(seed, "effect", at_ns, attack, vehicle, "departure", "world")
             found.append(
                 effect
@@ -245,13 +246,17 @@ def effects_of(
     return sorted(found, key=lambda row: (row["at_ns"], row["vehicle"], row["attack"] or ""))
 
 
+def _time_ns(row: Mapping[str, Any]) -> int:
+    return int(row["at_ns"])
+
+
 def _moves(row: Mapping[str, Any]) -> bool:
     """Whether a step can move an aircraft: a decision, an event, a command, a lost frame, a falsified reading.
 
     That it received a broadcast is none.
     """
     if row["kind"] == "frame":
-        return str(row["link"]).startswith(("autopilot:", "cmd:", "gcs:"))
+        return str(row["link"]).startswith(("gcs:", "log:", "autopilot:"))
     if row["phase"] == "propagation":
         return True
     return bool(row["kind"] != "send")
