@@ -32,4 +32,4 @@ def test_the_attack_of_the_page_acts_in_the_process_that_owns_the_link(tmp_path:
     assert {(label["attack"], label["action"]) for label in labels} == {("lag", "delay")}
     sent = {frame.id for frame in record.frames_with_payloads() if frame.sender == "blue.gcs"}
     assert {label["frame"] for label in labels} <= sent
-    assert (tmp_path / "run" / "plugins" / "01-my_lag__1_.py").read_text() == source
+    assert (tmp_path / "run" / "plugins" / "01-my lag (1).py").read_text() == source
