@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import resource
 import socket
 import subprocess
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from skyrange.record import RunRecord, load
 from tests.integration.live_faults import FAULTS, RealHarmed, harm
+from tests.integration.live_programs import ONE_AIRCRAFT, live, until
 from tests.integration.test_live_faults import assert_link_was_back, assert_rows, assert_station_went_on
+from tests.ports import OFFSET
 
 pytestmark = pytest.mark.realtime
 
@@ -55,3 +60,24 @@ def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path) -> None
     assert "cannot write" in harmed.err
     for part in ("world", "blue.gcs"):
         assert load(harmed.part(part)).rows("frames") > 0
+
+
+def test_idle_connections_and_a_death_do_not_end_it(tmp_path: Path) -> None:
+    """More connections to the control socket than a process may have descriptors, by default 1,024."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ExitStack() as stack:
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (1024, hard))  # the range inherits it
+        options = ("--on-death", "restart", "--group", "component")
+        flight = stack.enter_context(live(tmp_path, ONE_AIRCRAFT.format(seconds=20), OFFSET, *options))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 4096), hard))
+        part = flight.flying("blue-b1.companion")
+        control = json.loads((part.with_name(f"{part.name}.program") / "node.json").read_text())["control"]
+        for _ in range(1300):
+            stack.enter_context(socket.create_connection(tuple(control), 5.0))
+        flight.kill("blue-b1.companion")
+        again = part.with_name(f"{part.name}.2")
+        until(lambda: (again / "manifest.json").exists(), 30.0, "the companion's next process", flight.program)
+        _, record = flight.landed()
+    assert record.manifest["status"] == "complete"
+    assert record.manifest["live"]["refused"] > 1000
