@@ -61,7 +61,6 @@ async def main(port: int, lat: float, lon: float) -> None:
         assert system is not None, "no autopilot"
         print("found", flush=True)
         telemetry, action, missions = TelemetryAsync(system), ActionAsync(system), MissionRawAsync(system)
-        await again(lambda: telemetry.set_rate_position(5.0))  # unasked, an ArduPilot tells none
         await again(lambda: missions.upload_mission(mission(lat, lon)))
         print("uploaded", len(await missions.download_mission()), flush=True)
         await again(action.arm)

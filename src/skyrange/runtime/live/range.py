@@ -13,6 +13,7 @@ from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
+from skyrange.runtime.live.boot_telemetry import set_boot_rates
 from skyrange.runtime.live.deployment import Deployment, Group, assign_components, component_of
 from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
 from skyrange.runtime.live.supervisor.namespaces import Namespaces, namespaces
@@ -131,7 +132,7 @@ def prepare_range(
     Raises `InputError` with all that is wrong, before anything is written.
     """
     machine = system or RealSystem()
-    built = build(scenario, motion=motion)
+    built = build(set_boot_rates(scenario, outside), motion=motion)
     links = built.wiring.links
     if netns and scenario.hosts:
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")

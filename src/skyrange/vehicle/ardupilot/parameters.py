@@ -11,7 +11,13 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.vehicle.builtin.parameters.renames import RENAMED, canonical_name, from_canonical, to_canonical
+from skyrange.vehicle.builtin.parameters.renames import (
+    RENAMED,
+    STREAM_PARAMETERS,
+    canonical_name,
+    from_canonical,
+    to_canonical,
+)
 from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING, hover_throttle
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import Airframe
@@ -147,7 +153,7 @@ def _values(
 
 
 def swap_serial_ports(values: Mapping[str, float], listed: Mapping[str, float]) -> dict[str, float]:
-    """The parameters with serial ports 0 and 1 swapped, as signed MAVLink requires.
+    """The parameters with serial ports 0 and 1 swapped, with their stream rates, as signed MAVLink requires.
 
     ArduPilot accepts unsigned frames on its first channel (GCS_Signing.cpp `accept_unsigned_callback`), as if it were
     USB. So the private port is the first channel then, and the link `autopilot` the second.
@@ -157,6 +163,11 @@ def swap_serial_ports(values: Mapping[str, float], listed: Mapping[str, float]) 
         "MAV2_OPTIONS": values.get("MAV1_OPTIONS", 0.0),
         "DID_MAVPORT": {0.0: 1.0, 1.0: 0.0}.get(values.get("DID_MAVPORT", 0.0), values.get("DID_MAVPORT", 0.0)),
     }
+    for first, second in (("MAV1", "MAV2"), ("SR0", "SR1")):  # 4.7 and 4.6
+        for stream in STREAM_PARAMETERS:
+            one, other = f"{first}_{stream}", f"{second}_{stream}"
+            if one in values or other in values:
+                swapped |= {one: values.get(other, 0.0), other: values.get(one, 0.0)}
     return {**values, **{name: value for name, value in swapped.items() if name in listed}}
 
 

@@ -71,14 +71,15 @@ def _renamed() -> dict[str, tuple[str, float]]:
     for part, factor in (("P", 10.0), ("I", 10.0), ("D", 10.0), ("FF", 10.0), ("IMAX", 1000.0), ("FLTE", 1.0)):
         table[f"PSC_D_ACC_{part}"] = (f"PSC_ACCZ_{part}", factor)
     for channel in range(4):
-        for name in _STREAMS:
+        for name in STREAM_PARAMETERS:
             table[f"MAV{channel + 1}_{name}"] = (f"SR{channel}_{name}", 1.0)
     return table
 
 
-_STREAMS: Final = (
+STREAM_PARAMETERS: Final = (
     "RAW_SENS", "EXT_STAT", "RC_CHAN", "RAW_CTRL", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3", "PARAMS", "ADSB",
 )  # fmt: skip
+"""Rates of streams, in Hz: `MAV1_…` or `SR0_…` for the first channel."""
 RENAMED: Final = _renamed()
 """4.7 name → (4.6 name, factor from a 4.7 value to a 4.6 value, or `_INVERSE`)."""
 
