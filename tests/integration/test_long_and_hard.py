@@ -206,7 +206,8 @@ def test_every_kind_of_mission_item_in_one_flight(noise: float) -> None:
         takeoff(8),
         plain(d.MAV_CMD_NAV_RETURN_TO_LAUNCH),
     ]
-    r = Range([VehicleSpec("blue/b1", 1)], noise=noise)
+    after_landing = {"MIS_OPTIONS": 4.0}  # the mission goes on where a take-off follows
+    r = Range([VehicleSpec("blue/b1", 1, params=after_landing)], noise=noise)
     r.run(30.0)
     assert r.upload("blue/b1", items) == d.MAV_MISSION_ACCEPTED
     start(r, "blue/b1")

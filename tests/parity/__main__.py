@@ -24,7 +24,7 @@ def main(folder: Path) -> None:
             print("### Light load\n", *tables.messages(parity, "blue/speed"), sep="\n", end="\n\n")
             print("### Operator load\n", *tables.messages(parity, f"green/{WATCHED}"), sep="\n", end="\n\n", flush=True)
     print("\n## Real sensors\n\n| measure | builtin | ArduPilot | difference |\n|---|---|---|---|")
-    builtin, ardupilot = hovered(folder / "hover")
+    builtin, ardupilot = hovered(folder / "hover", "full")
     for name, value in ardupilot.items():
         print(f"| {name} | {builtin[name]:.3f} | {value:.3f} | {builtin[name] / value - 1.0:+.1%} |", flush=True)
     for rates in ("single", "reduced"):

@@ -12,7 +12,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.compare.autopilot_parity import compare
-from skyrange.study.compare.gnss_reactions import HOLD
+from skyrange.study.compare.gnss_reactions import DEADLINE_S, HOLD
 
 COUNT = 24
 FROM_S, UNTIL_S = 50.0, 140.0
@@ -22,8 +22,11 @@ MEASURES = ("wander_m", "speed_mps", "height_m", "climb_mps", "tilt_deg")
 """RMS of the level distance from the mean place, of level speed, of height around its mean, of climb; mean tilt."""
 
 
-def scenario(mission: Path) -> Scenario:
-    """Aircraft 2 km apart that hover 20 m up, in calm air, with sensors as they are unless a scenario says so."""
+def scenario(mission: Path, rates: str) -> Scenario:
+    """Aircraft 2 km apart that hover 20 m up, in calm air, with sensors as they are unless a scenario says so.
+
+    `rates` are ArduPilot's.
+    """
     mission.write_text(HOLD.format(alt=20.0, hold=UNTIL_S))
     vehicles = [
         {
@@ -38,15 +41,16 @@ def scenario(mission: Path) -> Scenario:
             "name": "hover",
             "duration_s": UNTIL_S,
             "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
+            "autopilots": {"deadline_s": DEADLINE_S, "options": {"ardupilot": {"rates": rates}}},
             "operators": [{"id": "blue", "vehicles": vehicles}],
         }
     )
 
 
-def hovered(folder: Path) -> tuple[Mapping[str, float], Mapping[str, float]]:
+def hovered(folder: Path, rates: str = "reduced") -> tuple[Mapping[str, float], Mapping[str, float]]:
     """Builtin and ArduPilot: the measures, means over all aircraft."""
     folder.mkdir(parents=True, exist_ok=True)
-    compare(scenario(folder / "hold.waypoints"), folder)
+    compare(scenario(folder / "hold.waypoints", rates), folder)
     return steadiness(load(folder / "builtin")), steadiness(load(folder / "ardupilot"))
 
 

@@ -146,11 +146,14 @@ def test_too_little_memory_is_said_so(megabytes: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGTERM, signal.SIGINT])
 def test_each_signal_that_ends_a_session_is_a_request_to_end(number: signal.Signals) -> None:
-    before = signal.getsignal(number)
-    with Interruptible() as interrupt:
-        os.kill(os.getpid(), number)
-        assert interrupt.requested
-    assert signal.getsignal(number) is before
+    outer = signal.signal(number, signal.SIG_DFL)  # under nohup, SIGHUP is ignored
+    try:
+        with Interruptible() as interrupt:
+            os.kill(os.getpid(), number)
+            assert interrupt.requested
+        assert signal.getsignal(number) is signal.SIG_DFL
+    finally:
+        signal.signal(number, outer)
 
 
 def test_an_ignored_hang_up_stays_ignored() -> None:

@@ -6,7 +6,6 @@ from skyrange.runtime.live.boot_telemetry import BOOT_RATES, set_boot_rates
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.ardupilot.parameters import swap_serial_ports
 
-
 PLAN = {"path": {"points": [[0.0, 9.0]], "alt_m": 5.0}}
 
 

@@ -82,8 +82,9 @@ Avoids = Annotated[
         "else none."
     ),
 ]
+_Coordinate = Annotated[Number, Field(ge=-REACH_M, le=REACH_M)]
 AnyStation = Annotated[
-    tuple[Number, Number] | None,
+    tuple[_Coordinate, _Coordinate] | None,
     Field(
         description="Position of its control station, [east_m, north_m] in metres from the origin; default: the start "
         "of its first aircraft."

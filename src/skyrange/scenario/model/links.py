@@ -7,12 +7,12 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from skyrange.contracts.links import Channel
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
-from skyrange.scenario.model.base import Model, Number, Whole
+from skyrange.scenario.model.base import Model, Number, Whole, wrong
 from skyrange.scenario.model.operators import Operator
 
 VEHICLE_LINKS = ("gcs", "log", "autopilot", "rid_data")
@@ -52,7 +52,7 @@ class Link(Model):
         default=None, ge=0, le=600_000, description="Time for which such a frame is held back, in milliseconds."
     )
     rate_bps: Number | None = Field(
-        default=None, ge=0, le=1e12, description="Serialisation rate in bits per second; 0 means no limit."
+        default=None, ge=0, le=1e12, description="Serialisation rate in bits per second, at least 1; 0 means no limit."
     )
     queue_bytes: Whole | None = Field(
         default=None,
@@ -60,6 +60,13 @@ class Link(Model):
         le=2**31,
         description="Size of the queue before the rate limiter in bytes; a frame that does not fit is lost.",
     )
+
+    @field_validator("rate_bps")
+    @classmethod
+    def _a_bit_a_second(cls, rate_bps: float | None) -> float | None:
+        if rate_bps is not None and 0.0 < rate_bps < 1.0:
+            raise wrong(rate_bps, "0 or a number from 1 to 1e12")
+        return rate_bps
 
     def over(self, channel: Channel) -> Channel:
         """`channel` with the changes of this rule, converted from milliseconds to nanoseconds."""

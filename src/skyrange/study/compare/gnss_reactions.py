@@ -41,6 +41,8 @@ MOVED_M: Final = 2.0
 SHARE: Final = 0.1
 RESET_M: Final = 1.5
 """A smaller reset cannot be distinguished from noise in ArduPilot's reports."""
+DEADLINE_S: Final = 60.0
+"""Wall time in which ArduPilots have to answer: a hundred of them on a busy machine are slow."""
 TIME_S: Final = 1.0
 """Resets at most this far apart count as simultaneous."""
 
@@ -188,7 +190,7 @@ def scenario(chosen: Sequence[Setting], mission: Path, rates: str = "reduced") -
             "duration_s": START_S + SECONDS,
             "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
             "sensors": {"noise": NOISE},
-            "autopilots": {"options": {"ardupilot": {"rates": rates}}},
+            "autopilots": {"deadline_s": DEADLINE_S, "options": {"ardupilot": {"rates": rates}}},
             "operators": rows,
             "attacks": attacks,
         }

@@ -27,6 +27,7 @@ from skyrange.gcs.plan.routes import estimated_duration_s
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.compare.gnss_reactions import DEADLINE_S
 from skyrange.study.compare.random_missions import RandomMission
 from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.study.measures.time_series import Track, read_notes, truth_tracks
@@ -48,8 +49,6 @@ APART_M: Final = 1_000.0
 ABREAST: Final = 8
 ORIGIN: Final = Origin(-35.363328, 149.1652241, 10.0)
 TRUTH_HZ: Final = 20.0
-DEADLINE_S: Final = 60.0
-"""Wall time in which ArduPilots have to answer: twenty of them on a busy machine are slow."""
 
 
 @dataclass(frozen=True, slots=True)
