@@ -18,7 +18,7 @@ EVENTS = {
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
-    "rid-city": "e0581b31ff412faa364352313bb3bb93",
+    "rid-city": "0937c5c844e4e56b7cb1bc0ae68be219",
     "rid-spoofing": "039dcc647e5f520ea229b5f9205a9f29",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",

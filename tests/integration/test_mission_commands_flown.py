@@ -195,3 +195,13 @@ def test_a_wait_where_it_is_takes_the_time_of_a_leg_of_centimetres(r: Range) -> 
     began_s = r.seconds
     r.run_until(r.has("event.item_reached", 3), 10.0)
     assert 2.0 <= r.seconds - began_s < 4.0
+
+
+def test_a_climb_speed_that_follows_the_start_of_loiter_to_alt_counts(r: Range) -> None:
+    """The first DO command before it runs before it starts and is forgotten; the second runs after."""
+    roi, slow = do(A.MAV_CMD_DO_SET_ROI_NONE), do(A.MAV_CMD_DO_CHANGE_SPEED, 2.0, 1.0, -1.0)
+    fly(r, [takeoff(3), waypoint(0, 0, 3, 1.0), roi, slow, here(A.MAV_CMD_NAV_LOITER_TO_ALT, alt=12.0), rtl()])
+    r.run_until(lambda flown: flown.positions()[0, 2] > 6.0, 60.0)
+    below = r.positions()[0, 2]
+    r.run(2.0)
+    assert r.positions()[0, 2] - below == pytest.approx(2.0, abs=0.2)

@@ -121,7 +121,9 @@ class BuiltinFleet(EngineBase):
             stored[row] = fill_settings(settings, row, spec.vehicle, airframe, spec.system_id, spec.params)
             port = Port(endpoint(spec.vehicle, "autopilot"), link_name("autopilot", spec.vehicle))
             packer = FleetPacker(spec.system_id, COMPONENT_ID, sequences, row)
-            vehicles.append(Vehicle(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m))
+            lat, lon = origin.geodetic_of(*spec.home_enu_m[:2])
+            on_at = round(lat * 1e7), round(lon * 1e7)
+            vehicles.append(Vehicle(spec.vehicle, row, spec.system_id, port, packer, spec.home_enu_m, on_at))
             estimate["pos"][row] = spec.home_enu_m
             estimate["yaw"][row] = math.radians(90.0 - spec.heading_deg)
         flight["landed"] = 1

@@ -125,6 +125,8 @@ class Vehicle:
     packer: FleetPacker
     home: tuple[float, float, float]
     """East, north, up of home in metres."""
+    origin_e7: tuple[int, int]
+    """Latitude and longitude where it was switched on, 1e-7 degrees: the origin of ArduPilot's EKF."""
     mode: int = 0
     mode_causes: Causes = ()
     mode_reason: str = ""
@@ -321,11 +323,16 @@ class Fleet:
     def set_default_limits(self, vehicle: Vehicle) -> None:
         """Set speed and acceleration limits to the WPNAV parameters, the initial values in every mode."""
         row, flight = vehicle.row, self.flight
-        flight["speed_xy"][row] = self.param(vehicle, "WPNAV_SPEED") * 0.01
+        self.set_default_level_limits(vehicle)
         flight["speed_up"][row] = self.param(vehicle, "WPNAV_SPEED_UP") * 0.01
         flight["speed_down"][row] = self.param(vehicle, "WPNAV_SPEED_DN") * 0.01
-        flight["accel_xy"][row] = self.param(vehicle, "WPNAV_ACCEL") * 0.01
         flight["accel_z"][row] = self.param(vehicle, "WPNAV_ACCEL_Z") * 0.01
+
+    def set_default_level_limits(self, vehicle: Vehicle) -> None:
+        """Set the horizontal limits of speed and acceleration to the WPNAV parameters, and keep the vertical ones."""
+        row, flight = vehicle.row, self.flight
+        flight["speed_xy"][row] = self.param(vehicle, "WPNAV_SPEED") * 0.01
+        flight["accel_xy"][row] = self.param(vehicle, "WPNAV_ACCEL") * 0.01
         flight["speed_changed"][row] = 0
 
     def set_control(

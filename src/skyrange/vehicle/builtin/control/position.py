@@ -43,6 +43,20 @@ def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) ->
 
 
 @compiled
+def _update_vel_i(f: Any, g: Any, dt_s: float) -> None:
+    """Integrate the velocity error; towards an acceleration that was limited, the integral turns but does not grow.
+
+    After AC_PID_2D::update_i.
+    """
+    more_e = g.vel_i * f.vel_err[0] * dt_s
+    more_n = g.vel_i * f.vel_err[1] * dt_s
+    most = g.vel_imax
+    if more_e * f.limited_accel[0] + more_n * f.limited_accel[1] > 0.0:
+        most = min(most, math.sqrt(f.vel_i[0] * f.vel_i[0] + f.vel_i[1] * f.vel_i[1]))
+    f.vel_i[0], f.vel_i[1] = limit_xy(f.vel_i[0] + more_e, f.vel_i[1] + more_n, most)
+
+
+@compiled
 def update_ne_controller(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
     """Return the horizontal acceleration to request, m/s² (east, north), within the lean limit.
 
@@ -59,19 +73,13 @@ def update_ne_controller(e: Any, f: Any, g: Any, correction_mps: float, dt_s: fl
     f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * g.vel_alpha
     f.vel_d[0] += (f.vel_err[0] - last_e - f.vel_d[0]) * g.vel_d_alpha
     f.vel_d[1] += (f.vel_err[1] - last_n - f.vel_d[1]) * g.vel_d_alpha
+    _update_vel_i(f, g, dt_s)
     ask_e = g.vel_p * f.vel_err[0] + f.vel_i[0] + g.vel_d * f.vel_d[0] + f.ref_acc[0]
     ask_n = g.vel_p * f.vel_err[1] + f.vel_i[1] + g.vel_d * f.vel_d[1] + f.ref_acc[1]
     got_e, got_n = _limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
     cut = got_e != ask_e or got_n != ask_n
     f.limited_accel[0] = ask_e if cut else 0.0
     f.limited_accel[1] = ask_n if cut else 0.0
-    # at the limit the integral may shrink but not grow
-    if not (cut and f.vel_err[0] * ask_e + f.vel_err[1] * ask_n > 0.0):
-        f.vel_i[0], f.vel_i[1] = limit_xy(
-            f.vel_i[0] + g.vel_i * f.vel_err[0] * dt_s,
-            f.vel_i[1] + g.vel_i * f.vel_err[1] * dt_s,
-            g.vel_imax,
-        )
     return got_e, got_n
 
 

@@ -33,12 +33,12 @@ def start(fleet: Fleet, vehicle: Vehicle) -> None:
     auto_yaw.set_mode(fleet, vehicle, AutoYawMode.HOLD)
     # as a Location, so a return that begins above home has legs of a centimetre, which take a second each (build_path)
     east, north, _ = location.truncated(
-        fleet, wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
+        fleet, vehicle, wpnav.stopping_point_of(fleet.estimate, fleet.flight, fleet.settings, vehicle.row)
     )
     height = _return_altitude(fleet, vehicle, east, north)
     _start_leg(fleet, vehicle, (east, north, height), True)
     # it turns home before the climb has stopped (climb_start)
-    home = location.as_array((*location.truncated(fleet, vehicle.return_target)[:2], height))
+    home = location.as_array((*location.truncated(fleet, vehicle, vehicle.return_target)[:2], height))
     wpnav.queue_leg(fleet.flight, fleet.legs, fleet.settings, vehicle.row, home)
 
 
@@ -67,7 +67,7 @@ def on_destination_reached(fleet: Fleet, vehicle: Vehicle) -> None:
         vehicle.submode = SubMode.RETURN_HOME
         up = float(fleet.flight["target_pos"][vehicle.row, 2])
         auto_yaw.set_mode_to_default(fleet, vehicle, returning=True)
-        _start_leg(fleet, vehicle, (*location.truncated(fleet, vehicle.return_target)[:2], up), False)
+        _start_leg(fleet, vehicle, (*location.truncated(fleet, vehicle, vehicle.return_target)[:2], up), False)
     elif vehicle.submode == SubMode.RETURN_HOME:
         vehicle.submode = SubMode.LOITER_AT_HOME
         auto_yaw.set_to_armed_yaw(fleet, vehicle)

@@ -44,12 +44,13 @@ def reached_armed_yaw(fleet: Fleet, vehicle: Vehicle) -> bool:
 
 
 def set_mode(fleet: Fleet, vehicle: Vehicle, kind: AutoYawMode) -> None:
-    """Set another yaw mode; its target starts from the present yaw."""
+    """Set another yaw mode; its target starts from that of the last, or from the present yaw to look ahead."""
     row, flight = vehicle.row, fleet.flight
     if flight["auto_yaw_mode"][row] != kind:
         flight["auto_yaw_mode"][row] = kind
-        flight["target_yaw"][row] = fleet.estimate["yaw"][row]
         flight["target_yaw_rate"][row] = 0.0
+        if kind == AutoYawMode.LOOK_AHEAD:
+            flight["target_yaw"][row] = fleet.estimate["yaw"][row]
 
 
 def mode(fleet: Fleet, vehicle: Vehicle) -> int:

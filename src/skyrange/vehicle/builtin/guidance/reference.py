@@ -40,7 +40,7 @@ _LOITER_TO_ALT = int(ControlMode.LOITER_TO_ALT)
 _ATTITUDE = int(ControlMode.ATTITUDE)
 _ALT_HOLD = int(ControlMode.ALT_HOLD)
 _LOITER = int(ControlMode.LOITER)
-_LEVEL_M = 0.05  # loiter_to_alt_run
+_LEVEL_CM = 5  # loiter_to_alt_run
 _TURN_ACCEL_MIN = math.radians(2.0)  # AC_CIRCLE_ANGULAR_ACCEL_MIN
 
 
@@ -169,11 +169,12 @@ def _update_circle(e: Any, f: Any, p: Any, dt_s: float) -> None:
 @compiled
 def _loiter_to_alt(e: Any, f: Any, p: Any, dt_s: float) -> None:
     """Hold the position and go to the height of the target; raise ALTITUDE_REACHED there (loiter_to_alt_run)."""
-    error = e.pos[2] - f.target_pos[2]
+    error_cm = int(e.pos[2] * 100.0) - round(f.target_pos[2] * 100.0)  # current_loc.alt is in whole centimetres
+    error = 0.01 * error_cm
     _input_vel_accel_ne(e, f, p, 0.0, 0.0, 0.0, 0.0, dt_s)
     want = sqrt_controller(-error, p.PSC_POSZ_P, f.accel_z, dt_s)
     _input_vel_accel_u(e, f, p, clamp(want, -f.speed_down, f.speed_up), 0.0, dt_s)
-    if abs(error) < _LEVEL_M or error * f.target_vel[2] < 0.0:
+    if abs(error_cm) < _LEVEL_CM or error * f.target_vel[2] < 0.0:
         f.flags |= _ALTITUDE_REACHED
     f.target_vel[2] = error  # only its sign is used, in the next step
 

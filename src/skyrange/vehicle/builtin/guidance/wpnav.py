@@ -213,7 +213,8 @@ def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
     """Return how far to advance along the track in a step: less where the aircraft lags, as in strong wind.
 
     `_track_dt_scalar` (advance_wp_target_along_track): with a margin of 5 %, and a time constant of acceleration
-    over jerk. Speed and acceleration of the reference are not scaled.
+    over jerk. Speed and acceleration of the reference are not scaled. The position error is that of the last step, as
+    `get_pos_error_NEU_cm` has it: the reference has not moved since, and the aircraft has.
     """
     wanted = 1.0
     speed = math.sqrt(f.ref_vel[0] ** 2 + f.ref_vel[1] ** 2 + f.ref_vel[2] ** 2)
@@ -222,7 +223,7 @@ def _track_dt(e: Any, f: Any, p: Any, dt_s: float) -> float:
         ahead = 0.0
         made = 0.0
         for axis in range(3):
-            ahead += (f.ref_pos[axis] - e.pos[axis]) * f.ref_vel[axis]
+            ahead += (f.ref_pos[axis] - (e.pos[axis] - e.vel[axis] * dt_s)) * f.ref_vel[axis]
             made += e.vel[axis] * f.ref_vel[axis]
         wanted = clamp(0.05 + (made - p.PSC_POSXY_P * ahead) * per, 0.0, 1.0)
     f.track_lag += (1.0 - wanted - f.track_lag) * min(1.0, dt_s * p.WPNAV_JERK / f.accel_xy)

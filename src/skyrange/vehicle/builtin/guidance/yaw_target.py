@@ -32,26 +32,41 @@ def yaw_of_quat(w: float, x: float, y: float, z: float) -> float:
 
 
 @compiled
+def _attitude_target_yaw(f: Any) -> float:
+    yaw: float = yaw_of_quat(f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3])
+    return yaw
+
+
+@compiled
+def _look_along_track(f: Any) -> float:
+    """Set the target to the direction of the reference's velocity; return how fast that turns.
+
+    HOLD does so too, and turns to it if FIXED continues a turn after it (the default branch of `yaw_rad`). A reference
+    that is too slow leaves the yaw of the attitude target. While that leans sideways, this is not the heading that it
+    is shaped from, so it keeps turning until it is.
+    """
+    vel_e = f.ref_vel[0]
+    vel_n = f.ref_vel[1]
+    square = vel_e * vel_e + vel_n * vel_n
+    least = _MIN_SPEED_SHARE * f.speed_xy
+    if square > least * least and square > 0.0:
+        f.target_yaw = math.atan2(vel_n, vel_e)
+        rate: float = (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
+        return rate
+    f.target_yaw = _attitude_target_yaw(f)
+    return 0.0
+
+
+@compiled
 def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     """Return (whether only a rate is requested, yaw, yaw rate) of this step, rad and rad/s."""
     kind = f.auto_yaw_mode
-    if kind == _HOLD:
-        f.target_yaw = e.yaw
-        return True, 0.0, 0.0
     if kind == _RATE:
+        f.target_yaw = _attitude_target_yaw(f)
         return True, 0.0, f.target_yaw_rate
-    if kind == _LOOK_AT_NEXT_WP:
-        vel_e = f.ref_vel[0]
-        vel_n = f.ref_vel[1]
-        square = vel_e * vel_e + vel_n * vel_n
-        least = _MIN_SPEED_SHARE * f.speed_xy
-        if square > least * least and square > 0.0:
-            f.target_yaw = math.atan2(vel_n, vel_e)
-            return False, f.target_yaw, (f.ref_acc[1] * vel_e - f.ref_acc[0] * vel_n) / square
-        # too slow: use the yaw of the attitude target. While it leans sideways, that is not the heading that it is
-        # shaped from, so it keeps turning until it is, as in ArduCopter
-        f.target_yaw = yaw_of_quat(f.att_target[0], f.att_target[1], f.att_target[2], f.att_target[3])
-        return False, f.target_yaw, 0.0
+    if kind == _HOLD or kind == _LOOK_AT_NEXT_WP:
+        rate = _look_along_track(f)
+        return (True, 0.0, 0.0) if kind == _HOLD else (False, f.target_yaw, rate)
     if kind == _ROI:
         f.target_yaw = _yaw_towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:
@@ -92,9 +107,9 @@ def set_fixed_yaw_target(
     """
     f: Any = flight[row]
     p: Any = settings[row]
-    if f.auto_yaw_mode == _HOLD or f.auto_yaw_mode == _RATE:
-        f.target_yaw = estimate[row].yaw
     if relative:
+        if f.auto_yaw_mode == _HOLD:
+            f.target_yaw = estimate[row].yaw
         left = angle if direction >= 0 else -angle
     else:
         left = wrap_pi(angle - (0.5 * math.pi - f.target_yaw))

@@ -62,14 +62,13 @@ def _is_terrain_alt(item: MissionItem) -> bool:
 def _default_location(fleet: Fleet, vehicle: Vehicle) -> Vector:
     """Return the place that a command without one means: the destination reached, or the present position.
 
-    The position is a Location, of whole centimetres and 1e-7 degrees, so a leg to it is seldom of no length and takes a
-    second. A destination already is one.
+    Both are Locations, of whole centimetres and 1e-7 degrees, so a leg to them is often not of no length.
     """
     row = vehicle.row
     if fleet.control(vehicle) == ControlMode.LEG and fleet.legs["reached_destination"][row]:
         east, north, up = fleet.legs["destination"][row].tolist()
-        return east, north, up
-    return location.truncated(fleet, fleet.position(vehicle))
+        return location.rounded_destination(fleet, vehicle, (east, north, up))
+    return location.truncated(fleet, vehicle, fleet.position(vehicle))
 
 
 def start_command(
@@ -119,7 +118,7 @@ def start_command(
     else:
         vehicle.submode = SubMode.TRANSIT
         east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
-        _set_wp_destination(fleet, vehicle, (east, north, location.truncated(fleet, fleet.position(vehicle))[2]))
+        _set_wp_destination(fleet, vehicle, (east, north, location.truncated(fleet, vehicle, fleet.position(vehicle))[2]))
         auto_yaw.keep_roi_or_default(fleet, vehicle)
     return True
 
@@ -191,7 +190,7 @@ def _do_circle(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     """Fly to the edge of the circle, then around it (do_circle, circle_movetoedge_start)."""
     row, flight = vehicle.row, fleet.flight
     here = fleet.position(vehicle)
-    centre = location_of(fleet, vehicle, item, location.truncated(fleet, here))
+    centre = location_of(fleet, vehicle, item, location.truncated(fleet, vehicle, here))
     _reset_climb_speeds(fleet, vehicle)
     radius = abs(item.param3) or fleet.param(vehicle, "CIRCLE_RADIUS") * 0.01
     rate = math.radians(abs(fleet.param(vehicle, "CIRCLE_RATE")))
@@ -368,9 +367,10 @@ def verify_timer(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:
 
 
 def _start_loiter_to_alt(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
+    """Climb or descend in place, at speeds that a command since the start of the item may have set."""
     row, flight = vehicle.row, fleet.flight
     up = item.z + location.altitude_datum_m(fleet, vehicle, item.frame)
-    fleet.set_default_limits(vehicle)
+    fleet.set_default_level_limits(vehicle)
     flight["flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)
     flight["handled_flags"][row] &= ~np.int64(FlightEvent.ALTITUDE_REACHED)
     fleet.set_control(vehicle, ControlMode.LOITER_TO_ALT)
