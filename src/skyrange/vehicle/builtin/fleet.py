@@ -176,6 +176,8 @@ class Vehicle:
     """Where and when AUTO began to obey the targets of GUIDED: east, north, time."""
     next_do: int = 0
     """The DO command that is due while the navigation command is flown, 0 for none."""
+    do_started: bool = False
+    """It has started, and is complete once its condition is met."""
     condition: tuple[int, float] = (0, 0.0)
     """The CONDITION command that DO commands wait for, and its end time (ns) or distance (m); 0 for none."""
     reached_ns: dict[int, Time] = field(default_factory=dict)

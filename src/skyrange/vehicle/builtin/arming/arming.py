@@ -90,7 +90,7 @@ def disarm(fleet: Fleet, vehicle: Vehicle, reason: str, causes: Causes) -> None:
     vehicle.in_landing_sequence = False
     vehicle.current = 0
     vehicle.jump_counts.clear()
-    vehicle.next_do = 0
+    vehicle.next_do, vehicle.do_started = 0, False
     vehicle.condition = (0, 0.0)
     vehicle.aux_functions.clear()
     vehicle.reached_ns.clear()

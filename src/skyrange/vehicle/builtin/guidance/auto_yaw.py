@@ -76,6 +76,13 @@ def set_fixed_yaw(
     )  # fmt: skip
 
 
+def resume_fixed_yaw(fleet: Fleet, vehicle: Vehicle) -> None:
+    """Continue a turn that another mode has interrupted for a pass, from the yaw that the mode has requested."""
+    if mode(fleet, vehicle) in (AutoYawMode.HOLD, AutoYawMode.LOOK_AT_NEXT_WP):
+        yaw_target.request_track_yaw(fleet.flight, vehicle.row)
+    set_mode(fleet, vehicle, AutoYawMode.FIXED)
+
+
 def reached_fixed_yaw_target(fleet: Fleet, vehicle: Vehicle) -> bool:
     """Whether that turn is complete."""
     return bool(yaw_target.reached_fixed_yaw_target(fleet.estimate, fleet.flight, vehicle.row))

@@ -58,13 +58,19 @@ def _look_along_track(f: Any) -> float:
 
 
 @compiled
+def request_track_yaw(flight: Records, row: int) -> None:
+    """Set the target of one row as a pass of HOLD or LOOK_AT_NEXT_WP does."""
+    _look_along_track(flight[row])
+
+
+@compiled
 def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     """Return (whether only a rate is requested, yaw, yaw rate) of this step, rad and rad/s."""
     kind = f.auto_yaw_mode
     if kind == _RATE:
         f.target_yaw = _attitude_target_yaw(f)
         return True, 0.0, f.target_yaw_rate
-    if kind == _HOLD or kind == _LOOK_AT_NEXT_WP:
+    if kind in (_HOLD, _LOOK_AT_NEXT_WP):
         rate = _look_along_track(f)
         return (True, 0.0, 0.0) if kind == _HOLD else (False, f.target_yaw, rate)
     if kind == _ROI:

@@ -55,11 +55,11 @@ def truncated(fleet: Fleet, vehicle: Vehicle, place: Vector) -> Vector:
 
 
 def rounded_destination(fleet: Fleet, vehicle: Vehicle, place: Vector) -> Vector:
-    """Return the Location that ArduPilot makes of a destination: often 1e-7 degrees less than the one it was made from.
+    """Return the Location that ArduPilot makes of a destination, often 1e-7° nearer to the origin.
 
     A destination is kept as centimetres from the origin in single precision, and converted back by truncation
-    (`AC_WPNav::get_wp_destination_loc`, after `Location::get_vector_xy_from_origin_NE_cm`). So a command without a place
-    that follows a waypoint has a leg of nothing or of a centimetre, which takes a second.
+    (`AC_WPNav::get_wp_destination_loc`, after `Location::get_vector_xy_from_origin_NE_cm`). So a command without a
+    place that follows a waypoint has a leg of nothing or of a centimetre, which takes a second.
     """
     lat_e7, lon_e7 = vehicle.origin_e7
     lat, lon = fleet.origin.geodetic_of(place[0], place[1])

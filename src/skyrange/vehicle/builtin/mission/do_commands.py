@@ -38,7 +38,8 @@ from skyrange.vehicle.builtin.mission.sequence import next_do_command
 from skyrange.vehicle.builtin.mission.stored_commands import DO_FENCE_ENABLE, SILENT, SKIPPED
 from skyrange.vehicle.builtin.modes import Mode
 
-_CHECK_NS = 20 * NS_PER_MS
+_PASS_NS = 10 * NS_PER_MS
+"""Time between two steps of the commands; ArduCopter's passes are 2.5 ms apart, at its own rate."""
 _SPEED_MIN_MPS = 0.1  # AC_WPNav.cpp WPNAV_WP_SPEED_MIN_CMS
 _SPEED_MAX_MPS = 100.0  # faster than any multirotor: keeps an absurd request finite
 _WAIT_MAX_S = 86_400.0 * 365.0
@@ -92,43 +93,38 @@ def report_complete(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
 
 def drop_pending(fleet: Fleet, vehicle: Vehicle) -> None:
     """Drop the pending commands."""
-    vehicle.next_do = 0
+    vehicle.next_do, vehicle.do_started = 0, False
     vehicle.condition = (0, 0.0)
     fleet.set_timer(vehicle, Timer.CONDITION)
 
 
-def run_commands(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
-    """Run the commands from `seq` on, up to a navigation command or a condition that is not met yet.
-
-    A jump back to one of them ends the run: ArduCopter would repeat them until the next navigation command.
-    """
-    place = next_do_command(vehicle, seq)
-    seen: set[int] = set()
-    while place is not None and place not in seen:
-        seen.add(place)
-        start_command(fleet, vehicle, place)
-        if vehicle.condition[0] and not _condition_met(fleet, vehicle):
-            vehicle.next_do = place
-            fleet.set_timer(vehicle, Timer.CONDITION, fleet.now + _CHECK_NS)
-            return
-        vehicle.condition = (0, 0.0)
-        report_complete(fleet, vehicle, place)
-        place = next_do_command(vehicle, place + 1)
-    vehicle.next_do = 0
+def finish_first(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
+    """Complete the command that started before the navigation command, or wait for its condition; then run the rest."""
+    vehicle.next_do, vehicle.do_started = seq, True
+    if vehicle.condition[0] == CONDITION_YAW:  # which the start of the navigation command has replaced
+        auto_yaw.set_mode(fleet, vehicle, AutoYawMode.FIXED)
+    on_timer(fleet, vehicle)
 
 
 def on_timer(fleet: Fleet, vehicle: Vehicle) -> None:
-    """Check the condition again when the timer expires, and continue if it is met."""
-    if vehicle.next_do == 0 or vehicle.active_item is None:
-        return
-    if not _condition_met(fleet, vehicle):
-        fleet.set_timer(vehicle, Timer.CONDITION, fleet.now + _CHECK_NS)
-        return
+    """Start the command that is due, or complete it if its condition is met (AP_Mission::update).
+
+    Each pass of ArduCopter's loop does one of both, so a navigation command that is complete at once drops the rest.
+    """
     seq = vehicle.next_do
-    drop_pending(fleet, vehicle)
-    if seq < len(vehicle.mission):
+    if seq == 0 or seq >= len(vehicle.mission) or vehicle.active_item is None:
+        return
+    if not vehicle.do_started:
+        start_command(fleet, vehicle, seq)
+        vehicle.do_started = True
+    elif _condition_met(fleet, vehicle):
+        drop_pending(fleet, vehicle)
         report_complete(fleet, vehicle, seq)
-        run_commands(fleet, vehicle, seq + 1)
+        following = next_do_command(vehicle, seq + 1)
+        if following is None or following <= seq:  # after a jump back, ArduCopter repeats them until the next waypoint
+            return
+        vehicle.next_do = following
+    fleet.set_timer(vehicle, Timer.CONDITION, fleet.now + _PASS_NS)
 
 
 def _condition_met(fleet: Fleet, vehicle: Vehicle) -> bool:
@@ -138,7 +134,7 @@ def _condition_met(fleet: Fleet, vehicle: Vehicle) -> bool:
     if kind == CONDITION_DISTANCE:
         return wp_distance_m(fleet, vehicle) < value
     if kind == CONDITION_YAW:  # whatever else has set another yaw meanwhile (ModeAuto::verify_yaw)
-        auto_yaw.set_mode(fleet, vehicle, AutoYawMode.FIXED)
+        auto_yaw.resume_fixed_yaw(fleet, vehicle)
         return auto_yaw.reached_fixed_yaw_target(fleet, vehicle)
     return True
 

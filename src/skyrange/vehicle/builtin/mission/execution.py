@@ -17,7 +17,6 @@ from skyrange.vehicle.builtin.guidance import auto_yaw
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent
 from skyrange.vehicle.builtin.mission import do_commands, nav_commands, pause
 from skyrange.vehicle.builtin.mission.command_ids import (
-    CONDITION_COMMANDS,
     DO_LAND_START,
     LANDINGS,
     NAV_COMMANDS,
@@ -247,25 +246,14 @@ def _advance_nav_command(fleet: Fleet, vehicle: Vehicle, seq: int) -> None:
             if not _start_nav_command(fleet, vehicle, item):
                 _complete_command(fleet, vehicle, item)
             elif first and vehicle.active_item is item:
-                _run_do_commands(fleet, vehicle, first)
+                do_commands.finish_first(fleet, vehicle, first)
             auto_rtl.update(fleet, vehicle)
             return
         if not first:
             first = place
-            if item.command not in CONDITION_COMMANDS:
-                do_commands.start_command(fleet, vehicle, place)
+            do_commands.start_command(fleet, vehicle, place)
         seq = place + 1
     _exit_mission(fleet, vehicle)
-
-
-def _run_do_commands(fleet: Fleet, vehicle: Vehicle, first: int) -> None:
-    """Run the DO commands from the first on, which has already run unless it is a condition."""
-    if vehicle.mission[first].command in CONDITION_COMMANDS:
-        do_commands.run_commands(fleet, vehicle, first)
-    else:
-        do_commands.report_complete(fleet, vehicle, first)
-        _report_reached(fleet, vehicle)
-        do_commands.run_commands(fleet, vehicle, first + 1)
 
 
 def _start_nav_command(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> bool:

@@ -118,7 +118,8 @@ def start_command(
     else:
         vehicle.submode = SubMode.TRANSIT
         east, north = fleet.origin.enu_of(item.x * 1e-7, item.y * 1e-7)
-        _set_wp_destination(fleet, vehicle, (east, north, location.truncated(fleet, vehicle, fleet.position(vehicle))[2]))
+        up = location.truncated(fleet, vehicle, fleet.position(vehicle))[2]
+        _set_wp_destination(fleet, vehicle, (east, north, up))
         auto_yaw.keep_roi_or_default(fleet, vehicle)
     return True
 
