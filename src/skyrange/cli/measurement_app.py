@@ -205,8 +205,12 @@ def gnss(
 
 @parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")
 def missions(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="[FILE]...", help="Mission files to fly, in calm air. Default: random missions."),
+    ] = None,
     count: Annotated[
-        int, typer.Option(metavar="N", min=1, help="How many missions to fly, in fleets of twenty.")
+        int, typer.Option(metavar="N", min=1, help="How many random missions to fly, in fleets of twenty.")
     ] = 300,
     first: Annotated[
         int,
@@ -223,9 +227,9 @@ def missions(
         ),
     ] = Rates.REDUCED,
     shrink: Annotated[
-        bool, typer.Option("--shrink/--no-shrink", help="Make each mission that differs as simple as possible.")
+        bool, typer.Option("--shrink/--no-shrink", help="Make each random mission that differs as simple as possible.")
     ] = True,
     as_json: AsJson = False,
 ) -> None:
-    """Fly random missions with both autopilots and compare accepted items, order, times and paths."""
-    parity.missions(count, first, out, rates.value, shrink, as_json)
+    """Fly missions with both autopilots and compare accepted items, order, times and paths."""
+    parity.missions(files or [], count, first, out, rates.value, shrink, as_json)

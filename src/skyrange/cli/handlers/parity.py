@@ -148,18 +148,21 @@ def _reaction(one: Reaction) -> dict[str, Any]:
     return {**asdict(one), "outcome": one.outcome}
 
 
-def missions(count: int, first: int, out: Path | None, rates: str, shrink: bool, as_json: bool) -> None:
+def missions(
+    files: Sequence[Path], count: int, first: int, out: Path | None, rates: str, shrink: bool, as_json: bool
+) -> None:
     """`skyrange parity missions`."""
     from skyrange.runtime.run import free_folder
-    from skyrange.study.compare.mission_parity import compare, page, results
+    from skyrange.study.compare.mission_parity import compare, given_missions, page, results
 
+    given = given_missions(files)
     folder = out if out is not None else free_folder("mission-parity")
 
     def on_fleet(run: int, flown: int) -> None:
         if not as_json:
             print_notice(f"run {run}: {flown} missions")
 
-    agreement = compare(folder, count, first=first, rates=rates, shrink=shrink, on_fleet=on_fleet)
+    agreement = compare(folder, count, first=first, given=given, rates=rates, shrink=shrink, on_fleet=on_fleet)
     if as_json:
         print_json({"path": str(folder), **results(agreement)})
         return

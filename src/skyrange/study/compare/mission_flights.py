@@ -11,24 +11,23 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, message_name
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mission import format_waypoints
+from skyrange.codec.mission import Mission, format_waypoints
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import NS_PER_S
 from skyrange.gcs.plan.plans import FlightPlan, from_file
-from skyrange.gcs.plan.routes import estimated_duration_s
+from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.compare.gnss_reactions import DEADLINE_S
-from skyrange.study.compare.random_missions import RandomMission
 from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.study.measures.time_series import Track, read_notes, truth_tracks
 from skyrange.study.measures.track_deviation import AIRBORNE_M
@@ -46,9 +45,33 @@ PATH_M: Final = 1.0
 MARGIN_S: Final = 75.0
 DEPART_S: Final = 5.0
 APART_M: Final = 1_000.0
+"""Distance between starts, or more where missions lead farther."""
 ABREAST: Final = 8
 ORIGIN: Final = Origin(-35.363328, 149.1652241, 10.0)
 TRUTH_HZ: Final = 20.0
+
+
+class ComparableMission(Protocol):
+    """A mission that can be flown from any start."""
+
+    @property
+    def number(self) -> int:
+        """Its number, which names it in the results."""
+        ...
+
+    @property
+    def words(self) -> str:
+        """Its contents in one line."""
+        ...
+
+    @property
+    def commands(self) -> tuple[int, ...]:
+        """The commands of its items, from sequence number 1 on."""
+        ...
+
+    def at(self, origin: Origin, start_enu_m: tuple[float, float]) -> Mission:
+        """The mission for an aircraft that starts at `start_enu_m`, at the height of the origin."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +97,7 @@ class ComparedMission:
     `miss` says in which way the flights differ, "" for none; `detail` gives the numbers.
     """
 
-    mission: RandomMission
+    mission: ComparableMission
     wind_mps: float
     wind_from_deg: float
     flights: tuple[FlownMission, FlownMission]
@@ -90,7 +113,7 @@ class ComparedMission:
         return not self.miss
 
 
-def flight_plan(mission: RandomMission) -> FlightPlan:
+def flight_plan(mission: ComparableMission) -> FlightPlan:
     """The flight plan of a mission for an aircraft that starts at the origin."""
     with TemporaryDirectory() as scratch:
         file = Path(scratch) / "mission.waypoints"
@@ -100,7 +123,7 @@ def flight_plan(mission: RandomMission) -> FlightPlan:
 
 def compare_fleet(
     folder: Path,
-    missions: Sequence[RandomMission],
+    missions: Sequence[ComparableMission],
     wind: tuple[float, float],
     rates: str = "reduced",
     *,
@@ -115,14 +138,15 @@ def compare_fleet(
 
 
 def fleet_scenario(
-    missions: Sequence[RandomMission], wind: tuple[float, float], scratch: Path, rates: str = "reduced"
+    missions: Sequence[ComparableMission], wind: tuple[float, float], scratch: Path, rates: str = "reduced"
 ) -> Scenario:
     """The scenario with two aircraft for every mission, whose files are written into `scratch`; `rates` ArduPilot's."""
+    apart_m = _apart_m(missions)
     operators: list[dict[str, Any]] = []
     for place, kind in enumerate(KINDS):
         vehicles = []
         for number, mission in enumerate(missions):
-            east_m, north_m = _start(2 * number + place)
+            east_m, north_m = _start(2 * number + place, apart_m)
             file = scratch / f"{kind}-{number}.waypoints"
             file.write_text(format_waypoints(mission.at(ORIGIN, (east_m, north_m))))
             vehicles.append(
@@ -150,8 +174,9 @@ def fleet_scenario(
     )
 
 
-def read(record: RunRecord, missions: Sequence[RandomMission], wind: tuple[float, float]) -> list[ComparedMission]:
+def read(record: RunRecord, missions: Sequence[ComparableMission], wind: tuple[float, float]) -> list[ComparedMission]:
     """Compare the flights recorded in a run of `fleet_scenario`."""
+    apart_m = _apart_m(missions)
     tracks = truth_tracks(record)
     names = [f"{kind}/{_name(number)}" for number in range(len(missions)) for kind in KINDS]
     lifts = {name: _airborne_span_s(tracks[name]) for name in names}
@@ -166,7 +191,7 @@ def read(record: RunRecord, missions: Sequence[RandomMission], wind: tuple[float
         lift_s, down_s = lifts[name]
         track = tracks[name]
         at_s = track.time_ns / NS_PER_S
-        start = np.array([*_start(place), 0.0])
+        start = np.array([*_start(place, apart_m), 0.0])
         return FlownMission(
             rejected=rejected.get(name, ""),
             items=tuple(items[name]),
@@ -187,7 +212,7 @@ def read(record: RunRecord, missions: Sequence[RandomMission], wind: tuple[float
 
 
 def compare_flights(
-    mission: RandomMission, wind: tuple[float, float], flights: tuple[FlownMission, FlownMission]
+    mission: ComparableMission, wind: tuple[float, float], flights: tuple[FlownMission, FlownMission]
 ) -> ComparedMission:
     """Compare two flights of a mission: the first difference, in the order of their importance, is the miss."""
     first, second = flights
@@ -201,7 +226,7 @@ def compare_flights(
 
 
 def _differences(
-    mission: RandomMission, flights: tuple[FlownMission, FlownMission], path_apart_m: float, where: str
+    mission: ComparableMission, flights: tuple[FlownMission, FlownMission], path_apart_m: float, where: str
 ) -> Iterator[tuple[str, str]]:
     first, second = flights
     if bool(first.rejected) != bool(second.rejected):
@@ -225,10 +250,10 @@ def _differences(
         yield "outcome", f"{first.outcome} / {second.outcome}"
 
 
-def _command(mission: RandomMission, seq: int) -> str:
-    if not 1 <= seq <= len(mission.items):
+def _command(mission: ComparableMission, seq: int) -> str:
+    if not 1 <= seq <= len(mission.commands):
         return "end"
-    return str(mav.enums["MAV_CMD"][mission.items[seq - 1].command].name.removeprefix("MAV_CMD_"))
+    return str(mav.enums["MAV_CMD"][mission.commands[seq - 1]].name.removeprefix("MAV_CMD_"))
 
 
 def _listed(seqs: Sequence[int]) -> str:
@@ -265,6 +290,20 @@ def _name(number: int) -> str:
     return f"m{number + 1:02}"
 
 
-def _start(place: int) -> tuple[float, float]:
+def _start(place: int, apart_m: float) -> tuple[float, float]:
     row, column = divmod(place, ABREAST)
-    return (column - 0.5 * (ABREAST - 1)) * APART_M, row * APART_M
+    return (column - 0.5 * (ABREAST - 1)) * apart_m, row * apart_m
+
+
+def _apart_m(missions: Sequence[ComparableMission]) -> float:
+    """The distance between starts at which no two missions lead to one place."""
+    reach_m = max(
+        (
+            abs(part)
+            for mission in missions
+            for point in enu_points(flight_plan(mission))
+            for part in (point.east_m, point.north_m)
+        ),
+        default=0.0,
+    )
+    return max(APART_M, 2.5 * reach_m)

@@ -1,4 +1,4 @@
-"""Random missions flown by two kinds of autopilot: how many agree, and a simple mission for each that does not.
+"""Missions, random or given, flown by two kinds of autopilot: how many agree, and a simple one for each that does not.
 
 Twenty missions are one run. A mission that differs is made simpler, step by step, while it still differs in the same
 way.
@@ -16,11 +16,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.routes import estimated_duration_s
 from skyrange.runtime.run import OnProgress
-from skyrange.study.compare.mission_flights import ComparedMission, compare_fleet, flight_plan
+from skyrange.study.compare.given_missions import GivenMission, read_missions
+from skyrange.study.compare.mission_flights import ComparableMission, ComparedMission, compare_fleet, flight_plan
 from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
 
 FLEET: Final = 20
@@ -66,6 +68,15 @@ def legal_missions(count: int, first: int = 0) -> list[RandomMission]:
     return found
 
 
+def given_missions(files: Sequence[Path]) -> list[GivenMission]:
+    """The missions in files. Raises `InputError` with all problems of files that cannot be read or flown."""
+    missions = read_missions(files)
+    faults = [problem for mission in missions for problem in check(flight_plan(mission), str(mission.file))]
+    if faults:
+        raise InputError("missions", faults)
+    return missions
+
+
 def is_legal(mission: RandomMission) -> bool:
     """Whether the ground station finds no problem in a mission, and it is not too long."""
     plan = flight_plan(mission)
@@ -77,22 +88,24 @@ def compare(
     count: int,
     *,
     first: int = 0,
+    given: Sequence[GivenMission] = (),
     rates: str = "reduced",
     shrink: bool = True,
     on_fleet: Callable[[int, int], OnProgress | None] | None = None,
 ) -> MissionAgreement:
-    """Fly `count` missions from number `first` on with both autopilots, in fleets, into run folders in `folder`.
+    """Fly `count` random missions from number `first` on with both autopilots, in fleets, into run folders in `folder`.
 
-    With `shrink`, missions that differ are made simpler, which takes more runs. `on_fleet` is called with the number of
+    `given` are flown instead, in calm air. With `shrink`, random missions that differ are made simpler, which takes
+    more runs. `on_fleet` is called with the number of
     each run and the number of missions in it, and returns what is told of its progress. `folder` gets `missions.json`
     and `missions.md` after each fleet. Raises the errors of `study.runs.fly`.
     """
-    missions = legal_missions(count, first)
+    missions: Sequence[ComparableMission] = given or legal_missions(count, first)
     compared: list[ComparedMission] = []
     shrunk: dict[int, ComparedMission] = {}
     runs = 0
 
-    def fly_fleet(fleet: Sequence[RandomMission], wind: tuple[float, float]) -> list[ComparedMission]:
+    def fly_fleet(fleet: Sequence[ComparableMission], wind: tuple[float, float]) -> list[ComparedMission]:
         nonlocal runs
         runs += 1
         progress = on_fleet(runs, len(fleet)) if on_fleet is not None else None
@@ -101,9 +114,9 @@ def compare(
     folder.mkdir(parents=True, exist_ok=True)
     for start in range(0, len(missions), FLEET):
         fleet = missions[start : start + FLEET]
-        compared += fly_fleet(fleet, draw_wind(fleet[0].number))
+        compared += fly_fleet(fleet, (0.0, 0.0) if given else draw_wind(fleet[0].number))
         write_results(folder, MissionAgreement(tuple(compared), shrunk))
-    if shrink:
+    if shrink and not given:
         for one in [one for one in compared if not one.alike]:
             shrunk[one.mission.number] = shrink_mission(one, fly_fleet)
             write_results(folder, MissionAgreement(tuple(compared), shrunk))
@@ -116,7 +129,7 @@ def draw_wind(number: int) -> tuple[float, float]:
     return chance.choice(WINDS_MPS), float(chance.randrange(0, 360, 15))
 
 
-ShrinkFleet = Callable[[Sequence[RandomMission], tuple[float, float]], list[ComparedMission]]
+ShrinkFleet = Callable[[Sequence[ComparableMission], tuple[float, float]], list[ComparedMission]]
 
 
 def shrink_mission(one: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int = 8) -> ComparedMission:
@@ -128,17 +141,19 @@ def shrink_mission(one: ComparedMission, fly_fleet: ShrinkFleet, most_runs: int 
     wind = (one.wind_mps, one.wind_from_deg)
     tried: set[tuple[object, ...]] = set()
     for _ in range(most_runs):
+        whole = one.mission
+        assert isinstance(whole, RandomMission)
         candidates = []
-        calm = (wind[0] > 0.0) and one.mission.items not in tried
-        for mission in simpler(one.mission):
+        calm = (wind[0] > 0.0) and whole.items not in tried
+        for mission in simpler(whole):
             if mission.items not in tried and is_legal(mission):
                 tried.add(mission.items)
                 candidates.append(mission)
             if len(candidates) == FLEET:
                 break
         if calm:
-            tried.add(one.mission.items)
-            still = fly_fleet([one.mission, *candidates[: FLEET - 1]], (0.0, 0.0))
+            tried.add(whole.items)
+            still = fly_fleet([whole, *candidates[: FLEET - 1]], (0.0, 0.0))
             found = [each for each in still if each.miss == one.miss]
             if found:
                 wind = (0.0, 0.0)
@@ -191,7 +206,7 @@ def _facts(one: ComparedMission) -> dict[str, Any]:
 def page(agreement: MissionAgreement) -> Iterator[str]:
     """The results as lines of a page in Markdown."""
     compared = agreement.compared
-    yield f"# {len(compared)} random missions: {agreement.alike} alike ({agreement.share:.1%})"
+    yield f"# {len(compared)} missions: {agreement.alike} alike ({agreement.share:.1%})"
     yield ""
     alike = [one for one in compared if one.alike]
     if alike:

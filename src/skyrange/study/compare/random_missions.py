@@ -63,6 +63,11 @@ class RandomMission:
         return Mission(items, (lat, lon, origin.alt_msl_m), source=f"mission {self.number}")
 
     @property
+    def commands(self) -> tuple[int, ...]:
+        """The commands of its items."""
+        return tuple(item.command for item in self.items)
+
+    @property
     def words(self) -> str:
         """The items in one line: command and what is not 0."""
         return "; ".join(_words(item) for item in self.items)

@@ -1,0 +1,53 @@
+"""Mission files that are compared between two kinds of autopilot: read, moved, checked, far enough apart."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.errors import InputError
+from skyrange.study.compare.given_missions import read_missions
+from skyrange.study.compare.mission_flights import KINDS, ORIGIN, fleet_scenario
+from skyrange.study.compare.mission_parity import given_missions
+
+FILE = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t47.0\t8.0\t400\t1
+1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t10\t1
+2\t0\t0\t16\t0\t0\t0\t0\t{lat}\t8.0\t420\t1
+3\t0\t3\t20\t0\t0\t0\t0\t0\t0\t0\t1
+"""
+
+
+def mission_file(folder: Path, name: str, lat: float = 47.001) -> Path:
+    file = folder / name
+    file.write_text(FILE.format(lat=lat))
+    return file
+
+
+def test_a_mission_is_moved_to_the_start_with_altitudes_above_it(tmp_path: Path) -> None:
+    (mission,) = read_missions([mission_file(tmp_path, "a.waypoints")])
+    placed = mission.at(ORIGIN, (2_000.0, 0.0)).items[1]
+    east_m, north_m = ORIGIN.enu_of(placed.x, placed.y)
+    assert (east_m, placed.z) == pytest.approx((2_000.0, 20.0), abs=0.1)
+    assert north_m == pytest.approx(111.2, abs=0.5)
+    assert placed.frame == mav.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    assert mission.commands == (22, 16, 20)
+    assert mission.words.endswith("a.waypoints")
+
+
+def test_all_problems_of_all_files_are_told_before_anything_flies(tmp_path: Path) -> None:
+    grounded = tmp_path / "b.waypoints"
+    grounded.write_text(FILE.format(lat=47.001).replace("\t22\t", "\t16\t"))
+    with pytest.raises(InputError, match=r"b\.waypoints.*expected 22"):
+        given_missions([mission_file(tmp_path, "a.waypoints"), grounded])
+
+
+def test_missions_that_lead_far_start_farther_apart(tmp_path: Path) -> None:
+    missions = read_missions([mission_file(tmp_path, "far.waypoints", 47.01)] * 2)
+    scenario = fleet_scenario(missions, (0.0, 0.0), tmp_path)
+    starts = sorted(vehicle.start.east_m for _, vehicle in scenario.fleet)
+    assert len(starts) == 2 * len(KINDS)
+    assert min(b - a for a, b in itertools.pairwise(starts)) > 2_000.0
