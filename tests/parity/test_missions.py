@@ -12,9 +12,6 @@ from tests.ardupilot import needs_arducopter
 
 @needs_arducopter
 @pytest.mark.slow
-@pytest.mark.xfail(
-    reason="not there yet: 14 of the first 20 missions agreed; docs/explanation/parity.md has the misses"
-)
 def test_random_missions_are_flown_alike(tmp_path: Path) -> None:
     found = compare(tmp_path / "missions", 60, shrink=False)
     strays = [
