@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.city.city import City
 from skyrange.city.coordinate_systems import Projection
+from skyrange.city.feature_stream import compact_feature, parse_document, ring_vertices
 from skyrange.city.footprints import Feature, choose_buildings, make_city
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError, Problem
@@ -78,14 +79,20 @@ def read_collection(name: str, document: Any, origin: Origin | None, kind: str =
 
 
 def read_json(name: str, path: Path) -> Any:
-    """The JSON document in a file; raises `InputError` if it is none."""
+    """The JSON document in a file, with compact features; raises `InputError` if it is none."""
     try:
-        return json.loads(read_input(path, name, max_bytes=MAX_FILE_BYTES, expected="a readable GeoJSON file"))
+        return parse_document(
+            _decode(read_input(path, name, max_bytes=MAX_FILE_BYTES, expected="a readable GeoJSON file"))
+        )
     except json.JSONDecodeError as error:
         where = f"line {error.lineno}, column {error.colno}"
         raise InputError.one(name, where, error.msg, "JSON", "The file may be cut off or not be GeoJSON.") from error
     except (UnicodeDecodeError, RecursionError, ValueError) as error:
         raise InputError.one(name, "file", str(error), "JSON in UTF-8, not nested too deeply") from error
+
+
+def _decode(data: bytes) -> str:
+    return data.decode(json.detect_encoding(data), "surrogatepass")
 
 
 def read_json_lines(name: str, path: Path) -> list[Any]:
@@ -97,7 +104,7 @@ def read_json_lines(name: str, path: Path) -> list[Any]:
             number += 1
             text = line.strip(b"\x1e \t\r\n")
             if text:
-                documents.append(json.loads(text))
+                documents.append(compact_feature(json.loads(text)))
     except (ValueError, RecursionError) as error:
         where, hint = f"line {number}", "The file may be cut off, or be JSON on several lines: name it .geojson."
         raise InputError.one(name, where, str(error), "one JSON document a line", hint) from error
@@ -148,15 +155,12 @@ def _rings(polygon: Any) -> list[Any]:
 
 def _ring(ring: Any, projection: Projection) -> NDArray[np.float64]:
     """A ring as an (n, 2) or (n, 3) array."""
-    try:
-        vertices = np.asarray(ring)
-    except ValueError:  # ragged
-        vertices = np.empty(0, dtype=object)
-    if vertices.dtype.kind not in "if" or vertices.ndim != 2 or vertices.shape[1] < 2:
+    vertices = ring_vertices(ring)
+    if vertices is None:
         raise _ShapeError(f"ring {ring!r:.40}", "a list of [longitude, latitude] positions")
     if len(vertices) < 4 or (vertices[0, :2] != vertices[-1, :2]).any():
         raise _ShapeError(
-            f"ring of {len(vertices)} positions from {ring[0]} to {ring[-1]}",
+            f"ring of {len(vertices)} positions from {_spell(vertices[0])} to {_spell(vertices[-1])}",
             "four or more, the last equal to the first (RFC 7946 section 3.1.6)",
         )
     places = vertices[:, :3].astype(np.float64)
@@ -165,6 +169,11 @@ def _ring(ring: Any, projection: Projection) -> NDArray[np.float64]:
         if not inside.all():
             hint = "" if np.isnan(places[:, :2]).any() else '; or a "crs" member that names their system'
             raise _ShapeError(
-                f"position {ring[int(np.argmin(inside))]}", f"longitude in ±180 and latitude in ±90 degrees{hint}"
+                f"position {_spell(vertices[int(np.argmin(inside))])}",
+                f"longitude in ±180 and latitude in ±90 degrees{hint}",
             )
     return places
+
+
+def _spell(position: NDArray[Any]) -> str:
+    return f"[{', '.join(f'{part:.10g}' for part in position.tolist())}]"
