@@ -121,6 +121,15 @@ def test_errors_and_usage_escape_what_they_quote(tmp_path: Path) -> None:
         assert b"Traceback" not in done.stderr
 
 
+@pytest.mark.parametrize("command", ["run", "pair", "live"])
+def test_a_folder_whose_name_is_no_utf_8_is_refused_before_anything_flies(command: str, tmp_path: Path) -> None:
+    done = run_command(command, "rid-spoofing", "--out", "bad\udcff", cwd=tmp_path)
+    assert done.returncode == 2
+    assert b"bad\\xff" in done.stderr
+    assert b"a name in UTF-8" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_unforeseen_error_is_one_line_unless_asked_for_more(monkeypatch: pytest.MonkeyPatch) -> None:
     code = "import skyrange.cli.app as a; a.app = lambda **_: 1 // 0; from skyrange.cli import main; main()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

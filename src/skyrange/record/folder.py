@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from collections.abc import Sequence
@@ -24,12 +25,22 @@ _KEPT_CHARACTERS = 60
 """Of a name that is copied: at most 240 bytes, which every file system takes."""
 
 
+def check_folder_name(folder: Path, who: str = "output") -> None:
+    """Raise `InputError` if the whole name of a folder is not UTF-8: Arrow neither writes nor reads tables there."""
+    try:
+        str(folder.absolute()).encode()
+    except UnicodeEncodeError:
+        named = os.fsencode(folder.absolute()).decode(errors="backslashreplace")
+        raise InputError.one(who, "folder", named, "a name in UTF-8", "Rename it, or choose another.") from None
+
+
 def make_folder(folder: Path) -> list[Path]:
     """Create the folder, its parents and its spool; returns the folders that did not exist before, innermost first.
 
     Raises `InputError` if it holds anything but `PARTS`. If several runs claim one folder at once, exactly one
     succeeds, because the spool's folder can be created only once.
     """
+    check_folder_name(folder)
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -22,6 +22,7 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import expand_user
+from skyrange.record.folder import check_folder_name
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
@@ -135,6 +136,7 @@ def pair(
 
 
 def _make_folder(folder: Path) -> Path:
+    check_folder_name(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         taken = next(folder.iterdir(), None)

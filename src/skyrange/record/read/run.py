@@ -15,6 +15,7 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import FrameId
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
+from skyrange.record.folder import check_folder_name
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
 from skyrange.record.read.observations import derive_observations, observations_table
@@ -175,6 +176,7 @@ def load(path: Path | str) -> RunRecord:
 def open_folder(path: Path | str) -> RunRecord:
     """Open a run's folder as `load` does, also one that lacks tables: these are read as empty."""
     folder = expand_user(path)
+    check_folder_name(folder, "run")
     manifest = read_manifest(folder)
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
     if spooled and not (folder / SPOOL).is_dir():
