@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 
 # How many pytest processes run at once: tests in virtual time keep a core busy each, tests in real time mostly wait.
 WORKERS ?= 2
-REALTIME_WORKERS ?= 4
+REALTIME_WORKERS ?= 3
 
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external

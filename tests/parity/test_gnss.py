@@ -1,4 +1,7 @@
-"""Does the builtin react to false GNSS as a real EKF3 does? A hundred settings, both in one run; it takes minutes."""
+"""Does the builtin react to false GNSS as a real EKF3 does? Half of the hundred settings, both in one run.
+
+`skyrange parity gnss` flies them all.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,22 @@ from tests.ardupilot import needs_arducopter
 
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]:
-    return compare(tmp_path_factory.mktemp("gnss") / "run", settings())
+    chosen = [setting for number, setting in enumerate(settings()) if number % 4 in (0, 3)]  # each direction in turn
+    return compare(tmp_path_factory.mktemp("gnss") / "run", chosen)
 
 
 @needs_arducopter
-def test_the_outcome_is_the_same_in_95_of_100(compared: list[ComparedReaction]) -> None:
+def test_the_outcome_is_the_same_in_95_percent(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
     strays = [f"{one.setting.description}: {one.first} against {one.second}" for one in compared if not one.alike]
-    assert found.settings == 100
-    assert found.alike >= 95, strays
+    assert found.settings == 50
+    assert found.alike >= 0.95 * found.settings, strays
 
 
 @needs_arducopter
 def test_resets_are_within_a_second(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
-    assert found.resets >= 20
+    assert found.resets >= 10
     assert found.together == found.resets
     assert found.reset_apart_max_s <= TIME_S
 
