@@ -141,7 +141,8 @@ def fleet_scenario(
     missions: Sequence[ComparableMission], wind: tuple[float, float], scratch: Path, rates: str = "reduced"
 ) -> Scenario:
     """The scenario with two aircraft for every mission, whose files are written into `scratch`; `rates` ArduPilot's."""
-    apart_m = _apart_m(missions)
+    plans = [flight_plan(mission) for mission in missions]
+    apart_m = _apart_m(plans)
     operators: list[dict[str, Any]] = []
     for place, kind in enumerate(KINDS):
         vehicles = []
@@ -159,7 +160,7 @@ def fleet_scenario(
                 }
             )
         operators.append({"id": kind, "vehicles": vehicles})
-    longest_s = max(estimated_duration_s(flight_plan(mission)) for mission in missions)
+    longest_s = max(estimated_duration_s(plan) for plan in plans)
     return Scenario.model_validate(
         {
             "name": "mission-parity",
@@ -176,7 +177,6 @@ def fleet_scenario(
 
 def read(record: RunRecord, missions: Sequence[ComparableMission], wind: tuple[float, float]) -> list[ComparedMission]:
     """Compare the flights recorded in a run of `fleet_scenario`."""
-    apart_m = _apart_m(missions)
     tracks = truth_tracks(record)
     names = [f"{kind}/{_name(number)}" for number in range(len(missions)) for kind in KINDS]
     lifts = {name: _airborne_span_s(tracks[name]) for name in names}
@@ -187,26 +187,21 @@ def read(record: RunRecord, missions: Sequence[ComparableMission], wind: tuple[f
         if event.kind == "event.mode" and event.about in modes:
             modes[event.about].append(str(event.data["mode"]))
 
-    def flown(name: str, place: int) -> FlownMission:
+    def flown(name: str) -> FlownMission:
         lift_s, down_s = lifts[name]
         track = tracks[name]
         at_s = track.time_ns / NS_PER_S
-        start = np.array([*_start(place, apart_m), 0.0])
         return FlownMission(
             rejected=rejected.get(name, ""),
             items=tuple(items[name]),
             modes=tuple(modes[name]),
             outcome=str(record.outcomes.get(name, {}).get("state") or "unfinished"),
             down_s=down_s - lift_s,
-            path_m=track.enu_m[(at_s >= lift_s) & (at_s <= down_s)] - start,
+            path_m=track.enu_m[(at_s >= lift_s) & (at_s <= down_s)] - track.enu_m[0],
         )
 
     return [
-        compare_flights(
-            mission,
-            wind,
-            (flown(f"{KINDS[0]}/{_name(number)}", 2 * number), flown(f"{KINDS[1]}/{_name(number)}", 2 * number + 1)),
-        )
+        compare_flights(mission, wind, (flown(f"{KINDS[0]}/{_name(number)}"), flown(f"{KINDS[1]}/{_name(number)}")))
         for number, mission in enumerate(missions)
     ]
 
@@ -295,15 +290,8 @@ def _start(place: int, apart_m: float) -> tuple[float, float]:
     return (column - 0.5 * (ABREAST - 1)) * apart_m, row * apart_m
 
 
-def _apart_m(missions: Sequence[ComparableMission]) -> float:
-    """The distance between starts at which no two missions lead to one place."""
-    reach_m = max(
-        (
-            abs(part)
-            for mission in missions
-            for point in enu_points(flight_plan(mission))
-            for part in (point.east_m, point.north_m)
-        ),
-        default=0.0,
-    )
+def _apart_m(plans: Sequence[FlightPlan]) -> float:
+    """The distance between starts at which no two plans lead to one place."""
+    points = (point for plan in plans for point in enu_points(plan))
+    reach_m = max((max(abs(point.east_m), abs(point.north_m)) for point in points), default=0.0)
     return max(APART_M, 2.5 * reach_m)
