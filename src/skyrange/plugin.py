@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     from skyrange.detect.telemetry import read_messages
     from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
+    from skyrange.radio.external.medium import ExternalMedium
     from skyrange.utm.approval_service import FlightApproval, policy_plugin
     from skyrange.utm.contract import (
         ApprovalContext,
@@ -152,6 +153,7 @@ __all__ = [
     "Enu",
     "Episode",
     "Epoch",
+    "ExternalMedium",
     "Fate",
     "Finished",
     "FlightApproval",

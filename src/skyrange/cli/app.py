@@ -37,7 +37,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Install autopilot programs in your data folder.\n\nExample: skyrange install ardupilot",
+    help="Install autopilots and radio engines in your data folder.\n\nExample: skyrange install ardupilot",
     no_args_is_help=True,
 )
 app.add_typer(live_app.commands)
@@ -240,7 +240,7 @@ def doctor(as_json: AsJson = False) -> None:
 
 @install_app.callback()
 def _install() -> None:
-    """Install autopilot programs in your data folder."""
+    """Install autopilots and radio engines in your data folder."""
 
 
 @install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
@@ -260,3 +260,19 @@ def ardupilot(
 ) -> None:
     """Install ArduPilot's official SITL binary of ArduCopter in your data folder, and check that it runs."""
     installation.install_ardupilot(version, source, as_json)
+
+
+@install_app.command(epilog="Example: skyrange install ns3")
+def ns3(
+    prefix: Annotated[
+        Path | None,
+        typer.Option(
+            "--ns3",
+            metavar="DIR",
+            help="Folder in which ns-3 is installed. Default: the Python package ns3, else the system's ns-3.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compile the radio engine of ns-3 in your data folder, and check that it runs."""
+    installation.install_ns3(prefix, as_json)

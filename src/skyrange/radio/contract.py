@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.medium import Medium, RadioSpec
 from skyrange.contracts.plugins import MEDIA, NoParams, Plugin
@@ -25,6 +25,8 @@ class MediumContext:
     city: City | None = None
     """The buildings, if there are any."""
     surroundings: RadioEnvironment = OPEN_GROUND
+    losses: Literal["city", "engine"] = "city"
+    """Who computes path losses: skyrange, from the city, or an engine that is another program."""
     every_pair: bool = False
     """Whether `Heard` must also report frames that were not decoded."""
 

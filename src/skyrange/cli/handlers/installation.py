@@ -51,3 +51,21 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
         if first.path != binary.path:
             where = "which is newer" if first.source == "installed" else f"from {first.source}"
             print_notice(f"skyrange runs a different binary, {where}: ArduCopter {first.version}, {first.path}")
+
+
+def install_ns3(prefix: Path | None, as_json: bool) -> None:
+    """`skyrange install ns3`."""
+    from skyrange.install.ns3 import TESTED, find_libraries, install
+
+    if not as_json:
+        found = find_libraries(expand_user(prefix) if prefix is not None else None)
+        print_text(f"compiling the engine against ns-3 {found.release} from {found.origin}")
+    made, found = install(expand_user(prefix) if prefix is not None else None)
+    facts = {"release": found.release, "from": found.origin, "path": str(made.path)}
+    if as_json:
+        print_json(facts)
+    else:
+        print_text(f"{'compiled' if made.compiled_now else 'was compiled already'}: {made.path}")
+        print_text('use it in a scenario with [radio] engine = "ns3"')
+    if found.release not in TESTED:
+        print_notice(f"ns-3 {found.release} is not a tested release; tested: {', '.join(TESTED)}")

@@ -76,10 +76,20 @@ def _prctl() -> ctypes.CDLL | None:
 
 
 class Program:
-    """A running child process. Its standard input is closed, and Ctrl-C does not reach it: `kill` ends it."""
+    """A running child process. Ctrl-C does not reach it: `kill` ends it."""
 
-    def __init__(self, name: str, command: Sequence[str], folder: Path, *, slack_s: float | None = None) -> None:
-        """Start `command` in `folder`, which exists. Raises `ComponentError` if it cannot be started.
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        folder: Path,
+        *,
+        slack_s: float | None = None,
+        stdin: int = subprocess.DEVNULL,
+    ) -> None:
+        """Start `command` in `folder`, which exists, with the file descriptor `stdin` as its standard input.
+
+        Raises `ComponentError` if it cannot be started.
 
         With `slack_s` its sleeps may last that much longer than it asks for, on Linux (timer slack), so that a program
         that polls takes less of the processor.
@@ -99,7 +109,7 @@ class Program:
         try:
             with spare_files(), self._output.open("wb") as output:
                 self._process = subprocess.Popen(  # noqa: S603 (the caller checks what is run)
-                    list(command), cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT,
+                    list(command), cwd=folder, stdin=stdin, stdout=output, stderr=subprocess.STDOUT,
                     start_new_session=True, preexec_fn=bind_to_parent,
                 )  # fmt: skip
         except OSError as error:

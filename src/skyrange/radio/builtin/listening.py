@@ -16,10 +16,13 @@ from __future__ import annotations
 
 from typing import Final
 
-from skyrange.contracts.medium import ScanSchedule, ScanStep, Waveform
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.contracts.medium import Ints, ScanSchedule, ScanStep, Waveform
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
-from skyrange.radio.builtin.state import ALWAYS
+from skyrange.radio.builtin.state import ALWAYS, DWELL, FIRST, PHASE, REST, TURNS, WIFI, WINDOW
 from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, WIFI_CHANNELS
 
 _WIFI = (Waveform.DSSS_1M, Waveform.OFDM_6M)
@@ -79,3 +82,21 @@ def listening_turn(turns: int, dwell: int, window: int, rest: int, phase: int, t
     if turn >= turns or left <= 0:
         return -1, 0
     return turn, time_ns + left
+
+
+@compiled
+def find_tuned(
+    chain: Ints, turn_channel: Ints, radio: Ints, channel: Ints, start: Ints, end: Ints
+) -> NDArray[np.bool_]:
+    """(k,): whether each receiver listened to a Wi-Fi channel from the start to the end of a frame, in ns.
+
+    `chain` and `turn_channel` are those of `state.Radios`.
+    """
+    tuned = np.zeros(radio.shape[0], dtype=np.bool_)
+    for k in range(radio.shape[0]):
+        own = chain[radio[k], WIFI]
+        if own[TURNS] == 0:
+            continue
+        turn, until = listening_turn(own[TURNS], own[DWELL], own[WINDOW], own[REST], own[PHASE], start[k])
+        tuned[k] = turn >= 0 and until >= end[k] and turn_channel[own[FIRST] + turn] == channel[k]
+    return tuned

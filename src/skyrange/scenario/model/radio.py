@@ -61,6 +61,11 @@ class Radio(Model):
         default=-85.0, gt=-200, lt=60, description="Mean power of that background traffic at any antenna, in dBm."
     )
     aboard: ReceiverKind = Field(default="companion", description="Kind of receiver of all aircraft.")
+    losses: Literal["city", "engine"] = Field(
+        default="city",
+        description="Who computes path losses. city: skyrange, from the buildings; engine: an engine that is another "
+        "program, by its own model.",
+    )
     every_pair: Annotated[bool, Strict()] = Field(
         default=False, description="Whether to record receptions that were not decoded too, with the reason."
     )

@@ -1,0 +1,69 @@
+"""Sources of the engines that skyrange brings along, and where their compiled programs are kept."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Final
+
+from skyrange.core.errors import ComponentError, InputError
+
+_PACKAGE: Final = Path(__file__).resolve().parents[2]
+_SUFFIXES: Final = (".h", ".cc", ".ned", ".ini", ".msg")
+
+
+def engine_sources(name: str) -> Path:
+    """The folder of an engine's sources: in the installed package, or in the checkout that it is run from.
+
+    Raises `ComponentError` if this installation has none.
+    """
+    for folder in (_PACKAGE / "_engines" / name, _PACKAGE.parents[1] / "engines" / name):
+        if folder.is_dir():
+            return folder
+    raise ComponentError("skyrange", f"has no sources of the engine {name}", "Reinstall skyrange")
+
+
+def source_files(name: str) -> list[Path]:
+    """The sources of an engine, with those that all engines share, in a fixed order."""
+    folder = engine_sources(name)
+    files = [*folder.iterdir(), *(folder.parent / "common").iterdir()]
+    return sorted(file for file in files if file.suffix in _SUFFIXES)
+
+
+def source_digest(name: str) -> str:
+    """SHA-256 of the sources of an engine, in hexadecimal: names and contents."""
+    digest = hashlib.sha256()
+    for file in source_files(name):
+        data = file.read_bytes()
+        digest.update(f"{file.parent.name}/{file.name} {len(data)}\n".encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def engine_folder(name: str) -> Path:
+    """The user's folder of compiled programs of an engine."""
+    user = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
+    return Path(user) / "skyrange" / "engines" / name
+
+
+def find_engine(name: str, title: str, variable: str, install: str) -> Path:
+    """The compiled program of an engine: the file that `variable` names, else the one compiled last from these sources.
+
+    Raises `InputError` in the name of `title`, with the command `install`, if there is none.
+    """
+    hint = f"Compile it: {install}"
+    named = os.environ.get(variable)
+    if named:
+        path = Path(named).expanduser()
+        if not os.access(path, os.X_OK) or path.is_dir():
+            raise InputError.one(variable, "path", named, "an executable file", hint)
+        return path
+    folder = engine_folder(name)
+    digest = source_digest(name)[:16]
+    programs = [path for path in folder.glob(f"{digest}-*/engine") if os.access(path, os.X_OK)]
+    if programs:
+        return max(programs, key=lambda path: path.stat().st_mtime_ns)
+    older = any(folder.glob("*/engine"))
+    value = "compiled from sources of another version of skyrange" if older else "not compiled yet"
+    raise InputError.one(title, "radio.engine", value, "its engine program", hint)

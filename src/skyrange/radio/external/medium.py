@@ -1,0 +1,365 @@
+"""A radio medium whose Wi-Fi is simulated by another program, over the medium protocol.
+
+Waveforms that the engine does not simulate stay with a builtin medium beside it, such as Bluetooth with ns-3. The two
+do not interfere with each other.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from skyrange.codec.medium_protocol import (
+    HEARD,
+    NOISE,
+    ORIGIN_NS,
+    PATH,
+    SENT,
+    TRANSMISSION,
+    Ability,
+    Advance,
+    Building,
+    Done,
+    EngineRadio,
+    Hello,
+    MessageType,
+    Ready,
+    Rows,
+    decode_done,
+    decode_losses,
+    decode_ready,
+    encode_advance,
+    encode_hello,
+    encode_path_losses,
+)
+from skyrange.contracts.medium import (
+    ANY_CHANNEL,
+    EmitterTable,
+    Floats,
+    Heard,
+    Ints,
+    OnAir,
+    RadioSpec,
+    RadioTable,
+    ReceptionOutcome,
+    Sent,
+    TransmissionFate,
+    TxBatch,
+    Waveform,
+)
+from skyrange.core.errors import ComponentError, DecodeError
+from skyrange.core.ids import hash64
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.io.processes.engine_socket import EngineSocket
+from skyrange.radio.builtin.listening import find_tuned
+from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.builtin.state import radio_arrays
+from skyrange.radio.contract import MediumContext
+from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pieces
+from skyrange.radio.external.paths import PathFinder
+from skyrange.radio.phy.channels import centre_mhz
+from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES
+
+DEADLINE_S: Final = 60.0
+"""Wall time within which an engine must answer, in seconds."""
+_WIFI: Final = (int(Waveform.DSSS_1M), int(Waveform.OFDM_6M))
+_DEFAULT_CHANNEL: Final = 6
+_KEPT_NS: Final = 10 * NS_PER_MS
+"""How long the start of a frame is remembered after its end: longer than its reception takes."""
+
+
+class ExternalMedium:
+    """A `Medium` that hands Wi-Fi frames to an engine. A deep copy forks the engine."""
+
+    runs_programs = True
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        context: MediumContext,
+        params: Mapping[str, str] | None = None,
+        *,
+        deadline_s: float = DEADLINE_S,
+    ) -> None:
+        """Start the engine `name` with `command`, and greet it with `params`.
+
+        Raises `InputError` for radios that cannot be, as the builtin medium does, and `ComponentError` if the engine
+        does not start, speaks another version, or cannot do what the context asks for.
+        """
+        surroundings = context.surroundings
+        self._builtin = BuiltinMedium(context.radios, context.chance, context.city, surroundings)
+        self.radios: Sequence[RadioSpec] = self._builtin.radios
+        self._every_pair = context.every_pair
+        own_losses = context.losses == "engine"
+        self._arrays = radio_arrays(self.radios, context.chance)
+        self._finder = PathFinder(self.radios, self._arrays, context.chance, context.city, surroundings, own_losses)
+        self._noise = NoiseSources()
+        self._channels = {
+            step.channel
+            for radio in self.radios
+            for chain in radio.listening
+            for step in chain.turns
+            if step.waveforms[0] in _WIFI
+        }
+        self._queue: list[tuple[Time, int, int, tuple[Any, ...]]] = []
+        self._refused: list[tuple[int, int, int, Time]] = []
+        self._starts: dict[int, tuple[Time, Time]] = {}
+        self._losses = np.zeros((len(self.radios), len(ReceptionOutcome)), dtype=np.int64)
+        self._active = 0
+        self._until: Time | None = None
+        self._engine_until: Time | None = None
+        self._places: Floats | None = None
+        hello = Hello(
+            context.chance.seed & 0xFFFF_FFFF_FFFF_FFFF,
+            float(surroundings.horizon_m),
+            own_losses,
+            [EngineRadio(radio.name, hash64(radio.name), radio.noise_figure_db) for radio in self.radios],
+            params or {},
+            _buildings(context) if own_losses else (),
+        )
+        self.name = name
+        self._command = tuple(command)
+        self._engine = EngineSocket(f"radio engine {name}", command, deadline_s)
+        try:
+            self._ready = self._greet(hello)
+            self.lookahead_ns: Time = self._ready.lookahead_ns
+        except BaseException:
+            self._engine.close()
+            raise
+
+    def _greet(self, hello: Hello) -> Ready:
+        kind, body = self._engine.request(MessageType.HELLO, encode_hello(hello))
+        try:
+            if kind != MessageType.READY:
+                raise DecodeError(f"{kind.name} instead of READY")
+            ready = decode_ready(body)
+        except DecodeError as error:
+            raise self._misspoke(error) from None
+        if not ready.waveforms & sum(1 << waveform for waveform in _WIFI):
+            raise ComponentError(self._engine.name, "simulates neither of the Wi-Fi waveforms of this medium")
+        if hello.own_losses and Ability.OWN_LOSSES not in ready.abilities:
+            hint = 'Use losses = "city", with which skyrange computes the losses'
+            raise ComponentError(self._engine.name, "cannot compute path losses", hint)
+        return ready
+
+    def _misspoke(self, error: DecodeError) -> ComponentError:
+        return ComponentError(self._engine.name, f"sent {error}", "See the reference page of the medium protocol")
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> ExternalMedium:
+        """Fork the engine; raises `ComponentError` if it cannot."""
+        if Ability.FORKS not in self._ready.abilities:
+            raise ComponentError(self._engine.name, "cannot be copied while it runs")
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        for part in ("_builtin", "_finder", "_noise"):
+            setattr(twin, part, copy.deepcopy(getattr(self, part), memo))
+        twin._queue, twin._refused = list(self._queue), list(self._refused)
+        twin._starts, twin._losses = dict(self._starts), self._losses.copy()
+        twin._channels = set(self._channels)
+        twin._engine = self._engine.fork()
+        return twin
+
+    @property
+    def repeatable(self) -> Literal["bytes", "outcome"]:
+        """What the engine declares."""
+        return "bytes" if Ability.REPEATS in self._ready.abilities else "outcome"
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """The engine's name, versions and command, who computes the losses, and the waveforms that stay builtin."""
+        return {
+            "engine": self._ready.name,
+            "release": self._ready.release,
+            "command": list(self._command),
+            "losses": "engine" if self._finder.own_losses else "city",
+            "builtin_waveforms": [w.name for w in Waveform if not self._simulates(int(w))],
+        }
+
+    @property
+    def losses(self) -> Ints:
+        """(radios, outcomes): counts of each `ReceptionOutcome` at each receiver, of the engine and the builtin."""
+        return self._losses + self._builtin.losses
+
+    @property
+    def quiet(self) -> bool:
+        """Whether nothing waits or is on the air."""
+        return not (self._queue or self._refused or self._active) and self._builtin.quiet
+
+    def _simulates(self, waveform: int) -> bool:
+        return waveform in _WIFI and bool(self._ready.waveforms >> waveform & 1)
+
+    def offer(self, now: Time, requests: TxBatch) -> None:
+        """Take frames; see `Medium.offer`."""
+        if not len(requests.key):
+            return
+        if requests.radio.min() < 0 or requests.radio.max() >= len(self.radios):
+            raise ValueError(
+                f"a radio in row {int(requests.radio.min())} or {int(requests.radio.max())} of {len(self.radios)}"
+            )
+        if self._until is not None and requests.at_ns.min() <= self._until:
+            raise ValueError(f"a frame offered at {int(requests.at_ns.min())} ns, when {self._until} ns had passed")
+        ours = np.array([self._simulates(waveform) for waveform in requests.waveform.tolist()], dtype=bool)
+        if not ours.all():
+            self._builtin.offer(now, TxBatch(*(column[~ours] for column in requests)))
+        for row in np.flatnonzero(ours).tolist():
+            radio, at, kind, channel, power, size, key = (column[row].item() for column in requests)
+            channel = _DEFAULT_CHANNEL if channel == ANY_CHANNEL else channel
+            power = float(self._arrays.tx_power_dbm[radio, 0]) if np.isnan(power) else power
+            good = MIN_BYTES[kind] <= size <= MAX_BYTES[kind] and 1 <= channel <= 13 and key >= 0
+            if not good or not np.isfinite(power) or power > 60.0:
+                self._refused.append((key, radio, requests.channel[row].item(), at))
+                continue
+            self._channels.add(channel)
+            self._queue.append((at, radio, len(self._queue), (key, at, power, radio, size, kind, channel)))
+
+    def emit(self, now: Time, sources: EmitterTable) -> None:
+        """Make noise from `now` on; see `BuiltinMedium.emit`."""
+        self._builtin.emit(now, sources)
+        self._noise.emit(now, sources)
+
+    def advance(self, until: Time, radios: RadioTable) -> OnAir:
+        """Let time pass; see `Medium.advance`. Raises `ComponentError` if the engine does not answer as it must."""
+        beside = self._builtin.advance(until, radios)  # checks the arguments
+        begin, self._until = self._until, until
+        due = sorted(row for row in self._queue if row[0] <= until)
+        frames, frame_paths = self._transmissions(due, radios)
+        noise, noise_paths = self._noises(begin, until, radios)
+        answer = OnAir(*(_columns(np.zeros(0, dtype=kind), rows) for kind, rows in ((SENT, Sent), (HEARD, Heard))))
+        if due:
+            self._queue = [row for row in self._queue if row[0] > until]
+        if due or self._active or len(noise):
+            answer = self._exchange(until, radios, frames, noise, [*frame_paths, *noise_paths])
+        return self._merge(until, answer, beside)
+
+    def _transmissions(
+        self, due: Sequence[tuple[Time, int, int, tuple[Any, ...]]], table: RadioTable
+    ) -> tuple[Rows, list[Rows]]:
+        frames = np.zeros(len(due), dtype=TRANSMISSION)
+        paths = []
+        first = 0
+        for number, (at, radio, _, (key, _, power, _, size, kind, channel)) in enumerate(due):
+            found = self._finder.find(table, radio, power, float(centre_mhz(kind, channel)), at)
+            frames[number] = (key, at, power, radio, size, kind, channel, first, len(found), 0)
+            paths.append(found)
+            first += len(found)
+        return frames, paths
+
+    def _noises(self, begin: Time | None, until: Time, table: RadioTable) -> tuple[Rows, list[Rows]]:
+        """Noise that begins after `begin`, None for the first step, in which older noise may still last."""
+        rows, paths = self._noise.pieces(ORIGIN_NS if begin is None else begin, until, table, self._finder)
+        since = until - PIECE_NS if begin is None else begin
+        for channel in sorted(self._channels):
+            centre = float(centre_mhz(_WIFI[0], channel))
+            more = background_pieces(self._finder.params, self._arrays.who, since, until, centre)
+            rows, paths = [*rows, *more[0]], [*paths, *more[1]]
+        return (np.concatenate(rows) if rows else np.zeros(0, dtype=NOISE)), paths
+
+    def _exchange(self, until: Time, table: RadioTable, frames: Rows, noise: Rows, paths: Sequence[Rows]) -> OnAir:
+        noise["first_path"] = int(frames["paths"].sum()) + np.cumsum(noise["paths"]) - noise["paths"]
+        places = None if self._places is table.pos_enu_m else table.pos_enu_m
+        self._places = table.pos_enu_m
+        body = encode_advance(
+            Advance(
+                until, table.from_ns, places, frames, noise,
+                np.concatenate(paths) if paths else np.zeros(0, dtype=PATH),
+            )
+        )  # fmt: skip
+        begin, self._engine_until = self._engine_until, until
+        kind, answer = self._engine.request(MessageType.ADVANCE, body)
+        try:
+            if kind != MessageType.DONE:
+                raise DecodeError(f"{kind.name} instead of DONE")
+            done = decode_done(answer)
+            self._check(done, begin, until)
+        except DecodeError as error:
+            raise self._misspoke(error) from None
+        self._active = done.active
+        return self._interpret(done)
+
+    def _check(self, done: Done, begin: Time | None, until: Time) -> None:
+        """Raise `DecodeError` for rows of radios, times, fates or outcomes that cannot be."""
+        for rows, last in ((done.sent, len(TransmissionFate)), (done.heard, len(ReceptionOutcome))):
+            name = "sent" if rows is done.sent else "heard"
+            if not len(rows):
+                continue
+            if rows["radio"].max() >= len(self.radios) or rows["channel"].max() > 255:
+                raise DecodeError(f"a row of {name} with a radio or channel that is not there")
+            if rows["fate" if name == "sent" else "outcome"].max() >= last:
+                raise DecodeError(f"a row of {name} with an unknown {'fate' if name == 'sent' else 'outcome'}")
+            if rows["ended_ns"].max() > until or (begin is not None and rows["ended_ns"].min() <= begin):
+                raise DecodeError(f"a row of {name} that ends outside of the step until {until} ns")
+        if not (np.isfinite(done.heard["rssi_dbm"]).all() and np.isfinite(done.heard["snir_db"]).all()):
+            raise DecodeError("a signal strength that is no number")
+        started = {int(row["key"]) for row in done.sent} | self._starts.keys()
+        unknown = set(done.heard["key"].tolist()) - started
+        if unknown:
+            raise DecodeError(f"a reception of frame {min(unknown)}, of which it has not told that it was sent")
+
+    def _interpret(self, done: Done) -> OnAir:
+        """Sort the rows, and discard what receivers decoded while they listened elsewhere."""
+        sent, heard = done.sent, done.heard
+        sent = sent[np.lexsort((sent["key"], sent["ended_ns"]))]
+        for row in sent:
+            self._starts[int(row["key"])] = (int(row["started_ns"]), int(row["ended_ns"]))
+        times = np.array([self._starts[key] for key in heard["key"].tolist()], dtype=np.int64).reshape(-1, 2)
+        heard = heard.copy()
+        tuned = find_tuned(
+            self._arrays.chain, self._arrays.turn_channel, heard["radio"].astype(np.int64),
+            heard["channel"].astype(np.int64), times[:, 0].copy(), times[:, 1].copy(),
+        )  # fmt: skip
+        heard["outcome"][~tuned] = ReceptionOutcome.ELSEWHERE
+        np.add.at(self._losses, (heard["radio"].astype(np.int64), heard["outcome"].astype(np.int64)), 1)
+        if not self._every_pair:
+            heard = heard[heard["outcome"] == ReceptionOutcome.DECODED]
+        if self._until is not None:
+            over = self._until - _KEPT_NS
+            self._starts = {key: span for key, span in self._starts.items() if span[1] >= over}
+        return OnAir(_columns(sent, Sent), _columns(heard, Heard))
+
+    def _merge(self, until: Time, one: OnAir, other: OnAir) -> OnAir:
+        """Both answers and the refusals, in the order that the contract asks for."""
+        late = [row for row in self._refused if row[3] <= until]
+        self._refused = [row for row in self._refused if row[3] > until]
+        refused = np.array([(k, r, c, at, at, int(TransmissionFate.REFUSED)) for k, r, c, at in late], dtype=np.int64)
+        sent = [np.concatenate(column) for column in zip(one.sent, other.sent, refused.reshape(-1, 6).T, strict=True)]
+        order = np.lexsort((sent[0], sent[4]))
+        heard = [np.concatenate(column) for column in zip(one.heard, other.heard, strict=True)]
+        heard_order = np.lexsort((heard[1], heard[0], heard[3]))
+        return OnAir(Sent(*(column[order] for column in sent)), Heard(*(column[heard_order] for column in heard)))
+
+    def path_losses_db(self, ends_m: Floats) -> Floats:
+        """Basic transmission losses by the engine's own model, in dB: of (k, 6) pairs of places in metres, (k,).
+
+        NaN where the model gives none. Raises `ComponentError` if the engine has no model.
+        """
+        kind, body = self._engine.request(MessageType.PATH_LOSSES, encode_path_losses(ends_m))
+        try:
+            if kind != MessageType.LOSSES:
+                raise DecodeError(f"{kind.name} instead of LOSSES")
+            return decode_losses(body)
+        except DecodeError as error:
+            raise self._misspoke(error) from None
+
+    def close(self) -> None:
+        """End the engine; again does nothing."""
+        self._engine.close()
+
+
+def _columns(rows: Rows, into: type[Any]) -> Any:
+    """Rows of the protocol as columns of the contract."""
+    found = [rows[name] for name in into._fields]
+    return into(*(column.astype(np.float64 if column.dtype.kind == "f" else np.int64) for column in found))
+
+
+def _buildings(context: MediumContext) -> list[Building]:
+    if context.city is None:
+        return []
+    return [
+        Building(one.base_m, one.height_m, np.array(polygon[0][:-1], dtype=np.float64))
+        for one in context.city.buildings
+        for polygon in one.polygons
+    ]

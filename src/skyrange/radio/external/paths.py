@@ -1,0 +1,108 @@
+"""Paths from a transmitter to the radios that it reaches, with the gain of each, as an engine gets them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from skyrange.codec.medium_protocol import PATH, Rows
+from skyrange.contracts.medium import Floats, Ints, RadioSpec, RadioTable
+from skyrange.core.chance import Chance
+from skyrange.core.compiled import compiled
+from skyrange.core.time import Time
+from skyrange.radio.builtin.environment import RadioEnvironment
+from skyrange.radio.builtin.state import Radios
+from skyrange.radio.propagation.link_budget import MediumParams, index_positions
+from skyrange.radio.propagation.obstruction import obstacle_index
+from skyrange.radio.propagation.pair_losses import append_received_powers, best_gain_dbi
+from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+BELOW_NOISE_DB: Final = 10.0
+"""A path is left out if its median power is this far below the least noise of all receivers: it would add 0.4 dB."""
+_WIDTH_MHZ: Final = 20.0
+_NO_FLOOR_DBM: Final = -1e3
+
+
+@compiled
+def _antenna_gains(antenna: Floats, pos: Floats, sender: int, rows: Ints, gains: Floats, count: int) -> None:
+    """Gains of both antennas for the first `count` of `rows`, in dB."""
+    for k in range(count):
+        r = rows[k]
+        gain = antenna[sender, 1] + antenna[r, 1]
+        ex, ey, ez = pos[r, 0] - pos[sender, 0], pos[r, 1] - pos[sender, 1], pos[r, 2] - pos[sender, 2]
+        distance = (ex * ex + ey * ey + ez * ez) ** 0.5
+        sine = ez / distance if distance > 0.0 else 0.0
+        if antenna[sender, 0] == 1.0:
+            gain += dipole_dbi(sine)
+        if antenna[r, 0] == 1.0:
+            gain += dipole_dbi(-sine)
+        gains[k] = gain
+
+
+class PathFinder:
+    """Finds the paths of a transmitter. Their gains are those of skyrange's propagation or, with `own_losses`, those of
+    the antennas alone. Deep copies share what is declared.
+    """
+
+    def __init__(
+        self,
+        radios: Sequence[RadioSpec],
+        arrays: Radios,
+        chance: Chance,
+        city: City | None,
+        surroundings: RadioEnvironment,
+        own_losses: bool,
+    ) -> None:
+        self._arrays = arrays
+        self._obstacles = obstacle_index(city.walls()) if city is not None and not own_losses else obstacle_index()
+        self.own_losses = own_losses
+        self.params = MediumParams(
+            np.uint64(chance.seed & 0xFFFF_FFFF_FFFF_FFFF),
+            float(surroundings.horizon_m),
+            surroundings.chance and not own_losses,
+            float(surroundings.city_busy),
+            10.0 ** (0.1 * surroundings.city_dbm),
+            False,
+        )
+        self._best_dbi = float(best_gain_dbi(arrays.antenna))
+        self._floor_dbm = float(noise_dbm(arrays.best_noise_db, _WIDTH_MHZ)) - BELOW_NOISE_DB
+        count = len(radios)
+        self._head = np.full(1 << max(2 * count - 1, 0).bit_length(), -1, dtype=np.int64)
+        self._follow = np.zeros(count, dtype=np.int64)
+        self._rows = np.zeros(count, dtype=np.int64)
+        self._dbm = np.zeros(count)
+        self._indexed: Floats | None = None
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> PathFinder:
+        """Share all but the scratch arrays."""
+        twin = object.__new__(type(self))
+        twin.__dict__.update(self.__dict__)
+        twin._head, twin._follow = self._head.copy(), self._follow.copy()
+        twin._rows, twin._dbm = self._rows.copy(), self._dbm.copy()
+        return twin
+
+    def find(self, table: RadioTable, sender: int, power_dbm: float, centre_mhz: float, at: Time) -> Rows:
+        """`PATH` rows of a transmission of `power_dbm` at `centre_mhz` and the time `at`, ascending by receiver."""
+        pos = table.pos_enu_m
+        if self._indexed is not pos:
+            index_positions(self._head, self._follow, pos)
+            self._indexed = pos
+        # with own losses only the horizon counts: what the engine's model will say is not known here
+        floor = _NO_FLOOR_DBM if self.own_losses else self._floor_dbm
+        count = append_received_powers(
+            self.params, self._obstacles, self._arrays.who, self._arrays.antenna, pos, table.vel_enu_mps, self._head,
+            self._follow, self._best_dbi, sender, power_dbm, centre_mhz, at, floor, self._rows, self._dbm, 0,
+        )  # fmt: skip
+        paths = np.zeros(count, dtype=PATH)
+        paths["radio"] = self._rows[:count]
+        if self.own_losses:
+            _antenna_gains(self._arrays.antenna, pos, sender, self._rows, self._dbm, count)
+            paths["gain_db"] = self._dbm[:count]
+        else:
+            paths["gain_db"] = self._dbm[:count] - power_dbm
+        return paths
