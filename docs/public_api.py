@@ -39,7 +39,8 @@ TOPICS: dict[str, dict[str, str]] = {
             encode_approval decode_approval_request decode_approval_response""",
         "Avoidance": """AvoidancePlugin AvoidanceContext Avoidance AvoidanceLimits AvoidanceDecision AvoidanceAction
             Episode Own Tracks""",
-        "Radio media": """MediumPlugin MediumContext Medium MediumBase ExternalMedium RadioSpec RadioTable ScanSchedule ScanStep
+        "Radio media": """MediumPlugin MediumContext Medium MediumBase ExternalMedium RadioSpec RadioTable
+            ScanSchedule ScanStep
             Waveform TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome
             RadioEnvironment ANY_CHANNEL""",
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished

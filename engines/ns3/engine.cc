@@ -57,11 +57,21 @@ class Engine
                 MovePlace(m_air.mobility[k], place.x, place.y, place.z);
             }
         }
+        std::map<int64_t, std::vector<Noise>> noise_by_start;
         for (const Noise& noise : advance.noise)
         {
-            const auto first = advance.paths.begin() + noise.first_path;
-            const std::vector<Path> paths(first, first + noise.paths);
-            Simulator::Schedule(From(noise.from_ns), [this, noise, paths] { m_channel->StartNoise(noise, paths); });
+            noise_by_start[noise.from_ns].push_back(noise);
+        }
+        for (const auto& [from_ns, noises] : noise_by_start)
+        {
+            // the paths stay: the simulator does not run beyond this call before these events
+            Simulator::Schedule(From(from_ns), [this, &advance, &noises = noises] {
+                for (const Noise& noise : noises)
+                {
+                    const auto first = advance.paths.begin() + noise.first_path;
+                    m_channel->StartNoise(noise, {first, first + noise.paths});
+                }
+            });
         }
         for (const Transmission& row : advance.transmissions)
         {

@@ -25,6 +25,9 @@ namespace
 // After its end a frame is under way for as long as it takes over 20 km, and one nanosecond (see WifiRadio::Arrive).
 const int64_t kLastArrivalNs = 100'000;
 
+// Noise so far below the threshold of energy detection does not make a channel busy.
+const double kWeakDb = 10.0;
+
 double
 Ratio(double db)
 {
@@ -56,6 +59,8 @@ GivenPowerChannel::Setup(Air* air, const WifiSettings& settings, const NodeConta
     m_settings = settings;
     m_nodes = nodes;
     m_receivers.resize(nodes.GetN());
+    const double threshold_dbm = settings.energy_detection_dbm.empty() ? -62.0 : std::stod(settings.energy_detection_dbm);
+    m_weak_watt = 1e-3 * Ratio(threshold_dbm - kWeakDb);
 }
 
 GivenPowerChannel::Receiver&
@@ -158,6 +163,14 @@ GivenPowerChannel::ReceiveFrame(Receiver* receiver,
                                 Ptr<SpectrumSignalParameters> params,
                                 double dbm)
 {
+    receiver->receiving_until_ns =
+        std::max(receiver->receiving_until_ns, m_air->NowNs() + params->duration.GetNanoSeconds());
+    std::vector<LastingNoise> weak;
+    weak.swap(receiver->weak);
+    for (const LastingNoise& noise : weak)
+    {
+        ReceiveLasting(*receiver, noise);
+    }
     receiver->radio->Arrive(frame, dbm, params->duration);
     receiver->phy->StartRx(params);
 }
@@ -190,36 +203,77 @@ GivenPowerChannel::StartNoise(const Noise& noise, const std::vector<Path>& paths
     }
 }
 
-/// Let the rest of a noise arrive at a receiver, as far as it is within its band.
+/// Let the rest of a noise arrive at a receiver.
 void
 GivenPowerChannel::Disturb(Receiver& receiver, const Noise& noise, const Path& path)
 {
+    const double watt = 1e-3 * Ratio(noise.power_dbm + m_air->GainDb(noise.radio, path));
+    const Time delay = m_air->Delay(noise.radio, path.radio);
+    const LastingNoise lasting{noise.to_ns + delay.GetNanoSeconds(), noise.centre_mhz, noise.width_mhz, watt};
+    if (delay.IsZero())
+    {
+        BeginNoise(&receiver, lasting);
+        return;
+    }
+    const uint32_t node = m_nodes.Get(path.radio)->GetId();
+    Simulator::ScheduleWithContext(node, delay, &GivenPowerChannel::BeginNoise, this, &receiver, lasting);
+}
+
+void
+GivenPowerChannel::BeginNoise(Receiver* receiver, LastingNoise noise)
+{
+    const int64_t now = m_air->NowNs();
+    if (noise.watt >= m_weak_watt || receiver->receiving_until_ns > now)
+    {
+        ReceiveLasting(*receiver, noise);
+        return;
+    }
+    auto& weak = receiver->weak;
+    weak.erase(std::remove_if(weak.begin(), weak.end(), [now](const auto& old) { return old.to_ns <= now; }),
+               weak.end());
+    weak.push_back(noise);
+}
+
+/// Hand the rest of a noise to a PHY, as far as it is within its band.
+void
+GivenPowerChannel::ReceiveLasting(Receiver& receiver, const LastingNoise& noise)
+{
     const Time rest = NanoSeconds(noise.to_ns - m_air->NowNs());
+    const auto shape = ShapeOf(noise, receiver.phy->GetRxSpectrumModel());
+    if (!shape || !rest.IsStrictlyPositive())
+    {
+        return;
+    }
+    Ptr<SpectrumValue> psd = Copy<SpectrumValue>(shape);
+    *psd *= noise.watt;
+    ReceiveNoise(&receiver, psd, rest);
+}
+
+/// The spectrum of such noise of 1 W at a receiver; null outside of its band.
+Ptr<SpectrumValue>
+GivenPowerChannel::ShapeOf(const LastingNoise& noise, Ptr<const SpectrumModel> model)
+{
+    const auto name = std::make_tuple(model->GetUid(), noise.centre_mhz, noise.width_mhz);
+    const auto found = m_shapes.find(name);
+    if (found != m_shapes.end())
+    {
+        return found->second;
+    }
     const double low = (noise.centre_mhz - 0.5 * noise.width_mhz) * 1e6;
     const double high = (noise.centre_mhz + 0.5 * noise.width_mhz) * 1e6;
-    const double watt = 1e-3 * Ratio(noise.power_dbm + m_air->GainDb(noise.radio, path));
-    Ptr<SpectrumValue> psd = Create<SpectrumValue>(receiver.phy->GetRxSpectrumModel());
-    auto value = psd->ValuesBegin();
+    Ptr<SpectrumValue> psd = Create<SpectrumValue>(model);
     bool any = false;
+    auto value = psd->ValuesBegin();
     for (auto band = psd->ConstBandsBegin(); band != psd->ConstBandsEnd(); ++band, ++value)
     {
         const double shared = std::min(high, band->fh) - std::max(low, band->fl);
         if (shared > 0.0)
         {
-            *value = watt / (high - low) * shared / (band->fh - band->fl);
+            *value = shared / (high - low) / (band->fh - band->fl);
             any = true;
         }
     }
-    if (any && rest.IsStrictlyPositive())
-    {
-        Simulator::ScheduleWithContext(m_nodes.Get(path.radio)->GetId(),
-                                       m_air->Delay(noise.radio, path.radio),
-                                       &GivenPowerChannel::ReceiveNoise,
-                                       this,
-                                       &receiver,
-                                       psd,
-                                       rest);
-    }
+    return m_shapes[name] = any ? psd : Ptr<SpectrumValue>();
 }
 
 void

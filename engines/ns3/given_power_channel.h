@@ -15,6 +15,7 @@
 #include <deque>
 #include <map>
 #include <memory>
+#include <tuple>
 #include <vector>
 
 namespace skyrange
@@ -31,7 +32,8 @@ class GivenPowerChannel : public ns3::SpectrumChannel
     /// The radio on a Wi-Fi channel; it is made when it is first needed.
     WifiRadio& RadioOn(uint32_t radio, uint16_t wifi_channel);
 
-    /// Let noise arrive at the receivers of its paths from now on.
+    /// Let noise arrive at the receivers of its paths from now on. Noise too weak for carrier sense is handed to a PHY
+    /// only while it receives: the traffic of a city is some hundred pieces a second at each radio.
     void StartNoise(const medium_protocol::Noise& noise, const std::vector<medium_protocol::Path>& paths);
 
     void StartTx(ns3::Ptr<ns3::SpectrumSignalParameters> params) override;
@@ -41,10 +43,21 @@ class GivenPowerChannel : public ns3::SpectrumChannel
     ns3::Ptr<ns3::NetDevice> GetDevice(std::size_t index) const override;
 
   private:
+    /// Noise that lasts, of a receiver.
+    struct LastingNoise
+    {
+        int64_t to_ns;
+        double centre_mhz;
+        double width_mhz;
+        double watt;
+    };
+
     struct Receiver
     {
         std::unique_ptr<WifiRadio> radio;
         ns3::Ptr<ns3::SpectrumPhy> phy;
+        std::vector<LastingNoise> weak; // not handed to the PHY yet
+        int64_t receiving_until_ns = INT64_MIN;
     };
 
     struct ActiveNoise
@@ -60,6 +73,9 @@ class GivenPowerChannel : public ns3::SpectrumChannel
                       double dbm);
     void ReceiveNoise(Receiver* receiver, ns3::Ptr<ns3::SpectrumValue> psd, ns3::Time duration);
     void Disturb(Receiver& receiver, const medium_protocol::Noise& noise, const medium_protocol::Path& path);
+    void BeginNoise(Receiver* receiver, LastingNoise noise);
+    void ReceiveLasting(Receiver& receiver, const LastingNoise& noise);
+    ns3::Ptr<ns3::SpectrumValue> ShapeOf(const LastingNoise& noise, ns3::Ptr<const ns3::SpectrumModel> model);
     void Forget(int64_t key);
     ns3::Ptr<ns3::SpectrumValue> Convert(ns3::Ptr<const ns3::SpectrumValue> psd,
                                          ns3::Ptr<const ns3::SpectrumModel> model);
@@ -71,6 +87,8 @@ class GivenPowerChannel : public ns3::SpectrumChannel
     std::vector<ns3::Ptr<ns3::SpectrumPhy>> m_phys; // of the device that is being made
     std::deque<ActiveNoise> m_noise;                // for devices that are made while it lasts
     std::map<std::pair<uint32_t, uint32_t>, ns3::SpectrumConverter> m_converters;
+    std::map<std::tuple<uint32_t, double, double>, ns3::Ptr<ns3::SpectrumValue>> m_shapes; // of noise of 1 W
+    double m_weak_watt = 0.0;
 };
 
 } // namespace skyrange
