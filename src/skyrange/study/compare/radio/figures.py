@@ -1,0 +1,111 @@
+"""Figures of the agreement of radio engines: shares of decoded frames against each other, and residuals of losses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from skyrange.study.compare.radio.agreement import PARTIAL, WITHIN, Comparison
+from skyrange.study.compare.radio.own_losses import Residual
+from skyrange.study.figures import svg
+from skyrange.study.figures.palette import OKABE_ITO
+from skyrange.study.figures.svg import Figure
+
+_SIZE: Final = 260.0
+_LEFT, _TOP, _GAP = 44.0, 40.0, 36.0
+
+
+def draw_shares(comparison: Comparison, first: str, others: Sequence[str]) -> Figure:
+    """Draw a panel for each of `others`: the share that it decodes in each cell over that of `first`.
+
+    The band is the agreement that is asked for. Colours are experiments; cells that do not count are faint.
+    """
+    width = _LEFT + len(others) * (_SIZE + _GAP)
+    height = _TOP + _SIZE + 62.0
+    colours = dict(zip(comparison.experiments, OKABE_ITO, strict=False))
+    body: list[Element] = []
+    mine = comparison.shares[first]
+    for panel, other in enumerate(others):
+        x0 = _LEFT + panel * (_SIZE + _GAP)
+        body += _axes(x0, first, other)
+        theirs = comparison.shares[other]
+        for row, (experiment, facts) in enumerate(comparison.cells):
+            counts = any(PARTIAL[0] <= shares[row] <= PARTIAL[1] for shares in (mine, theirs))
+            dot = {
+                "cx": x0 + mine[row] * _SIZE, "cy": _TOP + (1.0 - theirs[row]) * _SIZE, "r": 2.6,
+                "fill": colours[experiment], "fill-opacity": ".8" if counts else ".15",
+            }  # fmt: skip
+            said = f"{experiment}: {_describe(facts)}: {mine[row]:.3f}, {theirs[row]:.3f}"
+            body.append(svg.element("circle", dot, svg.title(said)))
+    x = _LEFT
+    for experiment, colour in colours.items():
+        body.append(svg.element("circle", {"cx": x + 4, "cy": height - 10, "r": 4, "fill": colour}))
+        body.append(svg.label(x + 13, height - 6, experiment, "start"))
+        x += 30 + 7 * len(experiment)
+    return svg.document(width, height, f"Share of decoded frames: {first} and {', '.join(others)}", body)
+
+
+def _axes(x0: float, first: str, other: str) -> list[Element]:
+    """Axes from 0 to 1 with the diagonal and the band of agreement."""
+    outline = ((0.0, 0.0), (0.0, WITHIN), (1.0 - WITHIN, 1.0), (1.0, 1.0), (1.0, 1.0 - WITHIN), (WITHIN, 0.0))
+    points = np.array([(x0 + x * _SIZE, _TOP + (1.0 - y) * _SIZE) for x, y in outline])
+    body = [
+        svg.label(x0, _TOP - 22, other, "start", 12, svg.BOLD),
+        svg.element("path", {"d": svg.path_data(points, close=True), "fill": "currentColor", "fill-opacity": ".08"}),
+    ]
+    for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
+        x, y = x0 + tick * _SIZE, _TOP + (1.0 - tick) * _SIZE
+        for data in (f"M{x:.1f} {_TOP:.1f}v{_SIZE:.1f}", f"M{x0:.1f} {y:.1f}h{_SIZE:.1f}"):
+            body.append(svg.element("path", {"d": data, **svg.GRID}))
+        body.append(svg.label(x, _TOP + _SIZE + 16, f"{tick:g}"))
+        if x0 == _LEFT:
+            body.append(svg.label(x0 - 7, y + 4, f"{tick:g}", "end"))
+    body.append(svg.label(x0 + _SIZE / 2, _TOP + _SIZE + 32, f"share decoded by {first}", extra={"opacity": ".7"}))
+    return body
+
+
+def _describe(facts: Mapping[str, object]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in facts.items())
+
+
+def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]]) -> Figure:
+    """Draw the 10th to 90th percentile and the median of each model's loss minus skyrange's, by heights and sight."""
+    rows = list(dict.fromkeys(key for found in residuals.values() for key in found))
+    spans = [one for found in residuals.values() for one in found.values()]
+    low = min((one.low_db for one in spans), default=-10.0) - 2.0
+    high = max((one.high_db for one in spans), default=10.0) + 2.0
+    step = 9.0 * len(residuals) + 12.0
+    left, top, width = 170.0, 44.0, 560.0
+    height = top + step * len(rows) + 40.0
+    scale = width / (high - low)
+    colours = dict(zip(residuals, OKABE_ITO, strict=False))
+    body: list[Element] = []
+    values, spacing = svg.ticks(low, high, 8)
+    for value in values:
+        x = left + (value - low) * scale
+        body.append(svg.element("path", {"d": f"M{x:.1f} {top:.1f}V{height - 36:.1f}", **svg.GRID}))
+        body.append(svg.label(x, height - 20, svg.format_tick(value, spacing)))
+    for number, (heights, sight) in enumerate(rows):
+        y = top + number * step + 6.0
+        body.append(svg.label(left - 10, y + step / 2 - 2, f"{heights}, {'sight' if sight else 'no sight'}", "end"))
+        for turn, (model, found) in enumerate(residuals.items()):
+            one = found.get((heights, sight))
+            if one is None:
+                continue
+            level = y + 9.0 * turn + 3.0
+            a, b = left + (one.low_db - low) * scale, left + (one.high_db - low) * scale
+            look = {"stroke": colours[model], "stroke-width": 3.0, "stroke-opacity": ".75"}
+            said = f"{model}: {one.median_db:+.1f} dB, {one.low_db:+.1f} to {one.high_db:+.1f}, {one.count} pairs"
+            body.append(svg.element("path", {"d": f"M{a:.1f} {level:.1f}H{b:.1f}", **look}, svg.title(said)))
+            middle = left + (one.median_db - low) * scale
+            body.append(svg.element("circle", {"cx": middle, "cy": level, "r": 3.4, "fill": colours[model]}))
+    x = left
+    for model, colour in colours.items():
+        body.append(svg.element("circle", {"cx": x + 4, "cy": 16.0, "r": 4, "fill": colour}))
+        body.append(svg.label(x + 12, 20.0, model, "start"))
+        x += 26 + 6.6 * len(model)
+    body.append(svg.label(left + width / 2, height - 4, "loss minus skyrange's, dB", extra={"opacity": ".7"}))
+    return svg.document(left + width + 20.0, height, "Path losses of the engines' own models", body)
