@@ -24,6 +24,8 @@ class Obstacles(NamedTuple):
     inside: NDArray[np.int32]
     tops: NDArray[np.float64]
     """(c,): the highest roof in each cell."""
+    enclosure: NDArray[np.float64]
+    """(c,): a height from which on no position in the cell has higher walls on two opposite sides within 60 m."""
     west: float
     south: float
     side: float
@@ -34,7 +36,9 @@ class Obstacles(NamedTuple):
 def obstacle_index(walls: WallIndex = NO_WALLS) -> Obstacles:
     """Build the index of some walls."""
     west, south, side = walls.grid.tolist()
-    shared = (walls.box, walls.edges, walls.edge_start, *_index(walls))
+    cells, inside, tops = _index(walls)
+    enclosure = _enclosing_heights(tops, walls.columns, walls.rows)
+    shared = (walls.box, walls.edges, walls.edge_start, cells, inside, tops, enclosure)
     return Obstacles(*shared, west, south, side, walls.columns, walls.rows)
 
 
@@ -64,6 +68,41 @@ def _index(walls: WallIndex) -> tuple[NDArray[np.int64], NDArray[np.int32], NDAr
                 cells[cell + 1] += cells[cell]
             inside = np.empty(cells[count], dtype=np.int32)
     return cells, inside, tops
+
+
+@compiled
+def _enclosing_heights(tops: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.float64]:
+    """`Obstacles.enclosure`: over the four orientations of opposite sides, the highest of the lower side's roofs.
+
+    A side is what a ray from anywhere in the cell can meet: the cell itself and the next three in its direction, for a
+    diagonal ray with those beside them. Cells are at least 20 m wide.
+    """
+    enclosure = np.full(columns * rows, -math.inf)
+    for cell in range(columns * rows):
+        row, column = cell // columns, cell % columns
+        for orientation in range(4):
+            lower = math.inf
+            for sign in range(-1, 2, 2):
+                highest = -math.inf
+                for i in range(4):
+                    for j in range(4):
+                        if orientation == 0:
+                            if i > 0:
+                                continue
+                            r, c = row, column + sign * j
+                        elif orientation == 1:
+                            if j > 0:
+                                continue
+                            r, c = row + sign * i, column
+                        else:
+                            if abs(i - j) > 1:
+                                continue
+                            r, c = row + sign * i, column + sign * (j if orientation == 2 else -j)
+                        if 0 <= r < rows and 0 <= c < columns:
+                            highest = max(highest, tops[r * columns + c])
+                lower = min(lower, highest)
+            enclosure[cell] = max(enclosure[cell], lower)
+    return enclosure
 
 
 class GridTraversal(NamedTuple):

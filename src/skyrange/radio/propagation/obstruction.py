@@ -23,8 +23,8 @@ from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.obstacle_grid import Obstacles as Obstacles
 from skyrange.radio.propagation.obstacle_grid import obstacle_index as obstacle_index
 from skyrange.radio.propagation.obstacle_grid import start_traversal
-from skyrange.radio.propagation.path_loss import CLEAR_NU, bullington_nu, knife_edge_db, open_ground_db
-from skyrange.radio.propagation.street_canyon import MIN_EXCESS_DB, guiding_gain_db, in_street_canyon, street_loss_db
+from skyrange.radio.propagation.path_loss import CLEAR_NU, bullington_nu, knife_edge_db
+from skyrange.radio.propagation.street_canyon import guiding_gain_db, street_excess_by_place_db, street_excess_db
 
 ROOF_MARGIN_M: Final = 4.0
 """How far below a line a roof is considered: 0.78 of the Fresnel radius of 2 km at 2.4 GHz is 4.3 m, at 1 km 3.1 m."""
@@ -79,7 +79,7 @@ def trace_line(
 
     One long function on purpose: a call that passes arrays on costs more than the work it would do here.
     """
-    box, edges, first, cells, inside, tops, west, south, side, columns, rows = obstacles
+    box, edges, first, cells, inside, tops, _, west, south, side, columns, rows = obstacles
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
     grazing_nu = CLEAR_NU
@@ -232,50 +232,30 @@ def traced_loss_db(
     if met.blocking == 0:
         loss = knife_edge_db(met.grazing_nu) - guiding_gain_db(obstacles, ax, ay, az, bx, by, bz, wavelength)
         return float(loss) if loss <= margin_db else BLOCKED
-    loss = _diffraction_db(obstacles, met, ax, ay, az, bx, by, bz, wavelength, margin_db)
-    dx, dy, dz = bx - ax, by - ay, bz - az
-    distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-    street = street_loss_db(distance, wavelength) - open_ground_db(distance, az, bz, wavelength)
-    street = max(street, MIN_EXCESS_DB)
-    if (
-        street < loss
-        and street <= margin_db
-        and in_street_canyon(obstacles, ax, ay, az)
-        and in_street_canyon(obstacles, bx, by, bz)
-    ):
-        return street
-    return loss
-
-
-@compiled
-def _diffraction_db(
-    obstacles: Obstacles,
-    met: TraceResult,
-    ax: float,
-    ay: float,
-    az: float,
-    bx: float,
-    by: float,
-    bz: float,
-    wavelength: float,
-    margin_db: float,
-) -> float:
-    """Loss over the roofs and round the sides of what obstructs a line; `BLOCKED` if more than `margin_db`."""
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
-    most = margin_db + _SUM_DB
     over = knife_edge_db(bullington_nu(met.up_a, met.up_b, distance, wavelength))
     left = right = BLOCKED
     if met.blocking <= MAX_BUILDINGS_ROUND:
         left = knife_edge_db(bullington_nu(met.left_a, met.left_b, distance, wavelength))
         right = knife_edge_db(bullington_nu(met.right_a, met.right_b, distance, wavelength))
-    if min(over, min(left, right)) > most:
-        return BLOCKED
-    ends = (ax, ay, az, dx, dy, dz)
-    power = 10.0 ** (-0.1 * over)
-    if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
-    if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
-    loss = -10.0 * math.log10(power)
-    return float(loss) if loss <= margin_db else BLOCKED
+    loss = BLOCKED
+    if min(over, min(left, right)) <= margin_db + _SUM_DB:
+        ends = (ax, ay, az, dx, dy, dz)
+        power = 10.0 ** (-0.1 * over)
+        if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
+            power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+        if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
+            power += 10.0 ** (
+                -0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength)
+            )
+        loss = -10.0 * math.log10(power)
+    if loss > margin_db:
+        loss = BLOCKED
+    both, one = street_excess_db(math.sqrt(distance * distance + dz * dz), az, bz, wavelength)
+    limit = min(loss, margin_db)
+    if min(both, one) < limit:
+        street = street_excess_by_place_db(obstacles, ax, ay, az, bx, by, bz, both, one)
+        if street < limit:
+            loss = street
+    return float(loss)
