@@ -23,7 +23,7 @@ from skyrange.radio.propagation.obstacle_grid import Obstacles, start_traversal
 from skyrange.radio.propagation.path_loss import SPEED_OF_LIGHT_MPS, ground_excess_db, open_ground_db
 
 MAX_WIDTH_M: Final = 50.0
-"""The widest street: P.1411-12 4.4 has building rows 20 to 50 m apart by default."""
+"""The widest street: the default separation of building rows is 20 to 50 m (P.1411-12 4.4, after COST 231)."""
 MIN_EXCESS_DB: Final = 6.0
 """The least loss round obstacles above that of an unobstructed line: that of an edge on the line (P.526-15, 4.1)."""
 SAMPLES: Final = 32
