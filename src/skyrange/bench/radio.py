@@ -103,7 +103,7 @@ def _all_lines(
                         wavelength,
                         margin,
                     )
-                    < -1.0
+                    < -1e3
                 ):  # never: but what is not used might not be computed
                     lines -= 1
     return lines

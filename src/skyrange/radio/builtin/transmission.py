@@ -53,7 +53,14 @@ from skyrange.radio.propagation.link_budget import (
     random_gain_db,
 )
 from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, stop_threshold, trace_line, traced_loss_db
-from skyrange.radio.propagation.path_loss import CLEAR_NU, MIN_DISTANCE_M, knife_edge_db, noise_dbm, wavelength_m
+from skyrange.radio.propagation.path_loss import (
+    CLEAR_NU,
+    MIN_DISTANCE_M,
+    ground_excess_db,
+    knife_edge_db,
+    noise_dbm,
+    wavelength_m,
+)
 
 CAPTURE_DB: Final = 10.0
 FOLLOWED_DB: Final = 3.0
@@ -147,11 +154,12 @@ def _find_receivers(
                 dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
                 margin = dbm - floor
                 loss = BLOCKED
-                if margin >= 0.0:
+                excess = ground_excess_db(distance, z, bz, wavelength)  # a street may take it off again
+                if margin + excess >= 0.0:
                     stop = stop_threshold(farthest / max(distance, MIN_DISTANCE_M), x, y, bx, by, wavelength)
                     met = trace_line(obstacles, x, y, z, bx, by, bz, wavelength, stop)
                     loss = 0.0
-                    if met.blocking > 0:
+                    if met.blocking > 0 or excess > 0.0:
                         loss = traced_loss_db(obstacles, met, x, y, z, bx, by, bz, wavelength, margin)
                     elif met.grazing_nu > CLEAR_NU:
                         loss = knife_edge_db(met.grazing_nu)

@@ -12,7 +12,7 @@ from skyrange.contracts.medium import Floats, Ints
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
 from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, obstruction_db
-from skyrange.radio.propagation.path_loss import dipole_dbi, open_ground_db, wavelength_m
+from skyrange.radio.propagation.path_loss import dipole_dbi, ground_excess_db, open_ground_db, wavelength_m
 
 NO_SIGNAL: Final = -math.inf
 NLOS_LOSS_DB: Final = 6.0
@@ -93,7 +93,7 @@ def received_power_dbm(
         power_dbm, distance, az, bz, wavelength, antenna[sender, 0], antenna[sender, 1], antenna[receiver, 0],
         antenna[receiver, 1],
     )  # fmt: skip
-    if mean < floor_dbm:
+    if mean + ground_excess_db(distance, az, bz, wavelength) < floor_dbm:  # a street may guide it as in free space
         return NO_SIGNAL
     loss = obstruction_db(obstacles, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
     if loss == BLOCKED:

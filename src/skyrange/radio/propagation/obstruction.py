@@ -6,8 +6,12 @@ arrives over the roofs and round both sides, each path as Bullington's single eq
 its terrain correction, up to 10 dB, is left out), and the powers add (5.1, "finite-width screen"). A path round a side
 counts only past one or two buildings, and only if both its legs are unobstructed.
 
-Not modelled: walls beside an unobstructed line, reflections, transmission through buildings, courtyards (taken as
-solid).
+Walls beside the line guide the signal (`street_canyon`). Along an unobstructed line they reduce the loss over open
+ground, so that the result may be negative. Between two antennas in street canyons that do not see each other, the loss
+is at most the median that P.1411-12 4.1.1 gives for streets without line of sight: it was measured, so it contains
+diffraction, and the powers do not add.
+
+Not modelled: single reflections, transmission through buildings, courtyards (taken as solid).
 """
 
 from __future__ import annotations
@@ -15,12 +19,12 @@ from __future__ import annotations
 import math
 from typing import Final, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from skyrange.city.wall_index import NO_WALLS, WallIndex
 from skyrange.core.compiled import compiled
+from skyrange.radio.propagation.obstacle_grid import Obstacles as Obstacles
+from skyrange.radio.propagation.obstacle_grid import obstacle_index as obstacle_index
+from skyrange.radio.propagation.obstacle_grid import start_traversal
 from skyrange.radio.propagation.path_loss import CLEAR_NU, bullington_nu, knife_edge_db
+from skyrange.radio.propagation.street_canyon import guiding_gain_db, street_excess_by_place_db, street_excess_db
 
 ROOF_MARGIN_M: Final = 4.0
 """How far below a line a roof is considered: 0.78 of the Fresnel radius of 2 km at 2.4 GHz is 4.3 m, at 1 km 3.1 m."""
@@ -33,108 +37,6 @@ BLOCKED: Final = math.inf
 _LIMIT: Final = 10.0 ** (0.05 * (4.8 - 12.92))
 _NEGLIGIBLE_DB: Final = 10.0  # a path with that much more loss than the one over the roofs adds less than half a dB
 _SUM_DB: Final = 4.8  # three equal paths together are 4.8 dB above one of them
-
-
-class Obstacles(NamedTuple):
-    """A city's walls with an index for lines: the grid of `walls`, but each building only in the cells it covers."""
-
-    box: NDArray[np.float64]
-    edges: NDArray[np.float64]
-    first: NDArray[np.int64]
-    """As in `WallIndex`."""
-    cells: NDArray[np.int64]
-    """(c + 1,): start of each cell's buildings in `inside`."""
-    inside: NDArray[np.int32]
-    tops: NDArray[np.float64]
-    """(c,): the highest roof in each cell."""
-    west: float
-    south: float
-    side: float
-    columns: int
-    rows: int
-
-
-def obstacle_index(walls: WallIndex = NO_WALLS) -> Obstacles:
-    """Build the index of some walls."""
-    west, south, side = walls.grid.tolist()
-    shared = (walls.box, walls.edges, walls.edge_start, *_index(walls))
-    return Obstacles(*shared, west, south, side, walls.columns, walls.rows)
-
-
-@compiled
-def _index(walls: WallIndex) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """Each cell's buildings and their highest roof: counted first, then filled from last to first."""
-    count = walls.columns * walls.rows
-    cells, tops = np.zeros(count + 1, dtype=np.int64), np.full(count, -math.inf)
-    inside = np.empty(0, dtype=np.int32)
-    for turn in range(2):
-        for b in range(walls.box.shape[0] - 1, -1, -1):
-            column0 = int((walls.box[b, 0] - walls.grid[0]) / walls.grid[2])
-            column1 = int((walls.box[b, 2] - walls.grid[0]) / walls.grid[2])
-            row0 = int((walls.box[b, 1] - walls.grid[1]) / walls.grid[2])
-            row1 = int((walls.box[b, 3] - walls.grid[1]) / walls.grid[2])
-            for row in range(row0, row1 + 1):
-                for column in range(column0, column1 + 1):
-                    cell = row * walls.columns + column
-                    if turn == 0:
-                        cells[cell] += 1
-                        tops[cell] = max(tops[cell], walls.box[b, 5])
-                    else:
-                        cells[cell] -= 1
-                        inside[cells[cell]] = b
-        if turn == 0:  # each start stands at its cell's end and moves down while the cell is filled
-            for cell in range(count):
-                cells[cell + 1] += cells[cell]
-            inside = np.empty(cells[count], dtype=np.int32)
-    return cells, inside, tops
-
-
-class GridTraversal(NamedTuple):
-    """State of a line's traversal of the grid (Amanatides & Woo, Eurographics 1987)."""
-
-    column: int
-    row: int
-    east: int
-    north: int
-    """Step to the next cell, -1 or 1."""
-    next_x: float
-    next_y: float
-    """Share of the line up to the next cell boundary in each direction."""
-    each_x: float
-    each_y: float
-    begin: float
-    end: float
-    """Shares of the line at which it enters and leaves the grid; it misses the grid unless begin is below end."""
-
-
-@compiled
-def _start_traversal(
-    west: float, south: float, side: float, columns: int, rows: int, ax: float, ay: float, dx: float, dy: float
-) -> GridTraversal:
-    """Begin the traversal of the grid along a line."""
-    x, y = (ax - west) / side, (ay - south) / side
-    wx, wy = dx / side, dy / side
-    begin, end = 0.0, 1.0
-    if wx != 0.0:
-        one, two = -x / wx, (columns - x) / wx
-        begin, end = max(begin, min(one, two)), min(end, max(one, two))
-    elif x < 0.0 or x >= columns:
-        end = -1.0
-    if wy != 0.0:
-        one, two = -y / wy, (rows - y) / wy
-        begin, end = max(begin, min(one, two)), min(end, max(one, two))
-    elif y < 0.0 or y >= rows:
-        end = -1.0
-    column = min(max(math.floor(x + begin * wx), 0), columns - 1)
-    row = min(max(math.floor(y + begin * wy), 0), rows - 1)
-    next_x = next_y = each_x = each_y = math.inf
-    if wx != 0.0:
-        next_x, each_x = (column + (1.0 if wx > 0.0 else 0.0) - x) / wx, abs(1.0 / wx)
-    if wy != 0.0:
-        next_y, each_y = (row + (1.0 if wy > 0.0 else 0.0) - y) / wy, abs(1.0 / wy)
-    return GridTraversal(
-        column, row, 1 if wx > 0.0 else -1, 1 if wy > 0.0 else -1, next_x, next_y, each_x, each_y, begin, end
-    )
 
 
 @compiled
@@ -177,7 +79,7 @@ def trace_line(
 
     One long function on purpose: a call that passes arrays on costs more than the work it would do here.
     """
-    box, edges, first, cells, inside, tops, west, south, side, columns, rows = obstacles
+    box, edges, first, cells, inside, tops, _, west, south, side, columns, rows = obstacles
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
     grazing_nu = CLEAR_NU
@@ -187,7 +89,7 @@ def trace_line(
         return TraceResult(blocking, up_a, up_b, left_a, left_b, right_a, right_b, grazing_nu)
     per_x, per_y = _inverse(dx), _inverse(dy)
     last = before = first_cut = second_cut = -1
-    column, row, east, north, next_x, next_y, each_x, each_y, way, end = _start_traversal(
+    column, row, east, north, next_x, next_y, each_x, each_y, way, end = start_traversal(
         west, south, side, columns, rows, ax, ay, dx, dy
     )
     while way < end and 0 <= column < columns and 0 <= row < rows:
@@ -290,7 +192,8 @@ def obstruction_db(
     """Loss by buildings between two positions, on top of `path_loss.open_ground_db`; `BLOCKED` if more than
     `margin_db`.
 
-    0 without any building near the line, 0 to 6 dB with a roof close below it, more if the line is obstructed.
+    0 without any building near the line, 0 to 6 dB with a roof close below it, more if the line is obstructed; down to
+    minus `path_loss.ground_excess_db` along a street.
     """
     stop = stop_threshold(10.0 ** (0.05 * margin_db), ax, ay, bx, by, wavelength)
     met = trace_line(obstacles, ax, ay, az, bx, by, bz, wavelength, stop)
@@ -326,24 +229,33 @@ def traced_loss_db(
     margin_db: float,
 ) -> float:
     """The loss along a line that was traced; see `obstruction_db`."""
+    if met.blocking == 0:
+        loss = knife_edge_db(met.grazing_nu) - guiding_gain_db(obstacles, ax, ay, az, bx, by, bz, wavelength)
+        return float(loss) if loss <= margin_db else BLOCKED
     dx, dy, dz = bx - ax, by - ay, bz - az
     distance = math.sqrt(dx * dx + dy * dy)
-    if met.blocking == 0:
-        loss = knife_edge_db(met.grazing_nu)
-        return float(loss) if loss <= margin_db else BLOCKED
-    most = margin_db + _SUM_DB
     over = knife_edge_db(bullington_nu(met.up_a, met.up_b, distance, wavelength))
     left = right = BLOCKED
     if met.blocking <= MAX_BUILDINGS_ROUND:
         left = knife_edge_db(bullington_nu(met.left_a, met.left_b, distance, wavelength))
         right = knife_edge_db(bullington_nu(met.right_a, met.right_b, distance, wavelength))
-    if min(over, min(left, right)) > most:
-        return BLOCKED
-    ends = (ax, ay, az, dx, dy, dz)
-    power = 10.0 ** (-0.1 * over)
-    if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
-    if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
-        power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength))
-    loss = -10.0 * math.log10(power)
-    return float(loss) if loss <= margin_db else BLOCKED
+    loss = BLOCKED
+    if min(over, min(left, right)) <= margin_db + _SUM_DB:
+        ends = (ax, ay, az, dx, dy, dz)
+        power = 10.0 ** (-0.1 * over)
+        if left <= over + _NEGLIGIBLE_DB and met.left_a * met.left_b > 0.0:
+            power += 10.0 ** (-0.1 * _side_path_db(obstacles, met.left_a, met.left_b, 1.0, ends, distance, wavelength))
+        if right <= over + _NEGLIGIBLE_DB and met.right_a * met.right_b > 0.0:
+            power += 10.0 ** (
+                -0.1 * _side_path_db(obstacles, met.right_a, met.right_b, -1.0, ends, distance, wavelength)
+            )
+        loss = -10.0 * math.log10(power)
+    if loss > margin_db:
+        loss = BLOCKED
+    both, one = street_excess_db(math.sqrt(distance * distance + dz * dz), az, bz, wavelength)
+    limit = min(loss, margin_db)
+    if min(both, one) < limit:
+        street = street_excess_by_place_db(obstacles, ax, ay, az, bx, by, bz, both, one)
+        if street < limit:
+            loss = street
+    return float(loss)

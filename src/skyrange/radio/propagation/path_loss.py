@@ -33,17 +33,21 @@ def free_space_db(distance_m: float, wavelength: float) -> float:
 
 
 @compiled
+def ground_excess_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
+    """Loss over unobstructed ground on top of free space: 0 up to the distance 4·h1·h2/λ, 20 dB per decade beyond."""
+    breakpoint_m = 4.0 * max(height_a_m, MIN_HEIGHT_M) * max(height_b_m, MIN_HEIGHT_M) / wavelength
+    return 20.0 * math.log10(distance_m / breakpoint_m) if distance_m > breakpoint_m else 0.0
+
+
+@compiled
 def open_ground_db(distance_m: float, height_a_m: float, height_b_m: float, wavelength: float) -> float:
     """Median loss over unobstructed ground: free space up to the distance 4·h1·h2/λ, 40 dB per decade beyond.
 
-    ITU-R P.1411-12 4.1.1 (line of sight in the street, UHF): its median L_bp + 6 + 20·log10(d/R_bp), or 40·log10
-    beyond R_bp; this is the envelope of a direct and a ground-reflected ray. High up, R_bp is beyond the range.
+    ITU-R P.1411-12 4.1.2 (site-specific, line of sight, UHF; 4.3.2.1 has the same between terminals 1.5 to 4 m high):
+    its median L_bp + 6 + 20·log10(d/R_bp), or 40·log10 beyond R_bp; this is the envelope of a direct and a
+    ground-reflected ray. High up, R_bp is beyond the range.
     """
-    breakpoint_m = 4.0 * max(height_a_m, MIN_HEIGHT_M) * max(height_b_m, MIN_HEIGHT_M) / wavelength
-    loss = free_space_db(distance_m, wavelength)
-    if distance_m > breakpoint_m:
-        loss += 20.0 * math.log10(distance_m / breakpoint_m)
-    return loss
+    return free_space_db(distance_m, wavelength) + ground_excess_db(distance_m, height_a_m, height_b_m, wavelength)
 
 
 @compiled
