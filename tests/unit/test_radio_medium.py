@@ -231,9 +231,10 @@ def test_hidden_senders_collide():
 
 
 def test_who_sends_does_not_hear():
-    """Two that do not sense each other, but would hear one another: -86 dBm."""
+    """Two that do not sense each other, by their `carrier_sense_dbm`, but would hear one another: -86 dBm."""
     radios = [standing("a", 0.0, wifi_dbm=-6.0), standing("b", 100.0, wifi_dbm=-6.0)]
-    medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
+    deaf = RadioEnvironment(chance=False, carrier_sense_dbm=-82.0)
+    medium = BuiltinMedium(radios, Chance(1), surroundings=deaf)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 90_000, int(OFDM), 2)))
     medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
     assert medium.losses[:, ReceptionOutcome.SENDING].tolist() == [1, 1]
