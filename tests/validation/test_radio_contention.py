@@ -210,7 +210,7 @@ def test_a_receiver_locks_on_the_strongest_preamble(
 ) -> None:
     """Of frames that begin within aCCATime, 4 µs (17.3.10.6, table 17-21), the strongest; later on only one that is 10
     dB stronger, during the preamble or after it (Lee et al., WinTECH 2007). Names and rows do not matter."""
-    first, second = names
+    first, second = names[0], names[1]
     radios = [_radio(first, -600.0, dbm=15.0), _radio(second, 600.0, dbm=15.0 + stronger_db), _radio("~", 0.0)]
     medium = _medium(*radios, carrier_sense_dbm=0.0)
     answer = _send(medium, [(first, 1_000), (second, 1_000 + round(later_us * 1e3))])

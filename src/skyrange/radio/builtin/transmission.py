@@ -2,9 +2,9 @@
 
 A receiver searches for a preamble in the first 4 µs of an OFDM frame or 15 µs of a DSSS frame (aCCATime), and locks on
 the strongest frame that it detects in that time. Then it stays with that frame to its end, unless a later one is
-`CAPTURE_DB` stronger: J. Lee et al., "An experimental study on the capture effect in 802.11a networks" (WinTECH 2007),
-measured that a receiver leaves a frame at any time, during its preamble or after it, for one that is 10 dB stronger. A
-weaker one is missed, even if it could be decoded alone.
+`CAPTURE_DB` stronger: message-in-message capture, which J. Lee et al., "An experimental study on the capture effect in
+802.11a networks" (WinTECH 2007), measured whenever the stronger frame begins. A weaker one is missed, even if it could
+be decoded alone.
 """
 
 from __future__ import annotations
