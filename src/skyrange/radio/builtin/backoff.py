@@ -115,6 +115,7 @@ def begin_contention(state: MediumState, w: int, now: int) -> None:
         if state.wait[ROLE, other] != NO_FRAME:
             state.wait[STAGE, w], state.wait[PLANNED, w] = BEHIND, state.wait[DEADLINE, w]
             return
+        # the frame takes over the backoff after the last transmission, as far as it has come
         _plan(state, w, max(state.wait[RESUME, other], idle + DIFS_NS[kind]), state.wait[SLOTS_LEFT, other])
         state.wait[PLANNED, w] = max(state.wait[PLANNED, w], now)
         remove_waiting(state, other)
