@@ -231,9 +231,10 @@ def test_hidden_senders_collide():
 
 
 def test_who_sends_does_not_hear():
-    """Two that do not sense each other, but would hear one another: -86 dBm."""
+    """Two that do not sense each other, by their `carrier_sense_dbm`, but would hear one another: -86 dBm."""
     radios = [standing("a", 0.0, wifi_dbm=-6.0), standing("b", 100.0, wifi_dbm=-6.0)]
-    medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
+    deaf = RadioEnvironment(chance=False, carrier_sense_dbm=-82.0)
+    medium = BuiltinMedium(radios, Chance(1), surroundings=deaf)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 90_000, int(OFDM), 2)))
     medium.advance(20 * NS_PER_MS, fixed_positions(medium.radios))
     assert medium.losses[:, ReceptionOutcome.SENDING].tolist() == [1, 1]
@@ -353,14 +354,15 @@ def test_all_that_is_wrong_with_radios_is_said_at_once():
         standing("both", 20.0, listening=(wifi_chain(1), wifi_chain(6))),
         standing("never", 20.0, listening=(ScanSchedule((ScanStep(6, (OFDM,)),), 10, 20),)),
     ]
+    wrong = RadioEnvironment(horizon_m=math.nan, city_busy=1.0, city_dbm=math.nan, carrier_sense_dbm=math.nan)
     with pytest.raises(InputError) as caught:
-        BuiltinMedium(radios, Chance(1), wall, RadioEnvironment(horizon_m=math.nan, city_busy=1.0, city_dbm=math.nan))
+        BuiltinMedium(radios, Chance(1), wall, wrong)
     text = str(caught.value)
     for word in ("nan.place", "in.place", "below.place", "twice", "dipole", "wifi_dbm", "far.listening", "mixed.list",
                  "both.listening", "never.listening", "horizon_m", "city_busy",
-                 "city_dbm"):  # fmt: skip
+                 "city_dbm", "carrier_sense_dbm"):  # fmt: skip
         assert word in text
-    assert len(caught.value.problems) == 13
+    assert len(caught.value.problems) == 14
 
 
 @pytest.mark.parametrize("profile", list(PROFILES))

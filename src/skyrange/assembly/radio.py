@@ -100,7 +100,9 @@ def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Se
     specs = [_aboard(key, vehicle, PROFILES[radio.aboard]) for key, _, vehicle in vehicles]
     specs += [RadioSpec(r.id, r.place, PROFILES[r.kind], antenna=r.antenna) for r in radio.receivers]
     specs += [_attacker(one) for one in attackers]
-    surroundings = RadioEnvironment(radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm)
+    surroundings = RadioEnvironment(
+        radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm, radio.carrier_sense_dbm
+    )
     medium = radio.plugin(
         radio.settings, MediumContext(specs, chance, city, surroundings, radio.losses, radio.every_pair)
     )

@@ -1,13 +1,12 @@
-"""Channel access: carrier sense and backoff for Wi-Fi, a random delay for Bluetooth advertising.
+"""Channel access: which waiting burst acts next, and whether it finds the channel idle; Bluetooth advertising.
 
-Wi-Fi: the DCF of IEEE 802.11-2020 10.3.4 for frames that are not acknowledged. A sender whose channel has been idle
-for DIFS transmits at once. Otherwise it draws a backoff from 0…CWmin and counts down that many idle slots; the
-countdown stands still while the channel is busy. Slot, SIFS, CWmin: 20 µs, 10 µs, 31 (DSSS, table 15-6) and 9 µs, 10
-µs, 15 (OFDM at 2.4 GHz, table 18-5). A channel is busy from the moment at which a frame on it arrives with -82 dBm or
-more (17.3.10.6), or noise with -62 dBm. What started within the last 15 µs (DSSS) or 4 µs (OFDM) is not sensed yet, so
-equal draws collide, and so do senders that are hidden from each other.
+Wi-Fi senders wait by the rules in `backoff`. A channel is busy from the moment at which a radio detects the preamble of
+a frame, for as long as the length in the frame's header says (IEEE 802.11-2020 17.3.10.6 and 17.3.12 for OFDM, 15.4.6.5
+for DSSS), whether or not the frame is decoded. The standard requires that at -82 dBm; receivers detect weaker ones, and
+so does this one, down to `LOCK_SNIR_DB` over its noise or to `carrier_sense_dbm`. A radio that missed a preamble, as it
+was sending or receiving another frame, senses only power of -62 dBm or more, as of noise (17.3.10.6).
 
-Background traffic of the city counts as frames. A frame that has waited half a second is dropped as outdated.
+Background traffic of the city counts as frames. Senders that are hidden from each other collide.
 """
 
 from __future__ import annotations
@@ -22,25 +21,22 @@ from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_US
+from skyrange.radio.builtin.backoff import begin_contention, defer, pass_contention_on, remove_waiting
 from skyrange.radio.builtin.state import (
-    BACKOFF,
+    BEHIND,
     CHANNEL,
     CONTENDING,
-    DEADLINE,
     GIVING_UP,
     KEY,
+    NO_FRAME,
     NTH,
-    OFFERED,
     PLANNED,
     QUEUED,
     RADIO,
-    RESUME,
     ROLE,
     SLOTS_LEFT,
     STAGE,
-    WAIT_ROWS,
     WAVEFORM,
-    WIFI,
     MediumState,
     Radios,
 )
@@ -49,15 +45,8 @@ from skyrange.radio.phy.waveforms import WIDTH_MHZ, is_wifi
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, received_power_dbm
 from skyrange.radio.propagation.obstruction import Obstacles
 
-SLOT_NS: Final = np.array([20, 9]) * NS_PER_US
-DIFS_NS: Final = np.array([50, 28]) * NS_PER_US
-CCA_TIME_NS: Final = np.array([15, 4]) * NS_PER_US
-CW_MIN: Final = np.array([31, 15])
-"""CWmin."""
-CCA_FRAME_DBM: Final = -82.0
 CCA_ENERGY_DBM: Final = -62.0
-MAX_WAIT_NS: Final = 500 * NS_PER_MS
-"""Longest wait for access; a frame that has waited longer is dropped."""
+"""Power that is sensed whatever its source: 20 dB above the minimum sensitivity of -82 dBm (17.3.10.6)."""
 NOISE_RECHECK_NS: Final = NS_PER_MS
 """How often a sender that defers to noise senses the channel again."""
 BACKGROUND_INTERVAL_NS: Final = NS_PER_MS
@@ -95,16 +84,6 @@ def next_access(state: MediumState) -> int:
 
 
 @compiled
-def remove_waiting(state: MediumState, w: int) -> None:
-    """Remove a burst from the waiting ones."""
-    last = state.counts[0] - 1
-    for column in range(WAIT_ROWS):
-        state.wait[column, w] = state.wait[column, last]
-    state.wait_dbm[w] = state.wait_dbm[last]
-    state.counts[0] = last
-
-
-@compiled
 def background_power_mw(params: MediumParams, who: np.uint64, piece: int, centre: float, width: float) -> float:
     """Power of background traffic within a receiver's filter in one interval; exponentially distributed about its
     mean.
@@ -118,32 +97,6 @@ def background_power_mw(params: MediumParams, who: np.uint64, piece: int, centre
         if share > 0.0 and draws[k] < params.background_share:
             power -= share * params.background_mean_mw * math.log(1.0 - draws[3])
     return power
-
-
-@compiled
-def _defer(state: MediumState, w: int, until: int) -> None:
-    """Defer until a busy channel becomes idle, and then for the remaining slots."""
-    kind = state.wait[WAVEFORM, w]
-    if state.wait[SLOTS_LEFT, w] < 0:
-        state.wait[SLOTS_LEFT, w] = state.wait[BACKOFF, w]
-    state.wait[RESUME, w] = until + DIFS_NS[kind]
-    state.wait[PLANNED, w] = state.wait[RESUME, w] + state.wait[SLOTS_LEFT, w] * SLOT_NS[kind]
-    state.wait[STAGE, w] = CONTENDING
-    if state.wait[PLANNED, w] > state.wait[DEADLINE, w]:
-        state.wait[PLANNED, w] = max(state.wait[DEADLINE, w], state.wait[OFFERED, w])
-        state.wait[STAGE, w] = GIVING_UP
-
-
-@compiled
-def freeze_backoff(state: MediumState, w: int, now: int, until: int) -> None:
-    """A frame that the sender of a waiting one senses starts at `now`: stop the countdown."""
-    kind = state.wait[WAVEFORM, w]
-    if state.wait[STAGE, w] != CONTENDING or state.wait[PLANNED, w] < now + CCA_TIME_NS[kind]:
-        return  # the countdown has not begun, or the start is too late to be sensed
-    if state.wait[SLOTS_LEFT, w] > 0:
-        counted = max(now - state.wait[RESUME, w], 0) // SLOT_NS[kind]
-        state.wait[SLOTS_LEFT, w] = max(state.wait[SLOTS_LEFT, w] - counted, 0)
-    _defer(state, w, max(until, state.wait[RESUME, w] - DIFS_NS[kind]))
 
 
 @compiled
@@ -165,7 +118,7 @@ def _busy_until(
     if params.background_share > 0.0:
         piece = now // BACKGROUND_INTERVAL_NS
         power = background_power_mw(params, radios.who[radio], piece, centre, width)
-        if power > 0.0 and 10.0 * math.log10(power) >= CCA_FRAME_DBM:
+        if power > 0.0 and 10.0 * math.log10(power) >= min(radios.sense_dbm[radio, kind], CCA_ENERGY_DBM):
             return (piece + 1) * BACKGROUND_INTERVAL_NS
     total = 0.0
     for e in range(emitters.shape[1]):
@@ -211,31 +164,28 @@ def try_access(
     radio, kind, channel = state.wait[RADIO, w], state.wait[WAVEFORM, w], state.wait[CHANNEL, w]
     now = state.wait[PLANNED, w]
     there = pos[radio, 0] + pos[radio, 1] + pos[radio, 2]
-    if state.wait[STAGE, w] == GIVING_UP or not abs(there) < math.inf:
+    stage = state.wait[STAGE, w]
+    if state.wait[ROLE, w] == NO_FRAME:
+        remove_waiting(state, w)
+        return WAITS
+    if stage in (GIVING_UP, BEHIND) or not abs(there) < math.inf:
         row = state.counts[2]
         state.sent[0, row], state.sent[1, row], state.sent[2, row] = state.wait[KEY, w], radio, channel
         state.sent[3, row] = state.sent[4, row] = now
         state.sent[5, row] = _NO_ACCESS
         state.counts[2] = row + 1
+        if stage in (GIVING_UP, CONTENDING):
+            pass_contention_on(state, w, now)
         remove_waiting(state, w)
         return WAITS
     if not is_wifi(kind):
         return STARTS
-    own = state.sending_until[radio, WIFI]
-    if state.wait[STAGE, w] == QUEUED:
-        background_share = max(state.busy_until[radio, channel], own)
-        if background_share > now:
-            _defer(state, w, background_share)
-        else:
-            state.wait[STAGE, w], state.wait[RESUME, w] = CONTENDING, now + DIFS_NS[kind]
-            state.wait[PLANNED, w] = state.wait[RESUME, w]
-        return WAITS
-    if own > now:
-        _defer(state, w, own)
+    if stage == QUEUED:
+        begin_contention(state, w, now)
         return WAITS
     noisy = _busy_until(params, obstacles, radios, pos, vel, w, state, now, emitters, emitted)
     if noisy > now:
         state.wait[SLOTS_LEFT, w] = min(state.wait[SLOTS_LEFT, w], 0)  # its slots are counted down already
-        _defer(state, w, noisy)
+        defer(state, w, noisy)
         return WAITS
     return STARTS

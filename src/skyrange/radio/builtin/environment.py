@@ -19,6 +19,9 @@ class RadioEnvironment:
     """Share of time, 0…1, in which background traffic fills the Wi-Fi channels 1, 6 and 11."""
     city_dbm: float = -85.0
     """Mean power of the background traffic at any antenna; it is exponentially distributed."""
+    carrier_sense_dbm: float | None = None
+    """The weakest Wi-Fi frame that senders defer to; None for every frame whose preamble their receivers detect, as in
+    IEEE 802.11-2020 17.3.12. The standard permits -82 dBm at most (17.3.10.6)."""
 
 
 OPEN_GROUND: Final = RadioEnvironment()

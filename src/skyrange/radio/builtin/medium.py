@@ -30,7 +30,8 @@ from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, Time
 from skyrange.radio.builtin import channel_access
 from skyrange.radio.builtin import state as medium_state
-from skyrange.radio.builtin.channel_access import CW_MIN, next_access, try_access
+from skyrange.radio.builtin.backoff import CW_MIN, MAX_WAIT_NS
+from skyrange.radio.builtin.channel_access import next_access, try_access
 from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
 from skyrange.radio.builtin.reception_decision import decide_receptions, next_completion
 from skyrange.radio.builtin.state import MediumState, Radios
@@ -106,7 +107,11 @@ class BuiltinMedium(MediumBase):
         self.radios: Sequence[RadioSpec] = tuple(sorted(radios, key=lambda radio: radio.name))
         self._chance = chance
         self._obstacles = obstacle_index(city.walls()) if city is not None else obstacle_index()
-        self._radios = medium_state.radio_arrays(self.radios, chance)
+        self._radios = medium_state.radio_arrays(
+            self.radios,
+            chance,
+            -math.inf if surroundings.carrier_sense_dbm is None else float(surroundings.carrier_sense_dbm),
+        )
         self._params = MediumParams(
             np.uint64(chance.seed & 0xFFFFFFFFFFFFFFFF),
             float(surroundings.horizon_m),
@@ -142,9 +147,9 @@ class BuiltinMedium(MediumBase):
     @property
     def quiet(self) -> bool:
         """Whether nothing waits or is on the air."""
-        waiting = int(self._state.counts[0])
+        roles = self._state.wait[medium_state.ROLE, : int(self._state.counts[0])]
         return (
-            waiting == 0
+            bool((roles == medium_state.NO_FRAME).all())
             and not self._refused
             and not (self._state.slot[medium_state.STATE] == medium_state.ON_AIR).any()
         )
@@ -179,7 +184,7 @@ class BuiltinMedium(MediumBase):
         self._state = medium_state.grow(self._state, waiting=int(self._state.counts[0]) + 4 * count)
         on_wifi = wifi[order]
         chosen, times = order[on_wifi], at[order[on_wifi]]
-        slots = (draws[on_wifi, 0] * (CW_MIN[kind[chosen]] + 1)).astype(np.int64)
+        slots, next_slots = (draws[on_wifi, :2].T * (CW_MIN[kind[chosen]] + 1)).astype(np.int64)
         rows_of = (
             requests.key[chosen],
             radio[chosen],
@@ -194,7 +199,8 @@ class BuiltinMedium(MediumBase):
             times,
             -1,
             slots,
-            times + channel_access.MAX_WAIT_NS,
+            next_slots,
+            times + MAX_WAIT_NS,
         )
         begin, end = int(self._state.counts[0]), int(self._state.counts[0]) + len(chosen)
         for place, column in enumerate(rows_of):
@@ -221,7 +227,7 @@ class BuiltinMedium(MediumBase):
         extended = kind == Waveform.BLE_CODED
         role, bytes_ = (medium_state.ADV_EXT_IND, _POINTER_BYTES) if extended else (medium_state.STANDALONE, size)
         plan = at + int(draw[1] * channel_access.ADV_DELAY_NS)
-        rest = (medium_state.QUEUED, at, -1, 0, NEVER)
+        rest = (medium_state.QUEUED, at, -1, 0, 0, NEVER)
         for turn, channel_ in enumerate(ADVERTISING_CHANNELS):
             self._wait(dbm, (key, radio, kind, channel_, role, 4 * nth + turn, bytes_, at, plan, *rest))
             end = plan + airtime_ns(kind, bytes_)

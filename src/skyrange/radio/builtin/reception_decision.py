@@ -16,14 +16,17 @@ from skyrange.contracts.medium import Floats, Ints, ReceptionOutcome
 from skyrange.core.chance import uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
+from skyrange.radio.builtin.backoff import ERROR_NS, end_deferral
 from skyrange.radio.builtin.channel_access import BACKGROUND_INTERVAL_NS, background_power_mw
 from skyrange.radio.builtin.state import (
     ADV_EXT_IND,
+    BLUETOOTH,
     CHANNEL,
     COUNT,
     END,
     FREE,
     KEY,
+    LOCKED,
     LOCKED_ELSEWHERE,
     NTH,
     ON_AIR,
@@ -36,6 +39,7 @@ from skyrange.radio.builtin.state import (
     STATE,
     TUNED,
     WAVEFORM,
+    WIFI,
     MediumState,
     Radios,
 )
@@ -192,6 +196,7 @@ def decide_receptions(
         if params.background_share > 0.0
         else 0
     )
+    band, received = WIFI if is_wifi(kind) else BLUETOOTH, 0
     room = others.shape[0] + emitters.shape[1] + pieces
     begins, ends, mw = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty(room)
     for k in range(reached):
@@ -242,10 +247,12 @@ def decide_receptions(
                     power,
                 )
                 count += 1
+        locked = state.flag[s, k] & LOCKED > 0
+        held = locked and state.lock_slot[r, band] == s
         chance, worst = frame_success_probability(kind, bits, start, end, signal, noise, begins, ends, mw, count)
         if sending:
             outcome = _SENDING
-        elif state.flag[s, k] & LOCKED_ELSEWHERE:
+        elif state.flag[s, k] & LOCKED_ELSEWHERE or (locked and not held):
             outcome = _BUSY
         else:
             nth = state.slot[NTH, s] * 8 + state.slot[ROLE, s]
@@ -256,6 +263,11 @@ def decide_receptions(
             else:
                 alone = bits_success_probability(kind, signal / noise, bits) if count else chance
                 outcome = _COLLIDED if draw < alone else _WEAK
+        if held and band == WIFI:
+            idle = max(end, state.busy_until[r, channel])
+            state.error_until[r, channel] = end if outcome == _DECODED else idle + ERROR_NS
+            state.mark[r] = 1
+            received += 1
         if state.slot[ROLE, s] == ADV_EXT_IND and outcome == _DECODED:
             state.pointers[r, state.pointer_count[r] % POINTERS] = key
             state.pointer_count[r] += 1
@@ -267,6 +279,10 @@ def decide_receptions(
             state.heard[3, row], state.heard[4, row] = end, outcome
             state.heard_db[0, row], state.heard_db[1, row] = dbm, 10.0 * math.log10(worst)
             state.counts[1] = row + 1
+    if received:
+        end_deferral(state, channel, end)
+        for k in range(reached):
+            state.mark[state.row[s, k]] = 0
     row = state.counts[2]
     state.sent[0, row], state.sent[1, row], state.sent[2, row] = key, sender, channel
     state.sent[3, row], state.sent[4, row], state.sent[5, row] = start, end, 0

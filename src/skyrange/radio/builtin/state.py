@@ -4,6 +4,7 @@ the air.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
@@ -14,7 +15,7 @@ from skyrange.contracts.medium import Floats, Ints, RadioSpec, ReceptionOutcome
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER
-from skyrange.radio.phy.waveforms import WIDTH_MHZ
+from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, WIDTH_MHZ
 from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
 
 WIFI, BLUETOOTH = 0, 1
@@ -24,14 +25,14 @@ POINTERS: Final = 16
 ANTENNAS: Final = ("isotropic", "dipole")
 
 # rows of `MediumState.wait`: bursts that are to be sent, one column each
-KEY, RADIO, WAVEFORM, CHANNEL, ROLE, NTH, SIZE, OFFERED, PLANNED, STAGE, RESUME, SLOTS_LEFT, BACKOFF, DEADLINE = range(
-    14
-)
-WAIT_ROWS: Final = 14
-QUEUED, CONTENDING, GIVING_UP = range(3)
-"""Stages of a waiting burst."""
-STANDALONE, ADV_EXT_IND, AUX_ADV_IND = range(3)
-"""Roles: a self-contained frame, an ADV_EXT_IND that announces another packet, the packet that is announced."""
+KEY, RADIO, WAVEFORM, CHANNEL, ROLE, NTH, SIZE, OFFERED = range(8)
+PLANNED, STAGE, RESUME, SLOTS_LEFT, BACKOFF, NEXT_BACKOFF, DEADLINE = range(8, 15)
+WAIT_ROWS: Final = 15
+QUEUED, BEHIND, CONTENDING, GIVING_UP = range(4)
+"""Stages of a waiting burst; one that is `BEHIND` waits for an earlier frame of the same radio."""
+STANDALONE, ADV_EXT_IND, AUX_ADV_IND, NO_FRAME = range(4)
+"""Roles: a self-contained frame, an ADV_EXT_IND that announces another packet, the packet that is announced, the
+backoff after a transmission while no frame waits."""
 
 # rows of `MediumState.slot`, after those up to SIZE: bursts on the air and over
 START, END, STATE, COUNT = 7, 8, 9, 10
@@ -43,8 +44,9 @@ FIRST, TURNS, DWELL, WINDOW, REST, PHASE = range(6)
 ALWAYS: Final = NEVER // 4
 """Dwell of a chain that never changes its channel."""
 
-TUNED, LOCKED_ELSEWHERE = 1, 2
-"""Flags: the receiver is tuned to the burst; it was locked on another one."""
+TUNED, LOCKED_ELSEWHERE, LOCKED, SENSED = 1, 2, 4, 8
+"""Flags: the receiver is tuned to the burst; it was locked on another one; it locked on this one; it senses the burst
+as a busy channel."""
 
 
 class Radios(NamedTuple):
@@ -63,6 +65,8 @@ class Radios(NamedTuple):
     turn_mask: Ints
     """Bit w: receives waveform w."""
     noise_mw: Floats
+    sense_dbm: Floats
+    """(n, waveforms): the weakest Wi-Fi frame that each radio senses as a busy channel."""
     best_dbi: float
     best_noise_db: float
     """The highest gain and the lowest noise figure of all radios."""
@@ -83,12 +87,18 @@ class MediumState(NamedTuple):
     mw: Floats
     flag: NDArray[np.uint8]
     lock_until: Ints
-    """(n, 2); `lock_dbm` is the power of the burst that a chain is locked on."""
+    """(n, 2); so are `lock_dbm` and `lock_slot`, power and slot of the burst that a chain is locked on, and
+    `sync_until`, the end of its search for a preamble."""
     lock_dbm: Floats
+    lock_slot: Ints
+    sync_until: Ints
     sending_until: Ints
     """(n, 2)"""
     busy_until: Ints
-    """(n, 14): until when a radio senses a Wi-Fi channel as busy."""
+    """(n, 14): until when a radio senses a Wi-Fi channel as busy; `energy_until` by the energy of frames alone."""
+    energy_until: Ints
+    error_until: Ints
+    """(n, 14): after a frame that was received with an error, the end of the time by which EIFS exceeds DIFS."""
     pointers: Ints
     """(n, POINTERS): keys of the ADV_EXT_INDs decoded last; column `pointer_count % POINTERS` is overwritten next."""
     pointer_count: Ints
@@ -111,8 +121,8 @@ class MediumState(NamedTuple):
     """Numbers of waiting bursts, rows of `heard`, and rows of `sent`."""
 
 
-def radio_arrays(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
-    """The arrays of some radios, in their order."""
+def radio_arrays(specs: Sequence[RadioSpec], chance: Chance, carrier_sense_dbm: float = -math.inf) -> Radios:
+    """The arrays of some radios, in their order; they sense no frame below `carrier_sense_dbm`."""
     n = len(specs)
     shape = (n, 2)
     chains = np.zeros((n, 2, 6), dtype=np.int64)
@@ -139,6 +149,7 @@ def radio_arrays(specs: Sequence[RadioSpec], chance: Chance) -> Radios:
         tx_power_dbm=np.array([(spec.wifi_dbm, spec.ble_dbm) for spec in specs], dtype=np.float64).reshape(shape),
         noise_dbm=noise,
         noise_mw=10.0 ** (0.1 * noise),
+        sense_dbm=np.maximum(noise + LOCK_SNIR_DB, carrier_sense_dbm),
         chain=chains,
         turn_channel=np.array(channels, dtype=np.int64),
         turn_mask=np.array(masks, dtype=np.int64),
@@ -160,7 +171,9 @@ def empty_state(n: int, waiting: int = 64, slots: int = 16, rows: int = 256) -> 
         wait=ints(WAIT_ROWS, waiting), wait_dbm=np.zeros(waiting), slot=ints(SLOT_ROWS, slots),
         slot_dbm=np.zeros(slots), row=np.zeros((slots, n), dtype=np.int32), dbm=np.zeros((slots, n)),
         mw=np.zeros((slots, n)), flag=np.zeros((slots, n), dtype=np.uint8), lock_until=ints(n, 2) - NEVER,
-        lock_dbm=np.zeros((n, 2)), sending_until=ints(n, 2) - NEVER, busy_until=ints(n, 14) - NEVER,
+        lock_dbm=np.zeros((n, 2)), lock_slot=ints(n, 2) - 1, sync_until=ints(n, 2) - NEVER,
+        sending_until=ints(n, 2) - NEVER, busy_until=ints(n, 14) - NEVER, energy_until=ints(n, 14) - NEVER,
+        error_until=ints(n, 14) - NEVER,
         pointers=ints(n, POINTERS) - 1, pointer_count=ints(n), losses=ints(n, len(ReceptionOutcome)),
         head=ints(buckets) - 1,
         follow=ints(n) - 1, mark=np.zeros(n, dtype=np.int32), other=np.zeros((slots, n)), heard=ints(5, rows),

@@ -1,8 +1,10 @@
 """Start of a transmission: the receivers that a burst reaches, its power at each, and which of them lock on it.
 
-A receiver locks on the first frame whose preamble it can find and stays with it to its end, unless a later one is
-`CAPTURE_DB` stronger: that of message-in-message capture, 10 dB in J. Lee et al., "An experimental study on the
-capture effect in 802.11a networks" (WinTECH 2007). A weaker one is then missed, even if it could be decoded alone.
+A receiver searches for a preamble in the first 4 µs of an OFDM frame or 15 µs of a DSSS frame (aCCATime), and locks on
+the strongest frame that it detects in that time. Then it stays with that frame to its end, unless a later one is
+`CAPTURE_DB` stronger: message-in-message capture, which J. Lee et al., "An experimental study on the capture effect in
+802.11a networks" (WinTECH 2007), measured whenever the stronger frame begins. A weaker one is missed, even if it could
+be decoded alone.
 """
 
 from __future__ import annotations
@@ -12,7 +14,8 @@ from typing import Final
 
 from skyrange.contracts.medium import Floats, ReceptionOutcome
 from skyrange.core.compiled import compiled
-from skyrange.radio.builtin.channel_access import CCA_FRAME_DBM, freeze_backoff, remove_waiting
+from skyrange.radio.builtin.backoff import CCA_TIME_NS, begin_next_backoff, freeze_backoff, remove_waiting
+from skyrange.radio.builtin.channel_access import CCA_ENERGY_DBM
 from skyrange.radio.builtin.listening import listening_turn
 from skyrange.radio.builtin.state import (
     AUX_ADV_IND,
@@ -24,13 +27,16 @@ from skyrange.radio.builtin.state import (
     FIRST,
     FREE,
     KEY,
+    LOCKED,
     LOCKED_ELSEWHERE,
+    NEXT_BACKOFF,
     ON_AIR,
     PHASE,
     POINTERS,
     RADIO,
     REST,
     ROLE,
+    SENSED,
     SIZE,
     START,
     STATE,
@@ -88,13 +94,10 @@ def _find_receivers(
     """
     slot, head, follow, losses, pointers = state.slot, state.head, state.follow, state.losses, state.pointers
     rows, levels, powers, flags = state.row[s], state.dbm[s], state.mw[s], state.flag[s]
-    lock_until, lock_dbm, sending_until, busy_until = (
-        state.lock_until,
-        state.lock_dbm,
-        state.sending_until,
-        state.busy_until,
-    )
+    lock_until, lock_dbm, lock_slot, sync_until = state.lock_until, state.lock_dbm, state.lock_slot, state.sync_until
+    sending_until, busy_until, energy_until = state.sending_until, state.busy_until, state.energy_until
     who, antenna, noise, chain = radios.who, radios.antenna, radios.noise_dbm, radios.chain
+    sense = radios.sense_dbm
     turn_channel, turn_mask = radios.turn_channel, radios.turn_mask
     key, sender, kind, channel = slot[KEY, s], slot[RADIO, s], slot[WAVEFORM, s], slot[CHANNEL, s]
     start, end, power, role = slot[START, s], slot[END, s], state.slot_dbm[s], slot[ROLE, s]
@@ -102,6 +105,8 @@ def _find_receivers(
     wifi = is_wifi(kind)
     band = WIFI if wifi else BLUETOOTH
     least, finds = MIN_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
+    felt = min(finds, 0.0) if wifi else 0.0
+    sync_ns = CCA_TIME_NS[kind] if wifi else 0
     farthest = max_range_m(radios.best_dbi, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
     reach = min(farthest, params.horizon_m)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
@@ -148,7 +153,7 @@ def _find_receivers(
                             )
                     if not feels:
                         continue
-                floor = noise[i, kind] + least if hears else noise[i, kind]
+                floor = noise[i, kind] + (least if hears else felt)
                 bx, by, bz = pos[i, 0], pos[i, 1], pos[i, 2]
                 distance = math.sqrt(ex * ex + ey * ey + ez * ez)
                 dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
@@ -175,19 +180,41 @@ def _find_receivers(
                         params.seed, who[sender], who[i], x, y, z, bx, by, bz, speed, wavelength, centre, start, loss
                     )
                 flag = 0
+                finding = dbm - noise[i, kind] >= finds and sending_until[i, band] <= start
+                detected = finding
                 if hears:
                     flag = TUNED
-                    locked = lock_until[i, band] > start
-                    finding = dbm - noise[i, kind] >= finds and sending_until[i, band] <= start
-                    if locked and (not finding or dbm < lock_dbm[i, band] + CAPTURE_DB):
-                        flag = TUNED | LOCKED_ELSEWHERE
-                    elif finding:
-                        lock_until[i, band], lock_dbm[i, band] = end, dbm
+                    if lock_until[i, band] > start:
+                        stronger = dbm - lock_dbm[i, band]
+                        detected = finding and (
+                            stronger >= CAPTURE_DB or (start < sync_until[i, band] and stronger > 0.0)
+                        )
+                        if not detected:
+                            flag = TUNED | LOCKED_ELSEWHERE
+                    if detected:
+                        flag = TUNED | LOCKED
+                        lock_until[i, band], lock_dbm[i, band], lock_slot[i, band] = end, dbm, s
+                        sync_until[i, band] = start + sync_ns
+                if wifi:
+                    if dbm >= CCA_ENERGY_DBM:
+                        energy_until[i, channel] = max(energy_until[i, channel], end)
+                        flag |= SENSED
+                    elif detected and dbm >= sense[i, kind] and (hears or busy_until[i, channel] <= start):
+                        flag |= SENSED
+                    if flag & SENSED:
+                        busy_until[i, channel] = max(busy_until[i, channel], end)
                 rows[count], levels[count], powers[count], flags[count] = i, dbm, 10.0 ** (0.1 * dbm), flag
                 count += 1
-                if wifi and dbm >= CCA_FRAME_DBM:
-                    busy_until[i, channel] = max(busy_until[i, channel], end)
     slot[COUNT, s] = count
+
+
+@compiled
+def _leave_reception(state: MediumState, radio: int, now: int) -> None:
+    """A radio turns to sending: it misses the frames on the air, and will sense their energy alone."""
+    state.lock_until[radio, WIFI], state.lock_slot[radio, WIFI] = now, -1
+    for channel in range(state.busy_until.shape[1]):
+        state.busy_until[radio, channel] = state.energy_until[radio, channel]
+        state.error_until[radio, channel] = now
 
 
 @compiled
@@ -209,21 +236,21 @@ def start_transmission(
     state.slot[START, s], state.slot[END, s] = now, now + airtime_ns(kind, state.slot[SIZE, s])
     state.slot[STATE, s] = ON_AIR
     state.slot_dbm[s] = state.wait_dbm[w]
+    slots = state.wait[NEXT_BACKOFF, w]
     remove_waiting(state, w)
     band = WIFI if is_wifi(kind) else BLUETOOTH
     state.sending_until[sender, band] = max(state.sending_until[sender, band], state.slot[END, s])
+    if band == WIFI:
+        _leave_reception(state, sender, now)
+        begin_next_backoff(state, s, slots)
     _find_receivers(params, obstacles, radios, pos, vel, state, s)
-    if band == BLUETOOTH or state.counts[0] == 0:
+    if band == BLUETOOTH:
         return
     for k in range(state.slot[COUNT, s]):
-        state.mark[state.row[s, k]] = k + 1
+        if state.flag[s, k] & SENSED:
+            state.mark[state.row[s, k]] = 1
     for other in range(state.counts[0]):
-        if not is_wifi(state.wait[WAVEFORM, other]):
-            continue
-        radio = state.wait[RADIO, other]
-        k = state.mark[radio] - 1
-        sensed = k >= 0 and state.dbm[s, k] >= CCA_FRAME_DBM and state.wait[CHANNEL, other] == channel
-        if sensed or radio == sender:
+        if state.mark[state.wait[RADIO, other]] and state.wait[CHANNEL, other] == channel:
             freeze_backoff(state, other, now, state.slot[END, s])
     for k in range(state.slot[COUNT, s]):
         state.mark[state.row[s, k]] = 0

@@ -31,6 +31,9 @@ def check_radios(radios: Sequence[RadioSpec], city: City | None, surroundings: R
         faults.append(Problem("city_busy", repr(surroundings.city_busy), "a share of time, 0 to less than 1"))
     if not -200.0 < surroundings.city_dbm < 60.0:
         faults.append(Problem("city_dbm", repr(surroundings.city_dbm), "a power in dBm, -200 to 60"))
+    sense = surroundings.carrier_sense_dbm
+    if sense is not None and not -200.0 < sense < 60.0:
+        faults.append(Problem("carrier_sense_dbm", repr(sense), "a power in dBm, -200 to 60, or None"))
     if faults:
         raise InputError("radio", faults)
 

@@ -60,6 +60,13 @@ class Radio(Model):
     city_dbm: Number = Field(
         default=-85.0, gt=-200, lt=60, description="Mean power of that background traffic at any antenna, in dBm."
     )
+    carrier_sense_dbm: Number | None = Field(
+        default=None,
+        gt=-200,
+        lt=60,
+        description="Power in dBm of the weakest Wi-Fi frame that senders defer to; default: every frame whose "
+        "preamble they detect. IEEE 802.11 permits -82 dBm at most.",
+    )
     aboard: ReceiverKind = Field(default="companion", description="Kind of receiver of all aircraft.")
     losses: Literal["city", "engine"] = Field(
         default="city",

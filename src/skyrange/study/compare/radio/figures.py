@@ -34,7 +34,7 @@ def draw_shares(comparison: Comparison, first: str, others: Sequence[str]) -> Fi
         theirs = comparison.shares[other]
         for row, (experiment, facts) in enumerate(comparison.cells):
             counts = any(PARTIAL[0] <= shares[row] <= PARTIAL[1] for shares in (mine, theirs))
-            dot = {
+            dot: svg.Attributes = {
                 "cx": x0 + mine[row] * _SIZE, "cy": _TOP + (1.0 - theirs[row]) * _SIZE, "r": 2.6,
                 "fill": colours[experiment], "fill-opacity": ".8" if counts else ".15",
             }  # fmt: skip
@@ -58,8 +58,8 @@ def _axes(x0: float, first: str, other: str) -> list[Element]:
     ]
     for tick in (0.0, 0.25, 0.5, 0.75, 1.0):
         x, y = x0 + tick * _SIZE, _TOP + (1.0 - tick) * _SIZE
-        for data in (f"M{x:.1f} {_TOP:.1f}v{_SIZE:.1f}", f"M{x0:.1f} {y:.1f}h{_SIZE:.1f}"):
-            body.append(svg.element("path", {"d": data, **svg.GRID}))
+        lines = (f"M{x:.1f} {_TOP:.1f}v{_SIZE:.1f}", f"M{x0:.1f} {y:.1f}h{_SIZE:.1f}")
+        body += [svg.element("path", {"d": data, **svg.GRID}) for data in lines]
         body.append(svg.label(x, _TOP + _SIZE + 16, f"{tick:g}"))
         if x0 == _LEFT:
             body.append(svg.label(x0 - 7, y + 4, f"{tick:g}", "end"))
@@ -97,8 +97,8 @@ def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]])
                 continue
             level = y + 9.0 * turn + 3.0
             a, b = left + (one.low_db - low) * scale, left + (one.high_db - low) * scale
-            look = {"stroke": colours[model], "stroke-width": 3.0, "stroke-opacity": ".75"}
-            said = f"{model}: {one.median_db:+.1f} dB, {one.low_db:+.1f} to {one.high_db:+.1f}, {one.count} pairs"
+            look: svg.Attributes = {"stroke": colours[model], "stroke-width": 3.0, "stroke-opacity": ".75"}
+            said = f"{model}: {one.median_db:+.1f} dB, {one.low_db:+.1f} to {one.high_db:+.1f}, {one.pairs} pairs"
             body.append(svg.element("path", {"d": f"M{a:.1f} {level:.1f}H{b:.1f}", **look}, svg.title(said)))
             middle = left + (one.median_db - low) * scale
             body.append(svg.element("circle", {"cx": middle, "cy": level, "r": 3.4, "fill": colours[model]}))

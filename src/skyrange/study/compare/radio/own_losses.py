@@ -53,7 +53,10 @@ def draw_pairs(city: City, count: int = PAIRS, seed: int = 4) -> PairLosses:
     radios = [RadioSpec("a"), RadioSpec("b")]
     arrays = radio_arrays(radios, Chance(1))
     params = MediumParams(np.uint64(1), 1e9, False, 0.0, 0.0, False)
-    ends, heights, sight, losses = [], [], [], []
+    ends: list[tuple[float, ...]] = []
+    heights: list[str] = []
+    sight: list[bool] = []
+    losses: list[float] = []
     still = np.zeros((2, 3))
     while len(ends) < count:
         i, j = rng.integers(len(places.enu_m), size=2)
@@ -83,7 +86,7 @@ def add_model(pairs: PairLosses, setup: EngineSetup, city: City) -> None:
 class Residual(NamedTuple):
     """Distribution of a model's loss minus skyrange's, in dB."""
 
-    count: int
+    pairs: int
     missing: int
     """Pairs for which the model gives no finite loss."""
     median_db: float
