@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from skyrange.city.city import City
 from skyrange.contracts.medium import ANY_CHANNEL, Floats, RadioSpec, RadioTable, ReceptionOutcome, TxBatch, Waveform
-from skyrange.core.time import NS_PER_MS, NS_PER_S
+from skyrange.core.time import NS_PER_S
 from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import SNIFFER
 from skyrange.study.compare.radio.setups import EngineSetup
 
 FRAME_BYTES = 250
 """A beacon with a pack of six messages or so."""
-STEP_NS = 100 * NS_PER_MS
+STEP_NS = 10 * NS_PER_S
 SETTLE_NS = NS_PER_S
 """After the last frame; every frame has been told of then (see `Medium.offer`: 0.5 s of waiting at most)."""
 
