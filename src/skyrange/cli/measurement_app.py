@@ -16,7 +16,7 @@ bench_app = typer.Typer(
     no_args_is_help=True,
 )
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot with ArduPilot, and ArduPilot at different loop rates.\n\n"
+    help="Compare the builtin autopilot and radio medium with other engines.\n\n"
     "Example: skyrange parity gnss --out runs/gnss",
     no_args_is_help=True,
 )
@@ -233,3 +233,30 @@ def missions(
 ) -> None:
     """Fly missions with both autopilots and compare accepted items, order, times and paths."""
     parity.missions(files or [], count, first, out, rates.value, shrink, as_json)
+
+
+@parity_app.command("radio", epilog="Example: skyrange parity radio --buildings city.geojson --engine ns3")
+def radio_engines(
+    engines: Annotated[
+        list[str] | None,
+        typer.Option("--engine", metavar="NAME", help="Engine to compare. May be repeated. Default: all installed."),
+    ] = None,
+    buildings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="City, in a file of buildings. Default: a generated downtown."),
+    ] = None,
+    pairs: Annotated[
+        int, typer.Option(metavar="N", min=100, help="Pairs of places for the comparison of path losses.")
+    ] = 10_000,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for tables and figures. Default: runs/radio-parity, then -2 …"),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Also renew the tables in this Markdown page, and figures in ../images."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare radio engines with the builtin medium: reception, contention, hidden terminals, and path losses."""
+    parity.radio(engines or [], buildings, pairs, out, page, as_json)

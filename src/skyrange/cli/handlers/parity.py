@@ -1,4 +1,4 @@
-"""The commands `skyrange parity flight`, `parity rates`, `parity gnss` and `parity missions`."""
+"""The commands `skyrange parity flight`, `parity rates`, `parity gnss`, `parity missions` and `parity radio`."""
 
 from __future__ import annotations
 
@@ -170,3 +170,46 @@ def missions(
     for line in page(agreement):
         console.print(line, soft_wrap=True, markup=False, highlight=False)
     console.print(f"results {folder}/missions.json, missions.md", soft_wrap=True, markup=False)
+
+
+def radio(
+    engines: Sequence[str], buildings: Path | None, pairs: int, out: Path | None, page: Path | None, as_json: bool
+) -> None:
+    """`skyrange parity radio`."""
+    from skyrange.city.building_files import load_buildings
+    from skyrange.city.downtown import downtown_grid
+    from skyrange.cli.output.progress import step_progress
+    from skyrange.core.errors import InputError, nearest
+    from skyrange.core.input_files import expand_user
+    from skyrange.runtime.run import free_folder
+    from skyrange.study.compare.radio import page as report
+    from skyrange.study.compare.radio.agreement import compare
+    from skyrange.study.compare.radio.setups import installed_engines
+
+    found = installed_engines()
+    for name in engines:
+        if name not in found:
+            expected = f"an engine to compare: {', '.join(sorted(found))}"
+            raise InputError.one("skyrange parity radio", "--engine", name, expected, nearest(name, found))
+        if found[name]:
+            raise InputError.one("skyrange parity radio", "--engine", name, "an engine that runs here", found[name])
+    chosen = [name for name in found if name in engines] if engines else [name for name in found if not found[name]]
+    for name, why in found.items():
+        if not engines and why:
+            print_notice(f"without {name}: {why}")
+    if page is not None:
+        report.check_page(page)
+    city = load_buildings(expand_user(buildings))[0] if buildings is not None else downtown_grid((12, 12))
+    folder = out if out is not None else free_folder("radio-parity")
+    with step_progress(quiet=as_json) as on_step:
+        compared = compare(city, chosen, pairs=pairs, on_step=on_step)
+    report.write_results(compared, folder)
+    if page is not None:
+        report.renew_page(compared, page)
+    if as_json:
+        print_json({"path": str(folder), **report.results(compared)})
+        return
+    console = terminal()
+    for line in report.tables(compared):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
+    console.print(f"results {folder}/radio.json, radio.md and figures", soft_wrap=True, markup=False)

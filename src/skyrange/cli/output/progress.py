@@ -13,6 +13,7 @@ from skyrange.core.time import Time, to_seconds
 OnProgress = Callable[[Time, Time], None]
 OnRunProgress = Callable[[int, Time, Time], None]
 OnBytes = Callable[[int, int | None], None]
+OnStep = Callable[[str, int, int], None]
 
 
 @contextmanager
@@ -97,5 +98,33 @@ def download_progress(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
                 quarter = reached
                 of = f" of {total / 1e6:.1f}" if total else ""
                 print_notice(f"{name}: {done / 1e6:.1f}{of} MB")
+
+        yield tell
+
+
+@contextmanager
+def step_progress(*, quiet: bool) -> Iterator[OnStep | None]:
+    """Yield a progress callback for work in steps: what is being done, steps of it that are done, and all its steps."""
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
+            task = bar.add_task("starting", total=None)
+
+            def show(what: str, done: int, steps: int) -> None:
+                bar.update(task, description=what, total=steps, completed=done)
+
+            yield show
+    else:
+        said = ""
+
+        def tell(what: str, done: int, steps: int) -> None:
+            nonlocal said
+            if what != said:
+                print_notice(what)
+            said = what
 
         yield tell

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -21,8 +22,6 @@ PARTIAL: Final = (0.05, 0.95)
 """A cell counts if either engine decodes a share in here: where both hear all or nothing, nothing is compared."""
 WITHIN: Final = 0.05
 """Two shares agree if they differ by at most this."""
-GOAL: Final = 0.9
-"""Share of the cells that should agree."""
 BUILTIN: Final = EngineSetup("builtin")
 
 
@@ -33,73 +32,101 @@ class Comparison:
     setups: list[EngineSetup]
     cells: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     shares: dict[str, list[float]] = field(default_factory=dict)
-    """By title of a setup."""
+    """By title of a setup; NaN where it was not run, because the defaults agree there."""
     frames: list[int] = field(default_factory=list)
     losses: PairLosses | None = None
-
-    def select(self, experiment: str, first: str, second: str) -> tuple[NDArray[np.int64], Floats]:
-        """Rows of the cells of an experiment in which either setup decodes part, and the differences there."""
-        rows = [row for row, (name, _) in enumerate(self.cells) if name == experiment]
-        one, other = (np.array([self.shares[title][row] for row in rows]) for title in (first, second))
-        partial = ((one >= PARTIAL[0]) & (one <= PARTIAL[1])) | ((other >= PARTIAL[0]) & (other <= PARTIAL[1]))
-        return np.array(rows, dtype=np.int64)[partial], (other - one)[partial]
 
     @property
     def experiments(self) -> list[str]:
         """Their names, in the order in which they were run."""
         return list(dict.fromkeys(name for name, _ in self.cells))
 
-    def agreeing(self, experiment: str, first: str, second: str) -> tuple[int, int]:
-        """Cells that agree, and cells that count."""
-        _, difference = self.select(experiment, first, second)
-        return int((np.abs(difference) <= WITHIN).sum()), len(difference)
+    @property
+    def engines(self) -> list[str]:
+        """The engines that are compared with the builtin."""
+        return [setup.engine for setup in self.setups[1:] if not setup.swap]
 
-    def explained(self, experiment: str, first: EngineSetup, second: EngineSetup) -> tuple[int, int]:
-        """Cells that agree with the defaults of `second` or with one of its swaps, and cells that count."""
-        rows, difference = self.select(experiment, first.title, second.title)
-        good = np.abs(difference) <= WITHIN
-        mine = np.array(self.shares[first.title])
-        for setup in self.setups:
-            if setup.engine == second.engine and setup.swap:
-                good |= np.abs(np.array(self.shares[setup.title])[rows] - mine[rows]) <= WITHIN
-        return int(good.sum()), len(rows)
+    def swaps_of(self, engine: str) -> list[EngineSetup]:
+        """The setups of an engine in which models are swapped."""
+        return [setup for setup in self.setups if setup.engine == engine and setup.swap]
+
+    def select(self, experiment: str, title: str) -> NDArray[np.int64]:
+        """Rows of the cells of an experiment that count for a setup: it or the builtin decodes part of the frames."""
+        found = []
+        for row, (name, _) in enumerate(self.cells):
+            shares = self.shares[BUILTIN.title][row], self.shares[title][row]
+            if name == experiment and any(PARTIAL[0] <= share <= PARTIAL[1] for share in shares):
+                found.append(row)
+        return np.array(found, dtype=np.int64)
+
+    def differences(self, rows: NDArray[np.int64], title: str) -> Floats:
+        """Share of a setup minus the builtin's, in these cells."""
+        shares, mine = np.array(self.shares[title]), np.array(self.shares[BUILTIN.title])
+        return np.asarray(shares[rows] - mine[rows])
+
+    def agreeing(self, experiment: str, title: str) -> tuple[int, int]:
+        """Cells that agree, and cells that count."""
+        rows = self.select(experiment, title)
+        return int((np.abs(self.differences(rows, title)) <= WITHIN).sum()), len(rows)
+
+    def closed(self, experiment: str, setup: EngineSetup) -> tuple[int, int]:
+        """Of the cells in which the defaults of an engine disagree, those in which `setup` agrees, and all of them."""
+        rows = self.gaps(experiment, setup.engine)
+        return int((np.abs(self.differences(rows, setup.title)) <= WITHIN).sum()), len(rows)
+
+    def gaps(self, experiment: str, engine: str) -> NDArray[np.int64]:
+        """Rows of the cells in which the defaults of an engine disagree with the builtin."""
+        title = EngineSetup(engine).title
+        rows = self.select(experiment, title)
+        return rows[np.abs(self.differences(rows, title)) > WITHIN]
+
+    def explained(self, experiment: str, engine: str) -> tuple[int, int]:
+        """Cells that agree with the defaults of an engine or with one of its swaps, and cells that count."""
+        rows = self.gaps(experiment, engine)
+        closed = np.zeros(len(rows), dtype=bool)
+        for setup in self.swaps_of(engine):
+            closed |= np.abs(self.differences(rows, setup.title)) <= WITHIN
+        agreeing, counting = self.agreeing(experiment, EngineSetup(engine).title)
+        return agreeing + int(closed.sum()), counting
 
 
 OnStep = Callable[[str, int, int], None]
 """Called with what is being done, steps done, and all steps."""
 
 
-def compare(
-    city: City,
-    engines: Sequence[str],
-    *,
-    swaps: bool = True,
-    pairs: int = PAIRS,
-    on_step: OnStep | None = None,
-) -> Comparison:
-    """Run all experiments with the builtin medium and with `engines`, each by default and with its swaps."""
+def compare(city: City, engines: Sequence[str], *, pairs: int = PAIRS, on_step: OnStep | None = None) -> Comparison:
+    """Run all experiments with the builtin medium and with `engines`.
+
+    Each engine runs with its defaults and, where these disagree with the builtin, with each of its swaps.
+    """
+    trials = [*reach_trials(city), *contention_trials(), *hidden_trials()]
     setups = [BUILTIN]
     for engine in engines:
-        setups += [EngineSetup(engine), *(SWAPS.get(engine, ()) if swaps else ())]
-    trials = [*reach_trials(city), *contention_trials(), *hidden_trials()]
-    models = [model for model in MODELS if model.engine in engines]
-    result = Comparison(setups, shares={setup.title: [] for setup in setups})
+        setups += [EngineSetup(engine), *SWAPS.get(engine, ())]
+    result = Comparison(setups)
     for trial in trials:
         result.cells += [(trial.experiment, cell.facts) for cell in trial.cells]
-    total, done = len(setups) * len(trials) + len(models) + 1, 0
+    owner = np.repeat(np.arange(len(trials)), [len(trial.cells) for trial in trials])
     for setup in setups:
-        for trial in trials:
+        chosen = set(range(len(trials)))
+        if setup.swap:
+            gaps = [result.gaps(experiment, setup.engine) for experiment in result.experiments]
+            chosen = set(owner[np.concatenate(gaps)].tolist())
+        result.shares[setup.title] = []
+        for number, trial in enumerate(trials):
             if on_step is not None:
-                on_step(f"{setup.title}: {trial.experiment}", done, total)
+                on_step(f"{setup.title}: {trial.experiment}", number, len(trials))
+            if number not in chosen:
+                result.shares[setup.title] += [math.nan] * len(trial.cells)
+                continue
             found = run_trial(trial, setup, city)
             result.shares[setup.title] += (found.decoded / found.offered).tolist()
             if setup is BUILTIN:
                 result.frames += found.offered.tolist()
-            done += 1
     result.losses = draw_pairs(city, pairs)
-    for model in models:
+    models = [model for model in MODELS if model.engine in engines]
+    for number, model in enumerate(models):
         if on_step is not None:
-            on_step(f"{model.title}: losses of {pairs:,} pairs", done, total)
+            on_step(f"{model.title}: losses of {pairs:,} pairs", number, len(models))
         add_model(result.losses, model, city)
-        done += 1
     return result

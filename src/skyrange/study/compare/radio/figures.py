@@ -33,6 +33,8 @@ def draw_shares(comparison: Comparison, first: str, others: Sequence[str]) -> Fi
         body += _axes(x0, first, other)
         theirs = comparison.shares[other]
         for row, (experiment, facts) in enumerate(comparison.cells):
+            if not np.isfinite(theirs[row]):
+                continue
             counts = any(PARTIAL[0] <= shares[row] <= PARTIAL[1] for shares in (mine, theirs))
             dot: svg.Attributes = {
                 "cx": x0 + mine[row] * _SIZE, "cy": _TOP + (1.0 - theirs[row]) * _SIZE, "r": 2.6,
