@@ -153,7 +153,8 @@ City::initialize(int stage)
     }
 }
 
-/// The place of an object is where its shape has its origin: with corners at a height of 0, the base of the prism.
+/// The place of an object is the middle of its bounding box, as INET's object caches assume. (From XML, INET puts the base
+/// of a prism there, and its caches then miss the upper half.)
 void
 City::Add(const Corners& corners, double base_m, double top_m, const Material* material)
 {
@@ -165,14 +166,14 @@ City::Add(const Corners& corners, double base_m, double top_m, const Material* m
         high = high.max(corner);
     }
     Coord middle = (low + high) / 2;
-    middle.z = 0.0;
+    middle.z = (top_m - base_m) / 2;
     Corners own;
     for (const Coord& corner : corners)
     {
         own.push_back(corner - middle);
     }
     auto shape = new Prism(top_m - base_m, Polygon(own));
-    middle.z = base_m;
+    middle.z = (base_m + top_m) / 2;
     low.z = base_m;
     high.z = top_m;
     spaceMin = objects.empty() ? low : spaceMin.min(low);

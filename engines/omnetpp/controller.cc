@@ -163,7 +163,7 @@ Controller::Offer(int64_t key)
     {
         Interface(path.radio, request.channel, request.waveform);
     }
-    sender->source->Offer(key);
+    sender->queue->Offer(key, sender->source);
 }
 
 /// The interface of a radio on a channel; it is made when it is first needed.
@@ -199,6 +199,18 @@ Controller::Interface(uint32_t radio, uint16_t channel, uint16_t waveform)
     found->address = {radio, channel, waveform, stream};
     found->source = check_and_cast<FrameSource*>(made->getModuleByPath(".wlan.mgmt"));
     Start(made);
+    if (air.interfaces[radio].empty())
+    {
+        cModule* queue = Make("skyrange.FrameQueue", ("queue" + std::to_string(radio)).c_str());
+        queue->finalizeParameters();
+        queue->buildInside();
+        Start(queue);
+        found->queue = check_and_cast<FrameQueue*>(queue);
+    }
+    else
+    {
+        found->queue = air.interfaces[radio].front()->queue;
+    }
     air.interfaces[radio].push_back(found);
     air.medium->PickUp(found);
     return found;

@@ -35,6 +35,7 @@ const int64_t kCheckBytes = 4;
 Define_Module(PlacedMobility);
 Define_Module(AddressedContention);
 Define_Module(FrameSource);
+Define_Module(FrameQueue);
 
 const Coord&
 PlacedMobility::getCurrentPosition()
@@ -76,20 +77,10 @@ AddressedContention::Cancel()
     fsm.setState(IDLE, "IDLE");
 }
 
-FrameSource::~FrameSource()
-{
-    cancelAndDelete(m_deadline);
-}
-
 void
 FrameSource::initialize(int stage)
 {
-    if (stage == INITSTAGE_LOCAL)
-    {
-        m_deadline = new cMessage("deadline");
-        m_deadline->setSchedulingPriority(-1); // a frame that waited so long is not sent at that very time
-    }
-    else if (stage == INITSTAGE_LINK_LAYER)
+    if (stage == INITSTAGE_LINK_LAYER)
     {
         cModule* access = getParentModule()->getModuleByPath(".mac.dcf.channelAccess");
         m_queue = check_and_cast<queueing::IPacketQueue*>(access->getSubmodule("pendingQueue"));
@@ -100,25 +91,9 @@ FrameSource::initialize(int stage)
 }
 
 void
-FrameSource::Offer(int64_t key)
+FrameSource::Send(int64_t key)
 {
-    Enter_Method("Offer");
-    m_waiting.emplace_back(key, simTime() + SimTime(kMaxWaitNs, SIMTIME_NS));
-    if (!m_deadline->isScheduled())
-    {
-        scheduleAt(m_waiting.front().second, m_deadline);
-    }
-    HandOver();
-}
-
-void
-FrameSource::HandOver()
-{
-    if (m_waiting.empty() || m_handed_over)
-    {
-        return;
-    }
-    const int64_t key = m_waiting.front().first;
+    Enter_Method("Send");
     const Transmission& request = TheAir().frames.at(key).request;
     auto packet = new Packet(std::to_string(key).c_str());
     const int64_t payload = request.size_bytes - kHeaderBytes - kCheckBytes;
@@ -130,64 +105,88 @@ FrameSource::HandOver()
     packet->addTag<Ieee80211SubtypeReq>()->setSubtype(ieee80211::ST_BEACON);
     packet->addTag<MacAddressReq>()->setDestAddress(MacAddress::BROADCAST_ADDRESS);
     packet->addTag<SignalPowerReq>()->setPower(mW(std::pow(10.0, 0.1 * request.power_dbm)));
-    m_handed_over = true;
-    m_started = false;
     send(packet, "macOut");
 }
 
 void
-FrameSource::handleMessage(cMessage* message)
+FrameSource::Withdraw()
 {
-    if (message == m_deadline)
+    Enter_Method("Withdraw");
+    while (m_queue->getNumPackets() > 0)
+    {
+        delete m_queue->dequeuePacket();
+    }
+    m_contention->Cancel();
+}
+
+FrameQueue::~FrameQueue()
+{
+    cancelAndDelete(m_deadline);
+}
+
+void
+FrameQueue::initialize()
+{
+    m_deadline = new cMessage("deadline");
+    m_deadline->setSchedulingPriority(-1); // a frame that waited so long is not sent at that very time
+}
+
+void
+FrameQueue::Offer(int64_t key, FrameSource* source)
+{
+    Enter_Method("Offer");
+    m_waiting.push_back({key, source, simTime() + SimTime(kMaxWaitNs, SIMTIME_NS)});
+    if (m_waiting.size() == 1)
     {
         GiveUp();
     }
-    else
-    {
-        delete message; // a frame that was received: the radio has told of it
-    }
+}
+
+void
+FrameQueue::handleMessage(cMessage*)
+{
+    GiveUp();
 }
 
 /// Give up the frames that have waited too long, unless one is on the air, and go on with the next one.
 void
-FrameSource::GiveUp()
+FrameQueue::GiveUp()
 {
-    cancelEvent(m_deadline);
     const int64_t now = TheAir().ToNs(simTime());
-    while (!m_waiting.empty() && m_waiting.front().second <= simTime() && !m_started)
+    cancelEvent(m_deadline);
+    while (!m_waiting.empty() && m_waiting.front().deadline <= simTime() && !m_started)
     {
-        const int64_t key = m_waiting.front().first;
+        const Waiting late = m_waiting.front();
         m_waiting.pop_front();
-        Withdraw();
-        TheAir().TellSent(key, now, now, NO_ACCESS);
+        if (m_handed_over)
+        {
+            late.source->Withdraw();
+            m_handed_over = false;
+        }
+        TheAir().TellSent(late.key, now, now, NO_ACCESS);
     }
     if (!m_waiting.empty() && !m_started)
     {
-        scheduleAt(m_waiting.front().second, m_deadline);
+        scheduleAt(m_waiting.front().deadline, m_deadline);
         HandOver();
     }
 }
 
-/// Take the frame that contends for access back from the MAC.
 void
-FrameSource::Withdraw()
+FrameQueue::HandOver()
 {
-    if (m_handed_over)
+    if (!m_handed_over)
     {
-        while (m_queue->getNumPackets() > 0)
-        {
-            delete m_queue->dequeuePacket();
-        }
-        m_contention->Cancel();
-        m_handed_over = false;
+        m_handed_over = true;
+        m_waiting.front().source->Send(m_waiting.front().key);
     }
 }
 
 void
-FrameSource::OnStart(int64_t key)
+FrameQueue::OnStart(int64_t key)
 {
     Enter_Method("OnStart");
-    if (m_waiting.empty() || m_waiting.front().first != key)
+    if (m_waiting.empty() || m_waiting.front().key != key)
     {
         throw cRuntimeError("a frame was sent that no one offered");
     }
@@ -195,7 +194,7 @@ FrameSource::OnStart(int64_t key)
 }
 
 void
-FrameSource::OnEnd()
+FrameQueue::OnEnd()
 {
     Enter_Method("OnEnd");
     m_waiting.pop_front();

@@ -14,8 +14,6 @@
 namespace skyrange
 {
 
-class ObservedRadio;
-
 /// The place of a radio, as the requests say it.
 class PlacedMobility : public inet::MobilityBase
 {
@@ -98,17 +96,14 @@ class AddressedContention : public inet::ieee80211::Contention
     uint64_t m_interface = 0;
 };
 
-/// Hands the frames of a radio to the MAC, one after the other, and gives up those that wait too long.
+/// The place of INET's management in an interface: hands a frame to the MAC, or takes it back.
 class FrameSource : public omnetpp::cSimpleModule
 {
   public:
-    ~FrameSource() override;
+    void Send(int64_t key);
 
-    /// Take a frame to be sent now, or after those that wait.
-    void Offer(int64_t key);
-
-    void OnStart(int64_t key);
-    void OnEnd();
+    /// Take the frame that contends for access back from the MAC.
+    void Withdraw();
 
   protected:
     int numInitStages() const override
@@ -117,19 +112,48 @@ class FrameSource : public omnetpp::cSimpleModule
     }
 
     void initialize(int stage) override;
+
+    void handleMessage(omnetpp::cMessage* message) override
+    {
+        delete message; // nothing comes from the MAC that the radio has not told of
+    }
+
+  private:
+    inet::queueing::IPacketQueue* m_queue = nullptr; // of the MAC
+    AddressedContention* m_contention = nullptr;
+};
+
+/// The frames of a radio, which sends one at a time whatever its channel, and gives up those that wait too long.
+class FrameQueue : public omnetpp::cSimpleModule
+{
+  public:
+    ~FrameQueue() override;
+
+    /// Take a frame to be sent by `source` now, or after those that wait.
+    void Offer(int64_t key, FrameSource* source);
+
+    void OnStart(int64_t key);
+    void OnEnd();
+
+  protected:
+    void initialize() override;
     void handleMessage(omnetpp::cMessage* message) override;
 
   private:
-    void HandOver();
-    void GiveUp();
-    void Withdraw();
+    struct Waiting
+    {
+        int64_t key;
+        FrameSource* source;
+        omnetpp::simtime_t deadline;
+    };
 
-    omnetpp::cMessage* m_deadline = nullptr;
-    inet::queueing::IPacketQueue* m_queue = nullptr; // of the MAC
-    AddressedContention* m_contention = nullptr;
-    std::deque<std::pair<int64_t, omnetpp::simtime_t>> m_waiting; // key, deadline; the first one is with the MAC
+    void GiveUp();
+    void HandOver();
+
+    std::deque<Waiting> m_waiting; // the first one is with the MAC if it was handed over
     bool m_handed_over = false;
     bool m_started = false;
+    omnetpp::cMessage* m_deadline = nullptr;
 };
 
 } // namespace skyrange

@@ -54,7 +54,7 @@ ObservedRadio::Bandwidth() const
 void
 ObservedRadio::startTransmission(Packet* frame, IRadioSignal::SignalPart part)
 {
-    source->OnStart(KeyOf(frame));
+    queue->OnStart(KeyOf(frame));
     Ieee80211Radio::startTransmission(frame, part);
 }
 
@@ -66,7 +66,7 @@ ObservedRadio::endTransmission()
     const int64_t started_ns = TheAir().ToNs(signal->getTransmission()->getStartTime());
     Ieee80211Radio::endTransmission();
     TheAir().TellSent(key, started_ns, TheAir().ToNs(simTime()), SENT);
-    source->OnEnd();
+    queue->OnEnd();
 }
 
 void
@@ -144,6 +144,20 @@ ObservedRadio::endReception(cMessage* timer)
     else
     {
         Ieee80211Radio::endReception(timer);
+    }
+}
+
+/// Only what was not decoded concerns the MAC (EIFS): frames to all set no NAV and are not answered.
+void
+ObservedRadio::sendUp(Packet* frame)
+{
+    if (frame->hasBitError())
+    {
+        Ieee80211Radio::sendUp(frame);
+    }
+    else
+    {
+        delete frame;
     }
 }
 

@@ -27,6 +27,7 @@ class ObservedRadio : public inet::physicallayer::Ieee80211Radio
   public:
     InterfaceAddress address;
     FrameSource* source = nullptr;
+    FrameQueue* queue = nullptr; // of all interfaces of the radio
 
     inet::physicallayer::Hz CentreFrequency() const;
     inet::physicallayer::Hz Bandwidth() const;
@@ -36,6 +37,7 @@ class ObservedRadio : public inet::physicallayer::Ieee80211Radio
     void endTransmission() override;
     void startReception(omnetpp::cMessage* timer, inet::physicallayer::IRadioSignal::SignalPart part) override;
     void endReception(omnetpp::cMessage* timer) override;
+    void sendUp(inet::Packet* frame) override;
 
   private:
     medium_protocol::Outcome OutcomeOf(omnetpp::cMessage* timer) const;
