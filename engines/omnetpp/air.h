@@ -8,6 +8,7 @@
 
 #include "inet/common/geometry/common/Coord.h"
 
+#include <deque>
 #include <map>
 #include <omnetpp.h>
 #include <unordered_map>
@@ -16,7 +17,7 @@ namespace skyrange
 {
 
 class ListedMedium;
-class NoiseEmitter;
+class PathProbe;
 class ObservedRadio;
 
 /// A frame from its transmission request until nothing more can be told of it.
@@ -28,17 +29,28 @@ struct Frame
     bool ended = false;
 };
 
+/// Noise at a radio: of a jammer, or of traffic that is not simulated.
+struct NoisePiece
+{
+    omnetpp::simtime_t from;
+    omnetpp::simtime_t to; // not any more
+    double centre_mhz;
+    double width_mhz;
+    double power_dbm; // at the receiver's input
+};
+
 /// Everything that the modules of the engine share. There is one engine in a process.
 struct Air
 {
     medium_protocol::Hello hello;
     Settings settings;
     ListedMedium* medium = nullptr;
-    NoiseEmitter* emitter = nullptr;
+    PathProbe* probe = nullptr;
     std::unordered_map<int64_t, Frame> frames; // by key
     std::vector<inet::Coord> places;           // by radio: the last one that is known
     std::vector<bool> present;                 // by radio
     std::vector<std::vector<ObservedRadio*>> interfaces; // by radio
+    std::vector<std::deque<NoisePiece>> noise;           // by radio
     std::vector<medium_protocol::SentRow> sent;
     std::vector<medium_protocol::HeardRow> heard;
 

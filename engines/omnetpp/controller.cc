@@ -5,7 +5,9 @@
 #include "medium.h"
 #include "radio.h"
 
+#include <algorithm>
 #include <cmath>
+#include <set>
 
 using namespace inet;
 using namespace omnetpp;
@@ -26,6 +28,11 @@ const char* const kOpMode[] = {"b", "g(erp)"};
 const double kBitsPerS[] = {1e6, 6e6};
 const double kWidthHz[] = {22e6, 20e6};
 
+// Noise that is this much weaker than what makes a channel busy does not change that by more than 0.4 dB.
+const double kNegligibleDb = 10.0;
+// Noise is kept for the frames that it overlapped: 2346 bytes in DSSS at 1 Mb/s last 18.96 ms.
+const int64_t kLongestFrameMs = 20;
+
 // Events of requests come before others of their time, and noise before frames, however time is cut.
 const short kNoisePriority = -2;
 const short kOfferPriority = -1;
@@ -41,10 +48,16 @@ Exists(const Transmission& request)
 
 Define_Module(Controller);
 
+/// Rows of noise that begin at one time.
 struct Controller::NoiseBegins : public cMessage
 {
-    Noise row;
-    std::vector<Path> paths;
+    std::vector<std::pair<Noise, std::vector<Path>>> rows;
+};
+
+/// Radios at which noise ends that may have made the channel busy.
+struct Controller::NoiseEnds : public cMessage
+{
+    std::vector<uint32_t> radios;
 };
 
 cModule*
@@ -70,6 +83,7 @@ Controller::Begin(Hello hello)
     air.places.assign(air.hello.radios.size(), Coord::ZERO);
     air.present.assign(air.hello.radios.size(), false);
     air.interfaces.resize(air.hello.radios.size());
+    air.noise.resize(air.hello.radios.size());
 
     cModule* city = Make("skyrange.City", "physicalEnvironment");
     city->finalizeParameters();
@@ -85,11 +99,11 @@ Controller::Begin(Hello hello)
     Start(medium);
     air.medium = check_and_cast<ListedMedium*>(medium);
 
-    cModule* emitter = Make("skyrange.NoiseEmitter", "noise");
-    emitter->finalizeParameters();
-    emitter->buildInside();
-    Start(emitter);
-    air.emitter = check_and_cast<NoiseEmitter*>(emitter);
+    cModule* probe = Make("skyrange.PathProbe", "probe");
+    probe->finalizeParameters();
+    probe->buildInside();
+    Start(probe);
+    air.probe = check_and_cast<PathProbe*>(probe);
 }
 
 void
@@ -106,14 +120,18 @@ Controller::Take(const Advance& advance)
             air.places[k] = Coord(place.x, place.y, place.z);
         }
     }
+    std::map<int64_t, NoiseBegins*> begins;
     for (const Noise& row : advance.noise)
     {
-        auto message = new NoiseBegins;
-        message->row = row;
-        message->paths.assign(advance.paths.begin() + row.first_path,
-                              advance.paths.begin() + row.first_path + row.paths);
-        message->setSchedulingPriority(kNoisePriority);
-        scheduleAt(air.ToSimTime(row.from_ns), message);
+        NoiseBegins*& message = begins[row.from_ns];
+        if (message == nullptr)
+        {
+            message = new NoiseBegins;
+            message->setSchedulingPriority(kNoisePriority);
+            scheduleAt(air.ToSimTime(row.from_ns), message);
+        }
+        const auto first = advance.paths.begin() + row.first_path;
+        message->rows.emplace_back(row, std::vector<Path>(first, first + row.paths));
     }
     for (const Transmission& request : advance.transmissions)
     {
@@ -136,13 +154,66 @@ Controller::handleMessage(cMessage* message)
 {
     if (auto noise = dynamic_cast<NoiseBegins*>(message))
     {
-        TheAir().emitter->Emit(noise->row, noise->paths);
+        BeginNoise(*noise);
+    }
+    else if (auto ends = dynamic_cast<NoiseEnds*>(message))
+    {
+        for (const uint32_t radio : ends->radios)
+        {
+            for (ObservedRadio* each : TheAir().interfaces[radio])
+            {
+                each->OnNoise();
+            }
+        }
     }
     else
     {
         Offer(KeyOf(message));
     }
     delete message;
+}
+
+/// Noise is no signal: it adds to the noise of the receivers. Only what may make a channel busy is an event at them.
+void
+Controller::BeginNoise(const NoiseBegins& begins)
+{
+    Air& air = TheAir();
+    std::map<int64_t, std::set<uint32_t>> changed; // by the end of the noise
+    for (const auto& [row, paths] : begins.rows)
+    {
+        for (const Path& path : paths)
+        {
+            double dbm = row.power_dbm + path.gain_db;
+            if (air.hello.own_losses && row.radio != kNoRadio)
+            {
+                dbm -= air.medium->LossDb(air.places[row.radio], air.places[path.radio], 1e6 * row.centre_mhz);
+            }
+            auto& pieces = air.noise[path.radio];
+            const simtime_t since = simTime() - SimTime(kLongestFrameMs, SIMTIME_MS);
+            pieces.erase(std::remove_if(pieces.begin(), pieces.end(),
+                                        [since](const NoisePiece& piece) { return piece.to < since; }),
+                         pieces.end());
+            pieces.push_back({simTime(), air.ToSimTime(row.to_ns), row.centre_mhz, row.width_mhz, dbm});
+            if (dbm > air.settings.energy_detection_dbm - kNegligibleDb)
+            {
+                changed[row.to_ns].insert(path.radio);
+            }
+        }
+    }
+    for (const auto& [to_ns, radios] : changed)
+    {
+        auto ends = new NoiseEnds;
+        ends->radios.assign(radios.begin(), radios.end());
+        ends->setSchedulingPriority(kOfferPriority);
+        scheduleAt(air.ToSimTime(to_ns), ends);
+        for (const uint32_t radio : radios)
+        {
+            for (ObservedRadio* each : air.interfaces[radio])
+            {
+                each->OnNoise();
+            }
+        }
+    }
 }
 
 void
@@ -213,6 +284,7 @@ Controller::Interface(uint32_t radio, uint16_t channel, uint16_t waveform)
     }
     air.interfaces[radio].push_back(found);
     air.medium->PickUp(found);
+    found->Listen();
     return found;
 }
 

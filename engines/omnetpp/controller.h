@@ -22,11 +22,13 @@ class Controller : public omnetpp::cSimpleModule
 
   private:
     struct NoiseBegins;
+    struct NoiseEnds;
 
     omnetpp::cModule* Make(const char* type, const char* name);
     void Start(omnetpp::cModule* module);
     ObservedRadio* Interface(uint32_t radio, uint16_t channel, uint16_t waveform);
     void Offer(int64_t key);
+    void BeginNoise(const NoiseBegins& begins);
 };
 
 } // namespace skyrange

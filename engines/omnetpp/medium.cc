@@ -22,23 +22,10 @@ namespace skyrange
 namespace
 {
 
-// INET's medium takes no longer transmission than this (ListedMedium.mediumLimitCache): longer noise is sent in parts.
-const int64_t kNoisePartNs = 10'000'000;
-const double kLossFrequencyHz = 2.437e9; // channel 6, for comparisons of losses
-
 double
 Decibels(double ratio)
 {
     return 10.0 * std::log10(ratio);
-}
-
-/// Share of a flat spectrum that falls into the band of a receiver.
-double
-Overlap(Hz centre, Hz width, Hz receiver_centre, Hz receiver_width)
-{
-    const double low = std::max((centre - width / 2).get(), (receiver_centre - receiver_width / 2).get());
-    const double high = std::min((centre + width / 2).get(), (receiver_centre + receiver_width / 2).get());
-    return std::max(high - low, 0.0) / width.get();
 }
 
 const INarrowbandSignal*
@@ -51,8 +38,16 @@ BandOf(const ITransmission* transmission)
 
 Define_Module(ListedMedium);
 Define_Module(GivenPowerAnalogModel);
-Define_Module(RowTransmitter);
-Define_Module(NoiseEmitter);
+Define_Module(PathProbe);
+Define_Module(ProbeTransmitter);
+
+double
+Overlap(Hz centre, Hz width, Hz receiver_centre, Hz receiver_width)
+{
+    const double low = std::max((centre - width / 2).get(), (receiver_centre - receiver_width / 2).get());
+    const double high = std::min((centre + width / 2).get(), (receiver_centre + receiver_width / 2).get());
+    return std::max(high - low, 0.0) / width.get();
+}
 
 bool
 Reach::Has(uint32_t radio) const
@@ -81,22 +76,11 @@ Reach::PowerDbm(uint32_t radio) const
 IWirelessSignal*
 ListedMedium::transmitPacket(const IRadio* radio, Packet* packet)
 {
-    if (packet != nullptr)
-    {
-        const int64_t key = KeyOf(packet);
-        const Frame& frame = TheAir().frames.at(key);
-        m_next = Reach{key, frame.request.radio, frame.request.channel, frame.request.waveform,
-                       frame.request.power_dbm, frame.paths, {}};
-    }
+    const int64_t key = KeyOf(packet);
+    const Frame& frame = TheAir().frames.at(key);
+    m_next = Reach{key, frame.request.radio, frame.request.channel, frame.request.waveform,
+                   frame.request.power_dbm, frame.paths, {}};
     return RadioMedium::transmitPacket(radio, packet);
-}
-
-void
-ListedMedium::Transmit(const IRadio* emitter, const Reach& reach)
-{
-    Enter_Method("Transmit");
-    m_next = reach;
-    RadioMedium::transmitPacket(emitter, nullptr);
 }
 
 /// Powers at the receivers: given, or from INET's models. A receiver that no power reaches is left out.
@@ -107,7 +91,7 @@ ListedMedium::AddReceivers(Reach& reach, const ITransmission* transmission) cons
     for (const Path& path : reach.paths)
     {
         double gain_db = path.gain_db;
-        if (air.hello.own_losses && reach.sender != kNoRadio)
+        if (air.hello.own_losses)
         {
             const std::unique_ptr<const IArrival> arrival(Arrive(reach, transmission, path.radio));
             double gain = pathLoss->computePathLoss(transmission, arrival.get());
@@ -155,10 +139,7 @@ ListedMedium::Receivers(const Reach& reach, const ITransmission* transmission) c
             }
         }
     };
-    if (reach.key != kNoKey)
-    {
-        add(reach.sender);
-    }
+    add(reach.sender);
     for (const auto& receiver : reach.receivers_dbm)
     {
         add(receiver.first);
@@ -197,7 +178,7 @@ ListedMedium::addTransmission(const IRadio*, const ITransmission* transmission)
         Connect(transmission, receiver);
         last = std::max(last, getArrival(receiver, transmission)->getEndTime());
         const auto& address = receiver->address;
-        if (reach.key != kNoKey && address.channel == reach.channel && address.waveform == reach.waveform)
+        if (address.channel == reach.channel && address.waveform == reach.waveform)
         {
             TheAir().frames.at(reach.key).receptions++;
         }
@@ -249,7 +230,7 @@ ListedMedium::PickUp(ObservedRadio* radio)
     std::vector<const ITransmission*> found;
     communicationCache->mapTransmissions([&](const ITransmission* transmission) {
         const Reach& reach = ReachOf(transmission);
-        const bool own = reach.key != kNoKey && reach.sender == radio->address.radio;
+        const bool own = reach.sender == radio->address.radio;
         const auto band = BandOf(transmission);
         if (transmission->getTransmitterId() != radio->getId() && transmission->getEndTime() > simTime() &&
             (own || reach.Has(radio->address.radio)) &&
@@ -271,14 +252,14 @@ ListedMedium::PickUp(ObservedRadio* radio)
 }
 
 double
-ListedMedium::LossDb(const Coord& from, const Coord& to) const
+ListedMedium::LossDb(const Coord& from, const Coord& to, double frequency_hz) const
 {
     if (!TheAir().hello.own_losses)
     {
         return NAN;
     }
-    const Hz frequency(kLossFrequencyHz);
-    const ScalarTransmission transmission(TheAir().emitter, nullptr, 0, 0, 0, 0, 0, from, from, Quaternion::IDENTITY,
+    const Hz frequency(frequency_hz);
+    const ScalarTransmission transmission(TheAir().probe, nullptr, 0, 0, 0, 0, 0, from, from, Quaternion::IDENTITY,
                                           Quaternion::IDENTITY, b(-1), b(-1), nullptr, -1, frequency, MHz(20),
                                           bps(NAN), NAN, W(1));
     const Arrival arrival(0, 0, 0, 0, 0, 0, 0, to, to, Quaternion::IDENTITY, Quaternion::IDENTITY);
@@ -313,57 +294,6 @@ GivenPowerAnalogModel::computeReception(const IRadio* radio,
     return new ScalarReception(radio, transmission, arrival->getStartTime(), arrival->getEndTime(),
                                arrival->getStartPosition(), arrival->getEndPosition(), arrival->getStartOrientation(),
                                arrival->getEndOrientation(), centre, width, power);
-}
-
-const ITransmission*
-RowTransmitter::createTransmission(const IRadio* radio, const Packet*, simtime_t start) const
-{
-    const Coord& place = row.radio == kNoRadio ? Coord::ZERO : TheAir().places[row.radio];
-    const W power = mW(std::pow(10.0, 0.1 * row.power_dbm));
-    return new ScalarTransmission(radio, nullptr, start, start + duration, 0, 0, duration, place, place,
-                                  Quaternion::IDENTITY, Quaternion::IDENTITY, b(-1), b(-1), nullptr, -1,
-                                  MHz(row.centre_mhz), MHz(row.width_mhz), bps(NAN), NAN, power);
-}
-
-/// What is left of noise that is sent in parts.
-struct NoiseEmitter::Remainder : public cMessage
-{
-    Noise row;
-    std::vector<Path> paths;
-};
-
-void
-NoiseEmitter::Emit(const Noise& row, const std::vector<Path>& paths)
-{
-    Enter_Method("Emit");
-    const int64_t part_ns = std::min(row.to_ns - row.from_ns, kNoisePartNs);
-    auto made = check_and_cast<RowTransmitter*>(getSubmodule("transmitter"));
-    made->row = row;
-    made->duration = SimTime(part_ns, SIMTIME_NS);
-    Reach reach;
-    reach.sender = row.radio;
-    reach.power_dbm = row.power_dbm;
-    reach.paths = paths;
-    TheAir().medium->Transmit(this, reach);
-    if (row.from_ns + part_ns < row.to_ns)
-    {
-        auto left = new Remainder;
-        left->row = row;
-        left->row.from_ns += part_ns;
-        left->paths = paths;
-        left->setSchedulingPriority(-2);
-        scheduleAt(TheAir().ToSimTime(left->row.from_ns), left);
-    }
-}
-
-void
-NoiseEmitter::handleMessage(cMessage* message)
-{
-    if (auto left = dynamic_cast<Remainder*>(message))
-    {
-        Emit(left->row, left->paths);
-    }
-    delete message;
 }
 
 } // namespace skyrange

@@ -16,13 +16,17 @@
 namespace skyrange
 {
 
-const int64_t kNoKey = -1; // of noise
+/// Share of a flat spectrum that falls into the band of a receiver.
+double Overlap(inet::physicallayer::Hz centre,
+               inet::physicallayer::Hz width,
+               inet::physicallayer::Hz receiver_centre,
+               inet::physicallayer::Hz receiver_width);
 
 /// Which radios a transmission reaches, and at which power.
 struct Reach
 {
-    int64_t key = kNoKey;
-    uint32_t sender = medium_protocol::kNoRadio;
+    int64_t key = 0;
+    uint32_t sender = 0;
     uint16_t channel = 0;
     uint16_t waveform = 0;
     double power_dbm = 0.0;
@@ -44,16 +48,13 @@ class ListedMedium : public inet::physicallayer::RadioMedium
     inet::physicallayer::IWirelessSignal* transmitPacket(const inet::physicallayer::IRadio* radio,
                                                          inet::Packet* packet) override;
 
-    /// Put noise on the air; `emitter` describes it.
-    void Transmit(const inet::physicallayer::IRadio* emitter, const Reach& reach);
-
     void addRadio(const inet::physicallayer::IRadio* radio) override;
 
     /// Let a new interface sense what is on the air already.
     void PickUp(ObservedRadio* radio);
 
     /// Basic transmission loss between two places with INET's models, in dB; NaN if skyrange computes the losses.
-    double LossDb(const inet::Coord& from, const inet::Coord& to) const;
+    double LossDb(const inet::Coord& from, const inet::Coord& to, double frequency_hz) const;
 
   protected:
     void addTransmission(const inet::physicallayer::IRadio* radio,
@@ -86,32 +87,24 @@ class GivenPowerAnalogModel : public inet::physicallayer::ScalarAnalogModel
         const inet::physicallayer::IArrival* arrival) const override;
 };
 
-/// Makes the transmissions of noise rows.
-class RowTransmitter : public inet::physicallayer::TransmitterBase
+/// What INET's propagation models take for the sender of a path whose loss is asked for.
+class PathProbe : public inet::physicallayer::NoiseSource
 {
-  public:
-    const inet::physicallayer::ITransmission* createTransmission(const inet::physicallayer::IRadio* radio,
-                                                                 const inet::Packet* packet,
-                                                                 omnetpp::simtime_t start) const override;
-
-    medium_protocol::Noise row{};
-    omnetpp::simtime_t duration;
-};
-
-/// The source of all noise.
-class NoiseEmitter : public inet::physicallayer::NoiseSource
-{
-  public:
-    void Emit(const medium_protocol::Noise& row, const std::vector<medium_protocol::Path>& paths);
-
   protected:
-    void handleMessage(omnetpp::cMessage* message) override;
     void scheduleSleepTimer() override
     {
     }
+};
 
-  private:
-    struct Remainder;
+class ProbeTransmitter : public inet::physicallayer::TransmitterBase
+{
+  public:
+    const inet::physicallayer::ITransmission* createTransmission(const inet::physicallayer::IRadio*,
+                                                                 const inet::Packet*,
+                                                                 omnetpp::simtime_t) const override
+    {
+        throw omnetpp::cRuntimeError("a probe does not transmit");
+    }
 };
 
 } // namespace skyrange

@@ -10,6 +10,7 @@
 #include "inet/physicallayer/wireless/common/signal/Interference.h"
 
 #include <cmath>
+#include <map>
 #include <memory>
 
 using namespace inet;
@@ -33,6 +34,15 @@ SetFate(cMessage* timer, Outcome fate)
     timer->setContextPointer(reinterpret_cast<void*>(intptr_t(fate)));
 }
 
+W
+ThermalPower(const IListening* listening)
+{
+    const auto band = check_and_cast<const BandListening*>(listening);
+    const auto radio = check_and_cast<const ObservedRadio*>(listening->getReceiver())->address.radio;
+    const double factor = std::pow(10.0, 0.1 * TheAir().hello.radios[radio].noise_figure_db);
+    return W(kBoltzmann * kTemperatureK * band->getBandwidth().get() * factor);
+}
+
 } // namespace
 
 Define_Module(ObservedRadio);
@@ -49,6 +59,20 @@ Hz
 ObservedRadio::Bandwidth() const
 {
     return check_and_cast<const NarrowbandReceiverBase*>(receiver)->getBandwidth();
+}
+
+void
+ObservedRadio::Listen()
+{
+    m_listens = true;
+    OnNoise();
+}
+
+void
+ObservedRadio::OnNoise()
+{
+    Enter_Method("OnNoise");
+    updateTransceiverState();
 }
 
 void
@@ -131,7 +155,7 @@ ObservedRadio::endReception(cMessage* timer)
     const auto signal = static_cast<const WirelessSignal*>(timer->getControlInfo());
     const auto transmission = signal->getTransmission();
     const Reach& reach = TheAir().medium->ReachOf(transmission);
-    if (reach.key != kNoKey && reach.channel == address.channel && reach.waveform == address.waveform)
+    if (reach.channel == address.channel && reach.waveform == address.waveform)
     {
         const double snir_db = 10.0 * std::log10(medium->getSNIR(this, transmission)->getMin());
         const int64_t now = TheAir().ToNs(simTime());
@@ -203,24 +227,62 @@ bool
 AddressedReceiver::DecodesAlone(const IListening* listening, const IReception* reception) const
 {
     const auto medium = reception->getReceiver()->getMedium();
-    const Interference quiet(medium->getBackgroundNoise()->computeNoise(listening),
-                             new std::vector<const IReception*>());
+    const auto thermal = check_and_cast<const ReceiverNoise*>(medium->getBackgroundNoise());
+    const Interference quiet(thermal->ThermalNoise(listening), new std::vector<const IReception*>());
     const std::unique_ptr<const INoise> noise(medium->getAnalogModel()->computeNoise(listening, &quiet));
     const std::unique_ptr<const ISnir> snir(medium->getAnalogModel()->computeSNIR(reception, noise.get()));
     return Decodes(reception, snir.get());
 }
 
 const INoise*
-ReceiverNoise::computeNoise(const IListening* listening) const
+ReceiverNoise::ThermalNoise(const IListening* listening) const
 {
     const auto band = check_and_cast<const BandListening*>(listening);
-    const auto& radio = check_and_cast<const ObservedRadio*>(listening->getReceiver())->address.radio;
-    const double factor = std::pow(10.0, 0.1 * TheAir().hello.radios[radio].noise_figure_db);
-    const W power(kBoltzmann * kTemperatureK * band->getBandwidth().get() * factor);
-    const auto& shape =
-        makeShared<math::Boxcar1DFunction<W, simtime_t>>(listening->getStartTime(), listening->getEndTime(), power);
+    const auto& shape = makeShared<math::Boxcar1DFunction<W, simtime_t>>(
+        listening->getStartTime(), listening->getEndTime(), ThermalPower(listening));
     return new ScalarNoise(listening->getStartTime(), listening->getEndTime(), band->getCenterFrequency(),
                            band->getBandwidth(), shape);
+}
+
+const INoise*
+ReceiverNoise::computeNoise(const IListening* listening) const
+{
+    const auto radio = check_and_cast<const ObservedRadio*>(listening->getReceiver());
+    const auto band = check_and_cast<const BandListening*>(listening);
+    const simtime_t start = listening->getStartTime();
+    const simtime_t end = listening->getEndTime();
+    std::vector<std::pair<const NoisePiece*, W>> pieces;
+    std::map<simtime_t, W> power;
+    for (const NoisePiece& piece : TheAir().noise[radio->address.radio])
+    {
+        const double share = Overlap(MHz(piece.centre_mhz), MHz(piece.width_mhz), band->getCenterFrequency(),
+                                     band->getBandwidth());
+        if (radio->Listens() && share > 0.0 && piece.from <= end && piece.to > start)
+        {
+            pieces.emplace_back(&piece, mW(std::pow(10.0, 0.1 * piece.power_dbm) * share));
+            power[std::max(piece.from, start)] = W(0);
+            power[std::min(piece.to, end)] = W(0);
+        }
+    }
+    if (pieces.empty())
+    {
+        return ThermalNoise(listening);
+    }
+    power[start] = W(0);
+    for (auto& [time, sum] : power)
+    {
+        sum = ThermalPower(listening);
+        for (const auto& [piece, level] : pieces)
+        {
+            sum += piece->from <= time && time < piece->to ? level : W(0);
+        }
+    }
+    power[math::getLowerBound<simtime_t>()] = W(0);
+    power[math::getUpperBound<simtime_t>()] = W(0);
+    power[end] = W(0);
+    const auto& shape = makeShared<math::Interpolated1DFunction<W, simtime_t>>(
+        power, &math::LeftInterpolator<simtime_t, W>::singleton);
+    return new ScalarNoise(start, end, band->getCenterFrequency(), band->getBandwidth(), shape);
 }
 
 } // namespace skyrange

@@ -29,6 +29,17 @@ class ObservedRadio : public inet::physicallayer::Ieee80211Radio
     FrameSource* source = nullptr;
     FrameQueue* queue = nullptr; // of all interfaces of the radio
 
+    /// Sense noise from now on: INET refuses a receiver that is busy when it is made.
+    void Listen();
+
+    /// Noise that is strong enough to make the channel busy begins or ends.
+    void OnNoise();
+
+    bool Listens() const
+    {
+        return m_listens;
+    }
+
     inet::physicallayer::Hz CentreFrequency() const;
     inet::physicallayer::Hz Bandwidth() const;
 
@@ -42,6 +53,8 @@ class ObservedRadio : public inet::physicallayer::Ieee80211Radio
   private:
     medium_protocol::Outcome OutcomeOf(omnetpp::cMessage* timer) const;
     bool SendsElsewhere() const;
+
+    bool m_listens = false;
 };
 
 /// INET's receiver, with a draw that depends on both radios and the time alone.
@@ -73,12 +86,15 @@ class AddressedReceiver : public inet::physicallayer::Ieee80211ScalarReceiver
     bool Decodes(const inet::physicallayer::IReception* reception, const inet::physicallayer::ISnir* snir) const;
 };
 
-/// Thermal noise at 290 K in the receiver's band, times the radio's noise figure.
+/// Thermal noise at 290 K in the receiver's band times the radio's noise figure, and the share of all noise in that band.
 class ReceiverNoise : public omnetpp::cModule, public inet::physicallayer::IBackgroundNoise
 {
   public:
     const inet::physicallayer::INoise* computeNoise(
         const inet::physicallayer::IListening* listening) const override;
+
+    /// The thermal noise alone.
+    const inet::physicallayer::INoise* ThermalNoise(const inet::physicallayer::IListening* listening) const;
 };
 
 } // namespace skyrange

@@ -17,6 +17,8 @@ namespace skyrange
 namespace
 {
 
+const double kLossHz = 2.437e9; // channel 6, for comparisons of losses
+
 template <typename Row>
 bool
 EndsBefore(const Row& a, const Row& b)
@@ -180,7 +182,7 @@ LockstepScheduler::AnswerPathLosses(const std::vector<char>& body)
     for (size_t k = 0; k < ends.size(); k += 6)
     {
         losses_db.push_back(TheAir().medium->LossDb(inet::Coord(ends[k], ends[k + 1], ends[k + 2]),
-                                                    inet::Coord(ends[k + 3], ends[k + 4], ends[k + 5])));
+                                                    inet::Coord(ends[k + 3], ends[k + 4], ends[k + 5]), kLossHz));
     }
     m_connection.AnswerLosses(losses_db);
 }
