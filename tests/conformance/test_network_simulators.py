@@ -25,9 +25,9 @@ from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.external.medium import ExternalMedium
 from skyrange.radio.phy.waveforms import airtime_ns
 from skyrange.testing import check_medium
-from tests.radio_engines import needs_ns3
+from tests.radio_engines import needs_ns3, needs_omnetpp
 
-ENGINES = [pytest.param("ns3", marks=needs_ns3)]
+ENGINES = [pytest.param("ns3", marks=needs_ns3), pytest.param("omnetpp", marks=needs_omnetpp)]
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -276,3 +276,19 @@ def ns3(
 ) -> None:
     """Compile the radio engine of ns-3 in your data folder, and check that it runs."""
     installation.install_ns3(prefix, as_json)
+
+
+@install_app.command(epilog="Example: skyrange install omnetpp --omnetpp ~/omnetpp-6.1 --inet ~/inet4.5")
+def omnetpp(
+    omnetpp: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder in which OMNeT++ was built. Default: that whose setenv was sourced."),
+    ] = None,
+    inet: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder in which INET was built. Default: that whose setenv was sourced."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compile the radio engine of OMNeT++ and INET in your data folder, and check that it runs."""
+    installation.install_omnetpp(omnetpp, inet, as_json)

@@ -35,6 +35,8 @@ from skyrange.radio.external.engine_sources import engine_folder, source_digest
 COMPILE_S: Final = 1_800.0
 """Wall time in which a compiler must end, in seconds."""
 TRIAL_S: Final = 60.0
+DATA_SUFFIXES: Final = (".ned", ".ini")
+"""Sources that an engine reads when it runs; they are kept beside it."""
 
 
 class CompiledEngine(NamedTuple):
@@ -79,8 +81,13 @@ def compile_engine(name: str, who: str, flags: Sequence[str], sources: Sequence[
             if result.ended != "exit 0":
                 lines = [line for line in result.text.splitlines() if "error" in line] or result.text.splitlines()
                 raise ComponentError(who, f"cannot be compiled ({result.ended}): {' | '.join(lines[:3])}")
+            data = [source for source in sources if source.suffix in DATA_SUFFIXES]
+            for source in data:
+                shutil.copyfile(source, Path(scratch) / source.name)
             found = try_engine(who, [str(fresh)])
             folder.mkdir(exist_ok=True)
+            for source in data:
+                (Path(scratch) / source.name).replace(folder / source.name)
             fresh.replace(program)
     except OSError as error:
         problem = (error.strerror or str(error)).lower()

@@ -69,3 +69,30 @@ def install_ns3(prefix: Path | None, as_json: bool) -> None:
         print_text('use it in a scenario with [radio] engine = "ns3"')
     if found.release not in TESTED:
         print_notice(f"ns-3 {found.release} is not a tested release; tested: {', '.join(TESTED)}")
+
+
+def install_omnetpp(omnetpp: Path | None, inet: Path | None, as_json: bool) -> None:
+    """`skyrange install omnetpp`."""
+    from skyrange.install.omnetpp import LICENCE, find_installation, install
+
+    folders = [expand_user(folder) if folder is not None else None for folder in (omnetpp, inet)]
+    if not as_json:
+        print_text(f"compiling the engine against {find_installation(*folders).release}")
+    made, found = install(*folders)
+    facts = {
+        "omnetpp": found.omnetpp_release,
+        "omnetpp_path": str(found.omnetpp),
+        "inet": found.inet_release,
+        "inet_path": str(found.inet),
+        "path": str(made.path),
+    }
+    if as_json:
+        print_json(facts)
+    else:
+        print_text(f"{'compiled' if made.compiled_now else 'was compiled already'}: {made.path}")
+        print_text(f"OMNeT++ {found.omnetpp_release}: {found.omnetpp}")
+        print_text(f"INET {found.inet_release}: {found.inet}")
+        print_text('use it in a scenario with [radio] engine = "omnetpp"')
+    print_notice(LICENCE)
+    for line in found.untested:
+        print_notice(line)
