@@ -26,6 +26,8 @@ MODELS: Final[Sequence[EngineSetup]] = (
     EngineSetup("ns3", "hybrid buildings", {"path_loss": "hybrid_buildings"}),
     EngineSetup("ns3", "P.1411 line of sight", {"path_loss": "itu_r_1411_los"}),
     EngineSetup("ns3", "free space", {"path_loss": "friis"}),
+    EngineSetup("omnetpp", "two-ray", {"path_loss": "two_ray"}),
+    EngineSetup("omnetpp", "dielectric obstacles", {"obstacle_loss": "dielectric"}),
 )
 """Propagation models of the engines."""
 

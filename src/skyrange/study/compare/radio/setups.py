@@ -59,6 +59,20 @@ SWAPS: Final[Mapping[str, Sequence[EngineSetup]]] = {
             {"preamble_rssi_dbm": -101.0, "error_model": "nist", "preamble_snr_db": 2.3},
         ),
     ),
+    "omnetpp": (
+        EngineSetup("omnetpp", "receives from −110 dBm", {"sensitivity_dbm": -110.0}),
+        EngineSetup("omnetpp", "decodes from 0 dB", {"snir_threshold_db": 0.0}),
+        EngineSetup(
+            "omnetpp",
+            "receives from −110 dBm, decodes from 0 dB",
+            {"sensitivity_dbm": -110.0, "snir_threshold_db": 0.0},
+        ),
+        EngineSetup(
+            "omnetpp",
+            "receives from −110 dBm, decodes from 0 dB, senses from −92 dBm",
+            {"sensitivity_dbm": -110.0, "snir_threshold_db": 0.0, "energy_detection_dbm": -92.0},
+        ),
+    ),
 }
 """By engine: setups in which models differ from its defaults."""
 
