@@ -245,6 +245,14 @@ def test_a_radio_sends_one_frame_at_a_time_whatever_its_channel(start: Any) -> N
     assert both.heard["outcome"].tolist() == [ReceptionOutcome.DECODED] * 2
 
 
+def test_a_frame_of_the_other_waveform_is_sensed_from_its_middle(start: Any) -> None:
+    """The interface that senses is made while the frame is on the air."""
+    frames = [(1, 0, NS_PER_MS, DSSS, 180), (2, 1, NS_PER_MS + 500 * NS_PER_US, OFDM, 180)]
+    sent = start(_ring(2)).advance(50 * NS_PER_MS, frames).sent
+    assert sent["key"].tolist() == [1, 2]
+    assert sent["started_ns"][1] >= sent["ended_ns"][0] + DIFS_NS
+
+
 @pytest.mark.parametrize("size", [0, 27, 2347])
 def test_sizes_without_a_frame_are_refused(start: Any, size: int) -> None:
     sent = start(_ring(2)).advance(NS_PER_S, [(1, 0, NS_PER_MS, OFDM, size)]).sent

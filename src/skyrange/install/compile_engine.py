@@ -79,7 +79,8 @@ def compile_engine(name: str, who: str, flags: Sequence[str], sources: Sequence[
             arguments = [*(str(source) for source in sources if source.suffix == ".cc"), "-o", str(fresh), *flags]
             result = run_once(compiler, *arguments, deadline_s=COMPILE_S, who=who)
             if result.ended != "exit 0":
-                lines = [line for line in result.text.splitlines() if "error" in line] or result.text.splitlines()
+                output = result.text.splitlines()
+                lines = [line for line in output if "error" in line or "undefined" in line] or output
                 raise ComponentError(who, f"cannot be compiled ({result.ended}): {' | '.join(lines[:3])}")
             data = [source for source in sources if source.suffix in DATA_SUFFIXES]
             for source in data:
