@@ -5,6 +5,7 @@
 #include "given_power_channel.h"
 #include "path_loss_models.h"
 
+#include "ns3/constant-position-mobility-model.h"
 #include "ns3/node-container.h"
 #include "ns3/rng-seed-manager.h"
 #include "ns3/simulator.h"
@@ -33,14 +34,13 @@ class Engine
         m_nodes.Create(uint32_t(count));
         for (uint32_t k = 0; k < count; k++)
         {
-            m_air.mobility.push_back(MakePlace(0.0, 0.0, 0.0));
+            m_air.mobility.push_back(CreateObject<ConstantPositionMobilityModel>());
             m_nodes.Get(k)->AggregateObject(m_air.mobility.back());
         }
         m_air.present.assign(count, false);
         if (m_air.hello.own_losses)
         {
-            MakeBuildings(m_air.hello.buildings);
-            m_air.losses = MakeLossModel(m_air.hello.params);
+            m_air.losses = MakeLossModel(m_air.hello);
         }
         m_channel->Setup(&m_air, ParseWifiSettings(m_air.hello.params), m_nodes);
     }
@@ -54,7 +54,7 @@ class Engine
             m_air.present[k] = std::isfinite(place.x) && std::isfinite(place.y) && std::isfinite(place.z);
             if (m_air.present[k])
             {
-                MovePlace(m_air.mobility[k], place.x, place.y, place.z);
+                m_air.mobility[k]->SetPosition(Vector(place.x, place.y, place.z));
             }
         }
         std::map<int64_t, std::vector<Noise>> noise_by_start;
@@ -102,8 +102,10 @@ class Engine
         for (size_t k = 0; k < ends.size(); k += 6)
         {
             // places of their own: the models keep what they found for a pair
-            const auto one = MakePlace(ends[k], ends[k + 1], ends[k + 2]);
-            const auto other = MakePlace(ends[k + 3], ends[k + 4], ends[k + 5]);
+            const auto one = CreateObject<ConstantPositionMobilityModel>();
+            const auto other = CreateObject<ConstantPositionMobilityModel>();
+            one->SetPosition(Vector(ends[k], ends[k + 1], ends[k + 2]));
+            other->SetPosition(Vector(ends[k + 3], ends[k + 4], ends[k + 5]));
             CreateObject<Node>()->AggregateObject(one);
             CreateObject<Node>()->AggregateObject(other);
             losses_db.push_back(m_air.losses ? -m_air.losses->CalcRxPower(0.0, one, other) : NAN);

@@ -2,16 +2,9 @@
 #include "path_loss_models.h"
 
 #include "ns3/boolean.h"
-#include "ns3/building.h"
-#include "ns3/buildings-channel-condition-model.h"
-#include "ns3/constant-position-mobility-model.h"
 #include "ns3/double.h"
-#include "ns3/hybrid-buildings-propagation-loss-model.h"
 #include "ns3/itu-r-1411-los-propagation-loss-model.h"
 #include "ns3/itu-r-1411-nlos-over-rooftop-propagation-loss-model.h"
-#include "ns3/mobility-building-info.h"
-#include "ns3/node.h"
-#include "ns3/string.h"
 #include "ns3/three-gpp-propagation-loss-model.h"
 
 #include <algorithm>
@@ -29,19 +22,6 @@ const double kFrequencyHz = 2.437e9; // channel 6
 
 template <typename Model>
 Ptr<PropagationLossModel>
-MakeThreeGpp()
-{
-    // no shadowing: ns-3 draws it for all pairs from one stream, so that one radio more would change that of all others
-    auto model = CreateObject<Model>();
-    model->SetAttribute("Frequency", DoubleValue(kFrequencyHz));
-    model->SetAttribute("ShadowingEnabled", BooleanValue(false));
-    model->SetAttribute("EnforceParameterRanges", BooleanValue(false));
-    model->SetChannelConditionModel(CreateObject<BuildingsChannelConditionModel>());
-    return model;
-}
-
-template <typename Model>
-Ptr<PropagationLossModel>
 MakeWithFrequency()
 {
     auto model = CreateObject<Model>();
@@ -50,15 +30,16 @@ MakeWithFrequency()
 }
 
 Ptr<PropagationLossModel>
-MakeHybrid()
+MakeThreeGppUmi(const Hello& hello)
 {
-    auto model = CreateObject<HybridBuildingsPropagationLossModel>();
+    auto sight = CreateObject<PrismConditionModel>();
+    sight->SetBuildings(hello.buildings);
+    auto model = CreateObject<ThreeGppUmiStreetCanyonPropagationLossModel>();
     model->SetAttribute("Frequency", DoubleValue(kFrequencyHz));
-    for (const char* sigma : {"ShadowSigmaOutdoor", "ShadowSigmaIndoor", "ShadowSigmaExtWalls"})
-    {
-        model->SetAttribute(sigma, DoubleValue(0.0));
-    }
-    model->SetAttribute("Environment", StringValue("Urban"));
+    // no shadowing: ns-3 draws it for all pairs from one stream, so that one radio more would change that of all others
+    model->SetAttribute("ShadowingEnabled", BooleanValue(false));
+    model->SetAttribute("EnforceParameterRanges", BooleanValue(false));
+    model->SetChannelConditionModel(sight);
     return model;
 }
 
@@ -72,18 +53,112 @@ MakeLos1411()
 
 } // namespace
 
-Ptr<PropagationLossModel>
-MakeLossModel(const std::map<std::string, std::string>& params)
+NS_OBJECT_ENSURE_REGISTERED(PrismConditionModel);
+
+TypeId
+PrismConditionModel::GetTypeId()
 {
-    const auto found = params.find("path_loss");
-    const std::string name = found == params.end() ? "three_gpp_umi" : found->second;
+    static TypeId id = TypeId("skyrange::PrismConditionModel")
+                           .SetParent<ChannelConditionModel>()
+                           .AddConstructor<PrismConditionModel>();
+    return id;
+}
+
+void
+PrismConditionModel::SetBuildings(const std::vector<Building>& buildings)
+{
+    for (const Building& building : buildings)
+    {
+        if (building.corners_m.size() < 6)
+        {
+            continue;
+        }
+        Prism prism{building, building.corners_m[0], building.corners_m[1], building.corners_m[0], building.corners_m[1]};
+        for (size_t k = 0; k + 1 < building.corners_m.size(); k += 2)
+        {
+            prism.west = std::min(prism.west, building.corners_m[k]);
+            prism.east = std::max(prism.east, building.corners_m[k]);
+            prism.south = std::min(prism.south, building.corners_m[k + 1]);
+            prism.north = std::max(prism.north, building.corners_m[k + 1]);
+        }
+        m_prisms.push_back(prism);
+    }
+}
+
+/// A line meets a prism if it is within its height somewhere between the first and the last wall that it crosses.
+bool
+PrismConditionModel::IsBlocked(const Vector& from, const Vector& to) const
+{
+    const double dx = to.x - from.x;
+    const double dy = to.y - from.y;
+    for (const Prism& prism : m_prisms)
+    {
+        if (std::max(from.x, to.x) < prism.west || std::min(from.x, to.x) > prism.east ||
+            std::max(from.y, to.y) < prism.south || std::min(from.y, to.y) > prism.north ||
+            std::min(from.z, to.z) > prism.building.top_m || std::max(from.z, to.z) < prism.building.base_m)
+        {
+            continue;
+        }
+        const auto& corners = prism.building.corners_m;
+        double first = 2.0;
+        double last = -1.0;
+        for (size_t k = 0; k + 1 < corners.size(); k += 2)
+        {
+            const size_t next = (k + 2) % corners.size();
+            const double px = corners[k] - from.x;
+            const double py = corners[k + 1] - from.y;
+            const double qx = corners[next] - from.x;
+            const double qy = corners[next + 1] - from.y;
+            const double one = dx * py - dy * px;
+            const double other = dx * qy - dy * qx;
+            if ((one > 0.0) != (other > 0.0)) // the ends of the wall are on both sides of the line
+            {
+                const double along = (px * qy - py * qx) / (other - one);
+                if (along >= 0.0 && along <= 1.0)
+                {
+                    first = std::min(first, along);
+                    last = std::max(last, along);
+                }
+            }
+        }
+        if (last < 0.0)
+        {
+            continue;
+        }
+        const double enters = from.z + first * (to.z - from.z);
+        const double leaves = from.z + last * (to.z - from.z);
+        if (std::min(enters, leaves) < prism.building.top_m && std::max(enters, leaves) > prism.building.base_m)
+        {
+            return true;
+        }
+    }
+    return false;
+}
+
+Ptr<ChannelCondition>
+PrismConditionModel::GetChannelCondition(Ptr<const MobilityModel> from, Ptr<const MobilityModel> to) const
+{
+    auto condition = CreateObject<ChannelCondition>();
+    condition->SetLosCondition(IsBlocked(from->GetPosition(), to->GetPosition()) ? ChannelCondition::NLOS
+                                                                                 : ChannelCondition::LOS);
+    condition->SetO2iCondition(ChannelCondition::O2O);
+    return condition;
+}
+
+int64_t
+PrismConditionModel::AssignStreams(int64_t)
+{
+    return 0;
+}
+
+Ptr<PropagationLossModel>
+MakeLossModel(const Hello& hello)
+{
+    const auto found = hello.params.find("path_loss");
+    const std::string name = found == hello.params.end() ? "three_gpp_umi" : found->second;
     if (name == "three_gpp_umi")
     {
-        return MakeThreeGpp<ThreeGppUmiStreetCanyonPropagationLossModel>();
-    }
-    if (name == "three_gpp_uma")
-    {
-        return MakeThreeGpp<ThreeGppUmaPropagationLossModel>();
+        return MakeThreeGppUmi(hello);
     }
     if (name == "friis")
     {
@@ -101,52 +176,8 @@ MakeLossModel(const std::map<std::string, std::string>& params)
     {
         return MakeWithFrequency<ItuR1411NlosOverRooftopPropagationLossModel>();
     }
-    if (name == "hybrid_buildings")
-    {
-        return MakeHybrid();
-    }
     throw Failure("path_loss " + name +
-                  ": expected three_gpp_umi, three_gpp_uma, friis, two_ray, itu_r_1411_los, "
-                  "itu_r_1411_over_rooftop or hybrid_buildings");
-}
-
-void
-MakeBuildings(const std::vector<medium_protocol::Building>& buildings)
-{
-    for (const auto& building : buildings)
-    {
-        if (building.corners_m.size() < 6)
-        {
-            continue;
-        }
-        Box box(building.corners_m[0], building.corners_m[0], building.corners_m[1], building.corners_m[1],
-                building.base_m, building.top_m);
-        for (size_t k = 0; k + 1 < building.corners_m.size(); k += 2)
-        {
-            box.xMin = std::min(box.xMin, building.corners_m[k]);
-            box.xMax = std::max(box.xMax, building.corners_m[k]);
-            box.yMin = std::min(box.yMin, building.corners_m[k + 1]);
-            box.yMax = std::max(box.yMax, building.corners_m[k + 1]);
-        }
-        CreateObject<ns3::Building>()->SetBoundaries(box);
-    }
-}
-
-Ptr<MobilityModel>
-MakePlace(double x, double y, double z)
-{
-    auto mobility = CreateObject<ConstantPositionMobilityModel>();
-    auto info = CreateObject<MobilityBuildingInfo>();
-    mobility->AggregateObject(info);
-    MovePlace(mobility, x, y, z);
-    return mobility;
-}
-
-void
-MovePlace(Ptr<MobilityModel> mobility, double x, double y, double z)
-{
-    mobility->SetPosition(Vector(x, y, z));
-    mobility->GetObject<MobilityBuildingInfo>()->MakeConsistent(mobility);
+                  ": expected three_gpp_umi, friis, two_ray, itu_r_1411_los or itu_r_1411_over_rooftop");
 }
 
 } // namespace skyrange

@@ -12,7 +12,7 @@ from skyrange.install.compile_engine import CompiledEngine, compile_engine
 from skyrange.radio.external.engine_sources import source_files
 
 WHO: Final = "ns-3"
-MODULES: Final = ("core", "network", "mobility", "wifi", "spectrum", "propagation", "buildings", "antenna", "stats")
+MODULES: Final = ("core", "network", "mobility", "wifi", "spectrum", "propagation", "antenna", "stats")
 """The libraries of ns-3 that the engine uses."""
 TESTED: Final = ("3.37", "3.44")
 """Releases with which the engine is tested."""

@@ -49,14 +49,11 @@ class Ns3Params(Params):
     carrier_sense_dbm: Number = Field(
         default=-82.0, ge=-150, le=60, description="Signal from which the channel is busy, in dBm (CcaSensitivity)."
     )
-    path_loss: Literal[
-        "three_gpp_umi", "three_gpp_uma", "friis", "two_ray", "itu_r_1411_los", "itu_r_1411_over_rooftop",
-        "hybrid_buildings",
-    ] = Field(
+    path_loss: Literal["three_gpp_umi", "friis", "two_ray", "itu_r_1411_los", "itu_r_1411_over_rooftop"] = Field(
         default="three_gpp_umi",
         description='ns-3\'s propagation model, used with losses = "engine". three_gpp_umi: 3GPP TR 38.901 UMi street '
         "canyon, with line of sight by the buildings, without shadowing.",
-    )  # fmt: skip
+    )
     deadline_s: Number = Field(
         default=60.0, gt=0, le=86_400, description="Wall time in seconds within which ns-3 must answer a step."
     )

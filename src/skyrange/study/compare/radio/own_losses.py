@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations_with_replacement, product
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -21,9 +22,10 @@ from skyrange.study.compare.radio.setups import EngineSetup
 PAIRS: Final = 10_000
 RANGE_M: Final = (20.0, 1_000.0)
 FREQUENCY_MHZ: Final = 2437.0
+_HEIGHTS: Final = tuple("-".join(pair) for pair in combinations_with_replacement(CLASSES, 2))
+_ATTEMPTS: Final = 40
 MODELS: Final[Sequence[EngineSetup]] = (
     EngineSetup("ns3", "3GPP UMi", {"path_loss": "three_gpp_umi"}),
-    EngineSetup("ns3", "hybrid buildings", {"path_loss": "hybrid_buildings"}),
     EngineSetup("ns3", "P.1411 line of sight", {"path_loss": "itu_r_1411_los"}),
     EngineSetup("ns3", "free space", {"path_loss": "friis"}),
     EngineSetup("omnetpp", "two-ray", {"path_loss": "two_ray"}),
@@ -60,17 +62,26 @@ def draw_pairs(city: City, count: int = PAIRS, seed: int = 4) -> PairLosses:
     sight: list[bool] = []
     losses: list[float] = []
     still = np.zeros((2, 3))
-    while len(ends) < count:
+    room = dict.fromkeys(product(_HEIGHTS, (True, False)), -(-count // (2 * len(_HEIGHTS))))
+    for attempt in range(_ATTEMPTS * count):
+        if len(ends) >= count:
+            break
         i, j = rng.integers(len(places.enu_m), size=2)
         a, b = places.enu_m[i], places.enu_m[j]
         if not RANGE_M[0] <= float(np.linalg.norm(b - a)) <= RANGE_M[1]:
             continue
+        name = "-".join(CLASSES[k] for k in sorted((places.kind[i], places.kind[j])))
+        in_sight = bool(has_line_of_sight(walls, *a, *b))
+        # the same number of each class, as far as they are found; in the last tenth of the attempts any
+        if not room[(name, in_sight)] and attempt < 0.9 * _ATTEMPTS * count:
+            continue
+        room[(name, in_sight)] = max(room[(name, in_sight)] - 1, 0)
         power = received_power_dbm(
             params, walls, arrays.who, arrays.antenna, np.stack((a, b)), still, 0, 1, 0.0, FREQUENCY_MHZ, 0, -1e6
         )
         ends.append((*a, *b))
-        heights.append("-".join(CLASSES[k] for k in sorted((places.kind[i], places.kind[j]))))
-        sight.append(bool(has_line_of_sight(walls, *a, *b)))
+        heights.append(name)
+        sight.append(in_sight)
         losses.append(-power)
     return PairLosses(np.array(ends), heights, np.array(sight), np.array(losses), {})
 
