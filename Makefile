@@ -10,7 +10,7 @@ REALTIME_WORKERS ?= 3
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -20,7 +20,7 @@ demo: $(VENV)/.installed ## fly an attack beside its twin, and print where the r
 
 test: check test-fast ## the checks, and all tests but those that are slow, in real time or of other programs
 
-test-all: check ## the checks, and all tests
+test-all: check engines ## the checks, and all tests
 	@failed=0; \
 	$(MAKE) --no-print-directory test-virtual || failed=1; \
 	$(MAKE) --no-print-directory test-realtime || failed=1; \
@@ -51,6 +51,8 @@ audit: $(VENV)/.tested ## known vulnerabilities of the pinned dependencies; skip
 
 setup: $(VENV)/.tested ## install skyrange in .venv with what its tests need
 
+engines: $(VENV)/.engines ## compile the radio engines that tests run; says so and goes on where that is not possible
+
 $(VENV)/bin/python:
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) is not there; say make PYTHON=/path/to/python3.11" >&2; exit 2; }
 	@$(PYTHON) -c 'import ensurepip' 2>/dev/null || { [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null \
@@ -66,6 +68,11 @@ $(VENV)/.tested: pyproject.toml requirements-dev.txt | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-dev.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
 	@touch $@ $(VENV)/.installed
+
+$(VENV)/.engines: requirements-engines.txt $(wildcard engines/*/*) | $(VENV)/.tested
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --require-hashes -r requirements-engines.txt \
+		|| echo "ns-3 cannot be installed from the package index"
+	@if $(BIN)/skyrange install ns3; then touch $@; else echo "without ns-3: its tests are skipped"; fi
 
 clean: ## remove .venv and all caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -42,7 +42,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Radio media": """MediumPlugin MediumContext Medium MediumBase ExternalMedium RadioSpec RadioTable
             ScanSchedule ScanStep
             Waveform TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome
-            RadioEnvironment ANY_CHANNEL""",
+            ProgramStatus RadioEnvironment ANY_CHANNEL""",
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
             Poses InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",

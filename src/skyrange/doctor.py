@@ -36,7 +36,7 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Examine the installation. Runs a small scenario for one second, which fills the cache of compiled functions."""
-    return [_python(), *_packages(), *_plugins(), _ardupilot(), _writable(), _flight()]
+    return [_python(), *_packages(), *_plugins(), _ardupilot(), _ns3(), _writable(), _flight()]
 
 
 def _python() -> Finding:
@@ -69,6 +69,8 @@ def _plugins() -> list[Finding]:
     for requirement in requires("skyrange") or []:
         if _installed_version(_name_of(requirement)) is None:
             lacking.setdefault(_extra_of(requirement), []).append(_name_of(requirement))
+    if _ns3().ok:  # compiled, perhaps against the system's libraries
+        lacking.pop("ns3", None)
     findings = []
     for group in GROUPS:
         lacked = {kind: ", ".join(lacking[kind]) for kind in kinds(group) if kind in lacking}
@@ -127,6 +129,25 @@ def _ardupilot() -> Finding:
         else f"skyrange is expected to work with version {least} or newer."
     )
     return Finding("ardupilot", f"{what}; runs; has {can}", hint=hint, optional=True)
+
+
+def _ns3() -> Finding:
+    """The ns-3 engine that a run would use: path, release, and whether it transmits a frame."""
+    from skyrange.radio.external.engine_trial import try_engine
+    from skyrange.radio.external.ns3 import HOW_TO_GET, INSTALL, find_program
+
+    try:
+        program = find_program()
+    except InputError as error:
+        fault = error.problems[0]
+        hint = f"Optional. {fault.hint}. It needs g++ and ns-3: {HOW_TO_GET}"
+        return Finding("radio engine ns3", f"{fault.value}", False, hint, optional=True)
+    try:
+        name, release = try_engine("radio engine ns3", [str(program)])
+    except ComponentError as error:
+        hint = f"Optional. {error}. Compile it again: {INSTALL}"
+        return Finding("radio engine ns3", f"{program}; does not run correctly", False, hint, optional=True)
+    return Finding("radio engine ns3", f"{name} {release}, {program}; runs", optional=True)
 
 
 def _writable() -> Finding:

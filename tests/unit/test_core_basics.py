@@ -71,3 +71,8 @@ def test_nearest_names_the_close_or_the_few() -> None:
 def test_impossible_volumes_are_refused(outline, lower, upper, start, end) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(ValueError, match="volume"):
         Volume4D(outline, lower, upper, start, end)
+
+
+def test_nearest_minds_case_only_if_it_helps() -> None:
+    assert nearest("NS3", ["builtin", "ns3"]) == "Did you mean 'ns3'?"
+    assert nearest("fs_gcs_enable", ["FS_GCS_ENABLE", "fs_gcs_enabled"]) == "Did you mean 'fs_gcs_enabled'?"

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as real_version
+from pathlib import Path
 
 import pytest
 
 from skyrange import doctor
+from skyrange.radio.external.ns3 import VARIABLE
+from tests.integration.radio_program import write_program
 
 
 def test_a_part_without_its_package_says_what_it_lacks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,3 +37,37 @@ def test_a_part_with_its_package_is_ok(monkeypatch: pytest.MonkeyPatch) -> None:
     findings = [*doctor._packages(), *doctor._plugins()]
     assert all(one.ok for one in findings)
     assert "orca" in next(one.found for one in findings if one.subject == "skyrange.avoidance")
+
+
+def test_a_radio_engine_is_tried(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(VARIABLE, str(write_program(tmp_path)))
+    found = doctor._ns3()
+    assert (found.ok, found.optional) == (True, True)
+    assert "reach 1" in found.found
+    monkeypatch.setenv(VARIABLE, "/bin/false")
+    found = doctor._ns3()
+    assert (found.ok, found.optional) == (False, True)
+    assert "skyrange install ns3" in found.hint
+
+
+def test_a_radio_engine_that_is_not_there_is_optional(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
+    found = doctor._ns3()
+    assert (found.ok, found.optional) == (False, True)
+    assert "skyrange install ns3" in found.hint
+    assert "libns3-dev" in found.hint
+
+
+def test_a_compiled_engine_needs_no_wheel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def version(name: str) -> str:
+        if name == "ns3":
+            raise PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(doctor, "version", version)
+    for program, ok in ((str(write_program(tmp_path)), True), ("/bin/false", False)):
+        monkeypatch.setenv(VARIABLE, program)
+        media = next(one for one in doctor._plugins() if one.subject == "skyrange.media")
+        assert media.ok == ok
+        assert ("needs ns3" in media.found) != ok

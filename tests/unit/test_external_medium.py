@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import gc
+import math
 import os
 import signal
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from skyrange.codec import medium_protocol as protocol
+from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.medium import (
     ANY_CHANNEL,
     EmitterTable,
@@ -87,8 +89,14 @@ while True:
 RADIOS = [RadioSpec(name, listening=SNIFFER) for name in ("a", "b", "c")]
 
 
-def _medium(end: str, radios: list[RadioSpec] = RADIOS, deadline_s: float = 20.0, **context: object) -> ExternalMedium:
-    given = MediumContext(radios, Chance(1), **context)  # type: ignore[arg-type]
+def _medium(
+    end: str,
+    radios: list[RadioSpec] = RADIOS,
+    deadline_s: float = 20.0,
+    context_deadline_s: float = math.inf,
+    **context: object,
+) -> ExternalMedium:
+    given = MediumContext(radios, Chance(1), deadline_s=context_deadline_s, **context)  # type: ignore[arg-type]
     return ExternalMedium("test", [sys.executable, "-c", ENGINE + end], given, deadline_s=deadline_s)
 
 
@@ -254,6 +262,7 @@ def test_an_engine_that_greets_wrongly_is_named(end: str, words: str) -> None:
         ("link.sendall(b'x' * 5); import time; time.sleep(60)", "did not answer for 2 s"),
         ("done([(5, 1, 2_000_000, 77, 6, 0)])", "a radio or channel that is not there"),
         ("done([(5, 1, 2_000_000, 0, 6, 9)])", "unknown fate"),
+        ("done([(5, 1, 2_000_000, 0, 6, 3)])", "unknown fate"),  # LOST is not for engines to say
         ("done([(5, 1, 2_000_000, 0, 6, 0)], [(5, 2_000_000, -50, 3, 1, 6, 8)])", "unknown outcome"),
         ("done([(5, 1, 90_000_000, 0, 6, 0)])", "outside of the step"),
         ("done([], [(5, 2_000_000, -50, 3, 1, 6, 0)])", "a reception of frame 5"),
@@ -294,6 +303,69 @@ def test_an_engine_that_cannot_fork_is_not_copied() -> None:
             copy.deepcopy(medium)
     finally:
         medium.close()
+
+
+def _lost(medium: ExternalMedium) -> list[list[int]]:
+    """The fates of a frame each that is offered in three steps of 10 ms."""
+    fates = []
+    for step in range(3):
+        medium.offer(step, _batch((0, step * 10 * NS_PER_MS + 1, Waveform.OFDM_6M, step)))
+        fates.append(medium.advance((step + 1) * 10 * NS_PER_MS, _table(medium)).sent.fate.tolist())
+    return fates
+
+
+ONCE = ALL.replace("done(sent, heard)", "if asked.until_ns == 20_000_000: os._exit(7)\n    done(sent, heard)")
+"""It ends in the second step."""
+
+
+def test_frames_of_an_engine_that_ended_are_lost_and_told() -> None:
+    lost, sent = TransmissionFate.LOST, TransmissionFate.SENT
+    for on_death, last, state in (("restart", sent, InstanceStatus.READY), ("continue", lost, InstanceStatus.DEAD)):
+        medium = _medium(ONCE, on_death=on_death)
+        try:
+            before = medium.programs[0]
+            assert (before.state, before.ended) == (InstanceStatus.READY, ())
+            assert _lost(medium) == [[sent], [lost], [last]]
+            (after,) = medium.programs
+            assert (after.state, len(after.ended)) == (state, 1)
+            assert "exit 7" in after.ended[0]
+            assert (after.pid == before.pid) == (on_death == "continue")
+            assert medium.quiet
+        finally:
+            medium.close()
+
+
+def test_a_frame_that_waits_is_lost_with_its_engine() -> None:
+    """Its engine had said that something is under way, and ends in a later step without a new frame."""
+    waits = ALL.replace("done(sent, heard)", "if asked.until_ns > 20_000_000: os._exit(7)\n    done(active=1)")
+    medium = _medium(waits, on_death="continue")
+    try:
+        medium.offer(0, _batch((0, 1, Waveform.OFDM_6M, 5)))
+        assert not len(medium.advance(10 * NS_PER_MS, _table(medium)).sent.key)
+        assert not medium.quiet
+        answer = medium.advance(30 * NS_PER_MS, _table(medium)).sent
+        assert (answer.key.tolist(), answer.fate.tolist()) == ([5], [TransmissionFate.LOST])
+        assert medium.quiet
+    finally:
+        medium.close()
+
+
+def test_an_engine_that_always_ends_is_started_four_times() -> None:
+    medium = _medium("ready()\nreceive()\nsys.exit(3)", on_death="restart")
+    try:
+        for step in range(6):
+            medium.offer(step, _batch((0, step * 10 * NS_PER_MS + 1, Waveform.OFDM_6M, step)))
+            fates = medium.advance((step + 1) * 10 * NS_PER_MS, _table(medium)).sent.fate.tolist()
+            assert fates == [TransmissionFate.LOST]
+        assert len(medium.programs[0].ended) == 4
+        assert medium.programs[0].state == InstanceStatus.DEAD
+    finally:
+        medium.close()
+
+
+def test_the_context_may_shorten_the_deadline() -> None:
+    with pytest.raises(ComponentError, match=r"did not answer for 1 s"):
+        _medium("import time; time.sleep(60)", context_deadline_s=1.0)
 
 
 def _alive(pid: int) -> bool:

@@ -15,7 +15,7 @@ from skyrange.assembly.network import build_network
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.assembly.placement.start_checks import check_starts
-from skyrange.assembly.radio import build_radio, describe_medium, make_lookout
+from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
 from skyrange.assembly.radio_checks import check_radios
 from skyrange.assembly.run_header import make_attachments, make_header
 from skyrange.assembly.signing import check_signing, derive_keys
@@ -70,13 +70,14 @@ def build(
     monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     motion: bool = False,
+    live: LiveMedium | None = None,
 ) -> BuiltScenario:
     """Build everything. Raises `InputError` with all that is wrong, before anything is written or started.
 
     `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
     declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
     range: world, oracle and autopilots where `oracle` is among them. `motion` is the command line's word that vehicles
-    outside may be moved; the scenario's is needed too.
+    outside may be moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
     """
     city = build_city(scenario)
     scenario = apply_placing(scenario, city)
@@ -97,7 +98,7 @@ def build(
     rows += map(describe_monitor, monitors)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
-    air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here)
+    air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here, live)
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {
         vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet

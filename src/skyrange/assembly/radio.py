@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
@@ -24,7 +25,7 @@ from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.operators import Operator
 from skyrange.scenario.model.radio import Avoidance as AvoidanceTable
 from skyrange.scenario.model.radio import RemoteId
-from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.model.scenario import OnDeath, Scenario
 from skyrange.vehicle.avoidance.contract import Avoidance, AvoidanceContext
 from skyrange.vehicle.companion.companion import Companion
 from skyrange.vehicle.companion.spec import CompanionSpec
@@ -40,6 +41,13 @@ class BuiltRadio:
     agents: list[Agent] = field(default_factory=list)
     truth_subscribers: list[TruthSubscriber] = field(default_factory=list)
     oracle: Oracle | None = None
+
+
+class LiveMedium(NamedTuple):
+    """What a live range adds to the context of a medium that runs programs; see `MediumContext`."""
+
+    on_death: OnDeath = "stop"
+    deadline_s: float = math.inf
 
 
 def uas_id_of(name: str, vehicle: Vehicle) -> str:
@@ -80,7 +88,12 @@ def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]
 
 
 def build_radio(
-    scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], here: Container[str]
+    scenario: Scenario,
+    city: City | None,
+    chance: Chance,
+    attackers: Sequence[Transmitter],
+    here: Container[str],
+    live: LiveMedium | None = None,
 ) -> BuiltRadio:
     """Medium, oracle and companions, of those that live at the endpoints `here`.
 
@@ -88,12 +101,14 @@ def build_radio(
     """
     if scenario.radio is None:
         return BuiltRadio()
-    oracle = _oracle(scenario, city, chance, attackers) if ENDPOINT in here else None
+    oracle = _oracle(scenario, city, chance, attackers, live or LiveMedium()) if ENDPOINT in here else None
     companions = _companions(scenario, city, chance, here)
     return BuiltRadio([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
 
 
-def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter]) -> Oracle:
+def _oracle(
+    scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], live: LiveMedium
+) -> Oracle:
     assert scenario.radio is not None
     radio = scenario.radio
     vehicles = [(vehicle_id(operator.id, vehicle.id), operator, vehicle) for operator, vehicle in scenario.fleet]
@@ -103,9 +118,8 @@ def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Se
     surroundings = RadioEnvironment(
         radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm, radio.carrier_sense_dbm
     )
-    medium = radio.plugin(
-        radio.settings, MediumContext(specs, chance, city, surroundings, radio.losses, radio.every_pair)
-    )
+    context = MediumContext(specs, chance, city, surroundings, radio.losses, radio.every_pair, **live._asdict())
+    medium = radio.plugin(radio.settings, context)
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]
     own = [key for key, _, _ in vehicles]

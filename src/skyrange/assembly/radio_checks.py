@@ -9,6 +9,7 @@ from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
+from skyrange.radio.contract import BUILTIN
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.validation.error_messages import spell_path
 
@@ -26,6 +27,9 @@ def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City |
         for radio in radios:
             yield Problem(f"attacks.{owner_of(radio.endpoint)}", "a transmitter", "a radio medium to send over", hint)
         return
+    if scenario.radio.losses == "engine" and scenario.radio.plugin is BUILTIN:
+        hint = 'Leave it out, or set an engine that is another program, such as engine = "ns3".'
+        yield Problem("radio.losses", "engine", "city: the builtin medium has no losses of its own", hint)
     operators = [operator.id for operator in scenario.operators]
     attackers = {owner_of(radio.endpoint) for radio in radios}
     seen: set[str] = set()

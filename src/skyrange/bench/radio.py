@@ -1,4 +1,4 @@
-"""Benchmark of the radio: aircraft over a city at one density, which all broadcast once a second on Wi-Fi and receive.
+"""Benchmark of radio media: aircraft over a city at one density, which all broadcast on Wi-Fi once a second.
 
 The oracle is driven as a kernel would: frames on `rid_up` come in, receptions on `rid_down` go out, positions move.
 """
@@ -18,15 +18,17 @@ from skyrange.city.downtown import downtown_grid
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.contracts.mailboxes import Arrival, Inbox
-from skyrange.contracts.medium import RadioSpec
+from skyrange.contracts.medium import Medium, RadioSpec
 from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId, Port, link_name
 from skyrange.core.time import NS_PER_S
+from skyrange.io.processes.program import processor_time_s
 from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import COMPANION
 from skyrange.radio.builtin.medium import BuiltinMedium
+from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.oracle import Oracle
 from skyrange.radio.phy.waveforms import MIN_SNIR_DB
 from skyrange.radio.propagation.link_budget import MediumParams, max_range_m
@@ -109,13 +111,15 @@ def _all_lines(
     return lines
 
 
-def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, Any]:
-    """One row: `nodes` aircraft for `seconds` simulated seconds, in this process.
+def measure(nodes: int, seconds: float, horizon_m: float = 500.0, engine: str = "builtin") -> dict[str, Any]:
+    """One row: `nodes` aircraft for `seconds` simulated seconds, with the medium `engine` and its default parameters.
 
-    `real_time_factor` is simulated over CPU seconds of the oracle alone; `us_per_node_s` the cost of a node per second;
-    `transmissions_per_s` and `receptions_per_s` are per CPU second; `heard_by` is the mean number of receivers of a
-    broadcast; `lines_per_s` the sight lines traced per simulated second and `line_of_sight_share` their share of the
-    time, measured separately; `yardstick_us` is as in `bench fleet`.
+    `cpu_s` are the CPU seconds of the oracle and of the medium's programs; the programs took `engine_cpu_s` of them, to
+    a tick of the system's clock (10 ms). `real_time_factor` is simulated over CPU seconds; `us_per_node_s` the cost of
+    a node per second; `transmissions_per_s` and `receptions_per_s` are per CPU second; `heard_by` is the mean number of
+    receivers of a broadcast; `lines_per_s` the sight lines traced per simulated second and `line_of_sight_share` their
+    share of the time, measured separately, both None for another medium than the builtin; `yardstick_us` is as in
+    `bench fleet`. Raises `InputError` for an engine that is not known or not installed.
     """
     if nodes < 2:
         raise ComponentError(f"bench with {nodes} radios", "nobody to hear", "Ask for 2 or more")
@@ -123,7 +127,17 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
     city = downtown_grid((math.ceil(side_m / 96.0),) * 2)
     fleet = Fleet(nodes, side_m, city)
     radios = [RadioSpec(name, listening=COMPANION) for name in fleet.vehicles]
-    medium = BuiltinMedium(radios, Chance(nodes), city, RadioEnvironment(horizon_m=horizon_m))
+    plugin = MediumPlugin.find(engine)
+    context = MediumContext(radios, Chance(nodes), city, RadioEnvironment(horizon_m=horizon_m))
+    medium = plugin(plugin.params(), context)
+    try:
+        return _measure(engine, medium, fleet, seconds, horizon_m)
+    finally:
+        medium.close()
+
+
+def _measure(engine: str, medium: Medium, fleet: Fleet, seconds: float, horizon_m: float) -> dict[str, Any]:
+    nodes = len(fleet.vehicles)
     oracle = Oracle(medium, fleet.vehicles, fleet.vehicles)
     payload = link_payload.pack(RidHeader(Transport.WIFI_BEACON, channel=6), bytes(BODY_BYTES))
     names = [link_name("rid_up", name) for name in fleet.vehicles]
@@ -133,8 +147,7 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
     for node in np.argsort(phase).tolist():
         by_step[int(-(-phase[node] // oracle.service_ns)) - 1].append(node)
     spent, received, sent = 0.0, 0, 0
-    step = 0
-    warm = steps
+    warm, before_s = steps, 0.0
     for step in range(1, warm + round(seconds * steps) + 1):
         now = step * oracle.service_ns
         second, turn = divmod(step - 1, steps)
@@ -148,12 +161,19 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
         oracle.observe(now, fleet)  # type: ignore[arg-type]
         outbox = oracle.step(now, Inbox(mail)) if mail or not medium.quiet else None
         if step <= warm:
+            before_s = _programs_cpu_s(medium) if step == warm else 0.0
             continue
         spent += time.process_time() - began
         sent += len(mail)
         received += sum(len(block.places) for block in outbox.blocks) if outbox is not None else 0
-    lines, lines_s = _time_lines(medium, fleet.place)
+    engine_s = _programs_cpu_s(medium) - before_s
+    spent += engine_s
+    lines, share = None, None
+    if isinstance(medium, BuiltinMedium):
+        lines, lines_s = _time_lines(medium, fleet.place)
+        share = round(min(lines_s * seconds / spent, 1.0), 3)
     return {
+        "engine": engine,
         "nodes": nodes,
         "seconds": seconds,
         "per_km2": PER_KM2,
@@ -161,13 +181,18 @@ def measure(nodes: int, seconds: float, horizon_m: float = 500.0) -> dict[str, A
         "real_time_factor": round(seconds / spent, 2),
         "us_per_node_s": round(spent / seconds / nodes * 1e6, 1),
         "cpu_s": round(spent, 3),
+        "engine_cpu_s": round(engine_s, 3),
         "transmissions_per_s": round(sent / spent, 1),
         "receptions_per_s": round(received / spent, 1),
         "heard_by": round(received / max(sent, 1), 2),
         "lines_per_s": lines,
-        "line_of_sight_share": round(min(lines_s * seconds / spent, 1.0), 3),
+        "line_of_sight_share": share,
         "yardstick_us": round(yardstick_us(), 2),
     }
+
+
+def _programs_cpu_s(medium: Medium) -> float:
+    return sum(processor_time_s(program.pid) for program in medium.programs)
 
 
 def _time_lines(medium: BuiltinMedium, place: Floats) -> tuple[int, float]:

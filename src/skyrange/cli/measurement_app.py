@@ -147,10 +147,11 @@ def radio(
             "--horizon", metavar="M", min=1.0, help="Largest distance in metres at which radios receive each other."
         ),
     ] = 500.0,
+    engine: Annotated[str, typer.Option(metavar="NAME", help="Radio engine, as in [radio] of a scenario.")] = "builtin",
     as_json: AsJson = False,
 ) -> None:
     """Measure the radio medium with N aircraft that broadcast once per second over a city of proportional size."""
-    benchmarks.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, as_json)
+    benchmarks.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, engine, as_json)
 
 
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")

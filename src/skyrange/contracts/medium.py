@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.contracts.components import InstanceStatus
 from skyrange.core.time import Time
 
 Floats = NDArray[np.float64]
@@ -128,6 +129,8 @@ class TransmissionFate(IntEnum):
     """The channel was not free in time."""
     REFUSED = 2
     """No such frame: its size, channel or waveform does not exist."""
+    LOST = 3
+    """The program that simulates it ended while it was under way, or before."""
 
 
 class ReceptionOutcome(IntEnum):
@@ -211,6 +214,18 @@ class Receptions(NamedTuple):
     rows: ReceptionRows
 
 
+class ProgramStatus(NamedTuple):
+    """A program that a medium runs, as a range lists it beside its own processes."""
+
+    name: str
+    pid: int
+    """Process id of the last one that was started."""
+    state: InstanceStatus
+    """`READY` or `DEAD`."""
+    ended: tuple[str, ...] = ()
+    """How each process of this name ended that was started before, or that is not replaced."""
+
+
 class Medium(Protocol):
     """A radio medium: which radio receives which frame, and when a frame gets its turn.
 
@@ -229,6 +244,11 @@ class Medium(Protocol):
     @property
     def runs_programs(self) -> bool:
         """Whether it runs programs or reaches for some: it then uses processes, sockets or files."""
+        ...
+
+    @property
+    def programs(self) -> Sequence[ProgramStatus]:
+        """The programs that it runs now; empty for most media."""
         ...
 
     radios: Sequence[RadioSpec]
@@ -278,6 +298,7 @@ class MediumBase:
     lookahead_ns: Time = 0
     repeatable: Literal["bytes", "outcome"] = "bytes"
     runs_programs: bool = False
+    programs: Sequence[ProgramStatus] = ()
 
     @property
     def manifest(self) -> Mapping[str, Any]:

@@ -115,9 +115,15 @@ def attribute_error(who: str, now: Time, error: Exception) -> Exception:
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """A hint that names the known spelling closest to `word`, or lists the known ones if they are few; or ""."""
+    """A hint that names the known spelling closest to `word`, or lists the known ones if they are few; or "".
+
+    A spelling that differs by upper and lower case is close if no other one is.
+    """
     options = sorted(set(known))
     close = difflib.get_close_matches(word, options, n=1, cutoff=0.6)
+    if not close:
+        folded = {option.casefold(): option for option in options}
+        close = [folded[one] for one in difflib.get_close_matches(word.casefold(), folded, n=1, cutoff=0.6)]
     if close:
         return f"Did you mean {close[0]!r}?"
     return f"Known: {', '.join(options)}." if 0 < len(options) <= 12 else ""

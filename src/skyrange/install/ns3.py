@@ -10,13 +10,13 @@ from typing import Final, NamedTuple
 from skyrange.core.errors import InputError
 from skyrange.install.compile_engine import CompiledEngine, compile_engine
 from skyrange.radio.external.engine_sources import source_files
+from skyrange.radio.external.ns3 import HOW_TO_GET
 
 WHO: Final = "ns-3"
 MODULES: Final = ("core", "network", "mobility", "wifi", "spectrum", "propagation", "antenna", "stats")
 """The libraries of ns-3 that the engine uses."""
 TESTED: Final = ("3.37", "3.44")
 """Releases with which the engine is tested."""
-HOW_TO_GET: Final = "pip install 'skyrange[ns3]'; or on Debian: sudo apt-get install libns3-dev"
 _LIBRARY: Final = re.compile(r"^libns(3(?:\.\d+)+|3)?-?(?P<module>[a-z-]+?)(?:-(?:default|optimized|release))?\.so")
 _SYSTEM_INCLUDE: Final = Path("/usr/include")
 _SYSTEM: Final = ("/usr/lib/x86_64-linux-gnu", "/usr/lib/aarch64-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib")

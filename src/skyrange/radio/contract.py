@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
@@ -29,6 +30,11 @@ class MediumContext:
     """Who computes path losses: skyrange, from the city, or an engine that is another program."""
     every_pair: bool = False
     """Whether `Heard` must also report frames that were not decoded."""
+    on_death: Literal["stop", "continue", "restart"] = "stop"
+    """What to do when a program of the medium dies. stop: raise `ComponentError`; continue: frames that it would
+    simulate are lost; restart: start it again, at most three times, and then as continue. A live range says so."""
+    deadline_s: float = math.inf
+    """Wall time in seconds after which a program that does not answer is dead, if its own parameters allow more."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,17 +15,19 @@ import numpy as np
 
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL
-from skyrange.contracts.components import World
+from skyrange.contracts.components import InstanceStatus, World
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.medium import ANY_CHANNEL as ANY
 from skyrange.contracts.medium import (
     Heard,
     Ints,
     Medium,
+    ProgramStatus,
     RadioTable,
     ReceptionOutcome,
     ReceptionRows,
     Receptions,
+    TransmissionFate,
     TxBatch,
 )
 from skyrange.contracts.references import FrameRefTable
@@ -42,6 +44,11 @@ ENDPOINT = "oracle"
 STEP_NS: Time = 20 * NS_PER_MS
 MAX_AHEAD_NS: Time = 100 * NS_PER_MS
 """A radio holds a frame until the time in its header, but no longer than this."""
+_WHY_NOT_SENT = {
+    TransmissionFate.NO_ACCESS: "no access",
+    TransmissionFate.REFUSED: "no such frame",
+    TransmissionFate.LOST: "no radio engine",
+}
 
 
 class Oracle:
@@ -93,6 +100,7 @@ class Oracle:
         self._jamming = JammingBursts()
         self._recording = recording
         self._drained: list[ReceptionRows] = []
+        self._deaths: Counter[str] = Counter()
         self.refused: Counter[str] = Counter()
         """Frames that never became transmissions, by reason."""
 
@@ -122,11 +130,21 @@ class Oracle:
         self._last = now
         if on_air.sent.fate.any():
             for fate in on_air.sent.fate[on_air.sent.fate > 0].tolist():
-                self.refused["no access" if fate == 1 else "no such frame"] += 1
+                self.refused[_WHY_NOT_SENT[TransmissionFate(fate)]] += 1
+        for program in self.medium.programs:
+            if len(program.ended) > self._deaths[program.name]:
+                self._tell_of_death(program, int((on_air.sent.fate == TransmissionFate.LOST).sum()), outbox)
         heard = on_air.heard
         if len(heard.key):
             self._tell(heard, outbox)
         return outbox
+
+    def _tell_of_death(self, program: ProgramStatus, lost: int, outbox: Outbox) -> None:
+        """Note that a program of the medium ended, and whether another one has taken its place."""
+        self._deaths[program.name] = len(program.ended)
+        outbox.note("event.engine_dead", program.name, {"was": "ready", "why": program.ended[-1], "lost": lost})
+        if program.state is InstanceStatus.READY:
+            outbox.note("event.engine_ready", program.name, {"was": "dead"})
 
     def _offer(self, now: Time, inbox: Inbox, outbox: Outbox) -> None:
         columns = inbox.columns(self._places)

@@ -29,7 +29,18 @@ def warm_up(scenario: Scenario, *, rehearse: bool = True) -> None:
     """
     for flown in (_all_builtin(scenario), *([load_file(REHEARSAL)] if rehearse else [])):
         built = build(flown)
-        Kernel(built.wiring).advance(min(built.duration_ns, WARM_UP_NS))
+        try:
+            Kernel(built.wiring).advance(min(built.duration_ns, WARM_UP_NS))
+        finally:
+            built.close()
+
+
+def with_builtin_medium(scenario: Scenario) -> Scenario:
+    """`scenario` with the builtin radio medium: a process without the oracle needs no other one."""
+    if scenario.radio is None:
+        return scenario
+    radio = scenario.radio.model_copy(update={"engine": "builtin", "params": {}, "losses": "city"})
+    return scenario.model_copy(update={"radio": radio})
 
 
 def _all_builtin(scenario: Scenario) -> Scenario:

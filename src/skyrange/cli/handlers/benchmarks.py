@@ -58,7 +58,7 @@ def bench_ardupilot(
         print_json(rows)
 
 
-def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json: bool) -> None:
+def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, engine: str, as_json: bool) -> None:
     """`skyrange bench radio`."""
     from skyrange.bench.radio import measure
 
@@ -67,13 +67,14 @@ def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, as_json:
         heads = f"{'nodes':>8} {'× real time':>11} {'µs/node·s':>9} {'sent/s':>9} {'received/s':>10}"
         print_text(f"{heads} {'receivers':>9} {'line of sight':>13}")
     for count in nodes:
-        row = measure(count, seconds, horizon_m)
+        row = measure(count, seconds, horizon_m, engine)
         rows.append(row)
         if not as_json:
+            share = row["line_of_sight_share"]
             print_text(
                 f"{count:>8} {row['real_time_factor']:>11.2f} {row['us_per_node_s']:>9.1f} "
                 f"{row['transmissions_per_s']:>9.0f} {row['receptions_per_s']:>10.0f} {row['heard_by']:>9.1f} "
-                f"{row['line_of_sight_share']:>13.0%}",
+                + (f"{share:>13.0%}" if share is not None else f"{'':>13}"),
             )
     if as_json:
         print_json(rows)

@@ -211,6 +211,10 @@ def _table(flown: LiveRange) -> Table:
             f"{status.get('lag_ns', 0) / NS_PER_MS:.0f} ms",
             f"{status.get('cpu_s', 0.0) / seconds:.0%}",
         )
+        for program in status.get("programs", ()):
+            state = program["state"] + (f", {len(program['ended'])} ended" if program["ended"] else "")
+            row = (f"  {program['name']}", f"pid {program['pid']}", Text(state, "red" if program["ended"] else ""))
+            table.add_row(*row, "", "", "", "")
     for address in flown.waits_for:
         table.add_row(f"at {address}", "", "awaited", "", "", "", "")
     for name in sorted(flown.deployment.outside):

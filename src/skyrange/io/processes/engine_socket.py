@@ -61,6 +61,8 @@ class EngineSocket:
         """`program` is the one that was started; with a `folder` this is its own connection, else that of a copy."""
         self._socket = sock
         self._program = program
+        self.pid = pid
+        """Process id of the engine."""
         self._number = 0
         sock.setblocking(False)
         self._ready = select.poll()

@@ -66,6 +66,15 @@ def spare_files() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
+def processor_time_s(pid: int) -> float:
+    """Processor time of a process, user and system, in seconds; NaN if the system does not report it (/proc)."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return math.nan
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
 def _prctl() -> ctypes.CDLL | None:
     if sys.platform != "linux":
         return None
@@ -142,11 +151,7 @@ class Program:
     @property
     def cpu_s(self) -> float:
         """Processor time used, user and system, in seconds; NaN if the system does not report it (/proc)."""
-        try:
-            fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()
-        except OSError:
-            return math.nan
-        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return processor_time_s(self.pid)
 
     def last_words(self, lines: int = 8) -> str:
         """The last lines of its output, "" for none."""

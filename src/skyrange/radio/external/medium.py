@@ -26,13 +26,10 @@ from skyrange.codec.medium_protocol import (
     EngineRadio,
     Hello,
     MessageType,
-    Ready,
     Rows,
     decode_done,
     decode_losses,
-    decode_ready,
     encode_advance,
-    encode_hello,
     encode_path_losses,
 )
 from skyrange.contracts.medium import (
@@ -42,6 +39,7 @@ from skyrange.contracts.medium import (
     Heard,
     Ints,
     OnAir,
+    ProgramStatus,
     RadioSpec,
     RadioTable,
     ReceptionOutcome,
@@ -53,11 +51,11 @@ from skyrange.contracts.medium import (
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.io.processes.engine_socket import EngineSocket
 from skyrange.radio.builtin.listening import find_tuned
 from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.contract import MediumContext
+from skyrange.radio.external.engine_starts import WIFI, EngineStarts, misspoke
 from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pieces
 from skyrange.radio.external.paths import PathFinder
 from skyrange.radio.phy.channels import centre_mhz
@@ -65,7 +63,6 @@ from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES
 
 DEADLINE_S: Final = 60.0
 """Wall time within which an engine must answer, in seconds."""
-_WIFI: Final = (int(Waveform.DSSS_1M), int(Waveform.OFDM_6M))
 _DEFAULT_CHANNEL: Final = 6
 _KEPT_NS: Final = 10 * NS_PER_MS
 """How long the start of a frame is remembered after its end: longer than its reception takes."""
@@ -103,11 +100,12 @@ class ExternalMedium:
             for radio in self.radios
             for chain in radio.listening
             for step in chain.turns
-            if step.waveforms[0] in _WIFI
+            if step.waveforms[0] in WIFI
         }
         self._queue: list[tuple[Time, int, int, tuple[Any, ...]]] = []
         self._refused: list[tuple[int, int, int, Time]] = []
         self._starts: dict[int, tuple[Time, Time]] = {}
+        self._under_way: dict[int, tuple[Time, int, int]] = {}
         self._losses = np.zeros((len(self.radios), len(ReceptionOutcome)), dtype=np.int64)
         self._active = 0
         self._until: Time | None = None
@@ -122,32 +120,10 @@ class ExternalMedium:
             _buildings(context) if own_losses else (),
         )
         self.name = name
-        self._command = tuple(command)
-        self._engine = EngineSocket(f"radio engine {name}", command, deadline_s)
-        try:
-            self._ready = self._greet(hello)
-            self.lookahead_ns: Time = self._ready.lookahead_ns
-        except BaseException:
-            self._engine.close()
-            raise
-
-    def _greet(self, hello: Hello) -> Ready:
-        kind, body = self._engine.request(MessageType.HELLO, encode_hello(hello))
-        try:
-            if kind != MessageType.READY:
-                raise DecodeError(f"{kind.name} instead of READY")
-            ready = decode_ready(body)
-        except DecodeError as error:
-            raise self._misspoke(error) from None
-        if not ready.waveforms & sum(1 << waveform for waveform in _WIFI):
-            raise ComponentError(self._engine.name, "simulates neither of the Wi-Fi waveforms of this medium")
-        if hello.own_losses and Ability.OWN_LOSSES not in ready.abilities:
-            hint = 'Use losses = "city", with which skyrange computes the losses'
-            raise ComponentError(self._engine.name, "cannot compute path losses", hint)
-        return ready
-
-    def _misspoke(self, error: DecodeError) -> ComponentError:
-        return ComponentError(self._engine.name, f"sent {error}", "See the reference page of the medium protocol")
+        deadline_s = min(deadline_s, context.deadline_s)
+        self._engines = EngineStarts(name, command, hello, deadline_s, context.on_death)
+        self._engine, self._ready = self._engines.start()
+        self.lookahead_ns: Time = self._ready.lookahead_ns
 
     def __deepcopy__(self, memo: dict[int, Any]) -> ExternalMedium:
         """Fork the engine; raises `ComponentError` if it cannot."""
@@ -159,7 +135,9 @@ class ExternalMedium:
             setattr(twin, part, copy.deepcopy(getattr(self, part), memo))
         twin._queue, twin._refused = list(self._queue), list(self._refused)
         twin._starts, twin._losses = dict(self._starts), self._losses.copy()
+        twin._under_way = dict(self._under_way)
         twin._channels = set(self._channels)
+        twin._engines = copy.copy(self._engines)
         twin._engine = self._engine.fork()
         return twin
 
@@ -174,10 +152,15 @@ class ExternalMedium:
         return {
             "engine": self._ready.name,
             "release": self._ready.release,
-            "command": list(self._command),
+            "command": list(self._engines.command),
             "losses": "engine" if self._finder.own_losses else "city",
             "builtin_waveforms": [w.name for w in Waveform if not self._simulates(int(w))],
         }
+
+    @property
+    def programs(self) -> Sequence[ProgramStatus]:
+        """The engine."""
+        return (self._engines.status(self._engine),)
 
     @property
     def losses(self) -> Ints:
@@ -190,7 +173,7 @@ class ExternalMedium:
         return not (self._queue or self._refused or self._active) and self._builtin.quiet
 
     def _simulates(self, waveform: int) -> bool:
-        return waveform in _WIFI and bool(self._ready.waveforms >> waveform & 1)
+        return waveform in WIFI and bool(self._ready.waveforms >> waveform & 1)
 
     def offer(self, now: Time, requests: TxBatch) -> None:
         """Take frames; see `Medium.offer`."""
@@ -222,18 +205,45 @@ class ExternalMedium:
         self._noise.emit(now, sources)
 
     def advance(self, until: Time, radios: RadioTable) -> OnAir:
-        """Let time pass; see `Medium.advance`. Raises `ComponentError` if the engine does not answer as it must."""
+        """Let time pass; see `Medium.advance`.
+
+        Raises `ComponentError` if the engine does not answer as it must, unless the context asks for another one or
+        none in its place. What is under way then is lost: each frame of which the engine has not told that it was sent
+        is told of as LOST.
+        """
         beside = self._builtin.advance(until, radios)  # checks the arguments
         begin, self._until = self._until, until
         due = sorted(row for row in self._queue if row[0] <= until)
-        frames, frame_paths = self._transmissions(due, radios)
-        noise, noise_paths = self._noises(begin, until, radios)
-        answer = OnAir(*(_columns(np.zeros(0, dtype=kind), rows) for kind, rows in ((SENT, Sent), (HEARD, Heard))))
-        if due:
-            self._queue = [row for row in self._queue if row[0] > until]
-        if due or self._active or len(noise):
-            answer = self._exchange(until, radios, frames, noise, [*frame_paths, *noise_paths])
+        self._queue = [row for row in self._queue if row[0] > until]
+        answer = _NOTHING
+        for _, _, _, (key, at, _, radio, _, _, channel) in due:
+            self._under_way[key] = (at, radio, channel)
+        if not self._engines.gone:
+            frames, frame_paths = self._transmissions(due, radios)
+            noise, noise_paths = self._noises(begin, until, radios)
+            if due or self._active or len(noise):
+                try:
+                    answer = self._exchange(until, radios, frames, noise, [*frame_paths, *noise_paths])
+                except ComponentError as error:
+                    self._replace_engine(error)
+                    answer = self._lose(until)
+        elif due:
+            answer = self._lose(until)
         return self._merge(until, answer, beside)
+
+    def _replace_engine(self, error: ComponentError) -> None:
+        """Go on after `error` with another engine or without one, which knows of nothing that is under way."""
+        made = self._engines.replace(self._engine, error)
+        if made is not None:
+            self._engine, self._ready = made
+        self._active, self._places, self._engine_until = 0, None, None
+        self._starts.clear()
+
+    def _lose(self, until: Time) -> OnAir:
+        """Tell of every frame that is under way that it is lost."""
+        rows = [(k, r, c, until, until, int(TransmissionFate.LOST)) for k, (_, r, c) in self._under_way.items()]
+        self._under_way.clear()
+        return OnAir(Sent(*np.array(rows, dtype=np.int64).reshape(-1, 6).T), _NOTHING.heard)
 
     def _transmissions(
         self, due: Sequence[tuple[Time, int, int, tuple[Any, ...]]], table: RadioTable
@@ -253,7 +263,7 @@ class ExternalMedium:
         rows, paths = self._noise.pieces(ORIGIN_NS if begin is None else begin, until, table, self._finder)
         since = until - PIECE_NS if begin is None else begin
         for channel in sorted(self._channels):
-            centre = float(centre_mhz(_WIFI[0], channel))
+            centre = float(centre_mhz(WIFI[0], channel))
             more = background_pieces(self._finder.params, self._arrays.who, since, until, centre)
             rows, paths = [*rows, *more[0]], [*paths, *more[1]]
         return (np.concatenate(rows) if rows else np.zeros(0, dtype=NOISE)), paths
@@ -276,19 +286,22 @@ class ExternalMedium:
             done = decode_done(answer)
             self._check(done, begin, until)
         except DecodeError as error:
-            raise self._misspoke(error) from None
+            raise misspoke(self._engine, error) from None
         self._active = done.active
-        return self._interpret(done)
+        on_air = self._interpret(done)
+        if not done.active:
+            self._under_way.clear()
+        return on_air
 
     def _check(self, done: Done, begin: Time | None, until: Time) -> None:
         """Raise `DecodeError` for rows of radios, times, fates or outcomes that cannot be."""
-        for rows, last in ((done.sent, len(TransmissionFate)), (done.heard, len(ReceptionOutcome))):
+        for rows, last in ((done.sent, TransmissionFate.REFUSED), (done.heard, ReceptionOutcome.ELSEWHERE)):
             name = "sent" if rows is done.sent else "heard"
             if not len(rows):
                 continue
             if rows["radio"].max() >= len(self.radios) or rows["channel"].max() > 255:
                 raise DecodeError(f"a row of {name} with a radio or channel that is not there")
-            if rows["fate" if name == "sent" else "outcome"].max() >= last:
+            if rows["fate" if name == "sent" else "outcome"].max() > last:
                 raise DecodeError(f"a row of {name} with an unknown {'fate' if name == 'sent' else 'outcome'}")
             if rows["ended_ns"].max() > until or (begin is not None and rows["ended_ns"].min() <= begin):
                 raise DecodeError(f"a row of {name} that ends outside of the step until {until} ns")
@@ -304,6 +317,7 @@ class ExternalMedium:
         sent, heard = done.sent, done.heard
         sent = sent[np.lexsort((sent["key"], sent["ended_ns"]))]
         for row in sent:
+            self._under_way.pop(int(row["key"]), None)
             self._starts[int(row["key"])] = (int(row["started_ns"]), int(row["ended_ns"]))
         times = np.array([self._starts[key] for key in heard["key"].tolist()], dtype=np.int64).reshape(-1, 2)
         heard = heard.copy()
@@ -342,7 +356,7 @@ class ExternalMedium:
                 raise DecodeError(f"{kind.name} instead of LOSSES")
             return decode_losses(body)
         except DecodeError as error:
-            raise self._misspoke(error) from None
+            raise misspoke(self._engine, error) from None
 
     def close(self) -> None:
         """End the engine; again does nothing."""
@@ -353,6 +367,9 @@ def _columns(rows: Rows, into: type[Any]) -> Any:
     """Rows of the protocol as columns of the contract."""
     found = [rows[name] for name in into._fields]
     return into(*(column.astype(np.float64 if column.dtype.kind == "f" else np.int64) for column in found))
+
+
+_NOTHING: Final = OnAir(*(_columns(np.zeros(0, dtype=kind), rows) for kind, rows in ((SENT, Sent), (HEARD, Heard))))
 
 
 def _buildings(context: MediumContext) -> list[Building]:

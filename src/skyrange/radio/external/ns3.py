@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Final, Literal
+from pathlib import Path
+from typing import Annotated, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, Strict
 
 from skyrange.contracts.medium import Medium
 from skyrange.contracts.params import Number, Params
@@ -15,6 +16,8 @@ from skyrange.radio.external.medium import ExternalMedium
 VARIABLE: Final = "SKYRANGE_NS3_ENGINE"
 """Environment variable with the path of the compiled engine."""
 INSTALL: Final = "skyrange install ns3"
+HOW_TO_GET: Final = "pip install 'skyrange[ns3]'; or on Debian: sudo apt-get install libns3-dev"
+"""How to get the libraries that the engine is compiled with."""
 
 
 class Ns3Params(Params):
@@ -25,7 +28,7 @@ class Ns3Params(Params):
         description="Error rate model. table: ns3::TableBasedErrorRateModel, ns-3's default; nist: NistErrorRateModel, "
         "whose formula the builtin medium uses too; yans: YansErrorRateModel.",
     )
-    preamble_detection: bool = Field(
+    preamble_detection: Annotated[bool, Strict()] = Field(
         default=True, description="Whether ns3::ThresholdPreambleDetectionModel decides if a preamble is detected."
     )
     preamble_rssi_dbm: Number = Field(
@@ -62,8 +65,12 @@ class Ns3Params(Params):
 def make_ns3(params: Params, context: MediumContext) -> Medium:
     """Start ns-3 and return its medium. Raises `InputError` if the engine is not installed."""
     assert isinstance(params, Ns3Params)
-    program = find_engine("ns3", "ns-3", VARIABLE, INSTALL)
-    return ExternalMedium("ns3", [str(program)], context, texts_of(params), deadline_s=params.deadline_s)
+    return ExternalMedium("ns3", [str(find_program())], context, texts_of(params), deadline_s=params.deadline_s)
+
+
+def find_program() -> Path:
+    """The compiled engine. Raises `InputError` if it is not installed."""
+    return find_engine("ns3", "ns-3", VARIABLE, INSTALL)
 
 
 def texts_of(params: Params) -> dict[str, str]:

@@ -11,6 +11,7 @@ from skyrange.io.mavlink.transports import Address
 from skyrange.runtime.live.node.viewers import Watched
 from skyrange.runtime.live.transport.addresses import Crossing
 from skyrange.runtime.live.transport.credentials import Credentials
+from skyrange.scenario.model.scenario import OnDeath
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +32,8 @@ class NodeConfig:
     """Whether a node of this name died before, while the range flew: this one begins at the range's present."""
     motion: bool = False
     """Whether the command line lets vehicles outside the range be moved."""
+    on_death: OnDeath = "stop"
+    """What to do about a radio engine of this node that dies."""
     watched: Watched = ()
     """Aircraft of this node that viewers see, and at which port."""
 

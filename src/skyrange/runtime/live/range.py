@@ -133,6 +133,7 @@ def prepare_range(
     """
     machine = system or RealSystem()
     built = build(set_boot_rates(scenario, outside), motion=motion)
+    built.close()  # its radio engine, which could be started, is started again by the world's process
     links = built.wiring.links
     if netns and scenario.hosts:
         raise InputError.one("live", "--netns", "with hosts in the scenario", "one of the two")

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from skyrange.assembly.build import BuiltScenario
 from skyrange.codec.mavlink.deframer import Piece
@@ -79,6 +79,7 @@ class Node:
         self._viewing = LiveViewers(config.watched) if config.watched else None
         observers: list[Observer] = [recorder] if self._viewing is None else [recorder, self._viewing]
         self._kernel = Kernel(replace(built.wiring, fuse=False), observers)
+        self._medium = built.oracle.medium if built.oracle is not None else None
         self._recorder = recorder
         self._flush_due_ns = 0
         self._can_pause = built.wiring.world is None
@@ -263,8 +264,8 @@ class Node:
             self.counts.unheard += 1
 
     @property
-    def status(self) -> Mapping[str, float]:
-        """For the supervisor's table."""
+    def status(self) -> Mapping[str, Any]:
+        """For the supervisor's table and the manifest: numbers, and the programs of the radio medium."""
         now = self._clock.now() if self._clock is not None else 0
         self.counts.dropped = self._ingress.dropped
         self.counts.refused = sum(transport.refused for transport in self._transports.values())
@@ -274,6 +275,7 @@ class Node:
             "now_ns": self._kernel.now,
             "lag_ns": max(min(now, self._duration_ns) - self._kernel.due, 0),
             "cpu_s": time.process_time() - self._began_cpu_s,
+            "programs": [program._asdict() for program in (self._medium.programs if self._medium is not None else ())],
         }
 
     def close(self) -> None:

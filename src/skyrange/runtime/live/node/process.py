@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.assembly.build import BuiltScenario, build
+from skyrange.assembly.radio import LiveMedium
 from skyrange.contracts.plugins import load_files
 from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.record import Recorder
@@ -23,8 +24,11 @@ from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.node import Node
 from skyrange.runtime.live.system import RealSystem, System
 from skyrange.runtime.live.transport.control import ControlClient
+from skyrange.runtime.warm_up import with_builtin_medium
 from skyrange.scenario.toml_reader import load_file
 
+ENGINE_DEADLINE_S: Final = 5.0
+"""Wall seconds after which a radio engine that does not answer is dead: the whole range waits for it."""
 STATUS_S: Final = 0.5
 """Between two reports to the supervisor."""
 
@@ -37,10 +41,12 @@ async def run_node(config: NodeConfig, root: Path, system: System) -> int:
         await client.send("hello")
         try:
             scenario, here = load_file(root / "scenario.toml"), frozenset(config.endpoints)
-            built = build(scenario, local=here, motion=config.motion)
+            live = LiveMedium(config.on_death, ENGINE_DEADLINE_S)
+            built = build(scenario, local=here, motion=config.motion, live=live)
             if not config.restarted:  # the others wait for nobody who is late, and have compiled what it needs
                 message = await _await_message(client, "warm_up")
-                system.warm_up(scenario, rehearse=bool(message["rehearse"]))
+                flown = scenario if built.oracle is not None else with_builtin_medium(scenario)
+                system.warm_up(flown, rehearse=bool(message["rehearse"]))
             return await _serve_node(config, client, built, root / config.part, system)
         except _StoppedError:
             await client.send("done", status="interrupted")

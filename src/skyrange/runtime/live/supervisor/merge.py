@@ -68,6 +68,11 @@ def _live(live_range: LiveRange) -> dict[str, Any]:
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
         "ended": {member.name: member.ended for member in live_range.members.values() if member.ended},
         "started_anew": {member.name: member.deaths for member in live_range.members.values() if member.deaths},
+        "programs": {
+            program["name"]: {"node": member.name, "state": program["state"], "ended": program["ended"]}
+            for member in live_range.members.values()
+            for program in member.status.get("programs", ())
+        },
         "counts": {
             name: {key: int(member.status.get(key, 0)) for key in COUNTED}
             for name, member in live_range.members.items()

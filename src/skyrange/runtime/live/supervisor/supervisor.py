@@ -195,6 +195,7 @@ class _Supervisor:
             credentials=self._credentials,
             restarted=start > 1,
             motion=live_range.motion,
+            on_death=live_range.on_death,
             watched=live_range.watched if node.name == WORLD else (),
         )
 
