@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from skyrange.assembly.signing import derive_keys
@@ -19,6 +20,7 @@ from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
+from skyrange.radio.propagation.loss_table_file import read_loss_table
 from skyrange.remoteid.broadcast_profiles import Broadcast, serial_number
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.operators import Operator
@@ -101,7 +103,9 @@ def _oracle(scenario: Scenario, city: City | None, chance: Chance, attackers: Se
     specs += [RadioSpec(r.id, r.place, PROFILES[r.kind], antenna=r.antenna) for r in radio.receivers]
     specs += [_attacker(one) for one in attackers]
     surroundings = RadioEnvironment(radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm)
-    medium = radio.plugin(radio.settings, MediumContext(specs, chance, city, surroundings, radio.every_pair))
+    table = read_loss_table(Path(radio.table)).table if radio.table is not None else None
+    context = MediumContext(specs, chance, city, surroundings, radio.every_pair, table)
+    medium = radio.plugin(radio.settings, context)
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]
     own = [key for key, _, _ in vehicles]

@@ -13,6 +13,7 @@ from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
 if TYPE_CHECKING:
     from skyrange.city.city import City
     from skyrange.core.chance import Chance
+    from skyrange.radio.propagation.loss_table import LossTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,8 @@ class MediumContext:
     surroundings: RadioEnvironment = OPEN_GROUND
     every_pair: bool = False
     """Whether `Heard` must also report frames that were not decoded."""
+    loss_table: LossTable | None = None
+    """Losses that replace those of the engine's own propagation model where the table covers two positions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +40,12 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
 
 
 def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
-    from skyrange.radio.builtin.medium import BuiltinMedium  # slow to import, and not needed to check a scenario
+    # slow to import, and not needed to check a scenario
+    from skyrange.radio.builtin.medium import BuiltinMedium
+    from skyrange.radio.propagation.loss_table import NO_TABLE
 
-    return BuiltinMedium(
-        context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair
-    )
+    table = context.loss_table if context.loss_table is not None else NO_TABLE
+    return BuiltinMedium(context.radios, context.chance, context.city, context.surroundings, context.every_pair, table)
 
 
 BUILTIN = MediumPlugin(NoParams, _make_builtin, "2.4 GHz Wi-Fi and Bluetooth among buildings, frame by frame.")

@@ -51,6 +51,7 @@ from skyrange.radio.propagation.link_budget import (
     max_range_m,
     median_power_dbm,
     random_gain_db,
+    tabled_loss_db,
 )
 from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, stop_threshold, trace_line, traced_loss_db
 from skyrange.radio.propagation.path_loss import CLEAR_NU, MIN_DISTANCE_M, knife_edge_db, noise_dbm, wavelength_m
@@ -95,12 +96,14 @@ def _find_receivers(
     wifi = is_wifi(kind)
     band = WIFI if wifi else BLUETOOTH
     least, finds = MIN_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
-    farthest = max_range_m(radios.best_dbi, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
+    floor = noise_dbm(radios.best_noise_db, width) + min(least, 0.0) - params.table.best_gain_db
+    farthest = max_range_m(radios.best_dbi, power, floor, centre)
     reach = min(farthest, params.horizon_m)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     vx, vy, vz = vel[sender, 0], vel[sender, 1], vel[sender, 2]
     pattern, gain, wavelength = antenna[sender, 0], antenna[sender, 1], wavelength_m(centre)
     mask = head.shape[0] - 1
+    tabled = params.table.places.shape[0] > 0
     count = 0
     column0, column1 = math.floor((x - reach) / BUCKET_SIDE_M), math.floor((x + reach) / BUCKET_SIDE_M)
     row0, row1 = math.floor((y - reach) / BUCKET_SIDE_M), math.floor((y + reach) / BUCKET_SIDE_M)
@@ -146,8 +149,12 @@ def _find_receivers(
                 distance = math.sqrt(ex * ex + ey * ey + ez * ez)
                 dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
                 margin = dbm - floor
-                loss = BLOCKED
-                if margin >= 0.0:
+                loss, covered = BLOCKED, False
+                if tabled:
+                    given = tabled_loss_db(params.table, x, y, z, bx, by, bz, distance, wavelength)
+                    covered = given == given
+                    loss = given if covered else BLOCKED
+                if margin >= 0.0 and not covered:
                     stop = stop_threshold(farthest / max(distance, MIN_DISTANCE_M), x, y, bx, by, wavelength)
                     met = trace_line(obstacles, x, y, z, bx, by, bz, wavelength, stop)
                     loss = 0.0

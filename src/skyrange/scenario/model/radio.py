@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
 from skyrange.contracts.params import Enu, Params
 from skyrange.contracts.plugins import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
-from skyrange.scenario.model.base import Id, Model, Number, wrong
+from skyrange.scenario.model.base import FileName, Id, Model, Number, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
@@ -61,6 +61,15 @@ class Radio(Model):
         default=-85.0, gt=-200, lt=60, description="Mean power of that background traffic at any antenna, in dBm."
     )
     aboard: ReceiverKind = Field(default="companion", description="Kind of receiver of all aircraft.")
+    losses: Literal["city", "table"] = Field(
+        default="city",
+        description="Source of the losses between antennas. city: the models of open ground and buildings; table: a "
+        "loss table, and the city where the table has no value.",
+    )
+    table: FileName | None = Field(
+        default=None,
+        description='Loss table of `skyrange radio map` for losses = "table", relative to the scenario\'s file.',
+    )
     every_pair: Annotated[bool, Strict()] = Field(
         default=False, description="Whether to record receptions that were not decoded too, with the reason."
     )
@@ -72,6 +81,14 @@ class Radio(Model):
     def _of_its_engine(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         """The parameters, checked and completed with the engine's defaults; unchanged if the engine is unknown."""
         return normalized(MediumPlugin.find(info.data["engine"]), params) if "engine" in info.data else params
+
+    @model_validator(mode="after")
+    def _table_for_its_losses(self) -> Radio:
+        if self.losses == "table" and self.table is None:
+            raise wrong("none", "the file of a loss table, because losses is table", where="table")
+        if self.losses != "table" and self.table is not None:
+            raise wrong(self.table, f"no file, because losses is {self.losses}", where="table")
+        return self
 
     @property
     def plugin(self) -> MediumPlugin:
