@@ -114,7 +114,7 @@ def encode_loss_table(content: LossTableFile) -> bytes:
     described = json.dumps(content.header.model_dump(mode="json"), sort_keys=True).encode()
     table = pa.Table.from_arrays(columns, schema=_SCHEMA.with_metadata({_KEY: described}))
     sink = io.BytesIO()
-    pq.write_table(table, sink, compression="zstd", use_dictionary=False, store_schema=False, row_group_size=64)
+    pq.write_table(table, sink, compression="zstd", use_dictionary=False, row_group_size=64)
     return sink.getvalue()
 
 

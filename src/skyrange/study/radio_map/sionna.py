@@ -1,12 +1,12 @@
 """Sionna RT as the ray tracer of radio maps: a scene of a city, and the losses from one transmitter.
 
-For each height `RadioMapSolver` gives the path gain of every square of the grid: the mean over the square of the sum of
-the powers of all paths. That is the local mean that fading varies about. The paths: line of sight, up to `depth`
-specular reflections, and diffraction of the first order at edges. Rays that are launched at random sample them, so
-losses have an error that grows with the loss, and squares that no ray reaches have no value.
+The gain of a point is the sum of the powers of all paths: the local mean that fading varies about. Line of sight is
+computed exactly, from the point's own position. Up to `depth` specular reflections, and diffraction of the first order
+at edges, come from `RadioMapSolver`, as the mean over the square about the point. Rays that are launched at random
+sample them: their error grows with the loss, and a point out of sight that no ray reaches has no value.
 
-A horizontal plane at the transmitter's own height gets no direct ray. A plane that is nearer to it than `MIN_RISE_M` is
-moved away to that distance; what is kept is the excess over free space.
+Rays hardly cross a horizontal plane at the transmitter's own height. A plane that is nearer to it than `MIN_RISE_M` is
+moved away to that distance for reflections and diffraction, and the gain is kept relative to that of free space.
 
 Walls and roofs are concrete, the ground is medium dry ground, with the constants of ITU-R P.2040-3 table 3 as Sionna
 has them; no ray passes through a building.
@@ -144,21 +144,34 @@ class SionnaTracer:
         x, y, z = (float(value) for value in place_enu_m)
         self._scene.add(self._rt.Transmitter("transmitter", position=[x, y, z]))
         losses = np.empty(grid.shape, dtype=np.float32)
+        frequency = self._settings.frequency_mhz
         for level, height in enumerate(grid.heights_m):
-            rise = height - z
-            plane = (
-                height
-                if abs(rise) >= MIN_RISE_M
-                else z + (MIN_RISE_M if rise >= 0.0 or z < 2.0 * MIN_RISE_M else -MIN_RISE_M)
-            )
-            traced = grid._replace(heights_m=(plane,))
-            excess = self._plane_db(traced) - free_space_of(place_enu_m, traced, self._settings.frequency_mhz)[0]
-            nominal = free_space_of(place_enu_m, grid._replace(heights_m=(height,)), self._settings.frequency_mhz)[0]
-            losses[level] = nominal + excess
+            own, traced = grid._replace(heights_m=(height,)), grid._replace(heights_m=(_plane_height(z, height),))
+            free, traced_free = (free_space_of(place_enu_m, each, frequency)[0] for each in (own, traced))
+            gain = np.where(self._visible(place_enu_m, own), 1.0, 0.0)
+            gain += self._reflected_gain(traced) * 10.0 ** (0.1 * traced_free)
+            with np.errstate(divide="ignore"):
+                losses[level] = free - 10.0 * np.log10(gain)
         losses[~(losses <= MAX_LOSS_DB)] = np.nan
         return losses
 
-    def _plane_db(self, grid: LossGrid) -> NDArray[np.float64]:
+    def _visible(self, place_enu_m: NDArray[np.float64], grid: LossGrid) -> NDArray[np.bool_]:
+        """(rows, columns): whether no building stands between a place and the points at the grid's first height."""
+        mitsuba = self._mitsuba
+        ways = grid.points_enu_m[0].reshape(-1, 3) - place_enu_m
+        length = np.maximum(np.linalg.norm(ways, axis=1), 1e-6)
+        ray = mitsuba.Ray3f(
+            o=mitsuba.Point3f(*(float(value) for value in place_enu_m)),
+            d=mitsuba.Vector3f(*np.ascontiguousarray((ways / length[:, None]).T, dtype=np.float32)),
+            maxt=mitsuba.Float((length * 0.999).astype(np.float32)),
+            time=0.0,
+            wavelengths=mitsuba.Color0f(),
+        )
+        blocked = np.array(self._scene.mi_scene.ray_test(ray)).astype(bool)
+        return ~blocked.reshape(grid.rows, grid.columns)
+
+    def _reflected_gain(self, grid: LossGrid) -> NDArray[np.float64]:
+        """(rows, columns) gains by reflection and diffraction at the grid's first height."""
         width, depth = grid.columns * grid.spacing_m, grid.rows * grid.spacing_m
         middle_east = grid.west_m + 0.5 * (grid.columns - 1) * grid.spacing_m
         middle_north = grid.south_m + 0.5 * (grid.rows - 1) * grid.spacing_m
@@ -169,6 +182,7 @@ class SionnaTracer:
             size=[width, depth],
             cell_size=[grid.spacing_m, grid.spacing_m],
             max_depth=self._settings.depth,
+            los=False,
             refraction=False,
             diffraction=self._settings.diffraction,
             samples_per_tx=self._settings.samples,
@@ -177,8 +191,15 @@ class SionnaTracer:
         gain = found.path_gain.numpy()[0].astype(np.float64)
         if gain.shape != (grid.rows, grid.columns):
             raise ComponentError("Sionna RT", f"a map of {gain.shape} squares for {grid.rows} x {grid.columns}")
-        with np.errstate(divide="ignore"):
-            return np.asarray(-10.0 * np.log10(gain))
+        return np.asarray(gain)
+
+
+def _plane_height(transmitter_m: float, height_m: float) -> float:
+    """The height at which rays are counted for points at `height_m`: at least `MIN_RISE_M` from the transmitter's."""
+    if abs(height_m - transmitter_m) >= MIN_RISE_M:
+        return height_m
+    up = height_m >= transmitter_m or transmitter_m < 2.0 * MIN_RISE_M
+    return transmitter_m + (MIN_RISE_M if up else -MIN_RISE_M)
 
 
 def describe_tracer(settings: TraceSettings) -> Mapping[str, Any]:
