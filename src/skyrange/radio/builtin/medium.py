@@ -117,6 +117,7 @@ class BuiltinMedium(MediumBase):
             float(surroundings.city_busy),
             10.0 ** (0.1 * surroundings.city_dbm),
             every_pair,
+            len(table.places) > 0,
             table._replace(lookups=np.zeros_like(table.lookups)),
         )
         self._state = medium_state.empty_state(len(self.radios))

@@ -103,7 +103,6 @@ def _find_receivers(
     vx, vy, vz = vel[sender, 0], vel[sender, 1], vel[sender, 2]
     pattern, gain, wavelength = antenna[sender, 0], antenna[sender, 1], wavelength_m(centre)
     mask = head.shape[0] - 1
-    tabled = params.table.places.shape[0] > 0
     count = 0
     column0, column1 = math.floor((x - reach) / BUCKET_SIDE_M), math.floor((x + reach) / BUCKET_SIDE_M)
     row0, row1 = math.floor((y - reach) / BUCKET_SIDE_M), math.floor((y + reach) / BUCKET_SIDE_M)
@@ -150,7 +149,7 @@ def _find_receivers(
                 dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
                 margin = dbm - floor
                 loss, covered = BLOCKED, False
-                if tabled:
+                if params.tabled:
                     given = tabled_loss_db(params.table, x, y, z, bx, by, bz, distance, wavelength)
                     covered = given == given
                     loss = given if covered else BLOCKED

@@ -32,6 +32,8 @@ class MediumParams(NamedTuple):
     """Background traffic: share of time, and its mean power at any receiver."""
     background_mean_mw: float
     every_pair: bool
+    tabled: bool
+    """Whether there is a loss table."""
     table: LossTable
     """Losses that replace those of open ground and buildings where it covers both positions."""
 
@@ -107,7 +109,7 @@ def received_power_dbm(
         antenna[receiver, 1],
     )  # fmt: skip
     loss = math.nan
-    if params.table.places.shape[0] > 0:
+    if params.tabled:
         loss = tabled_loss_db(params.table, ax, ay, az, bx, by, bz, distance, wavelength)
     if loss == loss:
         if mean - loss < floor_dbm:

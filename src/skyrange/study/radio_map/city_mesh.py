@@ -15,7 +15,9 @@ Mesh = tuple[NDArray[np.float32], NDArray[np.uint32]]
 
 
 def city_mesh(city: City) -> Mesh:
-    """All buildings as one mesh. Each triangle has vertices of its own, so that edges stay sharp."""
+    """All buildings as one mesh. Triangles that meet share their vertices: ray tracers find the edges that diffract by
+    them.
+    """
     corners: list[tuple[float, float, float]] = []
     for building in city.buildings:
         low, high = building.base_m, building.height_m
@@ -30,7 +32,8 @@ def city_mesh(city: City) -> Mesh:
                 corners += [(x, y, high) for x, y in flat]
                 if low > 0.0:
                     corners += [(x, y, low) for x, y in reversed(flat)]
-    return np.array(corners, dtype=np.float32), np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+    vertices, index = np.unique(np.array(corners, dtype=np.float32), axis=0, return_inverse=True)
+    return vertices, index.reshape(-1, 3).astype(np.uint32)
 
 
 def ground_mesh(west: float, south: float, east: float, north: float) -> Mesh:
