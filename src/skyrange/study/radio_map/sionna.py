@@ -1,9 +1,9 @@
 """Sionna RT as the ray tracer of radio maps: a scene of a city, and the losses from one transmitter.
 
 The gain of a point is the sum of the powers of all paths: the local mean that fading varies about. Line of sight is
-computed exactly, from the point's own position. Up to `depth` specular reflections, and diffraction of the first order
-at edges, come from `RadioMapSolver`, as the mean over the square about the point. Rays that are launched at random
-sample them: their error grows with the loss, and a point out of sight that no ray reaches has no value.
+computed exactly, from the point's own position. Paths of up to `depth` specular reflections, and those with one
+diffraction at an edge, come from `RadioMapSolver`, as the mean over the square about the point. Rays that are launched
+at random sample them: their error grows with the loss, and a point out of sight that no ray reaches has no value.
 
 Rays hardly cross a horizontal plane at the transmitter's own height. A plane that is nearer to it than `MIN_RISE_M` is
 moved away to that distance for reflections and diffraction, and the gain is kept relative to that of free space.
@@ -33,6 +33,9 @@ from skyrange.study.radio_map.city_mesh import Mesh, city_mesh, ground_mesh
 MIN_RISE_M: Final = 3.0
 """At this distance from the transmitter's height rays still cross a plane 500 m away at an angle of a third of a
 degree."""
+MIN_RAYS: Final = 1.0
+"""Reflections count at squares that at least so many rays would cross in free space. At others a ray is a rare event,
+which Sionna weights by the reciprocal of its probability: a single one would be stronger than the direct path."""
 MAX_LOSS_DB: Final = 150.0
 """Larger losses count as no value: few rays find them, and no link of this band closes over them."""
 GROUND_MARGIN_M: Final = 2_000.0
@@ -149,7 +152,12 @@ class SionnaTracer:
             own, traced = grid._replace(heights_m=(height,)), grid._replace(heights_m=(_plane_height(z, height),))
             free, traced_free = (free_space_of(place_enu_m, each, frequency)[0] for each in (own, traced))
             gain = np.where(self._visible(place_enu_m, own), 1.0, 0.0)
-            gain += self._reflected_gain(traced) * 10.0 ** (0.1 * traced_free)
+            unit = 10.0 ** (0.1 * traced_free)
+            sampled = self._expected_rays(place_enu_m, traced) >= MIN_RAYS
+            gain += np.where(sampled, self._mean_gain(traced, diffraction=False) * unit, 0.0)
+            if self._settings.diffraction:
+                # never stronger than the direct path (J(ν) of ITU-R P.526-15 4.1 is not negative), but a sample may be
+                gain += np.minimum(self._mean_gain(traced, diffraction=True) * unit, 1.0)
             with np.errstate(divide="ignore"):
                 losses[level] = free - 10.0 * np.log10(gain)
         losses[~(losses <= MAX_LOSS_DB)] = np.nan
@@ -170,8 +178,15 @@ class SionnaTracer:
         blocked = np.array(self._scene.mi_scene.ray_test(ray)).astype(bool)
         return ~blocked.reshape(grid.rows, grid.columns)
 
-    def _reflected_gain(self, grid: LossGrid) -> NDArray[np.float64]:
-        """(rows, columns) gains by reflection and diffraction at the grid's first height."""
+    def _expected_rays(self, place_enu_m: NDArray[np.float64], grid: LossGrid) -> NDArray[np.float64]:
+        """(rows, columns): how many of the rays from a place would cross each square in free space."""
+        ways = grid.points_enu_m[0] - place_enu_m
+        distance = np.linalg.norm(ways, axis=-1)
+        solid_angle = grid.spacing_m**2 * np.abs(ways[..., 2]) / np.maximum(distance, grid.spacing_m) ** 3
+        return np.asarray(self._settings.samples * solid_angle / (4.0 * np.pi))
+
+    def _mean_gain(self, grid: LossGrid, diffraction: bool) -> NDArray[np.float64]:
+        """(rows, columns) gains by diffraction, or by reflection, at the grid's first height."""
         width, depth = grid.columns * grid.spacing_m, grid.rows * grid.spacing_m
         middle_east = grid.west_m + 0.5 * (grid.columns - 1) * grid.spacing_m
         middle_north = grid.south_m + 0.5 * (grid.rows - 1) * grid.spacing_m
@@ -181,10 +196,11 @@ class SionnaTracer:
             orientation=[0.0, 0.0, 0.0],
             size=[width, depth],
             cell_size=[grid.spacing_m, grid.spacing_m],
-            max_depth=self._settings.depth,
+            max_depth=1 if diffraction else self._settings.depth,
             los=False,
+            specular_reflection=not diffraction,
             refraction=False,
-            diffraction=self._settings.diffraction,
+            diffraction=diffraction,
             samples_per_tx=self._settings.samples,
             seed=SEED,
         )
@@ -220,4 +236,5 @@ def describe_tracer(settings: TraceSettings) -> Mapping[str, Any]:
         "ground": "medium_dry_ground",
         "max_loss_db": MAX_LOSS_DB,
         "min_rise_m": MIN_RISE_M,
+        "min_rays": MIN_RAYS,
     }
