@@ -34,7 +34,8 @@ def map_losses(
         str | None,
         typer.Argument(
             metavar="[NAME|FILE]",
-            help="Name of a shipped scenario or a TOML file; its ground receivers are transmitters of the map. Default: the buildings alone.",
+            help="Name of a shipped scenario or a TOML file; its ground receivers are transmitters of the map. "
+            "Default: the buildings alone.",
             autocompletion=complete_scenario,
             show_default=False,
         ),
