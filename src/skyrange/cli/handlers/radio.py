@@ -45,7 +45,7 @@ class PictureRequest:
 
 def map_losses(request: MapRequest, picture: PictureRequest, changes: Sequence[str], as_json: bool) -> None:
     """`skyrange radio map`."""
-    from skyrange.cli.output.progress import step_progress
+    from skyrange.cli.output.progress import map_progress
     from skyrange.core.input_files import expand_user
     from skyrange.study.radio_map.mapping import prepare_map, trace_map
     from skyrange.study.radio_map.places import MapLayout
@@ -75,7 +75,7 @@ def map_losses(request: MapRequest, picture: PictureRequest, changes: Sequence[s
         )
         if finished:
             print_notice(f"{finished} transmitters are finished in {job.parts}")
-    with step_progress("radio map", "transmitters", quiet=as_json) as on_step:
+    with map_progress("radio map", "transmitters", quiet=as_json) as on_step:
         content = trace_map(job, SionnaTracer(city, settings), on_step)
     _draw(content, city.to_json_rows(), picture)
     _tell(content, out, picture, as_json)

@@ -13,7 +13,7 @@ from skyrange.core.time import Time, to_seconds
 OnProgress = Callable[[Time, Time], None]
 OnRunProgress = Callable[[int, Time, Time], None]
 OnBytes = Callable[[int, int | None], None]
-OnStep = Callable[[int, int, float | None], None]
+OnMapProgress = Callable[[int, int, float | None], None]
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def download_progress(name: str, *, quiet: bool) -> Iterator[OnBytes | None]:
 
 
 @contextmanager
-def step_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnStep | None]:
+def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress | None]:
     """Yield a progress callback for steps of about equal length: how many are done, of how many, and the seconds left
     if they are known.
     """
