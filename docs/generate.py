@@ -59,7 +59,9 @@ def cli() -> str:
             ["skyrange", words, *(f"{_metavar(a)}" for a in arguments), *(["[OPTIONS]"] if options else [])]
         )
         example = (command.epilog or "").removeprefix("Example: ")
-        rows = [(f"`{_metavar(a)}`", a.help or "", "required") for a in arguments]
+        rows = [
+            (f"`{_metavar(a)}`", a.help or "", "" if _metavar(a).startswith("[") else "required") for a in arguments
+        ]
         rows += [(f"`{_spelling(o)}`", o.help or "", _default(o)) for o in options]
         parts.append(f"### `skyrange {words}`\n\n{(command.help or '').strip()}\n\n```text\n{usage}\n```\n")
         if rows:

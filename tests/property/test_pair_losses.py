@@ -14,6 +14,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.ids import hash64
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
+from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
 from skyrange.radio.propagation.pair_losses import received_powers
 
@@ -45,7 +46,7 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
     vel = rng.normal(0.0, 8.0, (n, 3))
     antenna = np.stack((rng.integers(0, 2, n).astype(np.float64), rng.uniform(-3.0, 9.0, n)), axis=1)
     who = np.array([hash64(f"radio{k}") for k in range(n)], dtype=np.uint64)
-    params = MediumParams(np.uint64(seed), horizon_m, randomness, 0.0, 0.0, False)
+    params = MediumParams(np.uint64(seed), horizon_m, randomness, 0.0, 0.0, False, False, NO_TABLE)
     head, follow = np.empty(buckets, dtype=np.int64), np.empty(n, dtype=np.int64)
     index_positions(head, follow, pos)
     senders = rng.permutation(n)[: max(1, n // 2)].astype(np.int64)
@@ -73,7 +74,7 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
 def test_a_sender_reaches_some_and_not_others() -> None:
     """A free-space budget of 100 dB at 2437 MHz reaches 979 m (P.525): the radio at 900 m is listed, at 1100 m not."""
     pos = np.array([[0.0, 0.0, 100.0], [0.0, 1100.0, 100.0], [900.0, 0.0, 100.0]])
-    params = MediumParams(np.uint64(1), 5000.0, False, 0.0, 0.0, False)
+    params = MediumParams(np.uint64(1), 5000.0, False, 0.0, 0.0, False, False, NO_TABLE)
     head, follow = np.empty(8, dtype=np.int64), np.empty(3, dtype=np.int64)
     index_positions(head, follow, pos)
     who = np.arange(3, dtype=np.uint64)

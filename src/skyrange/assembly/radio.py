@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
+from hashlib import sha256
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from skyrange.assembly.signing import derive_keys
@@ -14,12 +16,14 @@ from skyrange.contracts.components import Agent, TruthSubscriber
 from skyrange.contracts.medium import RadioSpec, ScanSchedule
 from skyrange.core.chance import Chance
 from skyrange.core.ids import endpoint, owner_of, vehicle_id
+from skyrange.core.input_files import read_input
 from skyrange.gcs.plan.plans import CRUISE_MPS
 from skyrange.gcs.traffic_picture import TrafficPicture
 from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
+from skyrange.radio.propagation.loss_table_file import MAX_BYTES, decode_loss_table, read_loss_table
 from skyrange.remoteid.broadcast_profiles import Broadcast, serial_number
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.operators import Operator
@@ -81,10 +85,17 @@ def make_lookout(operator: str, scenario: Scenario) -> TrafficPicture | None:
 
 
 def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
-    """What the manifest says of the radio medium, under `medium`; nothing of the builtin one, or of none."""
-    if scenario.radio is None or oracle is None or scenario.radio.plugin is BUILTIN:
+    """What the manifest says of the radio: `medium` of one that is not builtin, and `loss_table` if there is one."""
+    if scenario.radio is None or oracle is None:
         return {}
-    return {"medium": {"kind": scenario.radio.engine, **oracle.medium.manifest}}
+    told: dict[str, Any] = {}
+    if scenario.radio.plugin is not BUILTIN:
+        told["medium"] = {"kind": scenario.radio.engine, **oracle.medium.manifest}
+    if scenario.radio.table is not None:
+        data = read_input(Path(scenario.radio.table), "loss table", max_bytes=MAX_BYTES)
+        header = decode_loss_table(data).header
+        told["loss_table"] = {"sha256": sha256(data).hexdigest(), **header.model_dump(mode="json")}
+    return told
 
 
 def build_radio(
@@ -118,7 +129,10 @@ def _oracle(
     surroundings = RadioEnvironment(
         radio.horizon_m, radio.chance, radio.city_busy, radio.city_dbm, radio.carrier_sense_dbm
     )
-    context = MediumContext(specs, chance, city, surroundings, radio.losses, radio.every_pair, **live._asdict())
+    table = read_loss_table(Path(radio.table)).table if radio.table is not None else None
+    context = MediumContext(
+        specs, chance, city, surroundings, radio.losses, radio.every_pair, loss_table=table, **live._asdict()
+    )
     medium = radio.plugin(radio.settings, context)
     nodes = [owner_of(one.endpoint) for one in attackers]
     listening = [owner_of(one.endpoint) for one in attackers if one.listens]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 from skyrange.assembly.radio import make_broadcast
 from skyrange.attack.contract import Transmitter
@@ -10,6 +11,7 @@ from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
 from skyrange.radio.contract import BUILTIN
+from skyrange.radio.propagation.loss_table_file import BAND_MHZ, read_loss_table
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.validation.error_messages import spell_path
 
@@ -30,6 +32,8 @@ def check_radios(scenario: Scenario, radios: Sequence[Transmitter], city: City |
     if scenario.radio.losses == "engine" and scenario.radio.plugin is BUILTIN:
         hint = 'Leave it out, or set an engine that is another program, such as engine = "ns3".'
         yield Problem("radio.losses", "engine", "city: the builtin medium has no losses of its own", hint)
+    if scenario.radio.table is not None:
+        yield from check_loss_table(scenario.radio.table, city)
     operators = [operator.id for operator in scenario.operators]
     attackers = {owner_of(radio.endpoint) for radio in radios}
     seen: set[str] = set()
@@ -68,3 +72,22 @@ def check_place(where: str, place: tuple[float, float, float], city: City | None
             f"a place outside buildings; this is in {building.name or building.id}, {building.height_m:g} m high",
             "Put it on the roof, or into the street.",
         )
+
+
+def check_loss_table(file: str, city: City | None) -> Iterator[Problem]:
+    """A loss table that cannot be read, of another city, or of another band; `file` is its name."""
+    where = "radio.table"
+    try:
+        header = read_loss_table(Path(file)).header
+    except InputError as error:
+        yield from (Problem(where, f.value, f.expected, f.hint) for f in error.problems)
+        return
+    hint = "Make one of this city: `skyrange radio map`."
+    if city is None:
+        yield Problem(where, file, "a scenario with buildings, because the table was made of some")
+    elif header.buildings != city.digest():
+        value = f"{file} of buildings with SHA-256 {header.buildings[:16]}…"
+        yield Problem(where, value, f"a table of this scenario's buildings, SHA-256 {city.digest()[:16]}…", hint)
+    if not BAND_MHZ[0] <= header.frequency_mhz <= BAND_MHZ[1]:
+        band = f"a table of {BAND_MHZ[0]:g} to {BAND_MHZ[1]:g} MHz"
+        yield Problem(where, f"{file} of {header.frequency_mhz:g} MHz", band, hint)

@@ -18,7 +18,8 @@ from skyrange.contracts.plugins import loaded_sources
 from skyrange.core.ids import vehicle_id
 from skyrange.core.input_files import read_input
 from skyrange.gcs.plan.plans import FlightPlan
-from skyrange.record.folder import PLUGINS, plain_name
+from skyrange.radio.propagation.loss_table_file import MAX_BYTES as MAX_TABLE_BYTES
+from skyrange.record.folder import LOSS_TABLE, PLUGINS, plain_name
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_writer import to_toml
 
@@ -105,6 +106,9 @@ def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: 
         files |= {
             _name_copy(file): read_input(file, "buildings", max_bytes=MAX_CITY_BYTES) for file in files_of(buildings)
         }
+    if scenario.radio is not None and scenario.radio.table is not None:
+        copies[scenario.radio.table] = LOSS_TABLE
+        files[LOSS_TABLE] = read_input(Path(scenario.radio.table), "loss table", max_bytes=MAX_TABLE_BYTES)
     for number, (name, source) in enumerate(loaded_sources(), 1):
         files[f"{PLUGINS}/{number:02}-{plain_name(name)}"] = source
     files["scenario.toml"] = to_toml(scenario, copies).encode()

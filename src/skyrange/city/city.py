@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from hashlib import sha256
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -122,3 +124,7 @@ class City:
                     row["base_m"] = building.base_m
                 rows.append(row)
         return rows
+
+    def digest(self) -> str:
+        """SHA-256 of the buildings' shapes and heights, in hex: equal for cities whose `to_json_rows` are equal."""
+        return sha256(json.dumps(self.to_json_rows(), separators=(",", ":")).encode()).hexdigest()

@@ -27,6 +27,7 @@ from skyrange.cli.options import (
     ViewerPort,
     complete_scenario,
 )
+from skyrange.cli.radio_app import radio_app
 
 app = typer.Typer(
     name="skyrange",
@@ -44,6 +45,7 @@ app.add_typer(live_app.commands)
 app.add_typer(bench_app, name="bench")
 app.add_typer(install_app, name="install")
 app.add_typer(parity_app, name="parity")
+app.add_typer(radio_app, name="radio")
 
 
 def _version(wanted: bool) -> None:

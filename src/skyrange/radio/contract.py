@@ -14,6 +14,7 @@ from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
 if TYPE_CHECKING:
     from skyrange.city.city import City
     from skyrange.core.chance import Chance
+    from skyrange.radio.propagation.loss_table import LossTable
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +27,8 @@ class MediumContext:
     city: City | None = None
     """The buildings, if there are any."""
     surroundings: RadioEnvironment = OPEN_GROUND
-    losses: Literal["city", "engine"] = "city"
-    """Who computes path losses: skyrange, from the city, or an engine that is another program."""
+    losses: Literal["city", "table", "engine"] = "city"
+    """Who computes path losses: skyrange, from the city or from `loss_table`, or an engine that is another program."""
     every_pair: bool = False
     """Whether `Heard` must also report frames that were not decoded."""
     on_death: Literal["stop", "continue", "restart"] = "stop"
@@ -35,6 +36,8 @@ class MediumContext:
     simulate are lost; restart: start it again, at most three times, and then as continue. A live range says so."""
     deadline_s: float = math.inf
     """Wall time in seconds after which a program that does not answer is dead, if its own parameters allow more."""
+    loss_table: LossTable | None = None
+    """Losses that replace those of the engine's own propagation model where the table covers two positions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +48,12 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
 
 
 def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
-    from skyrange.radio.builtin.medium import BuiltinMedium  # slow to import, and not needed to check a scenario
+    # slow to import, and not needed to check a scenario
+    from skyrange.radio.builtin.medium import BuiltinMedium
+    from skyrange.radio.propagation.loss_table import NO_TABLE
 
-    return BuiltinMedium(
-        context.radios, context.chance, context.city, context.surroundings, every_pair=context.every_pair
-    )
+    table = context.loss_table if context.loss_table is not None else NO_TABLE
+    return BuiltinMedium(context.radios, context.chance, context.city, context.surroundings, context.every_pair, table)
 
 
 BUILTIN = MediumPlugin(NoParams, _make_builtin, "2.4 GHz Wi-Fi and Bluetooth among buildings, frame by frame.")

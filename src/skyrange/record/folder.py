@@ -19,6 +19,9 @@ PARTS = ".parts"
 PLUGINS = "plugins"
 """The folder, inside a run's folder, of the plugin files that the run was started with."""
 
+LOSS_TABLE = "radio/losses.parquet"
+"""The file, inside a run's folder, of the loss table on which the run was flown."""
+
 _PART = re.compile(r"^[\w(][\w.+ ()-]{0,127}$")
 _NOT_PLAIN = re.compile(r"[^\w.+ ()-]")
 _KEPT_CHARACTERS = 60

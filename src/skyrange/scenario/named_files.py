@@ -10,7 +10,7 @@ from skyrange.core.errors import MAX_LINES, InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.validation.error_messages import spell_path
 
-FILE_KEYS = frozenset({"file", "buildings"})
+FILE_KEYS = frozenset({"file", "buildings", "table"})
 """Keys whose value is the name of a file that the run reads."""
 
 

@@ -32,6 +32,7 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
     if "radio" in data and not data["radio"]["params"]:
         del data["radio"]["params"]
     _rename(data.get("city", {}), "buildings", files or {})
+    _rename(data.get("radio", {}), "table", files or {})
     return tomli_w.dumps(data, indent=2)
 
 

@@ -14,6 +14,7 @@ OnProgress = Callable[[Time, Time], None]
 OnRunProgress = Callable[[int, Time, Time], None]
 OnBytes = Callable[[int, int | None], None]
 OnStep = Callable[[str, int, int], None]
+OnMapProgress = Callable[[int, int, float | None], None]
 
 
 @contextmanager
@@ -128,3 +129,41 @@ def step_progress(*, quiet: bool) -> Iterator[OnStep | None]:
             said = what
 
         yield tell
+
+
+@contextmanager
+def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress | None]:
+    """Yield a progress callback for steps of about equal length: how many are done, of how many, and the seconds left
+    if they are known.
+    """
+    if quiet:
+        yield None
+    elif sys.stderr.isatty():
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        said, at = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[at]}")
+        columns = (said, BarColumn(), at, TimeElapsedColumn())
+        with Progress(*columns, console=terminal(stderr=True), transient=True) as bar:
+            task = bar.add_task(name, total=None, at="starting")
+
+            def show(done: int, total: int, left_s: float | None) -> None:
+                left = "" if left_s is None else f", {_minutes(left_s)} left"
+                bar.update(task, total=total, completed=done, at=f"{done} of {total} {unit}{left}")
+
+            yield show
+    else:
+        tenth, estimated = -1, False
+
+        def tell(done: int, total: int, left_s: float | None) -> None:
+            nonlocal tenth, estimated
+            reached = 10 * done // max(total, 1)
+            if reached > tenth or (left_s is not None and not estimated):
+                tenth, estimated = reached, left_s is not None
+                left = "" if left_s is None else f", about {_minutes(left_s)} left"
+                print_notice(f"{name}: {done} of {total} {unit}{left}")
+
+        yield tell
+
+
+def _minutes(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

@@ -40,6 +40,7 @@ from skyrange.radio.builtin.validation import check_radios
 from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, DATA_CHANNELS
 from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES, airtime_ns
 from skyrange.radio.propagation.link_budget import MediumParams, index_positions
+from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
 
 if TYPE_CHECKING:
@@ -97,8 +98,10 @@ class BuiltinMedium(MediumBase):
         city: City | None = None,
         surroundings: RadioEnvironment = OPEN_GROUND,
         every_pair: bool = False,
+        table: LossTable = NO_TABLE,
     ) -> None:
-        """`every_pair` also reports frames that were not decoded.
+        """`every_pair` also reports frames that were not decoded. Where `table` covers two positions, its losses
+        replace those of open ground and buildings.
 
         Raises `InputError` with every problem of the radios at once: duplicate names, a position that is not finite or
         inside a building, an antenna, a channel or a power that does not exist.
@@ -119,6 +122,8 @@ class BuiltinMedium(MediumBase):
             float(surroundings.city_busy),
             10.0 ** (0.1 * surroundings.city_dbm),
             every_pair,
+            len(table.places) > 0,
+            table._replace(lookups=np.zeros_like(table.lookups)),
         )
         self._state = medium_state.empty_state(len(self.radios))
         self._emitters = np.zeros((3, 0), dtype=np.int64)
@@ -133,6 +138,8 @@ class BuiltinMedium(MediumBase):
         twin.__dict__.update(self.__dict__)
         twin._state = self._state._replace(**{name: array.copy() for name, array in self._state._asdict().items()})
         twin._refused = copy.copy(self._refused)
+        table = self._params.table
+        twin._params = self._params._replace(table=table._replace(lookups=table.lookups.copy()))
         return twin
 
     @property
@@ -143,6 +150,11 @@ class BuiltinMedium(MediumBase):
         decoded.
         """
         return self._state.losses
+
+    @property
+    def table_lookups(self) -> Ints:
+        """(2,): how many losses the loss table gave, and how many it did not cover."""
+        return self._params.table.lookups
 
     @property
     def quiet(self) -> bool:

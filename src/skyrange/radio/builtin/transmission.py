@@ -57,6 +57,7 @@ from skyrange.radio.propagation.link_budget import (
     max_range_m,
     median_power_dbm,
     random_gain_db,
+    tabled_loss_db,
 )
 from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, stop_threshold, trace_line, traced_loss_db
 from skyrange.radio.propagation.path_loss import (
@@ -107,7 +108,8 @@ def _find_receivers(
     least, finds = MIN_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
     felt = min(finds, 0.0) if wifi else 0.0
     sync_ns = CCA_TIME_NS[kind] if wifi else 0
-    farthest = max_range_m(radios.best_dbi, power, noise_dbm(radios.best_noise_db, width) + min(least, 0.0), centre)
+    floor = noise_dbm(radios.best_noise_db, width) + min(least, 0.0) - params.table.best_gain_db
+    farthest = max_range_m(radios.best_dbi, power, floor, centre)
     reach = min(farthest, params.horizon_m)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     vx, vy, vz = vel[sender, 0], vel[sender, 1], vel[sender, 2]
@@ -158,9 +160,13 @@ def _find_receivers(
                 distance = math.sqrt(ex * ex + ey * ey + ez * ez)
                 dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
                 margin = dbm - floor
-                loss = BLOCKED
+                loss, covered = BLOCKED, False
+                if params.tabled:
+                    given = tabled_loss_db(params.table, x, y, z, bx, by, bz, distance, wavelength)
+                    covered = given == given
+                    loss = given if covered else BLOCKED
                 excess = ground_excess_db(distance, z, bz, wavelength)  # a street may take it off again
-                if margin + excess >= 0.0:
+                if margin + excess >= 0.0 and not covered:
                     stop = stop_threshold(farthest / max(distance, MIN_DISTANCE_M), x, y, bx, by, wavelength)
                     met = trace_line(obstacles, x, y, z, bx, by, bz, wavelength, stop)
                     loss = 0.0

@@ -60,6 +60,7 @@ from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pie
 from skyrange.radio.external.paths import PathFinder
 from skyrange.radio.phy.channels import centre_mhz
 from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES
+from skyrange.radio.propagation.loss_table import NO_TABLE
 
 DEADLINE_S: Final = 60.0
 """Wall time within which an engine must answer, in seconds."""
@@ -88,12 +89,16 @@ class ExternalMedium:
         does not start, speaks another version, or cannot do what the context asks for.
         """
         surroundings = context.surroundings
-        self._builtin = BuiltinMedium(context.radios, context.chance, context.city, surroundings)
+        table = NO_TABLE if context.loss_table is None else context.loss_table
+        self._builtin = BuiltinMedium(context.radios, context.chance, context.city, surroundings, table=table)
         self.radios: Sequence[RadioSpec] = self._builtin.radios
         self._every_pair = context.every_pair
+        self._losses_by = context.losses
         own_losses = context.losses == "engine"
         self._arrays = radio_arrays(self.radios, context.chance)
-        self._finder = PathFinder(self.radios, self._arrays, context.chance, context.city, surroundings, own_losses)
+        self._finder = PathFinder(
+            self.radios, self._arrays, context.chance, context.city, surroundings, own_losses, table
+        )
         self._noise = NoiseSources()
         self._channels = {
             step.channel
@@ -153,7 +158,7 @@ class ExternalMedium:
             "engine": self._ready.name,
             "release": self._ready.release,
             "command": list(self._engines.command),
-            "losses": "engine" if self._finder.own_losses else "city",
+            "losses": self._losses_by,
             "builtin_waveforms": [w.name for w in Waveform if not self._simulates(int(w))],
         }
 

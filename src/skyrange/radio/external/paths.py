@@ -15,6 +15,7 @@ from skyrange.core.time import Time
 from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.state import Radios
 from skyrange.radio.propagation.link_budget import MediumParams, index_positions
+from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import obstacle_index
 from skyrange.radio.propagation.pair_losses import append_received_powers, best_gain_dbi
 from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
@@ -57,6 +58,7 @@ class PathFinder:
         city: City | None,
         surroundings: RadioEnvironment,
         own_losses: bool,
+        table: LossTable = NO_TABLE,
     ) -> None:
         self._arrays = arrays
         self._obstacles = obstacle_index(city.walls()) if city is not None and not own_losses else obstacle_index()
@@ -68,6 +70,8 @@ class PathFinder:
             float(surroundings.city_busy),
             10.0 ** (0.1 * surroundings.city_dbm),
             False,
+            len(table.places) > 0,
+            table._replace(lookups=np.zeros_like(table.lookups)),
         )
         self._best_dbi = float(best_gain_dbi(arrays.antenna))
         self._floor_dbm = float(noise_dbm(arrays.best_noise_db, _WIDTH_MHZ)) - BELOW_NOISE_DB

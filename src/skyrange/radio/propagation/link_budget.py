@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from skyrange.contracts.medium import Floats, Ints
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
+from skyrange.radio.propagation.loss_table import LossTable, table_loss_db
 from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, obstruction_db
 from skyrange.radio.propagation.path_loss import dipole_dbi, ground_excess_db, open_ground_db, wavelength_m
 
@@ -31,6 +32,20 @@ class MediumParams(NamedTuple):
     """Background traffic: share of time, and its mean power at any receiver."""
     background_mean_mw: float
     every_pair: bool
+    tabled: bool
+    """Whether there is a loss table."""
+    table: LossTable
+    """Losses that replace those of open ground and buildings where it covers both positions."""
+
+
+@compiled
+def tabled_loss_db(
+    table: LossTable, ax: float, ay: float, az: float, bx: float, by: float, bz: float, distance: float,
+    wavelength: float,
+) -> float:  # fmt: skip
+    """Loss that a table gives on top of `path_loss.open_ground_db`, negative if it is less; NaN where it gives none."""
+    loss = table_loss_db(table, ax, ay, az, bx, by, bz, distance, wavelength)
+    return loss - open_ground_db(distance, az, bz, wavelength)
 
 
 @compiled
@@ -93,11 +108,18 @@ def received_power_dbm(
         power_dbm, distance, az, bz, wavelength, antenna[sender, 0], antenna[sender, 1], antenna[receiver, 0],
         antenna[receiver, 1],
     )  # fmt: skip
-    if mean + ground_excess_db(distance, az, bz, wavelength) < floor_dbm:  # a street may guide it as in free space
-        return NO_SIGNAL
-    loss = obstruction_db(obstacles, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
-    if loss == BLOCKED:
-        return NO_SIGNAL
+    loss = math.nan
+    if params.tabled:
+        loss = tabled_loss_db(params.table, ax, ay, az, bx, by, bz, distance, wavelength)
+    if loss == loss:
+        if mean - loss < floor_dbm:
+            return NO_SIGNAL
+    else:
+        if mean + ground_excess_db(distance, az, bz, wavelength) < floor_dbm:  # a street may guide it as in free space
+            return NO_SIGNAL
+        loss = obstruction_db(obstacles, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
+        if loss == BLOCKED:
+            return NO_SIGNAL
     mean -= loss
     if params.randomness:
         ux = vel[receiver, 0] - vel[sender, 0]

@@ -64,7 +64,8 @@ def append_received_powers(
     A radio is left out if its power without shadowing and fading is below `floor_dbm`, if it is farther than the
     horizon, or if it has no position; a power with shadowing and fading may therefore be below the floor.
     """
-    reach = min(max_range_m(best_dbi, power_dbm, floor_dbm, centre), params.horizon_m)
+    least = floor_dbm - params.table.best_gain_db  # the losses of a table may be less than those of free space
+    reach = min(max_range_m(best_dbi, power_dbm, least, centre), params.horizon_m)
     reach *= 1.0 + 1e-9  # the decision is that of `received_power_dbm`, whose roundings differ
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     if not (abs(x) < 1e9 and abs(y) < 1e9 and abs(z) < 1e9):  # true for NaN as well

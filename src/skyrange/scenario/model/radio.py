@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
 from skyrange.contracts.params import Enu, Params
 from skyrange.contracts.plugins import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
-from skyrange.scenario.model.base import Id, Model, Number, wrong
+from skyrange.scenario.model.base import FileName, Id, Model, Number, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
@@ -68,10 +68,15 @@ class Radio(Model):
         "preamble they detect. IEEE 802.11 permits -82 dBm at most.",
     )
     aboard: ReceiverKind = Field(default="companion", description="Kind of receiver of all aircraft.")
-    losses: Literal["city", "engine"] = Field(
+    losses: Literal["city", "engine", "table"] = Field(
         default="city",
-        description="Who computes path losses. city: skyrange, from the buildings; engine: an engine that is another "
-        "program, by its own model.",
+        description="Source of the losses between antennas. city: skyrange's models of open ground and buildings; "
+        "table: a loss table, and the city where the table has no value; engine: an engine that is another program, by "
+        "its own model.",
+    )
+    table: FileName | None = Field(
+        default=None,
+        description='Loss table of `skyrange radio map` for losses = "table", relative to the scenario\'s file.',
     )
     every_pair: Annotated[bool, Strict()] = Field(
         default=False, description="Whether to record receptions that were not decoded too, with the reason."
@@ -84,6 +89,14 @@ class Radio(Model):
     def _of_its_engine(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         """The parameters, checked and completed with the engine's defaults; unchanged if the engine is unknown."""
         return normalized(MediumPlugin.find(info.data["engine"]), params) if "engine" in info.data else params
+
+    @model_validator(mode="after")
+    def _table_for_its_losses(self) -> Radio:
+        if self.losses == "table" and self.table is None:
+            raise wrong("none", "the file of a loss table, because losses is table", where="table")
+        if self.losses != "table" and self.table is not None:
+            raise wrong(self.table, f"no file, because losses is {self.losses}", where="table")
+        return self
 
     @property
     def plugin(self) -> MediumPlugin:

@@ -15,6 +15,7 @@ from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.external.medium import ExternalMedium
 from skyrange.radio.propagation.link_budget import MediumParams, received_power_dbm
+from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import has_line_of_sight, obstacle_index
 from skyrange.study.compare.radio.places import CLASSES, draw_all
 from skyrange.study.compare.radio.setups import EngineSetup
@@ -56,7 +57,7 @@ def draw_pairs(city: City, count: int = PAIRS, seed: int = 4) -> PairLosses:
     walls = obstacle_index(city.walls())
     radios = [RadioSpec("a"), RadioSpec("b")]
     arrays = radio_arrays(radios, Chance(1))
-    params = MediumParams(np.uint64(1), 1e9, False, 0.0, 0.0, False)
+    params = MediumParams(np.uint64(1), 1e9, False, 0.0, 0.0, False, False, NO_TABLE)
     ends: list[tuple[float, ...]] = []
     heights: list[str] = []
     sight: list[bool] = []

@@ -14,7 +14,7 @@ from skyrange.study.figures.subject import Subject
 from skyrange.study.measures.time_series import Record
 from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.rendering import asset, content_policy, render
-from skyrange.study.report.run import link_tables, overview, timeline
+from skyrange.study.report.run import link_tables, overview, radio_coverage, timeline
 from skyrange.study.report.run.contents import RunContents, read_run
 from skyrange.study.report.run.scene_data import pack_scene
 
@@ -50,6 +50,7 @@ def render_run(record: Record) -> str:
         lanes=timeline.render_lanes(run),
         links=link_tables.render_links(run),
         air=reception_tables.reception_section(run.reception_summaries, len(run.fleet), run.recorded_ns / NS_PER_S),
+        coverage=radio_coverage.coverage_section(run),
         events=timeline.render_happenings([*run.events, *run.attacks], run, "events", "Events and hostile acts"),
         decisions=timeline.render_happenings(run.decisions, run, "decisions", "Decisions of ground stations"),
         folder=str(run.record.path),
