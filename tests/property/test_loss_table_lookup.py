@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
-from skyrange.radio.propagation.loss_table import LossGrid, free_space_of, loss_table, table_loss_db
+from skyrange.radio.propagation.loss_table import NO_TABLE, LossGrid, free_space_of, loss_table, table_loss_db
 from skyrange.radio.propagation.loss_table_file import decode_loss_table, encode_loss_table
 from skyrange.radio.propagation.path_loss import free_space_db, wavelength_m
 from tests.unit.test_loss_table import content
@@ -19,6 +19,8 @@ from tests.unit.test_loss_table import content
 GRID = LossGrid(-50.0, -50.0, 20.0, 6, 6, (2.0, 30.0, 60.0))
 WAVE = float(wavelength_m(2437.0))
 WHOLE = encode_loss_table(content())
+
+table_loss_db(NO_TABLE, 0.0, 0.0, 2.0, 9.0, 0.0, 2.0, 9.0, WAVE)  # compiled outside of the tests' deadline
 
 across = st.floats(-80.0, 80.0)
 position = st.tuples(across, across, st.floats(0.0, 70.0))

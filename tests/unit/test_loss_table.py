@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,14 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.radio.propagation.link_budget import tabled_loss_db
-from skyrange.radio.propagation.loss_table import NO_TABLE, LossGrid, free_space_of, loss_table, table_loss_db
+from skyrange.radio.propagation.loss_table import (
+    NO_TABLE,
+    LossGrid,
+    free_space_of,
+    loss_table,
+    nearest_place,
+    table_loss_db,
+)
 from skyrange.radio.propagation.loss_table_file import (
     GridHeader,
     LossTableFile,
@@ -109,11 +117,18 @@ def test_other_parquet_files_and_numbers_out_of_range_are_refused(tmp_path: Path
         bad.loss_db[0, 0, 0, 0] = value
         with pytest.raises(InputError, match="out of range"):
             decode_loss_table(encode_loss_table(bad))
-    bad = content()
-    bad.places_enu_m[0, 0], kept = np.nan, bad.places_enu_m[0, 0]
-    with pytest.raises(InputError, match="out of range"):
-        decode_loss_table(encode_loss_table(bad))
-    bad.places_enu_m[0, 0] = kept
+    for value in (np.nan, 1e300, 1.1e6):
+        bad = replace(content(), places_enu_m=np.array([(value, 0.0, 2.0), (20.0, 0.0, 2.0)]))
+        with pytest.raises(InputError, match="out of range"):
+            decode_loss_table(encode_loss_table(bad))
+
+
+def test_places_far_apart_are_found_too() -> None:
+    far = replace(content(), places_enu_m=np.array([(-20.0, 0.0, 2.0), (9e5, 9e5, 2.0)])).table
+    assert far.bin_columns * far.bin_rows < 50_000
+    assert math.isfinite(loss(far, (-20.0, 0.0, 2.0), (0.0, 0.0, 10.0)))
+    assert nearest_place(far, 9e5, 9e5 + 14.0, 2.0)[0] == 1
+    assert nearest_place(far, 9e5, 9e5 + 16.0, 2.0)[0] == -1
 
 
 def test_losses_on_grid_points_are_those_of_the_file() -> None:

@@ -29,6 +29,9 @@ NOT_COVERED: Final = math.nan
 LEAST_WEIGHT: Final = 0.5
 """The least share of an interpolation's weight on points that have a value."""
 
+MAX_BINS: Final = 200
+"""Most bins of the index of places in each direction; for places farther apart the bins are larger than the reach."""
+
 Floats = NDArray[np.float64]
 
 
@@ -76,10 +79,11 @@ class LossTable(NamedTuple):
     spacing: float
     heights: Floats
     bin_first: NDArray[np.int64]
-    """Bins of side `reach_m`, columns fastest: where the places in and around each begin in `bin_places`."""
+    """Bins of side `bin_side`, columns fastest: where the places in and around each begin in `bin_places`."""
     bin_places: NDArray[np.int32]
     bin_west: float
     bin_south: float
+    bin_side: float
     bin_columns: int
     bin_rows: int
     best_gain_db: float
@@ -97,12 +101,12 @@ def loss_table(
     excess = np.empty((len(places), *grid.shape), dtype=np.float32)
     for place, own, losses in zip(places, excess, loss_db, strict=True):
         own[:] = losses - free_space_of(place, grid, frequency_mhz)
-    first, listed, west, south, columns, rows = _bins(places, reach_m)
+    first, listed, west, south, side, columns, rows = _bins(places, reach_m)
     finite = excess[np.isfinite(excess)]
     gain = max(0.0, -float(finite.min())) if finite.size else 0.0
     return LossTable(
         places, float(reach_m), float(reach_up_m), excess, grid.west_m, grid.south_m, grid.spacing_m,
-        np.array(grid.heights_m, dtype=np.float64), first, listed, west, south, columns, rows, gain,
+        np.array(grid.heights_m, dtype=np.float64), first, listed, west, south, side, columns, rows, gain,
         np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
@@ -110,17 +114,25 @@ def loss_table(
 def free_space_of(place_enu_m: Floats, grid: LossGrid, frequency_mhz: float) -> Floats:
     """(heights, rows, columns) losses in free space between a place and the points of a grid, in dB."""
     distance = np.sqrt(((grid.points_enu_m - place_enu_m) ** 2).sum(axis=-1))
-    wavelength = float(wavelength_m(frequency_mhz))
-    flat = np.array([free_space_db(each, wavelength) for each in distance.ravel().tolist()])
-    return flat.reshape(grid.shape)
+    return _free_space(distance.ravel(), float(wavelength_m(frequency_mhz))).reshape(grid.shape)
 
 
-def _bins(places: Floats, side: float) -> tuple[NDArray[np.int64], NDArray[np.int32], float, float, int, int]:
+@compiled
+def _free_space(distance: Floats, wavelength: float) -> Floats:
+    losses = np.empty_like(distance)
+    for k in range(distance.shape[0]):
+        losses[k] = free_space_db(distance[k], wavelength)
+    return losses
+
+
+def _bins(places: Floats, reach_m: float) -> tuple[NDArray[np.int64], NDArray[np.int32], float, float, float, int, int]:
     """Lists of the places in each bin and its eight neighbours, so that one bin holds all within a side's length."""
     if not len(places):
-        return np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), 0.0, 0.0, 0, 0
-    west, south = (places[:, :2].min(axis=0) - side).tolist()
-    columns, rows = (np.floor((places[:, :2].max(axis=0) - [west, south]) / side).astype(int) + 2).tolist()
+        return np.zeros(1, dtype=np.int64), np.empty(0, dtype=np.int32), 0.0, 0.0, 1.0, 0, 0
+    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    side = max(float(reach_m), float((high - low).max()) / MAX_BINS)
+    west, south = (low - side).tolist()
+    columns, rows = (np.floor((high - [west, south]) / side).astype(int) + 2).tolist()
     lists: list[list[int]] = [[] for _ in range(columns * rows)]
     for index, (east, north) in enumerate(places[:, :2].tolist()):
         column, row = int((east - west) / side), int((north - south) / side)
@@ -128,7 +140,8 @@ def _bins(places: Floats, side: float) -> tuple[NDArray[np.int64], NDArray[np.in
             for c in range(max(column - 1, 0), min(column + 2, columns)):
                 lists[r * columns + c].append(index)
     first = np.concatenate(([0], np.cumsum([len(each) for each in lists]))).astype(np.int64)
-    return first, np.array([index for each in lists for index in each], dtype=np.int32), west, south, columns, rows
+    listed = np.array([index for each in lists for index in each], dtype=np.int32)
+    return first, listed, west, south, side, columns, rows
 
 
 NO_TABLE: Final = loss_table(
@@ -141,7 +154,7 @@ NO_TABLE: Final = loss_table(
 def nearest_place(table: LossTable, x: float, y: float, z: float) -> tuple[int, float]:
     """The nearest place of a transmitter within reach of a position and its squared distance in m²; -1 for none."""
     best, best_away = -1, math.inf
-    column, row = math.floor((x - table.bin_west) / table.reach_m), math.floor((y - table.bin_south) / table.reach_m)
+    column, row = math.floor((x - table.bin_west) / table.bin_side), math.floor((y - table.bin_south) / table.bin_side)
     if not (0 <= column < table.bin_columns and 0 <= row < table.bin_rows):
         return best, best_away
     cell = row * table.bin_columns + column

@@ -28,6 +28,8 @@ from skyrange.radio.propagation.loss_table import LossGrid, LossTable, loss_tabl
 VERSION: Final = 1
 MAX_BYTES: Final = 512 * MIB
 MAX_PLACES: Final = 1_000
+MAX_AWAY_M: Final = 1e6
+"""How far from the origin a place may be in each direction."""
 MAX_VALUES: Final = 256 * MIB
 """Most losses in one table: 1 GiB of them."""
 BAND_MHZ: Final = (2_400.0, 2_483.5)
@@ -43,7 +45,7 @@ _SCHEMA: Final = pa.schema(
 )
 
 _Finite = Annotated[float, Field(allow_inf_nan=False, ge=-1e7, le=1e7)]
-_Positive = Annotated[float, Field(allow_inf_nan=False, gt=0, le=1e6)]
+_Length = Annotated[float, Field(allow_inf_nan=False, ge=1, le=1e6)]
 
 
 class _Part(BaseModel):
@@ -55,7 +57,7 @@ class GridHeader(_Part):
 
     west_m: _Finite
     south_m: _Finite
-    spacing_m: _Positive
+    spacing_m: _Length
     columns: Annotated[int, Field(ge=1, le=100_000)]
     rows: Annotated[int, Field(ge=1, le=100_000)]
     heights_m: Annotated[tuple[_Finite, ...], Field(min_length=1, max_length=100)]
@@ -83,8 +85,8 @@ class LossTableHeader(_Part):
     buildings: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     """`City.digest` of the buildings."""
     frequency_mhz: Annotated[float, Field(gt=0, le=1e6)]
-    reach_m: _Positive
-    reach_up_m: _Positive
+    reach_m: _Length
+    reach_up_m: _Length
     grid: GridHeader
 
 
@@ -154,7 +156,7 @@ def decode_loss_table(data: bytes, who: str = "loss table", where: str = "file")
         raise InputError.one(who, where, _first_line(error), "an undamaged loss table", hint) from None
     if (lengths != values).any():
         raise InputError.one(who, where, "rows of other lengths", f"{values} losses for each place", hint)
-    if not np.isfinite(places).all() or np.isinf(flat).any() or (np.abs(flat[np.isfinite(flat)]) > 1_000.0).any():
+    if not (np.abs(places) <= MAX_AWAY_M).all() or (np.abs(flat[~np.isnan(flat)]) > 1_000.0).any():
         raise InputError.one(who, where, "a number out of range", "finite places, and losses in dB", hint)
     return LossTableFile(header, places, flat.reshape(len(places), *grid.shape))
 
