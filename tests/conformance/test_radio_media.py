@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.contracts.medium import OnAir, RadioSpec, RadioTable, TxBatch
+from skyrange.contracts.components import InstanceStatus
+from skyrange.contracts.medium import OnAir, ProgramStatus, RadioSpec, RadioTable, TxBatch
 from skyrange.contracts.plugins import NoParams
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
@@ -105,6 +106,15 @@ class Vague(BuiltinMedium):
         super().__init__(radios, Chance(1))
 
 
+class Secretive(BuiltinMedium):
+    """Runs a program, and says that it runs none."""
+
+    programs = (ProgramStatus("secret", 1, InstanceStatus.READY),)
+
+    def __init__(self, radios: Sequence[RadioSpec]) -> None:
+        super().__init__(radios, Chance(1))
+
+
 class Fragile(BuiltinMedium):
     """Can be closed once."""
 
@@ -167,7 +177,7 @@ class Silent(Ended):
     ("medium", "rule"),
     [
         (ByRows, "company"), (ByCuts, "cut"), (Forgetful, "copies"), (Lucky, "repeatable"), (Late, "answers"),
-        (Deaf, "hears"), (Choosy, "refuses"), (Vague, "declares"), (Fragile, "closes"),
+        (Deaf, "hears"), (Choosy, "refuses"), (Vague, "declares"), (Secretive, "declares"), (Fragile, "closes"),
     ],
 )  # fmt: skip
 def test_what_breaks_a_rule_is_found(medium: type[Any], rule: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -9,13 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
+from skyrange.assembly.build import build
+from skyrange.cli.handlers.live import _table
+from skyrange.contracts.components import InstanceStatus
+from skyrange.contracts.medium import ProgramStatus
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.radio.external.ns3 import VARIABLE
 from skyrange.record import RunRecord, load
+from skyrange.runtime.live.deployment import LOOPBACK
 from skyrange.runtime.live.node import process
-from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
+from skyrange.runtime.live.range import SupervisedNode
+from skyrange.runtime.warm_up import with_builtin_medium
+from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared, scenario_of
 from tests.integration.radio_program import SCENARIO, write_program
 
 HIT_S = 8.0
@@ -108,6 +117,28 @@ def test_the_range_ends_and_names_it(tmp_path: Path) -> None:
     record = load(tmp_path / "run")
     assert record.status == "failed"
     assert min(_heard_s(record)) < HIT_S
+
+
+def test_the_table_of_nodes_shows_it(tmp_path: Path) -> None:
+    flown = prepared(SCENARIO.format(seconds=20, on_death="restart"), tmp_path).range
+    program = ProgramStatus("radio engine ns3", 4711, InstanceStatus.READY, ("ended (signal SIGKILL)",))
+    flown.members["world"] = SupervisedNode("world", LOOPBACK, "flying", status={"programs": [program._asdict()]})
+    console = Console(width=120, record=True, file=io.StringIO())
+    console.print(_table(flown))
+    (row,) = [line for line in console.export_text().splitlines() if "radio engine ns3" in line]
+    assert "pid 4711" in row
+    assert "ready, 1 ended" in row
+
+
+def test_processes_without_the_oracle_need_no_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = scenario_of(SCENARIO.format(seconds=20, on_death="stop"))
+    monkeypatch.setenv(VARIABLE, str(tmp_path / "nowhere"))
+    with pytest.raises(InputError, match="nowhere"):
+        build(scenario)
+    assert build(scenario, local={"blue.gcs"}).oracle is None
+    flown = build(with_builtin_medium(scenario))  # what such a process compiles with
+    assert flown.oracle is not None
+    assert not flown.oracle.medium.runs_programs
 
 
 def test_a_range_without_an_engine_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -182,6 +182,8 @@ def _declares(case: MediumCase) -> None:
         "(radios, outcomes)",
     )
     need(medium.repeatable in ("bytes", "outcome"), f"repeatable is {medium.repeatable!r}", "bytes or outcome")
+    programs = [program.name for program in medium.programs]
+    need(medium.runs_programs or not programs, f"runs {programs} and no programs", "runs_programs, if it runs any")
     need(isinstance(medium.manifest, Mapping), f"manifest is {short(medium.manifest)}", "a mapping")
 
 
