@@ -56,10 +56,7 @@ class Shares(NamedTuple):
 def run_trial(trial: Trial, setup: EngineSetup, city: City | None) -> Shares:
     """Offer the frames of a trial to an engine, with skyrange's path losses, and count what its cells decode."""
     names = [f"r{row:04d}" for row in range(len(trial.places_m))]
-    listening = {cell.receiver for cell in trial.cells}
-    radios = [
-        RadioSpec(name, None, SNIFFER if row in listening else (), wifi_dbm=15.0) for row, name in enumerate(names)
-    ]
+    radios = [RadioSpec(name, None, SNIFFER, wifi_dbm=15.0) for name in names]  # senders defer by what they receive
     surroundings = RadioEnvironment(horizon_m=trial.horizon_m)
     medium = setup.make(radios, trial.seed, city if trial.in_city else None, surroundings)
     try:
