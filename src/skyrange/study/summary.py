@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from skyrange.contracts.frames.frame import Fate
@@ -84,8 +85,24 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "digests": digests,
         "timings": manifest.get("timings") or {},
         "city": manifest.get("city"),
+        "radio": describe_radio_engine(manifest),
         "vehicles": vehicles,
         "mishaps": mishaps,
         "path": str(record.path),
         "report": str(report) if report.exists() else None,
     }
+
+
+def describe_radio_engine(manifest: Mapping[str, Any]) -> str:
+    """The radio engine of a run, if it is another program, and what it leaves to the builtin medium; else ""."""
+    medium = manifest.get("medium")
+    if not isinstance(medium, Mapping) or not medium.get("engine"):
+        return ""
+    text = f"{medium['engine']} {medium.get('release', '')}".strip()
+    left = [str(name) for name in medium.get("builtin_waveforms") or ()]
+    bluetooth = [name for name in left if name.startswith("BLE")]
+    others = [name for name in left if name not in bluetooth]
+    builtin = ["Bluetooth"] * bool(bluetooth) + others
+    if builtin:
+        text += f"; {' and '.join(builtin)} by the builtin medium"
+    return text

@@ -47,6 +47,8 @@ def print_summary(facts: dict[str, Any]) -> None:
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
     print_city(console, facts.get("city"))
+    if facts.get("radio"):
+        console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
     wall_s = timings.get("wall_s")

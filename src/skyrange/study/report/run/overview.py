@@ -15,6 +15,7 @@ from skyrange.study.measures.time_series import Track
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 from skyrange.study.report.run.contents import RunContents
+from skyrange.study.summary import describe_radio_engine
 
 _WARNINGS = {
     "running": (
@@ -50,6 +51,7 @@ def identity(run: RunContents) -> Mapping[str, Any]:
             ("seed", str(manifest.get("seed", "–"))),
             ("starts", str(manifest.get("start_utc") or "–")),
             ("skyrange", str(manifest.get("skyrange") or "–")),
+            *([("radio", engine)] if (engine := describe_radio_engine(manifest)) else []),
         ],
         "fingerprint": str((manifest.get("digests") or {}).get("fingerprint") or ""),
         "versions": _versions(manifest),
