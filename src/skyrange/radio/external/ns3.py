@@ -10,6 +10,7 @@ from pydantic import Field, Strict
 from skyrange.contracts.medium import Medium
 from skyrange.contracts.params import Number, Params
 from skyrange.radio.contract import MediumContext, MediumPlugin
+from skyrange.radio.external.engine_params import encode_params
 from skyrange.radio.external.engine_sources import find_engine
 from skyrange.radio.external.medium import ExternalMedium
 
@@ -65,18 +66,12 @@ class Ns3Params(Params):
 def make_ns3(params: Params, context: MediumContext) -> Medium:
     """Start ns-3 and return its medium. Raises `InputError` if the engine is not installed."""
     assert isinstance(params, Ns3Params)
-    return ExternalMedium("ns3", [str(find_program())], context, texts_of(params), deadline_s=params.deadline_s)
+    return ExternalMedium("ns3", [str(find_program())], context, encode_params(params), deadline_s=params.deadline_s)
 
 
 def find_program() -> Path:
     """The compiled engine. Raises `InputError` if it is not installed."""
     return find_engine("ns3", "ns-3", VARIABLE, INSTALL)
-
-
-def texts_of(params: Params) -> dict[str, str]:
-    """Parameters as an engine gets them: texts, without those that are None and without the deadline."""
-    values = params.model_dump(exclude_none=True, exclude={"deadline_s"})
-    return {name: str(value).lower() if isinstance(value, bool) else str(value) for name, value in values.items()}
 
 
 NS3 = MediumPlugin(Ns3Params, make_ns3, "Wi-Fi by ns-3, in a process of its own; Bluetooth stays with the builtin.")

@@ -9,9 +9,9 @@ from pydantic import Field
 from skyrange.contracts.medium import Medium
 from skyrange.contracts.params import Number, Params
 from skyrange.radio.contract import MediumContext, MediumPlugin
+from skyrange.radio.external.engine_params import encode_params
 from skyrange.radio.external.engine_sources import find_engine
 from skyrange.radio.external.medium import ExternalMedium
-from skyrange.radio.external.ns3 import texts_of
 
 VARIABLE: Final = "SKYRANGE_OMNETPP_ENGINE"
 """Environment variable with the path of the compiled engine."""
@@ -69,7 +69,7 @@ def find_command() -> list[str]:
 def make_omnetpp(params: Params, context: MediumContext) -> Medium:
     """Start OMNeT++ and return its medium. Raises `InputError` if the engine is not installed."""
     assert isinstance(params, OmnetppParams)
-    return ExternalMedium("omnetpp", find_command(), context, texts_of(params), deadline_s=params.deadline_s)
+    return ExternalMedium("omnetpp", find_command(), context, encode_params(params), deadline_s=params.deadline_s)
 
 
 OMNETPP = MediumPlugin(
