@@ -47,6 +47,11 @@ def test_a_gap_counts_as_explained_if_one_swap_closes_it() -> None:
     assert made.explained("contention", "ns3") == (2, 4)
 
 
+def test_the_nearest_swap_replaces_a_gap_and_nothing_else() -> None:
+    made = _comparison((0.5, 0.52, math.nan), (0.5, 0.7, 0.53), (0.5, 0.6, 0.9), (0.0, 0.0, math.nan))
+    assert made.nearest("ns3") == [0.52, 0.53, 0.6, 0.0]
+
+
 def test_tables_name_cells_gaps_and_swaps() -> None:
     text = "\n".join(page.tables(_comparison((0.5, 0.52, math.nan), (0.5, 0.7, 0.53))))
     assert "| ns-3, defaults | 1 of 2 (50%) | 1 of 2 (50%) |" in text
@@ -77,11 +82,13 @@ def test_residuals_are_by_heights_and_sight() -> None:
 def test_figures_are_well_formed() -> None:
     made = _comparison((0.5, 0.52, math.nan), (0.5, 0.7, 0.53))
     for figure in (
-        draw_shares(made, BUILTIN.title, ["ns-3", SWAP.title]),
+        draw_shares(made, BUILTIN.title, {"ns-3": made.shares["ns-3"], "swap": made.shares[SWAP.title]}),
         draw_residuals({"ns-3, free space": residuals(_pairs(), "ns-3, free space")}),
     ):
         ElementTree.fromstring(figure.svg)
-    assert draw_shares(made, BUILTIN.title, [SWAP.title]).svg.count("<circle") == 1 + 1  # one cell was run; the legend
+    assert (
+        draw_shares(made, BUILTIN.title, {"swap": made.shares[SWAP.title]}).svg.count("<circle") == 1 + 1
+    )  # one cell was run; the legend
 
 
 def test_a_page_is_renewed_between_its_marks(tmp_path: Path) -> None:

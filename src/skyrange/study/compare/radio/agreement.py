@@ -89,6 +89,18 @@ class Comparison:
         agreeing, counting = self.agreeing(experiment, EngineSetup(engine).title)
         return agreeing + int(closed.sum()), counting
 
+    def nearest(self, engine: str) -> list[float]:
+        """Shares of an engine's defaults or, where these disagree, of that of its swaps which is nearest."""
+        found = list(self.shares[EngineSetup(engine).title])
+        mine = self.shares[BUILTIN.title]
+        for experiment in self.experiments:
+            for row in self.gaps(experiment, engine).tolist():
+                swapped = [self.shares[setup.title][row] for setup in self.swaps_of(engine)]
+                found[row] = min(
+                    [found[row], *filter(math.isfinite, swapped)], key=lambda share: abs(share - mine[row])
+                )
+        return found
+
 
 OnStep = Callable[[str, int, int], None]
 """Called with what is being done, steps done, and all steps."""

@@ -16,10 +16,11 @@ from skyrange.study.figures.svg import Figure
 
 _SIZE: Final = 260.0
 _LEFT, _TOP, _GAP = 44.0, 40.0, 36.0
+_BEYOND_DB: Final = 60.0
 
 
-def draw_shares(comparison: Comparison, first: str, others: Sequence[str]) -> Figure:
-    """Draw a panel for each of `others`: the share that it decodes in each cell over that of `first`.
+def draw_shares(comparison: Comparison, first: str, others: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw a panel for each of `others`, shares by title: the share decoded in each cell over that of `first`.
 
     The band is the agreement that is asked for. Colours are experiments; cells that do not count are faint.
     """
@@ -28,10 +29,9 @@ def draw_shares(comparison: Comparison, first: str, others: Sequence[str]) -> Fi
     colours = dict(zip(comparison.experiments, OKABE_ITO, strict=False))
     body: list[Element] = []
     mine = comparison.shares[first]
-    for panel, other in enumerate(others):
+    for panel, (other, theirs) in enumerate(others.items()):
         x0 = _LEFT + panel * (_SIZE + _GAP)
         body += _axes(x0, first, other)
-        theirs = comparison.shares[other]
         for row, (experiment, facts) in enumerate(comparison.cells):
             if not np.isfinite(theirs[row]):
                 continue
@@ -74,13 +74,16 @@ def _describe(facts: Mapping[str, object]) -> str:
 
 
 def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]]) -> Figure:
-    """Draw the 10th to 90th percentile and the median of each model's loss minus skyrange's, by heights and sight."""
+    """Draw the 10th to 90th percentile and the median of each model's loss minus skyrange's, by heights and sight.
+
+    What is beyond `_BEYOND_DB` is an arrow at the edge.
+    """
     rows = list(dict.fromkeys(key for found in residuals.values() for key in found))
     spans = [one for found in residuals.values() for one in found.values()]
-    low = min((one.low_db for one in spans), default=-10.0) - 2.0
-    high = max((one.high_db for one in spans), default=10.0) + 2.0
+    low = max(min((one.low_db for one in spans), default=-10.0) - 2.0, -_BEYOND_DB)
+    high = min(max((one.high_db for one in spans), default=10.0) + 2.0, _BEYOND_DB)
     step = 9.0 * len(residuals) + 12.0
-    left, top, width = 170.0, 44.0, 560.0
+    left, top, width = 170.0, 44.0, 680.0
     height = top + step * len(rows) + 40.0
     scale = width / (high - low)
     colours = dict(zip(residuals, OKABE_ITO, strict=False))
@@ -98,16 +101,21 @@ def draw_residuals(residuals: Mapping[str, Mapping[tuple[str, bool], Residual]])
             if one is None:
                 continue
             level = y + 9.0 * turn + 3.0
-            a, b = left + (one.low_db - low) * scale, left + (one.high_db - low) * scale
+            a, middle, b = (
+                left + (min(max(value, low), high) - low) * scale for value in (one.low_db, one.median_db, one.high_db)
+            )
             look: svg.Attributes = {"stroke": colours[model], "stroke-width": 3.0, "stroke-opacity": ".75"}
             said = f"{model}: {one.median_db:+.1f} dB, {one.low_db:+.1f} to {one.high_db:+.1f}, {one.pairs} pairs"
             body.append(svg.element("path", {"d": f"M{a:.1f} {level:.1f}H{b:.1f}", **look}, svg.title(said)))
-            middle = left + (one.median_db - low) * scale
+            if one.median_db > high:
+                arrow = f"M{b - 7:.1f} {level - 4:.1f}L{b:.1f} {level:.1f}L{b - 7:.1f} {level + 4:.1f}Z"
+                body.append(svg.element("path", {"d": arrow, "fill": colours[model]}, svg.title(said)))
+                continue
             body.append(svg.element("circle", {"cx": middle, "cy": level, "r": 3.4, "fill": colours[model]}))
-    x = left
+    x = 20.0
     for model, colour in colours.items():
         body.append(svg.element("circle", {"cx": x + 4, "cy": 16.0, "r": 4, "fill": colour}))
         body.append(svg.label(x + 12, 20.0, model, "start"))
-        x += 26 + 6.6 * len(model)
+        x += 26 + 6.2 * len(model)
     body.append(svg.label(left + width / 2, height - 4, "loss minus skyrange's, dB", extra={"opacity": ".7"}))
     return svg.document(left + width + 20.0, height, "Path losses of the engines' own models", body)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -167,8 +167,12 @@ def write_results(comparison: Comparison, folder: Path) -> None:
 
 def write_figures(comparison: Comparison, folder: Path) -> None:
     """Write the figures as SVG."""
-    titles = [EngineSetup(engine).title for engine in comparison.engines]
-    draw_shares(comparison, BUILTIN.title, titles).save(folder / SHARES_SVG)
+    panels: dict[str, Sequence[float]] = {}
+    for engine in comparison.engines:
+        title = EngineSetup(engine).title
+        panels[f"{title}, defaults"] = comparison.shares[title]
+        panels[f"{title}, defaults or nearest swap"] = comparison.nearest(engine)
+    draw_shares(comparison, BUILTIN.title, panels).save(folder / SHARES_SVG)
     if comparison.losses is not None and comparison.losses.other_db:
         found = {title: residuals(comparison.losses, title) for title in comparison.losses.other_db}
         draw_residuals(found).save(folder / LOSSES_SVG)
