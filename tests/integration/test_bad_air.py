@@ -88,14 +88,14 @@ def without_radio() -> tuple[str, list[str]]:
 
 
 def unknown() -> tuple[str, list[str]]:
-    radio = '[radio]\nengine = "ns3"\nband = "5ghz"\naboard = "radar"\n' + receiver(
+    radio = '[radio]\nengine = "gnuradio"\nband = "5ghz"\naboard = "radar"\n' + receiver(
         "mast", "green", "[0, 0, 3]", 'kind = "snifer"\nantenna = "yagi"'
     )
     attacks = [attack("a", "remote_id.spof", ""), attack("b", "remote_id.jam", "transmitter_m = [0, 0, 2], band = 5")]
     text = fleet(radio, 'remote_id = { transports = ["wifi_5ghz"], profile = "eu" }', 'avoidance = "orka"')
     return text + "".join(attacks), [
         "radio.band",
-        "radio.engine: ns3 — expected a radio medium",
+        "radio.engine: gnuradio — expected a radio medium",
         "radio.aboard: 'radar'",
         "radio.receivers.mast.kind: 'snifer'",
         "radio.receivers.mast.antenna: 'yagi'",

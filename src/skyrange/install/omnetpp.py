@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import MIB, read_input
 from skyrange.install.compile_engine import CompiledEngine, compile_engine
 from skyrange.radio.external.engine_sources import source_files
 
@@ -149,6 +150,6 @@ def _check_release(option: str, where: str, title: str, release: str, oldest: tu
 def _read(path: Path) -> str:
     """The text of a file, "" if it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        return read_input(path, WHO, str(path), max_bytes=MIB).decode("utf-8", "replace")
+    except InputError:
         return ""

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.input_files import expand_user
 
 _PACKAGE: Final = Path(__file__).resolve().parents[2]
 _SUFFIXES: Final = (".h", ".cc", ".ned", ".ini", ".msg")
@@ -55,7 +56,7 @@ def find_engine(name: str, title: str, variable: str, install: str) -> Path:
     hint = f"Compile it: {install}"
     named = os.environ.get(variable)
     if named:
-        path = Path(named).expanduser()
+        path = expand_user(named)
         if not os.access(path, os.X_OK) or path.is_dir():
             raise InputError.one(variable, "path", named, "an executable file", hint)
         return path

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MIB, read_input
 from skyrange.radio.propagation.loss_table import LossGrid
 from skyrange.radio.propagation.loss_table_file import GridHeader, LossTableFile, LossTableHeader, write_loss_table
 from skyrange.study.radio_map.places import MapLayout, is_outside, transmitter_places
@@ -94,7 +95,7 @@ def _claim(job: MapJob) -> None:
             raise InputError.one("radio map", str(job.path), value, "a file that can be written")
         job.parts.mkdir(exist_ok=True)
         file = job.parts / _JOB
-        if file.exists() and file.read_bytes() != text:
+        if file.exists() and read_input(file, "radio map", max_bytes=MIB) != text:
             hint = f"Delete that folder, choose another -o, or repeat with the settings in {file.name}."
             raise InputError.one("radio map", str(job.parts), "parts of another map", "parts of this map or none", hint)
         with atomic_write(file) as out:

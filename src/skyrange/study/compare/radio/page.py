@@ -12,6 +12,7 @@ import numpy as np
 
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MIB, read_input
 from skyrange.study.compare.radio.agreement import BUILTIN, PARTIAL, WITHIN, Comparison
 from skyrange.study.compare.radio.figures import draw_residuals, draw_shares
 from skyrange.study.compare.radio.own_losses import residuals
@@ -178,13 +179,16 @@ def write_figures(comparison: Comparison, folder: Path) -> None:
         draw_residuals(found).save(folder / LOSSES_SVG)
 
 
+def _read(page: Path) -> str:
+    try:
+        return read_input(page, "--page", max_bytes=MIB, expected="a Markdown page").decode()
+    except UnicodeDecodeError:
+        raise InputError.one("--page", str(page), "not UTF-8", "a Markdown page") from None
+
+
 def check_page(page: Path) -> None:
     """Raise `InputError` for a page without `BEGIN` and `END`, or one that cannot be read."""
-    try:
-        found = _BLOCK.search(page.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError.one("--page", str(page), str(error), "a readable Markdown page") from None
-    if found is None:
+    if _BLOCK.search(_read(page)) is None:
         raise InputError.one("--page", str(page), "a page without the marks", f"a page with {BEGIN} and {END}")
 
 
@@ -192,7 +196,7 @@ def renew_page(comparison: Comparison, page: Path) -> None:
     """Replace the tables between `BEGIN` and `END` in a page, and its figures in `../images`."""
     check_page(page)
     block = "\n".join([BEGIN, "", *tables(comparison, "../images"), END])
-    text = _BLOCK.sub(lambda _: block, page.read_text(encoding="utf-8"))
+    text = _BLOCK.sub(lambda _: block, _read(page))
     with atomic_write(page) as file:
         file.write(text.encode())
     write_figures(comparison, page.parent.parent / "images")
