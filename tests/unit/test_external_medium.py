@@ -266,6 +266,8 @@ def test_an_engine_that_greets_wrongly_is_named(end: str, words: str) -> None:
         ("done([(5, 1, 2_000_000, 0, 6, 0)], [(5, 2_000_000, -50, 3, 1, 6, 8)])", "unknown outcome"),
         ("done([(5, 1, 90_000_000, 0, 6, 0)])", "outside of the step"),
         ("done([], [(5, 2_000_000, -50, 3, 1, 6, 0)])", "a reception of frame 5"),
+        ("done([(99, 1, 2_000_000, 0, 6, 0)])", "frame 99, which is not under way"),
+        ("done([(5, 1, 2_000_000, 0, 6, 0)] * 2)", "frame 5, which has another"),
         ("done([(5, 1, 2_000_000, 0, 6, 0)], [(5, 2_000_000, float('nan'), 3, 1, 6, 0)])", "no number"),
         ("answer(M.DONE, b'\\xff' * 24)", "ends within a field"),
         ("answer(M.LOSSES, p.encode_losses(np.zeros(1)))", "LOSSES instead of DONE"),

@@ -312,7 +312,14 @@ class ExternalMedium:
                 raise DecodeError(f"a row of {name} that ends outside of the step until {until} ns")
         if not (np.isfinite(done.heard["rssi_dbm"]).all() and np.isfinite(done.heard["snir_db"]).all()):
             raise DecodeError("a signal strength that is no number")
-        started = {int(row["key"]) for row in done.sent} | self._starts.keys()
+        told = done.sent["key"].tolist()
+        strange = set(told) - self._under_way.keys()
+        if strange or len(set(told)) < len(told):
+            key = min(strange) if strange else min(key for key in told if told.count(key) > 1)
+            raise DecodeError(
+                f"a row of sent for frame {key}, which {'is not under way' if strange else 'has another'}"
+            )
+        started = set(told) | self._starts.keys()
         unknown = set(done.heard["key"].tolist()) - started
         if unknown:
             raise DecodeError(f"a reception of frame {min(unknown)}, of which it has not told that it was sent")
