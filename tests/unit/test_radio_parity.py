@@ -55,7 +55,7 @@ def test_the_nearest_swap_replaces_a_gap_and_nothing_else() -> None:
 def test_tables_name_cells_gaps_and_swaps() -> None:
     text = "\n".join(page.tables(_comparison((0.5, 0.52, math.nan), (0.5, 0.7, 0.53))))
     assert "| ns-3, defaults | 1 of 2 (50%) | 1 of 2 (50%) |" in text
-    assert "| ns-3, or one swap | 2 of 2 (100%) | 2 of 2 (100%) |" in text
+    assert "| ns-3, or a swap | 2 of 2 (100%) | 2 of 2 (100%) |" in text
     assert "| a swap | 1 of 1 |" in text
     assert "| contention | nodes 1 | 0.500 | 0.700 | a swap: 0.530 |" in text
 

@@ -54,7 +54,7 @@ def _agreement(comparison: Comparison) -> Iterator[str]:
         title = EngineSetup(engine).title
         for label, counts in (
             (f"{title}, defaults", [comparison.agreeing(name, title) for name in comparison.experiments]),
-            (f"{title}, or one swap", [comparison.explained(name, engine) for name in comparison.experiments]),
+            (f"{title}, or a swap", [comparison.explained(name, engine) for name in comparison.experiments]),
         ):
             total = sum(good for good, _ in counts), sum(count for _, count in counts)
             yield f"| {label} | " + " | ".join(_share(*pair) for pair in (*counts, total)) + " |"
