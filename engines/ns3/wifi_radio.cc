@@ -145,7 +145,7 @@ WifiRadio::WifiRadio(Air& air,
     const NetDeviceContainer devices = wifi.Install(phy, mac, node);
     m_device = DynamicCast<WifiNetDevice>(devices.Get(0));
     m_device->Initialize(); // ns-3 would do so in an event of its own, and the device is needed now
-    // 2^16 streams for each radio and channel; the address depends on the radio's name, never on its row
+    // 2^14 streams for each radio and channel; the address depends on the radio's name, never on its row
     const uint64_t address = air.hello.radios[radio].stream ^ (0x9e3779b97f4a7c15ULL * wifi_channel);
     wifi.AssignStreams(devices, int64_t((address << 15 >> 1) | (1ULL << 62)));
     m_device->GetMac()->GetTxop()->SetMinCw(kMinCw[OFDM_6M]);

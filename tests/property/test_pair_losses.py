@@ -16,7 +16,7 @@ from skyrange.core.ids import hash64
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
-from skyrange.radio.propagation.pair_losses import received_powers
+from skyrange.radio.propagation.pair_losses import append_received_powers
 
 _BOXES = [(x, y, x + 45.0, y + 40.0) for x in range(-300, 300, 70) for y in range(-300, 300, 60)]
 TOWN = obstacle_index(City([Building(str(k), 12.0 + 9.0 * (k % 5), shapely.box(*b)) for k, b in enumerate(_BOXES)],
@@ -52,11 +52,15 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
     senders = rng.permutation(n)[: max(1, n // 2)].astype(np.int64)
     powers = rng.uniform(0.0, 25.0, len(senders))
     time_ns, centre = 1_234_567_890, 2437.0
-    start, rows, dbm = received_powers(
-        params, obstacles, who, antenna, pos, vel, head, follow, senders, powers, centre, time_ns, floor_dbm
-    )
-    assert start[0] == 0
-    assert start[-1] == len(rows) == len(dbm)
+    best_dbi = float(antenna[:, 1].max()) + 2.15  # a dipole's gain at most
+    rows, dbm, start = np.empty(len(senders) * n, dtype=np.int64), np.empty(len(senders) * n), [0]
+    for sender, power in zip(senders.tolist(), powers.tolist(), strict=True):
+        start.append(
+            append_received_powers(
+                params, obstacles, who, antenna, pos, vel, head, follow, best_dbi, sender, power, centre, time_ns,
+                floor_dbm, rows, dbm, start[-1],
+            )
+        )  # fmt: skip
     for k, sender in enumerate(senders.tolist()):
         expected = []
         for i in range(n):
@@ -78,9 +82,10 @@ def test_a_sender_reaches_some_and_not_others() -> None:
     head, follow = np.empty(8, dtype=np.int64), np.empty(3, dtype=np.int64)
     index_positions(head, follow, pos)
     who = np.arange(3, dtype=np.uint64)
-    start, rows, dbm = received_powers(
-        params, OPEN, who, np.zeros((3, 2)), pos, np.zeros((3, 3)), head, follow, np.array([0]), np.array([10.0]),
-        2437.0, 0, -90.0,
+    rows, dbm = np.empty(3, dtype=np.int64), np.empty(3)
+    count = append_received_powers(
+        params, OPEN, who, np.zeros((3, 2)), pos, np.zeros((3, 3)), head, follow, 0.0, 0, 10.0, 2437.0, 0, -90.0, rows,
+        dbm, 0,
     )  # fmt: skip
-    assert (start.tolist(), rows.tolist()) == ([0, 1], [2])
+    assert rows[:count].tolist() == [2]
     assert dbm[0] == pytest.approx(10.0 - (32.4 + 20.0 * math.log10(2437.0) + 20.0 * math.log10(0.9)), abs=0.06)

@@ -51,7 +51,9 @@ def compile_engine(name: str, who: str, flags: Sequence[str], sources: Sequence[
     program = folder / "engine"
     if os.access(program, os.X_OK):
         try:
-            return CompiledEngine(program, *try_engine(who, [str(program)]), False)
+            found = try_engine(who, [str(program)])
+            program.touch()  # `find_engine` takes the one that was installed last
+            return CompiledEngine(program, *found, False)
         except ComponentError:
             program.unlink()  # the libraries that it was linked with have changed
     try:

@@ -106,9 +106,10 @@ class EngineSocket:
         try:
             return decode_forked(body)
         except DecodeError as error:
-            raise self._misspoke(error) from None
+            raise self.misspoke(error) from None
 
-    def _misspoke(self, error: DecodeError) -> ComponentError:
+    def misspoke(self, error: DecodeError) -> ComponentError:
+        """The failure of an engine that sent something that is not in the protocol."""
         return ComponentError(self.name, f"sent {error}", "See the reference page of the medium protocol")
 
     def _send(self, data: bytes, until: float, descriptor: int | None) -> None:
@@ -134,7 +135,7 @@ class EngineSocket:
             if kind == MessageType.FAILED:
                 raise ComponentError(self.name, f"failed: {decode_failed(body)}")
         except DecodeError as error:
-            raise self._misspoke(error) from None
+            raise self.misspoke(error) from None
         if answered != number:
             raise ComponentError(self.name, f"answered request {answered}; request {number} is open")
         return kind, body

@@ -76,15 +76,10 @@ class EngineStarts:
                 raise DecodeError(f"{kind.name} instead of READY")
             ready = decode_ready(body)
         except DecodeError as error:
-            raise misspoke(engine, error) from None
+            raise engine.misspoke(error) from None
         if not ready.waveforms & sum(1 << waveform for waveform in WIFI):
             raise ComponentError(self._name, "simulates neither of the Wi-Fi waveforms of this medium")
         if self._hello.own_losses and Ability.OWN_LOSSES not in ready.abilities:
             hint = 'Use losses = "city", with which skyrange computes the losses'
             raise ComponentError(self._name, "cannot compute path losses", hint)
         return ready
-
-
-def misspoke(engine: EngineSocket, error: DecodeError) -> ComponentError:
-    """The failure of an engine that sent something that is not in the protocol."""
-    return ComponentError(engine.name, f"sent {error}", "See the reference page of the medium protocol")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -55,7 +55,7 @@ from skyrange.radio.builtin.listening import find_tuned
 from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.builtin.state import radio_arrays
 from skyrange.radio.contract import MediumContext
-from skyrange.radio.external.engine_starts import WIFI, EngineStarts, misspoke
+from skyrange.radio.external.engine_starts import WIFI, EngineStarts
 from skyrange.radio.external.noise import PIECE_NS, NoiseSources, background_pieces
 from skyrange.radio.external.paths import PathFinder
 from skyrange.radio.phy.channels import centre_mhz
@@ -67,6 +67,18 @@ DEADLINE_S: Final = 60.0
 _DEFAULT_CHANNEL: Final = 6
 _KEPT_NS: Final = 10 * NS_PER_MS
 """How long the start of a frame is remembered after its end: longer than its reception takes."""
+
+
+class _Offer(NamedTuple):
+    """A frame that is to be sent."""
+
+    at: Time
+    radio: int
+    key: int
+    power_dbm: float
+    size_bytes: int
+    waveform: int
+    channel: int
 
 
 class ExternalMedium:
@@ -107,7 +119,7 @@ class ExternalMedium:
             for step in chain.turns
             if step.waveforms[0] in WIFI
         }
-        self._queue: list[tuple[Time, int, int, tuple[Any, ...]]] = []
+        self._queue: list[_Offer] = []
         self._refused: list[tuple[int, int, int, Time]] = []
         self._starts: dict[int, tuple[Time, Time]] = {}
         self._under_way: dict[int, tuple[Time, int, int]] = {}
@@ -202,7 +214,7 @@ class ExternalMedium:
                 self._refused.append((key, radio, requests.channel[row].item(), at))
                 continue
             self._channels.add(channel)
-            self._queue.append((at, radio, len(self._queue), (key, at, power, radio, size, kind, channel)))
+            self._queue.append(_Offer(at, radio, key, power, size, kind, channel))
 
     def emit(self, now: Time, sources: EmitterTable) -> None:
         """Make noise from `now` on; see `BuiltinMedium.emit`."""
@@ -218,11 +230,12 @@ class ExternalMedium:
         """
         beside = self._builtin.advance(until, radios)  # checks the arguments
         begin, self._until = self._until, until
-        due = sorted(row for row in self._queue if row[0] <= until)
-        self._queue = [row for row in self._queue if row[0] > until]
+        # frames of one radio and instant stay in the order in which they were offered
+        due = sorted((one for one in self._queue if one.at <= until), key=lambda one: (one.at, one.radio))
+        self._queue = [one for one in self._queue if one.at > until]
         answer = _NOTHING
-        for _, _, _, (key, at, _, radio, _, _, channel) in due:
-            self._under_way[key] = (at, radio, channel)
+        for one in due:
+            self._under_way[one.key] = (one.at, one.radio, one.channel)
         if not self._engines.gone:
             frames, frame_paths = self._transmissions(due, radios)
             noise, noise_paths = self._noises(begin, until, radios)
@@ -250,13 +263,11 @@ class ExternalMedium:
         self._under_way.clear()
         return OnAir(Sent(*np.array(rows, dtype=np.int64).reshape(-1, 6).T), _NOTHING.heard)
 
-    def _transmissions(
-        self, due: Sequence[tuple[Time, int, int, tuple[Any, ...]]], table: RadioTable
-    ) -> tuple[Rows, list[Rows]]:
+    def _transmissions(self, due: Sequence[_Offer], table: RadioTable) -> tuple[Rows, list[Rows]]:
         frames = np.zeros(len(due), dtype=TRANSMISSION)
         paths = []
         first = 0
-        for number, (at, radio, _, (key, _, power, _, size, kind, channel)) in enumerate(due):
+        for number, (at, radio, key, power, size, kind, channel) in enumerate(due):
             found = self._finder.find(table, radio, power, float(centre_mhz(kind, channel)), at)
             frames[number] = (key, at, power, radio, size, kind, channel, first, len(found), 0)
             paths.append(found)
@@ -291,7 +302,7 @@ class ExternalMedium:
             done = decode_done(answer)
             self._check(done, begin, until)
         except DecodeError as error:
-            raise misspoke(self._engine, error) from None
+            raise self._engine.misspoke(error) from None
         self._active = done.active
         on_air = self._interpret(done)
         if not done.active:
@@ -368,7 +379,7 @@ class ExternalMedium:
                 raise DecodeError(f"{kind.name} instead of LOSSES")
             return decode_losses(body)
         except DecodeError as error:
-            raise misspoke(self._engine, error) from None
+            raise self._engine.misspoke(error) from None
 
     def close(self) -> None:
         """End the engine; again does nothing."""

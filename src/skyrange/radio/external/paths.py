@@ -17,7 +17,7 @@ from skyrange.radio.builtin.state import Radios
 from skyrange.radio.propagation.link_budget import MediumParams, index_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import obstacle_index
-from skyrange.radio.propagation.pair_losses import append_received_powers, best_gain_dbi
+from skyrange.radio.propagation.pair_losses import append_received_powers
 from skyrange.radio.propagation.path_loss import dipole_dbi, noise_dbm
 
 if TYPE_CHECKING:
@@ -73,7 +73,6 @@ class PathFinder:
             len(table.places) > 0,
             table._replace(lookups=np.zeros_like(table.lookups)),
         )
-        self._best_dbi = float(best_gain_dbi(arrays.antenna))
         self._floor_dbm = float(noise_dbm(arrays.best_noise_db, _WIDTH_MHZ)) - BELOW_NOISE_DB
         count = len(radios)
         self._head = np.full(1 << max(2 * count - 1, 0).bit_length(), -1, dtype=np.int64)
@@ -100,7 +99,7 @@ class PathFinder:
         floor = _NO_FLOOR_DBM if self.own_losses else self._floor_dbm
         count = append_received_powers(
             self.params, self._obstacles, self._arrays.who, self._arrays.antenna, pos, table.vel_enu_mps, self._head,
-            self._follow, self._best_dbi, sender, power_dbm, centre_mhz, at, floor, self._rows, self._dbm, 0,
+            self._follow, self._arrays.best_dbi, sender, power_dbm, centre_mhz, at, floor, self._rows, self._dbm, 0,
         )  # fmt: skip
         paths = np.zeros(count, dtype=PATH)
         paths["radio"] = self._rows[:count]

@@ -1,4 +1,4 @@
-"""Received powers from a transmitter, or from many, at all radios in reach.
+"""Received powers from a transmitter at all radios in reach.
 
 For users of the propagation model other than the builtin medium. Each value is that of
 `link_budget.received_power_dbm` for the pair.
@@ -22,16 +22,6 @@ from skyrange.radio.propagation.link_budget import (
     received_power_dbm,
 )
 from skyrange.radio.propagation.obstruction import Obstacles
-from skyrange.radio.propagation.path_loss import dipole_dbi
-
-
-@compiled
-def best_gain_dbi(antenna: Floats) -> float:
-    """The highest gain of any antenna in its best direction, in dBi; at least 0. `antenna` is (n, 2): pattern, gain."""
-    best = 0.0
-    for i in range(antenna.shape[0]):
-        best = max(best, antenna[i, 1] + (dipole_dbi(0.0) if antenna[i, 0] == 1.0 else 0.0))
-    return best
 
 
 @compiled
@@ -58,8 +48,8 @@ def append_received_powers(
 
     Arrays are as in `received_power_dbm`: `who` (n,) hashes of the radios' names, `antenna` (n, 2), `pos` and `vel`
     (n, 3) in m and m/s. `head` and `follow` are the index that `link_budget.index_positions` made of `pos`, and
-    `best_dbi` is `best_gain_dbi(antenna)`. `power_dbm` goes into the sender's antenna, `centre` is in MHz, `time_ns`
-    addresses the fading. `rows` and `dbm` are written from `count` on and need room for all n radios from there.
+    `best_dbi` is the highest gain of any antenna. `power_dbm` goes into the sender's antenna, `centre` is in MHz,
+    `time_ns` addresses the fading. `rows` and `dbm` are written from `count` on and need room for all n radios there.
 
     A radio is left out if its power without shadowing and fading is below `floor_dbm`, if it is farther than the
     horizon, or if it has no position; a power with shadowing and fading may therefore be below the floor.
@@ -98,41 +88,3 @@ def append_received_powers(
             rows[count], dbm[count] = receiver, power
             count += 1
     return count
-
-
-@compiled
-def received_powers(
-    params: MediumParams,
-    obstacles: Obstacles,
-    who: NDArray[np.uint64],
-    antenna: Floats,
-    pos: Floats,
-    vel: Floats,
-    head: Ints,
-    follow: Ints,
-    senders: Ints,
-    power_dbm: Floats,
-    centre: float,
-    time_ns: int,
-    floor_dbm: float,
-) -> tuple[Ints, Ints, Floats]:
-    """The radios that each of s senders reaches: (start, rows, dbm), with those of sender k in start[k]:start[k + 1].
-
-    `senders` (s,) are rows, `power_dbm` (s,) their powers; the rest is as in `append_received_powers`.
-    """
-    n = pos.shape[0]
-    best_dbi = best_gain_dbi(antenna)
-    start = np.zeros(senders.shape[0] + 1, dtype=np.int64)
-    rows, dbm = np.empty(2 * n, dtype=np.int64), np.empty(2 * n)
-    count = 0
-    for k in range(senders.shape[0]):
-        if count + n > rows.shape[0]:
-            more_rows, more_dbm = np.empty(2 * (count + n), dtype=np.int64), np.empty(2 * (count + n))
-            more_rows[:count], more_dbm[:count] = rows[:count], dbm[:count]
-            rows, dbm = more_rows, more_dbm
-        count = append_received_powers(
-            params, obstacles, who, antenna, pos, vel, head, follow, best_dbi, senders[k], power_dbm[k], centre,
-            time_ns, floor_dbm, rows, dbm, count,
-        )  # fmt: skip
-        start[k + 1] = count
-    return start, rows[:count].copy(), dbm[:count].copy()

@@ -45,12 +45,12 @@ def reach_trials(city: City, seed: int = 1) -> Iterator[Trial]:
     candidates = draw_all(city, 500, rng)
     walls = obstacle_index(city.walls())
     surroundings = RadioEnvironment(horizon_m=3_000.0, chance=False)
+    radios = [RadioSpec(f"{row:04d}") for row in range(len(candidates.enu_m))]
+    finder = PathFinder(radios, radio_arrays(radios, Chance(1)), Chance(1), city, surroundings, False)
+    table = RadioTable(0, candidates.enu_m, np.zeros_like(candidates.enu_m))
     for sender in range(len(CLASSES) * REACH_SENDERS):
         kind = sender // REACH_SENDERS
         first = int(rng.choice(np.flatnonzero(candidates.kind == kind)))
-        radios = [RadioSpec(f"{row:04d}") for row in range(len(candidates.enu_m))]
-        finder = PathFinder(radios, radio_arrays(radios, Chance(1)), Chance(1), city, surroundings, False)
-        table = RadioTable(0, candidates.enu_m, np.zeros_like(candidates.enu_m))
         paths = finder.find(table, first, 15.0, _CHANNEL_MHZ, 0)
         power = 15.0 + paths["gain_db"]
         good = paths["radio"][(power > REACH_DBM[0]) & (power < REACH_DBM[1])].astype(np.int64)
