@@ -18,7 +18,7 @@ EVENTS = {
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
-    "rid-city": "67bde19c5723ab7fbf5f30c6cd21dad4",
+    "rid-city": "d5b61b4fd4f5277c9428c1d866d88760",
     "rid-spoofing": "6c114192b4d74a2b0dfe80c61702d1ba",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",

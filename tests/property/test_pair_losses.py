@@ -1,4 +1,7 @@
-"""Are the powers of all pairs those of each pair, in order, whatever the index and whoever is absent?"""
+"""Are the powers of all pairs those of each pair, in order, whatever the index and whoever is absent?
+
+Does a floor change nothing but which signals there are, and do both tracers of lines agree?
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ from skyrange.city.city import City
 from skyrange.core.ids import hash64
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
 from skyrange.radio.propagation.loss_table import NO_TABLE
-from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
+from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, trace_line
 from skyrange.radio.propagation.pair_losses import append_received_powers
 
 _BOXES = [(x, y, x + 45.0, y + 40.0) for x in range(-300, 300, 70) for y in range(-300, 300, 60)]
@@ -73,6 +76,41 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
                 expected.append((i, one))
         part = slice(start[k], start[k + 1])
         assert list(zip(rows[part].tolist(), dbm[part].tolist(), strict=True)) == expected
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    spread_m=st.sampled_from([30.0, 300.0]),
+    floor_dbm=st.floats(-120.0, -40.0),
+    randomness=st.booleans(),
+    town=st.booleans(),
+)
+def test_a_floor_only_leaves_out_what_is_below_it(
+    seed: int, spread_m: float, floor_dbm: float, randomness: bool, town: bool
+) -> None:
+    """The power with a floor is the power without one, to the bit, or no signal if that is below the floor."""
+    rng = np.random.default_rng(seed)
+    obstacles: Obstacles = TOWN if town else OPEN
+    pos = rng.uniform([-spread_m, -spread_m, 0.5], [spread_m, spread_m, 60.0], (12, 3))
+    vel, antenna = rng.normal(0.0, 8.0, (12, 3)), np.zeros((12, 2))
+    who = rng.integers(0, 2**63, 12).astype(np.uint64)
+    params = MediumParams(np.uint64(seed), 3000.0, randomness, 0.0, 0.0, False, False, NO_TABLE)
+    for i in range(1, 12):
+        some = (params, obstacles, who, antenna, pos, vel, 0, i, 15.0, 2437.0, 5_000_000)
+        power = received_power_dbm(*some, -600.0)
+        assert received_power_dbm(*some, floor_dbm) == (power if power >= floor_dbm else NO_SIGNAL)
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), height_m=st.sampled_from([2.0, 30.0, 60.0]))
+def test_sight_is_lost_where_a_traced_line_is_blocked(seed: int, height_m: float) -> None:
+    """`has_line_of_sight` against `trace_line`, with both ends anywhere, inside buildings too."""
+    rng = np.random.default_rng(seed)
+    for _ in range(20):
+        a, b = rng.uniform([-350.0, -350.0, 0.0], [350.0, 350.0, height_m], (2, 3)).tolist()
+        met = trace_line(TOWN, *a, *b, 0.123, math.inf)
+        assert has_line_of_sight(TOWN, *a, *b) == (met.blocking == 0)
 
 
 def test_a_sender_reaches_some_and_not_others() -> None:

@@ -192,7 +192,10 @@ def test_fading_has_rices_power(hidden: bool):
     """Mean 1, variance (2K + 1)/(K + 1)² (Rice; Rayleigh has K = 0): 3 % of 40,000 bins."""
     pair = np.uint64(fading.pair_of(np.uint64(1), np.uint64(2)))
     power = np.array(
-        [10.0 ** (0.1 * fading.fade_db(SEED, pair, k * 4096, 4096, 2437.0, hidden)) for k in range(40_000)]
+        [
+            10.0 ** (0.1 * fading.fade_db(fading.fade_draws(SEED, pair, k * 4096, 4096, 2437.0), hidden))
+            for k in range(40_000)
+        ]
     )
     ratio = 0.0 if hidden else fading.RICIAN_K
     assert power.mean() == pytest.approx(1.0, rel=0.03)
@@ -205,6 +208,6 @@ def test_fading_holds_for_the_coherence_time():
     pair = np.uint64(fading.pair_of(np.uint64(1), np.uint64(2)))
     assert pair == fading.pair_of(np.uint64(2), np.uint64(1))
     width = 1 << 22
-    first = fading.fade_db(SEED, pair, 5 * width, width, 2437.0, True)
-    assert fading.fade_db(SEED, pair, 6 * width - 1, width, 2437.0, True) == first
-    assert fading.fade_db(SEED, pair, 6 * width, width, 2437.0, True) != first
+    first = fading.fade_db(fading.fade_draws(SEED, pair, 5 * width, width, 2437.0), True)
+    assert fading.fade_db(fading.fade_draws(SEED, pair, 6 * width - 1, width, 2437.0), True) == first
+    assert fading.fade_db(fading.fade_draws(SEED, pair, 6 * width, width, 2437.0), True) != first

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.medium import (
-    ANY_CHANNEL,
     EmitterTable,
     Floats,
     Heard,
@@ -30,15 +29,15 @@ from skyrange.core.compiled import compiled
 from skyrange.core.time import NEVER, Time
 from skyrange.radio.builtin import channel_access
 from skyrange.radio.builtin import state as medium_state
-from skyrange.radio.builtin.backoff import CW_MIN, MAX_WAIT_NS
 from skyrange.radio.builtin.channel_access import next_access, try_access
 from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
+from skyrange.radio.builtin.queueing import ADVERTISED, REFUSED, queue_frames
 from skyrange.radio.builtin.reception_decision import decide_receptions, next_completion
 from skyrange.radio.builtin.state import MediumState, Radios
 from skyrange.radio.builtin.transmission import free_slot, start_transmission
 from skyrange.radio.builtin.validation import check_radios
 from skyrange.radio.phy.channels import ADVERTISING_CHANNELS, DATA_CHANNELS
-from skyrange.radio.phy.waveforms import MAX_BYTES, MIN_BYTES, airtime_ns
+from skyrange.radio.phy.waveforms import airtime_ns
 from skyrange.radio.propagation.link_budget import MediumParams, index_positions
 from skyrange.radio.propagation.loss_table import NO_TABLE, LossTable
 from skyrange.radio.propagation.obstruction import Obstacles, obstacle_index
@@ -176,61 +175,24 @@ class BuiltinMedium(MediumBase):
             raise ValueError(f"a radio in row {int(radio.min())} or {int(radio.max())} of {len(self.radios)}")
         if self._until is not None and at.min() <= self._until:
             raise ValueError(f"a frame offered at {int(at.min())} ns, when {self._until} ns had passed")
-        known = (kind >= 0) & (kind < len(Waveform))
-        kind = np.where(known, kind, 0)
-        wifi = kind < 2
-        power = np.where(
-            np.isnan(requests.power_dbm), self._radios.tx_power_dbm[radio, np.where(wifi, 0, 1)], requests.power_dbm
-        )
-        channel = np.where(wifi & (requests.channel == ANY_CHANNEL), 6, requests.channel)
-        good = known & (requests.size_bytes >= MIN_BYTES[kind]) & (requests.size_bytes <= MAX_BYTES[kind])
-        good &= np.isfinite(power) & (power <= 60.0) & (requests.key >= 0)
-        good &= ~wifi | ((channel >= 1) & (channel <= 13))
-        for row in np.flatnonzero(~good).tolist():
-            self._refused.append((int(requests.key[row]), int(radio[row]), int(requests.channel[row]), int(at[row])))
-        rows = np.flatnonzero(good)
-        order = rows[np.lexsort((rows, at[rows], radio[rows]))]
-        nth = _rank(radio[order], at[order])
-        draws = self._chance.uniforms("radio.access", self._radios.who[radio[order]], at[order], nth.view(np.uint64))
-        count = len(order)
+        rows = np.arange(count)
+        order = rows if count == 1 else np.lexsort((rows, at, radio))
         self._state = medium_state.grow(self._state, waiting=int(self._state.counts[0]) + 4 * count)
-        on_wifi = wifi[order]
-        chosen, times = order[on_wifi], at[order[on_wifi]]
-        slots, next_slots = (draws[on_wifi, :2].T * (CW_MIN[kind[chosen]] + 1)).astype(np.int64)
-        rows_of = (
-            requests.key[chosen],
-            radio[chosen],
-            kind[chosen],
-            channel[chosen],
-            medium_state.STANDALONE,
-            nth[on_wifi],
-            requests.size_bytes[chosen],
-            times,
-            times,
-            medium_state.QUEUED,
-            times,
-            -1,
-            slots,
-            next_slots,
-            times + MAX_WAIT_NS,
-        )
-        begin, end = int(self._state.counts[0]), int(self._state.counts[0]) + len(chosen)
-        for place, column in enumerate(rows_of):
-            self._state.wait[place, begin:end] = column
-        self._state.wait_dbm[begin:end] = power[chosen]
-        self._state.counts[0] = end
-        for k in np.flatnonzero(~on_wifi).tolist():
-            row = int(order[k])
+        fate, nth, power = np.empty(count, dtype=np.int8), np.empty(count, dtype=np.int64), np.empty(count)
+        others = queue_frames(
+            self._radios, self._state, self._params.seed, order, requests.key, radio, at, kind, requests.channel,
+            requests.size_bytes, requests.power_dbm, fate, nth, power,
+        )  # fmt: skip
+        if not others:
+            return
+        for row in np.flatnonzero(fate == REFUSED).tolist():
+            self._refused.append((int(requests.key[row]), int(radio[row]), int(requests.channel[row]), int(at[row])))
+        for row in order[fate[order] == ADVERTISED].tolist():
+            draw = self._chance.uniform4("radio.access", int(self._radios.who[radio[row]]), int(at[row]), int(nth[row]))
             self._advertise(
-                int(requests.key[row]),
-                int(radio[row]),
-                int(kind[row]),
-                int(at[row]),
-                int(requests.size_bytes[row]),
-                float(power[row]),
-                int(nth[k]),
-                draws[k].tolist(),
-            )
+                int(requests.key[row]), int(radio[row]), int(kind[row]), int(at[row]), int(requests.size_bytes[row]),
+                float(power[row]), int(nth[row]), draw,
+            )  # fmt: skip
 
     def _advertise(
         self, key: int, radio: int, kind: int, at: Time, size: int, dbm: float, nth: int, draw: Sequence[float]
@@ -326,14 +288,6 @@ class BuiltinMedium(MediumBase):
             told = np.concatenate((np.array(refused, dtype=np.int64).T, told), axis=1)
             self._refused = []
         return OnAir(Sent(*told), Heard(rows[0], rows[1], rows[2], rows[3], levels[0], levels[1], rows[4]))
-
-
-def _rank(radio: Ints, at: Ints) -> Ints:
-    """Of sorted rows: how many of the same radio and instant precede each."""
-    places = np.arange(len(radio))
-    new = np.ones(len(radio), dtype=bool)
-    new[1:] = (radio[1:] != radio[:-1]) | (at[1:] != at[:-1])
-    return places - np.maximum.accumulate(np.where(new, places, 0))
 
 
 def fixed_positions(radios: Sequence[RadioSpec], from_ns: Time = 0) -> RadioTable:

@@ -52,26 +52,22 @@ from skyrange.radio.phy.channels import centre_mhz, filter_overlap
 from skyrange.radio.phy.waveforms import LOCK_SNIR_DB, MIN_SNIR_DB, WIDTH_MHZ, airtime_ns, is_wifi
 from skyrange.radio.propagation.link_budget import (
     BUCKET_SIDE_M,
+    MAX_RANDOM_GAIN_DB,
+    NO_SIGNAL,
     MediumParams,
     bucket_of,
     max_range_m,
     median_power_dbm,
-    random_gain_db,
+    path_power_dbm,
     tabled_loss_db,
 )
-from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, stop_threshold, trace_line, traced_loss_db
-from skyrange.radio.propagation.path_loss import (
-    CLEAR_NU,
-    MIN_DISTANCE_M,
-    ground_excess_db,
-    knife_edge_db,
-    noise_dbm,
-    wavelength_m,
-)
+from skyrange.radio.propagation.obstruction import Obstacles
+from skyrange.radio.propagation.path_loss import ground_excess_db, noise_dbm, wavelength_m
+from skyrange.radio.propagation.street_canyon import in_street_canyon
 
 CAPTURE_DB: Final = 10.0
-FOLLOWED_DB: Final = 3.0
-"""A signal is tracked down to this far below the receiver's minimum, so that fading may still lift it."""
+INTERFERING_DB: Final = 3.0
+"""A signal is tracked down to this far below the least that can be decoded, because it interferes with others."""
 _WEAK: Final = int(ReceptionOutcome.WEAK)
 _ELSEWHERE: Final = int(ReceptionOutcome.ELSEWHERE)
 
@@ -105,15 +101,15 @@ def _find_receivers(
     centre, width = centre_mhz(kind, channel), WIDTH_MHZ[kind]
     wifi = is_wifi(kind)
     band = WIFI if wifi else BLUETOOTH
-    least, finds = MIN_SNIR_DB[kind] - FOLLOWED_DB, LOCK_SNIR_DB[kind]
+    least, finds = MIN_SNIR_DB[kind] - INTERFERING_DB, LOCK_SNIR_DB[kind]
     felt = min(finds, 0.0) if wifi else 0.0
     sync_ns = CCA_TIME_NS[kind] if wifi else 0
-    floor = noise_dbm(radios.best_noise_db, width) + min(least, 0.0) - params.table.best_gain_db
-    farthest = max_range_m(radios.best_dbi, power, floor, centre)
-    reach = min(farthest, params.horizon_m)
+    floor = noise_dbm(radios.best_noise_db, width) + min(least, 0.0) - params.table.best_gain_db - MAX_RANDOM_GAIN_DB
+    reach = min(max_range_m(radios.best_dbi, power, floor, centre), params.horizon_m)
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     vx, vy, vz = vel[sender, 0], vel[sender, 1], vel[sender, 2]
     pattern, gain, wavelength = antenna[sender, 0], antenna[sender, 1], wavelength_m(centre)
+    in_street = int(in_street_canyon(obstacles, x, y, z))
     mask = head.shape[0] - 1
     count = 0
     column0, column1 = math.floor((x - reach) / BUCKET_SIDE_M), math.floor((x + reach) / BUCKET_SIDE_M)
@@ -158,33 +154,22 @@ def _find_receivers(
                 floor = noise[i, kind] + (least if hears else felt)
                 bx, by, bz = pos[i, 0], pos[i, 1], pos[i, 2]
                 distance = math.sqrt(ex * ex + ey * ey + ez * ez)
-                dbm = median_power_dbm(power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1])
-                margin = dbm - floor
-                loss, covered = BLOCKED, False
+                median = median_power_dbm(
+                    power, distance, z, bz, wavelength, pattern, gain, antenna[i, 0], antenna[i, 1]
+                )
+                tabled = math.nan
                 if params.tabled:
-                    given = tabled_loss_db(params.table, x, y, z, bx, by, bz, distance, wavelength)
-                    covered = given == given
-                    loss = given if covered else BLOCKED
-                excess = ground_excess_db(distance, z, bz, wavelength)  # a street may take it off again
-                if margin + excess >= 0.0 and not covered:
-                    stop = stop_threshold(farthest / max(distance, MIN_DISTANCE_M), x, y, bx, by, wavelength)
-                    met = trace_line(obstacles, x, y, z, bx, by, bz, wavelength, stop)
-                    loss = 0.0
-                    if met.blocking > 0 or excess > 0.0:
-                        loss = traced_loss_db(obstacles, met, x, y, z, bx, by, bz, wavelength, margin)
-                    elif met.grazing_nu > CLEAR_NU:
-                        loss = knife_edge_db(met.grazing_nu)
-                if loss > margin:
+                    tabled = tabled_loss_db(params.table, x, y, z, bx, by, bz, distance, wavelength)
+                ux, uy, uz = vel[i, 0] - vx, vel[i, 1] - vy, vel[i, 2] - vz
+                dbm = path_power_dbm(
+                    obstacles, params.seed, params.randomness, who[sender], who[i], x, y, z, bx, by, bz,
+                    math.sqrt(ux * ux + uy * uy + uz * uz), wavelength, centre, start, median, tabled,
+                    ground_excess_db(distance, z, bz, wavelength), floor, in_street,
+                )  # fmt: skip
+                if dbm == NO_SIGNAL:
                     if hears:
                         losses[i, _WEAK] += 1
                     continue
-                dbm -= loss
-                if params.randomness:
-                    ux, uy, uz = vel[i, 0] - vx, vel[i, 1] - vy, vel[i, 2] - vz
-                    speed = math.sqrt(ux * ux + uy * uy + uz * uz)
-                    dbm += random_gain_db(
-                        params.seed, who[sender], who[i], x, y, z, bx, by, bz, speed, wavelength, centre, start, loss
-                    )
                 flag = 0
                 finding = dbm - noise[i, kind] >= finds and sending_until[i, band] <= start
                 detected = finding

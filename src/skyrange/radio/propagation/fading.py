@@ -80,21 +80,25 @@ def cell_side_m(hidden: bool) -> float:
 def coherence_ns(speed_mps: float, wavelength: float) -> int:
     """Length of a fading bin in nanoseconds."""
     exact = 0.423 * wavelength / max(speed_mps, MIN_SPEED_MPS) * 1e9
-    return 1 << math.floor(math.log2(exact))
+    _, exponent = math.frexp(exact)
+    return 1 << (exponent - 1)
 
 
 @compiled
-def fade_db(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, centre_mhz: float, hidden: bool) -> float:
-    """Fading of a pair at a time on a frequency, in dB; its mean power is 1."""
+def fade_draws(seed: np.uint64, pair: np.uint64, time_ns: int, bin_ns: int, centre_mhz: float) -> tuple[float, float]:
+    """Two random numbers of a pair at a time on a frequency: an exponential one of mean 1 and a uniform one."""
     when = np.uint64((time_ns // bin_ns) * bin_ns)
     u, v, _, _ = uniform4(seed, _FADE, np.uint64(pair), when, np.uint64(centre_mhz))
-    radius2 = -2.0 * math.log(1.0 - u)
-    if hidden:
-        power = 0.5 * radius2
-    else:
-        spread = math.sqrt(0.5 / (RICIAN_K + 1.0))
-        radius = math.sqrt(radius2)
-        x = math.sqrt(RICIAN_K / (RICIAN_K + 1.0)) + spread * radius * math.cos(2.0 * math.pi * v)
-        y = spread * radius * math.sin(2.0 * math.pi * v)
+    return -math.log(1.0 - u), v
+
+
+@compiled
+def fade_db(draws: tuple[float, float], hidden: bool) -> float:
+    """Fading in dB from its `fade_draws`; its mean power is 1."""
+    power, turn = draws
+    if not hidden:
+        radius = math.sqrt(power / (RICIAN_K + 1.0))
+        x = math.sqrt(RICIAN_K / (RICIAN_K + 1.0)) + radius * math.cos(2.0 * math.pi * turn)
+        y = radius * math.sin(2.0 * math.pi * turn)
         power = x * x + y * y
     return 10.0 * math.log10(max(power, 1e-9))

@@ -10,14 +10,32 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.medium import Floats, Ints
 from skyrange.core.compiled import compiled
-from skyrange.radio.propagation.fading import cell_of, cell_side_m, coherence_ns, fade_db, pair_of, shadow_db
+from skyrange.radio.propagation.fading import (
+    cell_of,
+    cell_side_m,
+    coherence_ns,
+    fade_db,
+    fade_draws,
+    pair_of,
+    shadow_db,
+)
 from skyrange.radio.propagation.loss_table import LossTable, table_loss_db
-from skyrange.radio.propagation.obstruction import BLOCKED, Obstacles, obstruction_db
-from skyrange.radio.propagation.path_loss import dipole_dbi, ground_excess_db, open_ground_db, wavelength_m
+from skyrange.radio.propagation.obstruction import Obstacles, stop_threshold, trace_line, traced_loss_db
+from skyrange.radio.propagation.path_loss import (
+    CLEAR_NU,
+    dipole_dbi,
+    ground_excess_db,
+    knife_edge_db,
+    open_ground_db,
+    wavelength_m,
+)
+from skyrange.radio.propagation.street_canyon import UNKNOWN
 
 NO_SIGNAL: Final = -math.inf
 NLOS_LOSS_DB: Final = 6.0
 """A path counts as without line of sight from this loss on: an edge exactly on the line costs 6 dB."""
+MAX_RANDOM_GAIN_DB: Final = 30.0
+"""Shadowing and fading together add at most this. Without line of sight they exceed it once in 6,000 draws."""
 BUCKET_SIDE_M: Final = 400.0
 
 
@@ -58,27 +76,77 @@ def median_power_dbm(
     """
     sine = (bz - az) / distance if distance > 0.0 else 0.0
     mean = power_dbm + gain_a + gain_b - open_ground_db(distance, az, bz, wavelength)
-    if pattern_a == 1.0:
-        mean += dipole_dbi(sine)
-    if pattern_b == 1.0:
-        mean += dipole_dbi(-sine)
+    if pattern_a == 1.0 or pattern_b == 1.0:
+        mean += (pattern_a + pattern_b) * dipole_dbi(sine)  # the same upwards and downwards
     return mean
 
 
 @compiled
 def random_gain_db(
     seed: np.uint64, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float, az: float, bx: float, by: float,
-    bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int, loss_db: float,
+    bz: float, fade: tuple[float, float], hidden: bool,
 ) -> float:  # fmt: skip
-    """What shadowing and fading add for two radios at two positions, in dB."""
-    hidden = loss_db >= NLOS_LOSS_DB
-    pair = pair_of(who_a, who_b)
+    """What shadowing and fading add for two radios at two positions, in dB, at most `MAX_RANDOM_GAIN_DB`.
+
+    `fade` are the pair's `fade_draws`; `hidden`: without line of sight, that is, with a loss of at least
+    `NLOS_LOSS_DB`.
+    """
     side = cell_side_m(hidden)
     near, far = cell_of(ax, ay, az, side), cell_of(bx, by, bz, side)
     if who_b < who_a:
         near, far = far, near
-    shadow = shadow_db(seed, pair, near, far, max(min(az, bz), 0.0), hidden)
-    return shadow + fade_db(seed, pair, time_ns, coherence_ns(speed_mps, wavelength), centre, hidden)
+    shadow = shadow_db(seed, pair_of(who_a, who_b), near, far, max(min(az, bz), 0.0), hidden)
+    return min(shadow + fade_db(fade, hidden), MAX_RANDOM_GAIN_DB)
+
+
+@compiled
+def path_power_dbm(
+    obstacles: Obstacles, seed: np.uint64, randomness: bool, who_a: np.uint64, who_b: np.uint64, ax: float, ay: float,
+    az: float, bx: float, by: float, bz: float, speed_mps: float, wavelength: float, centre: float, time_ns: int,
+    median_dbm: float, tabled_db: float, guiding_db: float, floor_dbm: float, street_a: int,
+) -> float:  # fmt: skip
+    """Power that shadowing, fading and buildings make of a median over open ground; `NO_SIGNAL` if below `floor_dbm`.
+
+    `tabled_db` is a loss that replaces that of buildings, or NaN; `guiding_db` is the most that a street may add.
+    Shadowing and fading are drawn first, because that is faster than tracing the line, which is then traced only as far
+    as it matters. `speed_mps` is that of one end against the other, `street_a` as in
+    `street_excess_by_place_db`.
+    """
+    covered = tabled_db == tabled_db
+    power = median_dbm - tabled_db if covered else median_dbm + guiding_db
+    if power + (MAX_RANDOM_GAIN_DB if randomness else 0.0) < floor_dbm:
+        return NO_SIGNAL
+    hidden = clear = median_dbm
+    fade = (0.0, 0.0)
+    if randomness:
+        fade = fade_draws(seed, pair_of(who_a, who_b), time_ns, coherence_ns(speed_mps, wavelength), centre)
+        if not tabled_db < NLOS_LOSS_DB:
+            hidden += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, True)
+    loss = tabled_db
+    margin = hidden - floor_dbm
+    drawn = not randomness
+    if not covered:
+        if margin < NLOS_LOSS_DB:  # it can only be received with line of sight
+            if randomness:
+                clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+            drawn = True
+            margin = min(clear - floor_dbm, NLOS_LOSS_DB)
+            if margin + guiding_db < 0.0:
+                return NO_SIGNAL
+        stop = stop_threshold(10.0 ** (0.05 * margin), ax, ay, bx, by, wavelength)
+        met = trace_line(obstacles, ax, ay, az, bx, by, bz, wavelength, stop)
+        loss = 0.0
+        if met.blocking > 0 or guiding_db > 0.0:
+            loss = traced_loss_db(obstacles, met, ax, ay, az, bx, by, bz, wavelength, margin, street_a)
+        elif met.grazing_nu > CLEAR_NU:
+            loss = knife_edge_db(met.grazing_nu)
+    if loss >= NLOS_LOSS_DB:
+        power = hidden - loss
+    else:
+        if not drawn:
+            clear += random_gain_db(seed, who_a, who_b, ax, ay, az, bx, by, bz, fade, False)
+        power = clear - loss
+    return power if power >= floor_dbm else NO_SIGNAL
 
 
 @compiled
@@ -96,7 +164,7 @@ def received_power_dbm(
     time_ns: int,
     floor_dbm: float,
 ) -> float:
-    """Power at the receiver's input; `NO_SIGNAL` if its median is below `floor_dbm`, or if a radio has no position."""
+    """Power at the receiver's input; `NO_SIGNAL` if it is below `floor_dbm`, or if a radio has no position."""
     ax, ay, az = pos[sender, 0], pos[sender, 1], pos[sender, 2]
     bx, by, bz = pos[receiver, 0], pos[receiver, 1], pos[receiver, 2]
     dx, dy, dz = bx - ax, by - ay, bz - az
@@ -104,32 +172,21 @@ def received_power_dbm(
     if not distance <= params.horizon_m:  # true for NaN as well
         return NO_SIGNAL
     wavelength = wavelength_m(centre)
-    mean = median_power_dbm(
+    median = median_power_dbm(
         power_dbm, distance, az, bz, wavelength, antenna[sender, 0], antenna[sender, 1], antenna[receiver, 0],
         antenna[receiver, 1],
     )  # fmt: skip
-    loss = math.nan
+    tabled = math.nan
     if params.tabled:
-        loss = tabled_loss_db(params.table, ax, ay, az, bx, by, bz, distance, wavelength)
-    if loss == loss:
-        if mean - loss < floor_dbm:
-            return NO_SIGNAL
-    else:
-        if mean + ground_excess_db(distance, az, bz, wavelength) < floor_dbm:  # a street may guide it as in free space
-            return NO_SIGNAL
-        loss = obstruction_db(obstacles, ax, ay, az, bx, by, bz, wavelength, mean - floor_dbm)
-        if loss == BLOCKED:
-            return NO_SIGNAL
-    mean -= loss
-    if params.randomness:
-        ux = vel[receiver, 0] - vel[sender, 0]
-        uy = vel[receiver, 1] - vel[sender, 1]
-        uz = vel[receiver, 2] - vel[sender, 2]
-        speed = math.sqrt(ux * ux + uy * uy + uz * uz)
-        mean += random_gain_db(
-            params.seed, who[sender], who[receiver], ax, ay, az, bx, by, bz, speed, wavelength, centre, time_ns, loss
-        )
-    return mean
+        tabled = tabled_loss_db(params.table, ax, ay, az, bx, by, bz, distance, wavelength)
+    ux = vel[receiver, 0] - vel[sender, 0]
+    uy = vel[receiver, 1] - vel[sender, 1]
+    uz = vel[receiver, 2] - vel[sender, 2]
+    return path_power_dbm(
+        obstacles, params.seed, params.randomness, who[sender], who[receiver], ax, ay, az, bx, by, bz,
+        math.sqrt(ux * ux + uy * uy + uz * uz), wavelength, centre, time_ns, median, tabled,
+        ground_excess_db(distance, az, bz, wavelength), floor_dbm, UNKNOWN,
+    )  # fmt: skip
 
 
 @compiled

@@ -25,7 +25,8 @@ class Obstacles(NamedTuple):
     tops: NDArray[np.float64]
     """(c,): the highest roof in each cell."""
     enclosure: NDArray[np.float64]
-    """(c,): a height from which on no position in the cell has higher walls on two opposite sides within 60 m."""
+    """(c, 4): a height from which on no position in the cell has higher walls on two opposite sides within 60 m, to the
+    east and west, north and south, north-east and south-west, north-west and south-east."""
     west: float
     south: float
     side: float
@@ -72,12 +73,12 @@ def _index(walls: WallIndex) -> tuple[NDArray[np.int64], NDArray[np.int32], NDAr
 
 @compiled
 def _enclosing_heights(tops: NDArray[np.float64], columns: int, rows: int) -> NDArray[np.float64]:
-    """`Obstacles.enclosure`: over the four orientations of opposite sides, the highest of the lower side's roofs.
+    """`Obstacles.enclosure`: for each orientation of opposite sides, the highest roof of the lower side.
 
     A side is what a ray from anywhere in the cell can meet: the cell itself and the next three in its direction, for a
     diagonal ray with those beside them. Cells are at least 20 m wide.
     """
-    enclosure = np.full(columns * rows, -math.inf)
+    enclosure = np.empty((columns * rows, 4))
     for cell in range(columns * rows):
         row, column = cell // columns, cell % columns
         for orientation in range(4):
@@ -101,7 +102,7 @@ def _enclosing_heights(tops: NDArray[np.float64], columns: int, rows: int) -> ND
                         if 0 <= r < rows and 0 <= c < columns:
                             highest = max(highest, tops[r * columns + c])
                 lower = min(lower, highest)
-            enclosure[cell] = max(enclosure[cell], lower)
+            enclosure[cell, orientation] = lower
     return enclosure
 
 

@@ -15,6 +15,7 @@ from skyrange.contracts.medium import Floats, Ints
 from skyrange.core.compiled import compiled
 from skyrange.radio.propagation.link_budget import (
     BUCKET_SIDE_M,
+    MAX_RANDOM_GAIN_DB,
     NO_SIGNAL,
     MediumParams,
     bucket_of,
@@ -51,10 +52,11 @@ def append_received_powers(
     `best_dbi` is the highest gain of any antenna. `power_dbm` goes into the sender's antenna, `centre` is in MHz,
     `time_ns` addresses the fading. `rows` and `dbm` are written from `count` on and need room for all n radios there.
 
-    A radio is left out if its power without shadowing and fading is below `floor_dbm`, if it is farther than the
-    horizon, or if it has no position; a power with shadowing and fading may therefore be below the floor.
+    A radio is left out if its power is below `floor_dbm`, if it is farther than the horizon, or if it has no position.
     """
     least = floor_dbm - params.table.best_gain_db  # the losses of a table may be less than those of free space
+    if params.randomness:
+        least -= MAX_RANDOM_GAIN_DB
     reach = min(max_range_m(best_dbi, power_dbm, least, centre), params.horizon_m)
     reach *= 1.0 + 1e-9  # the decision is that of `received_power_dbm`, whose roundings differ
     x, y, z = pos[sender, 0], pos[sender, 1], pos[sender, 2]

@@ -33,6 +33,7 @@ OPEN_EXPONENT: Final = 4.0
 FREE_EXPONENT: Final = 2.0
 AERIAL_HEIGHT_M: Final = 22.5
 """From this height on, TR 36.777 table B-2 has a model of aerial users of its own."""
+UNKNOWN: Final = -1
 _ALPHA: Final = 4.0
 _BETA: Final = 10.2
 _GAMMA: Final = 2.36
@@ -115,13 +116,12 @@ def in_street_canyon(obstacles: Obstacles, x: float, y: float, z: float) -> bool
     column, row = math.floor((x - obstacles.west) / obstacles.side), math.floor((y - obstacles.south) / obstacles.side)
     if not (0 <= column < obstacles.columns and 0 <= row < obstacles.rows):
         return False  # the outermost cells are empty, so nothing encloses what is outside
-    if z >= obstacles.enclosure[row * obstacles.columns + column]:
-        return False
+    cell = row * obstacles.columns + column
     return (
-        has_walls_beside(obstacles, x, y, z, 1.0, 0.0)
-        or has_walls_beside(obstacles, x, y, z, 0.0, 1.0)
-        or has_walls_beside(obstacles, x, y, z, _DIAGONAL, _DIAGONAL)
-        or has_walls_beside(obstacles, x, y, z, _DIAGONAL, -_DIAGONAL)
+        (z < obstacles.enclosure[cell, 0] and has_walls_beside(obstacles, x, y, z, 1.0, 0.0))
+        or (z < obstacles.enclosure[cell, 1] and has_walls_beside(obstacles, x, y, z, 0.0, 1.0))
+        or (z < obstacles.enclosure[cell, 2] and has_walls_beside(obstacles, x, y, z, _DIAGONAL, _DIAGONAL))
+        or (z < obstacles.enclosure[cell, 3] and has_walls_beside(obstacles, x, y, z, _DIAGONAL, -_DIAGONAL))
     )
 
 
@@ -190,11 +190,19 @@ def street_excess_db(distance_m: float, az: float, bz: float, wavelength: float)
 
 @compiled
 def street_excess_by_place_db(
-    obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float, both: float, one: float
-) -> float:
-    """Which loss of `street_excess_db` applies at two positions; infinite unless the lower antenna is in a street."""
+    obstacles: Obstacles, ax: float, ay: float, az: float, bx: float, by: float, bz: float, both: float, one: float,
+    street_a: int,
+) -> float:  # fmt: skip
+    """Which loss of `street_excess_db` applies at two positions; infinite unless the lower antenna is in a street.
+
+    `street_a` is what `in_street_canyon` says of A, or `UNKNOWN`.
+    """
     if (bz, bx, by) < (az, ax, ay):
-        ax, ay, az, bx, by, bz = bx, by, bz, ax, ay, az
-    if not in_street_canyon(obstacles, ax, ay, az):
-        return math.inf
-    return both if in_street_canyon(obstacles, bx, by, bz) else one
+        if not in_street_canyon(obstacles, bx, by, bz):
+            return math.inf
+        upper = in_street_canyon(obstacles, ax, ay, az) if street_a == UNKNOWN else street_a == 1
+    else:
+        if street_a == 0 or (street_a == UNKNOWN and not in_street_canyon(obstacles, ax, ay, az)):
+            return math.inf
+        upper = in_street_canyon(obstacles, bx, by, bz)
+    return both if upper else one
