@@ -259,6 +259,7 @@ Controller::Interface(uint32_t radio, uint16_t channel, uint16_t waveform)
     made->par("energyDetection").setDoubleValue(air.settings.energy_detection_dbm);
     made->par("sensitivity").setDoubleValue(air.settings.sensitivity_dbm);
     made->par("snirThreshold").setDoubleValue(air.settings.snir_threshold_db);
+    made->par("snirMode").setStringValue(air.settings.snir_mode);
     made->par("errorModel").setStringValue(air.settings.error_model);
     made->finalizeParameters();
     made->buildInside();

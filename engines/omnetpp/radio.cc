@@ -210,7 +210,7 @@ AddressedReceiver::computeIsReceptionSuccessful(const IListening*,
 bool
 AddressedReceiver::Decodes(const IReception* reception, const ISnir* snir) const
 {
-    if (!(snir->getMin() > snirThreshold))
+    if (!((snirThresholdMode == SnirThresholdMode::STM_MEAN ? snir->getMean() : snir->getMin()) > snirThreshold))
     {
         return false;
     }

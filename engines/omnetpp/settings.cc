@@ -69,6 +69,10 @@ ParseSettings(const std::map<std::string, std::string>& params)
         {
             settings.snir_threshold_db = ParseNumber(name, text);
         }
+        else if (name == "snir_mode")
+        {
+            settings.snir_mode = ParseChoice(name, text, {{"min", "min"}, {"mean", "mean"}});
+        }
         else if (name == "path_loss_exponent")
         {
             settings.path_loss_exponent = ParseNumber(name, text);

@@ -14,6 +14,7 @@ struct Settings
     double energy_detection_dbm = -85.0; // INET 4.5: Ieee80211Radio.receiver.energyDetection
     double sensitivity_dbm = -85.0;      // INET 4.5: Ieee80211Radio.receiver.sensitivity
     double snir_threshold_db = 4.0;      // INET 4.5: Ieee80211Radio.receiver.snirThreshold
+    std::string snir_mode = "min";       // INET 4.5: receiver.snirThresholdMode and receiver.errorModel.snirMode
     std::string error_model = "Ieee80211NistErrorModel";
     std::string path_loss = "FreeSpacePathLoss";
     double path_loss_exponent = 2.0; // INET 4.5: FreeSpacePathLoss.alpha

@@ -107,7 +107,14 @@ def _ring(count: int, radius_m: float = 25.0) -> NDArray[np.float64]:
     return np.column_stack((radius_m * np.cos(angle), radius_m * np.sin(angle), np.full(count, 40.0)))
 
 
-@pytest.mark.parametrize("params", [{}, {"sensitivity_dbm": -110.0, "snir_threshold_db": 0.0, "error_model": "yans"}])
+@pytest.mark.parametrize(
+    "params",
+    [
+        {},
+        {"sensitivity_dbm": -110.0, "snir_threshold_db": 0.0, "error_model": "yans"},
+        {"snir_mode": "mean"},
+    ],
+)
 def test_it_conforms(params: dict[str, Any]) -> None:
     check_medium(OMNETPP, params)
 

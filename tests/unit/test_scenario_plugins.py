@@ -277,7 +277,9 @@ def test_a_medium_is_made_of_what_the_scenario_says() -> None:
     assert built.header["medium"] == {"kind": "test.counted", "version": "7"}
     assert "medium" not in build(load_text(AIR + "[radio]\n")).header
     assert load_text(to_toml(scenario)) == scenario
-    assert "params" not in tomllib.loads(to_toml(load_text(AIR + "[radio]\n")))["radio"]
+    assert tomllib.loads(to_toml(load_text(AIR + "[radio]\n")))["radio"]["params"] == {
+        "frame_capture": True, "capture_margin_db": 10.0, "preamble_choice": "strongest", "eifs": True
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.medium import Medium, RadioSpec
-from skyrange.contracts.plugins import MEDIA, NoParams, Plugin
+from skyrange.contracts.plugins import MEDIA, Plugin
 from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
+from skyrange.radio.builtin.params import BuiltinParams
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -47,14 +48,16 @@ class MediumPlugin(Plugin[MediumContext, Medium]):
     group: ClassVar[str] = MEDIA
 
 
-def _make_builtin(params: NoParams, context: MediumContext) -> Medium:
+def _make_builtin(params: BuiltinParams, context: MediumContext) -> Medium:
     # slow to import, and not needed to check a scenario
     from skyrange.radio.builtin.medium import BuiltinMedium
     from skyrange.radio.propagation.loss_table import NO_TABLE
 
     table = context.loss_table if context.loss_table is not None else NO_TABLE
-    return BuiltinMedium(context.radios, context.chance, context.city, context.surroundings, context.every_pair, table)
+    return BuiltinMedium(
+        context.radios, context.chance, context.city, context.surroundings, context.every_pair, table, params
+    )
 
 
-BUILTIN = MediumPlugin(NoParams, _make_builtin, "2.4 GHz Wi-Fi and Bluetooth among buildings, frame by frame.")
+BUILTIN = MediumPlugin(BuiltinParams, _make_builtin, "2.4 GHz Wi-Fi and Bluetooth among buildings, frame by frame.")
 """The medium `builtin`. Raises `InputError` as `BuiltinMedium` does."""

@@ -31,6 +31,7 @@ from skyrange.radio.builtin import channel_access
 from skyrange.radio.builtin import state as medium_state
 from skyrange.radio.builtin.channel_access import next_access, try_access
 from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
+from skyrange.radio.builtin.params import DEFAULT_PARAMS, BuiltinParams
 from skyrange.radio.builtin.queueing import ADVERTISED, REFUSED, queue_frames
 from skyrange.radio.builtin.reception_decision import decide_receptions, next_completion
 from skyrange.radio.builtin.state import MediumState, Radios
@@ -98,6 +99,7 @@ class BuiltinMedium(MediumBase):
         surroundings: RadioEnvironment = OPEN_GROUND,
         every_pair: bool = False,
         table: LossTable = NO_TABLE,
+        params: BuiltinParams = DEFAULT_PARAMS,
     ) -> None:
         """`every_pair` also reports frames that were not decoded. Where `table` covers two positions, its losses
         replace those of open ground and buildings.
@@ -123,6 +125,9 @@ class BuiltinMedium(MediumBase):
             every_pair,
             len(table.places) > 0,
             table._replace(lookups=np.zeros_like(table.lookups)),
+            params.capture_db,
+            params.preamble_choice == "strongest",
+            params.eifs,
         )
         self._state = medium_state.empty_state(len(self.radios))
         self._emitters = np.zeros((3, 0), dtype=np.int64)

@@ -265,7 +265,8 @@ def decide_receptions(
                 outcome = _COLLIDED if draw < alone else _WEAK
         if held and band == WIFI:
             idle = max(end, state.busy_until[r, channel])
-            state.error_until[r, channel] = end if outcome == _DECODED else idle + ERROR_NS
+            error = params.eifs and outcome != _DECODED
+            state.error_until[r, channel] = idle + ERROR_NS if error else end
             state.mark[r] = 1
             received += 1
         if state.slot[ROLE, s] == ADV_EXT_IND and outcome == _DECODED:

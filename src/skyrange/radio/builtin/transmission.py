@@ -2,9 +2,9 @@
 
 A receiver searches for a preamble in the first 4 µs of an OFDM frame or 15 µs of a DSSS frame (aCCATime), and locks on
 the strongest frame that it detects in that time. Then it stays with that frame to its end, unless a later one is
-`CAPTURE_DB` stronger: message-in-message capture, which J. Lee et al., "An experimental study on the capture effect in
-802.11a networks" (WinTECH 2007), measured whenever the stronger frame begins. A weaker one is missed, even if it could
-be decoded alone.
+stronger by a margin, 10 dB by default: message-in-message capture, which J. Lee et al., "An experimental study on the
+capture effect in 802.11a networks" (WinTECH 2007), measured whenever the stronger frame begins. A weaker one is missed,
+even if it could be decoded alone. `BuiltinParams` has other rules: no capture, and the first preamble.
 """
 
 from __future__ import annotations
@@ -65,7 +65,6 @@ from skyrange.radio.propagation.obstruction import Obstacles
 from skyrange.radio.propagation.path_loss import ground_excess_db, noise_dbm, wavelength_m
 from skyrange.radio.propagation.street_canyon import in_street_canyon
 
-CAPTURE_DB: Final = 10.0
 INTERFERING_DB: Final = 3.0
 """A signal is tracked down to this far below the least that can be decoded, because it interferes with others."""
 _WEAK: Final = int(ReceptionOutcome.WEAK)
@@ -178,7 +177,8 @@ def _find_receivers(
                     if lock_until[i, band] > start:
                         stronger = dbm - lock_dbm[i, band]
                         detected = finding and (
-                            stronger >= CAPTURE_DB or (start < sync_until[i, band] and stronger > 0.0)
+                            stronger >= params.capture_db
+                            or (params.strongest_preamble and start < sync_until[i, band] and stronger > 0.0)
                         )
                         if not detected:
                             flag = TUNED | LOCKED_ELSEWHERE

@@ -40,6 +40,11 @@ class OmnetppParams(Params):
         description="Least SNIR at which a frame can be decoded, in dB; above it the error model decides "
         "(receiver.snirThreshold).",
     )
+    snir_mode: Literal["min", "mean"] = Field(
+        default="min",
+        description="Which SNIR of a frame both of them take: its least or its mean over the frame "
+        "(receiver.snirThresholdMode and receiver.errorModel.snirMode).",
+    )
     path_loss: Literal["free_space", "two_ray", "two_ray_interference"] = Field(
         default="free_space",
         description="Path loss model for losses = 'engine': FreeSpacePathLoss, INET's default, TwoRayGroundReflection, "

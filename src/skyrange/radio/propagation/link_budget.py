@@ -54,6 +54,12 @@ class MediumParams(NamedTuple):
     """Whether there is a loss table."""
     table: LossTable
     """Losses that replace those of open ground and buildings where it covers both positions."""
+    capture_db: float = math.inf
+    """Margin of frame capture; infinite without it. This and what follows is for the builtin medium alone."""
+    strongest_preamble: bool = True
+    """Whether a Wi-Fi receiver locks on the strongest of the frames that begin within aCCATime, not on the first."""
+    eifs: bool = True
+    """Whether Wi-Fi senders wait for EIFS after errors."""
 
 
 @compiled

@@ -1,9 +1,9 @@
-"""Agreement of two engines: shares of decoded frames by cell, and which swapped model closes a gap."""
+"""Agreement of two engines: shares of decoded frames by cell, and which swapped models close a gap."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from skyrange.city.city import City
 from skyrange.study.compare.radio.experiments import contention_trials, hidden_trials, reach_trials
 from skyrange.study.compare.radio.own_losses import MODELS, PAIRS, PairLosses, add_model, draw_pairs
-from skyrange.study.compare.radio.setups import SWAPS, EngineSetup
-from skyrange.study.compare.radio.trials import run_trial
+from skyrange.study.compare.radio.setups import BUILTIN, SWAPS, EngineSetup, Swap
+from skyrange.study.compare.radio.trials import Trial, run_trial
 
 Floats = NDArray[np.float64]
 
@@ -22,17 +22,19 @@ PARTIAL: Final = (0.05, 0.95)
 """A cell counts if either engine decodes a share in here: where both hear all or nothing, nothing is compared."""
 WITHIN: Final = 0.05
 """Two shares agree if they differ by at most this."""
-BUILTIN: Final = EngineSetup("builtin")
 
 
 @dataclass
 class Comparison:
     """Results of all engines: for each cell its experiment and description, and the share that each setup decodes."""
 
-    setups: list[EngineSetup]
+    engines: Sequence[str]
+    """The engines that are compared with the builtin."""
+    swaps: Mapping[str, Sequence[Swap]]
+    """By engine."""
     cells: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
     shares: dict[str, list[float]] = field(default_factory=dict)
-    """By title of a setup; NaN where it was not run, because the defaults agree there."""
+    """By title of a setup; NaN where it was not run, because all defaults agree there."""
     frames: list[int] = field(default_factory=list)
     losses: PairLosses | None = None
 
@@ -40,15 +42,6 @@ class Comparison:
     def experiments(self) -> list[str]:
         """Their names, in the order in which they were run."""
         return list(dict.fromkeys(name for name, _ in self.cells))
-
-    @property
-    def engines(self) -> list[str]:
-        """The engines that are compared with the builtin."""
-        return [setup.engine for setup in self.setups[1:] if not setup.swap]
-
-    def swaps_of(self, engine: str) -> list[EngineSetup]:
-        """The setups of an engine in which models are swapped."""
-        return [setup for setup in self.setups if setup.engine == engine and setup.swap]
 
     def select(self, experiment: str, title: str) -> NDArray[np.int64]:
         """Rows of the cells of an experiment that count for a setup: it or the builtin decodes part of the frames."""
@@ -59,9 +52,9 @@ class Comparison:
                 found.append(row)
         return np.array(found, dtype=np.int64)
 
-    def differences(self, rows: NDArray[np.int64], title: str) -> Floats:
-        """Share of a setup minus the builtin's, in these cells."""
-        shares, mine = np.array(self.shares[title]), np.array(self.shares[BUILTIN.title])
+    def differences(self, rows: NDArray[np.int64], title: str, builtin: str = BUILTIN.title) -> Floats:
+        """Share of a setup minus that of a setup of the builtin, in these cells."""
+        shares, mine = np.array(self.shares[title]), np.array(self.shares[builtin])
         return np.asarray(shares[rows] - mine[rows])
 
     def agreeing(self, experiment: str, title: str) -> tuple[int, int]:
@@ -69,10 +62,14 @@ class Comparison:
         rows = self.select(experiment, title)
         return int((np.abs(self.differences(rows, title)) <= WITHIN).sum()), len(rows)
 
-    def closed(self, experiment: str, setup: EngineSetup) -> tuple[int, int]:
-        """Of the cells in which the defaults of an engine disagree, those in which `setup` agrees, and all of them."""
-        rows = self.gaps(experiment, setup.engine)
-        return int((np.abs(self.differences(rows, setup.title)) <= WITHIN).sum()), len(rows)
+    def closes(self, rows: NDArray[np.int64], swap: Swap) -> NDArray[np.bool_]:
+        """Whether both setups of a swap agree, in these cells."""
+        return np.asarray(np.abs(self.differences(rows, swap.setup.title, swap.builtin.title)) <= WITHIN)
+
+    def closed(self, experiment: str, swap: Swap) -> tuple[int, int]:
+        """Of the cells in which the defaults of an engine disagree, those that a swap closes, and all of them."""
+        rows = self.gaps(experiment, swap.setup.engine)
+        return int(self.closes(rows, swap).sum()), len(rows)
 
     def gaps(self, experiment: str, engine: str) -> NDArray[np.int64]:
         """Rows of the cells in which the defaults of an engine disagree with the builtin."""
@@ -80,25 +77,40 @@ class Comparison:
         rows = self.select(experiment, title)
         return rows[np.abs(self.differences(rows, title)) > WITHIN]
 
-    def explained(self, experiment: str, engine: str) -> tuple[int, int]:
-        """Cells that agree with the defaults of an engine or with one of its swaps, and cells that count."""
+    def explained(self, experiment: str, engine: str, models: float = math.inf) -> tuple[int, int]:
+        """Cells that agree with the defaults of an engine or with a swap of at most `models` models, and cells that
+        count.
+        """
         rows = self.gaps(experiment, engine)
         closed = np.zeros(len(rows), dtype=bool)
-        for setup in self.swaps_of(engine):
-            closed |= np.abs(self.differences(rows, setup.title)) <= WITHIN
+        for swap in self.swaps[engine]:
+            if len(swap.models) <= models:
+                closed |= self.closes(rows, swap)
         agreeing, counting = self.agreeing(experiment, EngineSetup(engine).title)
         return agreeing + int(closed.sum()), counting
 
-    def nearest(self, engine: str) -> list[float]:
-        """Shares of an engine's defaults or, where these disagree, of that of its swaps which is nearest."""
-        found = list(self.shares[EngineSetup(engine).title])
-        mine = self.shares[BUILTIN.title]
-        for experiment in self.experiments:
-            for row in self.gaps(experiment, engine).tolist():
-                swapped = [self.shares[setup.title][row] for setup in self.swaps_of(engine)]
-                found[row] = min(
-                    [found[row], *filter(math.isfinite, swapped)], key=lambda share: abs(share - mine[row])
-                )
+    def best(self, row: int, engine: str) -> Swap | None:
+        """The swap that explains a cell best: of those that close it, one of the fewest models; else the nearest one.
+        None if none was run there.
+        """
+        found = []
+        for swap in self.swaps[engine]:
+            apart = abs(self.shares[swap.setup.title][row] - self.shares[swap.builtin.title][row])
+            if math.isfinite(apart):
+                found.append((apart > WITHIN, len(swap.models) if apart <= WITHIN else 0, apart, swap))
+        return min(found, key=lambda each: each[:3])[3] if found else None
+
+    def pairs(self, engine: str, swapped: bool) -> list[tuple[float, float]]:
+        """For each cell the shares of the builtin and of an engine, by their defaults; if `swapped`, those of `best`
+        where the defaults disagree.
+        """
+        found = list(zip(self.shares[BUILTIN.title], self.shares[EngineSetup(engine).title], strict=True))
+        if swapped:
+            for experiment in self.experiments:
+                for row in self.gaps(experiment, engine).tolist():
+                    swap = self.best(row, engine)
+                    if swap is not None:
+                        found[row] = self.shares[swap.builtin.title][row], self.shares[swap.setup.title][row]
         return found
 
 
@@ -112,29 +124,14 @@ def compare(city: City, engines: Sequence[str], *, pairs: int = PAIRS, on_step: 
     Each engine runs with its defaults and, where these disagree with the builtin, with each of its swaps.
     """
     trials = [*reach_trials(city), *contention_trials(), *hidden_trials()]
-    setups = [BUILTIN]
-    for engine in engines:
-        setups += [EngineSetup(engine), *SWAPS.get(engine, ())]
-    result = Comparison(setups)
+    result = Comparison(engines, {engine: SWAPS.get(engine, ()) for engine in engines})
     for trial in trials:
         result.cells += [(trial.experiment, cell.facts) for cell in trial.cells]
+    for setup in (BUILTIN, *(EngineSetup(engine) for engine in engines)):
+        _run(result, setup, trials, set(range(len(trials))), city, on_step)
     owner = np.repeat(np.arange(len(trials)), [len(trial.cells) for trial in trials])
-    for setup in setups:
-        chosen = set(range(len(trials)))
-        if setup.swap:
-            gaps = [result.gaps(experiment, setup.engine) for experiment in result.experiments]
-            chosen = set(owner[np.concatenate(gaps)].tolist())
-        result.shares[setup.title] = []
-        for number, trial in enumerate(trials):
-            if on_step is not None:
-                on_step(f"{setup.title}: {trial.experiment}", number, len(trials))
-            if number not in chosen:
-                result.shares[setup.title] += [math.nan] * len(trial.cells)
-                continue
-            found = run_trial(trial, setup, city)
-            result.shares[setup.title] += (found.decoded / found.offered).tolist()
-            if setup is BUILTIN:
-                result.frames += found.offered.tolist()
+    for setup, chosen in _swapped(result, owner):
+        _run(result, setup, trials, chosen, city, on_step)
     result.losses = draw_pairs(city, pairs)
     models = [model for model in MODELS if model.engine in engines]
     for number, model in enumerate(models):
@@ -142,3 +139,40 @@ def compare(city: City, engines: Sequence[str], *, pairs: int = PAIRS, on_step: 
             on_step(f"{model.title}: losses of {pairs:,} pairs", number, len(models))
         add_model(result.losses, model, city)
     return result
+
+
+def _run(
+    result: Comparison,
+    setup: EngineSetup,
+    trials: Sequence[Trial],
+    chosen: set[int],
+    city: City,
+    on_step: OnStep | None,
+) -> None:
+    """Add the shares of a setup in the cells of the `chosen` trials."""
+    shares = result.shares[setup.title] = []
+    for number, trial in enumerate(trials):
+        if on_step is not None:
+            on_step(f"{setup.title}: {trial.experiment}", number, len(trials))
+        if number not in chosen:
+            shares += [math.nan] * len(trial.cells)
+            continue
+        found = run_trial(trial, setup, city)
+        shares += (found.decoded / found.offered).tolist()
+        if setup == BUILTIN:
+            result.frames += found.offered.tolist()
+
+
+def _swapped(result: Comparison, owner: NDArray[np.int64]) -> Iterator[tuple[EngineSetup, set[int]]]:
+    """Each setup of the swaps that was not run yet, and the trials that have gaps which it may close."""
+    setups: dict[str, EngineSetup] = {}
+    trials: dict[str, set[int]] = {}
+    for engine in result.engines:
+        gaps = [result.gaps(experiment, engine) for experiment in result.experiments]
+        for swap in result.swaps[engine]:
+            for setup in (swap.setup, swap.builtin):
+                if setup.title not in result.shares:
+                    setups[setup.title] = setup
+                    trials.setdefault(setup.title, set()).update(owner[np.concatenate(gaps)].tolist())
+    for title, setup in setups.items():
+        yield setup, trials[title]

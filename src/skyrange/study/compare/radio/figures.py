@@ -19,8 +19,10 @@ _LEFT, _TOP, _GAP = 44.0, 40.0, 36.0
 _BEYOND_DB: Final = 60.0
 
 
-def draw_shares(comparison: Comparison, first: str, others: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw a panel for each of `others`, shares by title: the share decoded in each cell over that of `first`.
+def draw_shares(comparison: Comparison, first: str, others: Mapping[str, Sequence[tuple[float, float]]]) -> Figure:
+    """Draw a panel for each of `others`, by title: the share decoded in each cell over that of `first`.
+
+    Each has a pair for each cell, the share of `first` and its own.
 
     The band is the agreement that is asked for. Colours are experiments; cells that do not count are faint.
     """
@@ -28,19 +30,19 @@ def draw_shares(comparison: Comparison, first: str, others: Mapping[str, Sequenc
     height = _TOP + _SIZE + 62.0
     colours = dict(zip(comparison.experiments, OKABE_ITO, strict=False))
     body: list[Element] = []
-    mine = comparison.shares[first]
-    for panel, (other, theirs) in enumerate(others.items()):
+    for panel, (other, pairs) in enumerate(others.items()):
         x0 = _LEFT + panel * (_SIZE + _GAP)
         body += _axes(x0, first, other)
         for row, (experiment, facts) in enumerate(comparison.cells):
-            if not np.isfinite(theirs[row]):
+            mine, theirs = pairs[row]
+            if not np.isfinite(mine) or not np.isfinite(theirs):
                 continue
-            counts = any(PARTIAL[0] <= shares[row] <= PARTIAL[1] for shares in (mine, theirs))
+            counts = any(PARTIAL[0] <= share <= PARTIAL[1] for share in (mine, theirs))
             dot: svg.Attributes = {
-                "cx": x0 + mine[row] * _SIZE, "cy": _TOP + (1.0 - theirs[row]) * _SIZE, "r": 2.6,
+                "cx": x0 + mine * _SIZE, "cy": _TOP + (1.0 - theirs) * _SIZE, "r": 2.6,
                 "fill": colours[experiment], "fill-opacity": ".8" if counts else ".15",
             }  # fmt: skip
-            said = f"{experiment}: {_describe(facts)}: {mine[row]:.3f}, {theirs[row]:.3f}"
+            said = f"{experiment}: {_describe(facts)}: {mine:.3f}, {theirs:.3f}"
             body.append(svg.element("circle", dot, svg.title(said)))
     x = _LEFT
     for experiment, colour in colours.items():

@@ -13,10 +13,10 @@ import numpy as np
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MIB, read_input
-from skyrange.study.compare.radio.agreement import BUILTIN, PARTIAL, WITHIN, Comparison
+from skyrange.study.compare.radio.agreement import PARTIAL, WITHIN, Comparison
 from skyrange.study.compare.radio.figures import draw_residuals, draw_shares
 from skyrange.study.compare.radio.own_losses import residuals
-from skyrange.study.compare.radio.setups import EngineSetup
+from skyrange.study.compare.radio.setups import BUILTIN, EngineSetup
 
 BEGIN: Final = "<!-- skyrange parity radio: begin -->"
 END: Final = "<!-- skyrange parity radio: end -->"
@@ -52,10 +52,17 @@ def _agreement(comparison: Comparison) -> Iterator[str]:
     yield "|---|" + "---|" * (len(comparison.experiments) + 1)
     for engine in comparison.engines:
         title = EngineSetup(engine).title
-        for label, counts in (
-            (f"{title}, defaults", [comparison.agreeing(name, title) for name in comparison.experiments]),
-            (f"{title}, or a swap", [comparison.explained(name, engine) for name in comparison.experiments]),
-        ):
+        several = dict.fromkeys(" and ".join(swap.models) for swap in comparison.swaps[engine] if len(swap.models) > 1)
+        lines = {
+            f"{title}, defaults": [comparison.agreeing(name, title) for name in comparison.experiments],
+            f"{title}, or one model swapped": [
+                comparison.explained(name, engine, 1) for name in comparison.experiments
+            ],
+        }
+        if several:
+            label = f"{title}, or several models swapped ({'; '.join(several)})"
+            lines[label] = [comparison.explained(name, engine) for name in comparison.experiments]
+        for label, counts in lines.items():
             total = sum(good for good, _ in counts), sum(count for _, count in counts)
             yield f"| {label} | " + " | ".join(_share(*pair) for pair in (*counts, total)) + " |"
     yield ""
@@ -63,16 +70,17 @@ def _agreement(comparison: Comparison) -> Iterator[str]:
 
 def _swaps(comparison: Comparison) -> Iterator[str]:
     for engine in comparison.engines:
-        swaps = comparison.swaps_of(engine)
+        swaps = comparison.swaps[engine]
         if not swaps:
             continue
-        yield f"Gaps of {EngineSetup(engine).title}'s defaults that are closed by swapping a model:"
+        yield f"Gaps of {EngineSetup(engine).title}'s defaults that are closed by swapping models:"
         yield ""
-        yield "| swap | " + " | ".join(comparison.experiments) + " |"
-        yield "|---|" + "---|" * len(comparison.experiments)
-        for setup in swaps:
-            counts = [comparison.closed(name, setup) for name in comparison.experiments]
-            yield f"| {setup.swap} | " + " | ".join(f"{good} of {gaps}" for good, gaps in counts) + " |"
+        yield "| swapped | how | " + " | ".join(comparison.experiments) + " |"
+        yield "|---|---|" + "---|" * len(comparison.experiments)
+        for swap in swaps:
+            counts = [comparison.closed(name, swap) for name in comparison.experiments]
+            cells = " | ".join(f"{good} of {gaps}" for good, gaps in counts)
+            yield f"| {', '.join(swap.models)} | {swap.text} | {cells} |"
         yield ""
 
 
@@ -80,23 +88,29 @@ def _worst(comparison: Comparison) -> Iterator[str]:
     """The largest differences, with the best swap of each."""
     for engine in comparison.engines:
         title = EngineSetup(engine).title
-        swaps = comparison.swaps_of(engine)
         yield f"Largest differences between {title} and the builtin:"
         yield ""
-        yield f"| experiment | cell | builtin | {title} | nearest swap |"
+        yield f"| experiment | cell | builtin | {title} | best swap |"
         yield "|---|---|---|---|---|"
         for experiment in comparison.experiments:
             rows = comparison.select(experiment, title)
             order = np.argsort(-np.abs(comparison.differences(rows, title)), kind="stable")
             for row in rows[order][:_WORST].tolist():
                 mine = comparison.shares[BUILTIN.title][row]
-                found = [(abs(comparison.shares[swap.title][row] - mine), swap) for swap in swaps]
-                found = [pair for pair in found if np.isfinite(pair[0])]
-                best = min(found, key=lambda pair: pair[0])[1] if found else None
-                nearest = f"{best.swap}: {comparison.shares[best.title][row]:.3f}" if best else ""
                 facts = ", ".join(f"{name} {value}" for name, value in comparison.cells[row][1].items())
-                yield f"| {experiment} | {facts} | {mine:.3f} | {comparison.shares[title][row]:.3f} | {nearest} |"
+                theirs = comparison.shares[title][row]
+                swap = _best(comparison, engine, row)
+                yield f"| {experiment} | {facts} | {mine:.3f} | {theirs:.3f} | {swap} |"
         yield ""
+
+
+def _best(comparison: Comparison, engine: str, row: int) -> str:
+    """The best swap of a cell and the share of the engine with it, or both shares if the builtin differs too."""
+    swap = comparison.best(row, engine)
+    if swap is None:
+        return ""
+    said = f"{swap.text}: {comparison.shares[swap.setup.title][row]:.3f}"
+    return f"{said}, builtin {comparison.shares[swap.builtin.title][row]:.3f}" if swap.builtin.changes else said
 
 
 def _losses(comparison: Comparison) -> Iterator[str]:
@@ -134,8 +148,12 @@ def results(comparison: Comparison) -> dict[str, Any]:
         EngineSetup(engine).title: {
             name: dict(
                 zip(
-                    ("agree", "count", "agree_or_swap"),
-                    (*comparison.agreeing(name, EngineSetup(engine).title), comparison.explained(name, engine)[0]),
+                    ("agree", "count", "or_one_model_swapped", "or_several_models_swapped"),
+                    (
+                        *comparison.agreeing(name, EngineSetup(engine).title),
+                        comparison.explained(name, engine, 1)[0],
+                        comparison.explained(name, engine)[0],
+                    ),
                     strict=True,
                 )
             )
@@ -143,6 +161,16 @@ def results(comparison: Comparison) -> dict[str, Any]:
         }
         for engine in comparison.engines
     }
+    swaps = {
+        EngineSetup(engine).title: [
+            {
+                "models": list(swap.models), "how": swap.text,
+                "closed": {name: comparison.closed(name, swap)[0] for name in comparison.experiments},
+            }
+            for swap in comparison.swaps[engine]
+        ]
+        for engine in comparison.engines
+    }  # fmt: skip
     losses = {}
     if comparison.losses is not None:
         losses = {
@@ -152,7 +180,7 @@ def results(comparison: Comparison) -> dict[str, Any]:
             ]
             for title in comparison.losses.other_db
         }
-    return {"agreement": agreement, "cells": cells, "losses": losses}
+    return {"agreement": agreement, "swaps": swaps, "cells": cells, "losses": losses}
 
 
 def write_results(comparison: Comparison, folder: Path) -> None:
@@ -168,11 +196,11 @@ def write_results(comparison: Comparison, folder: Path) -> None:
 
 def write_figures(comparison: Comparison, folder: Path) -> None:
     """Write the figures as SVG."""
-    panels: dict[str, Sequence[float]] = {}
+    panels: dict[str, Sequence[tuple[float, float]]] = {}
     for engine in comparison.engines:
         title = EngineSetup(engine).title
-        panels[f"{title}, defaults"] = comparison.shares[title]
-        panels[f"{title}, defaults or nearest swap"] = comparison.nearest(engine)
+        panels[f"{title}, defaults"] = comparison.pairs(engine, swapped=False)
+        panels[f"{title}, defaults or best swap"] = comparison.pairs(engine, swapped=True)
     draw_shares(comparison, BUILTIN.title, panels).save(folder / SHARES_SVG)
     if comparison.losses is not None and comparison.losses.other_db:
         found = {title: residuals(comparison.losses, title) for title in comparison.losses.other_db}
