@@ -158,10 +158,31 @@ def attacks() -> str:
     """Every kind of attack with its parameters."""
     parts = []
     for name, kind in _attack_kinds():
-        technique = f"MITRE ATT&CK for ICS: {kind.technique}."
-        parts.append(f"### `{name}`\n\n{kind.about} {technique}\n")
+        parts.append(f"### `{name}`\n\n{kind.about}\n")
+        parts.append(_facts(kind))
         parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
+
+
+def _facts(kind: Any) -> str:
+    """What is declared of a kind of attack, as a table."""
+    from skyrange.attack.techniques import describe_technique
+
+    threat, controls = kind.threat, kind.controls
+    rows = [
+        ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
+        ("effect", kind.effect),
+        ("technique", describe_technique(kind.technique)),
+        ("knowledge", threat.knowledge),
+        ("position", threat.position),
+        ("equipment", threat.equipment),
+        ("budget", threat.budget),
+        ("load control", controls.load),
+        ("content control", controls.content),
+        ("placement control", controls.placement),
+        *((f"{what} under attack", how) for what, how in kind.realism.items()),
+    ]
+    return table(("", ""), rows)
 
 
 def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:

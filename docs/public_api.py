@@ -31,7 +31,7 @@ TOPICS: dict[str, dict[str, str]] = {
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
-            SensorFault SensorAct Schedule AttackPlan""",
+            SensorFault SensorAct Schedule AttackPlan ThreatModel Controls""",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin

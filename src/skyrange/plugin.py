@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.attack.contract import Aircraft, Attack, AttackContext, AttackPlugin, Transmitter
+    from skyrange.attack.contract import (
+        Aircraft,
+        Attack,
+        AttackContext,
+        AttackPlugin,
+        Controls,
+        ThreatModel,
+        Transmitter,
+    )
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
@@ -142,6 +150,7 @@ __all__ = [
     "Channel",
     "City",
     "ComponentError",
+    "Controls",
     "DecodeError",
     "Delay",
     "Departure",
@@ -212,6 +221,7 @@ __all__ = [
     "Source",
     "Tap",
     "TapPlacement",
+    "ThreatModel",
     "Time",
     "Tracks",
     "TransmissionFate",

@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
 
+from skyrange.attack.techniques import NO_FIT
 from skyrange.contracts.plugins import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
@@ -107,15 +108,49 @@ class Attack:
 
 
 @dataclass(frozen=True, slots=True)
+class ThreatModel:
+    """What an adversary needs for a kind of attack: each a phrase, such as "on the path to the aircraft"."""
+
+    knowledge: str
+    """What it has to know before, and what it learns meanwhile."""
+    position: str
+    """Where it has to be, in the network or in the air."""
+    equipment: str
+    """What it has to have."""
+    budget: str
+    """What it spends while it acts: frames, airtime, power."""
+
+
+@dataclass(frozen=True, slots=True)
+class Controls:
+    """What separates the effect of the lie from that of its load: each a phrase, or "none, because …"."""
+
+    load: str
+    """An attack of the same frames, size and airtime, without the lie."""
+    content: str
+    """The same act with true or meaningless content, as far as it is another one than the load control."""
+    placement: str
+    """The same act on another link, aircraft or place."""
+
+
+@dataclass(frozen=True, slots=True)
 class AttackPlugin(Plugin[AttackContext, Attack]):
     """A kind of attack."""
 
     group: ClassVar[str] = ATTACKS
 
-    technique: str = "no fit"
-    """Id of the technique in MITRE ATT&CK for ICS, or "no fit"."""
+    technique: str = NO_FIT
+    """Id of the technique in `attack.techniques`, or `NO_FIT`."""
     counterfactual: Counterfactual = "sham"
     """What stands for "without it" in a comparison: the sham of an attack that lies, because muting it would remove its
     airtime too; `mute` for one that works by load, such as a jammer or a flood."""
     places: Sequence[str] = ("at", "transmitter_m")
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""
+    surface: Sequence[str] = ()
+    """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_up`), `medium`, or sensors (`gnss`, `baro`)."""
+    effect: str = ""
+    """What changes for its victims, as a phrase: "commands arrive late"."""
+    threat: ThreatModel | None = None
+    controls: Controls | None = None
+    realism: Mapping[str, str] = field(default_factory=dict)
+    """What a sensor or receiver reports under attack → "simulated", "cited: …" or "assumed: …"."""

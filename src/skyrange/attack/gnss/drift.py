@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.gnss.false_fixes import Rate, Victims, falsify_fixes
 from skyrange.contracts.components import Floats
 from skyrange.contracts.params import Number, Params, refuse
@@ -78,4 +78,26 @@ def make(params: Drift, context: AttackContext) -> Attack:
     return falsify_fixes(params.vehicles, track, context)
 
 
-DRIFT = AttackPlugin(Drift, make, "Makes GNSS fixes drift away from the truth at a constant rate.")
+DRIFT = AttackPlugin(
+    Drift,
+    make,
+    "Makes GNSS fixes drift away from the truth at a constant rate.",
+    technique="EX-0014.04",
+    surface=("gnss",),
+    effect="the estimated position leaves the true one, and the autopilot flies the opposite way",
+    threat=ThreatModel(
+        knowledge="the place of each victim, to align code and Doppler with the authentic signals",
+        position="in sight of the victims' antennas",
+        equipment="a GNSS simulator that follows each victim alone",
+        budget="a signal some decibels above the authentic ones, for as long as it acts",
+    ),
+    controls=Controls(
+        load="none, because a spoofed signal takes no airtime of the range's links",
+        content="the sham: the same acts with unaltered fixes",
+        placement="the same offset on another aircraft",
+    ),
+    realism={
+        "position and velocity": "simulated: the truth with an offset",
+        "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
+    },
+)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.gnss.false_fixes import Offset, Victims, falsify_fixes
 from skyrange.contracts.components import Floats
 from skyrange.contracts.params import Params
@@ -41,4 +41,26 @@ def make(params: Jump, context: AttackContext) -> Attack:
     return falsify_fixes(params.vehicles, OffsetTrack(params.offset_m), context)
 
 
-JUMP = AttackPlugin(Jump, make, "Shifts GNSS fixes by a constant offset, from one fix to the next.")
+JUMP = AttackPlugin(
+    Jump,
+    make,
+    "Shifts GNSS fixes by a constant offset, from one fix to the next.",
+    technique="EX-0014.04",
+    surface=("gnss",),
+    effect="the estimator rejects fixes, then resets to the false position or fails safe",
+    threat=ThreatModel(
+        knowledge="the place of each victim, to align code and Doppler with the authentic signals",
+        position="in sight of the victims' antennas",
+        equipment="a GNSS simulator that follows each victim alone",
+        budget="a signal some decibels above the authentic ones, for as long as it acts",
+    ),
+    controls=Controls(
+        load="none, because a spoofed signal takes no airtime of the range's links",
+        content="the sham: the same acts with unaltered fixes",
+        placement="the same offset on another aircraft",
+    ),
+    realism={
+        "position and velocity": "simulated: the truth with an offset",
+        "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
+    },
+)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.radio import Broadcaster, transmitter, up_link
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
 from skyrange.contracts.links import Schedule
@@ -82,6 +82,20 @@ JAM = AttackPlugin(
     Jam,
     make,
     "Transmits noise over the band, so that receivers miss broadcasts.",
-    technique="T0814",  # Denial of Service
+    technique="T0814",
     counterfactual="mute",
+    surface=("medium",),
+    effect="receivers near the transmitter miss broadcasts, and senders defer",
+    threat=ThreatModel(
+        knowledge="the channel in use",
+        position="within some hundred metres of the receivers, by power and walls",
+        equipment="a noise generator for 2.4 GHz with an amplifier",
+        budget="airtime by duty, up to 60 dBm",
+    ),
+    controls=Controls(
+        load="none, because the noise is the attack; the sham has the same bursts at −200 dBm",
+        content="none, because noise has no content",
+        placement="the same jammer on another channel or at another place",
+    ),
+    realism={"missed broadcasts": "simulated: power at each receiver against noise, interference and walls"},
 )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from pydantic import Field
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.radio import SERVICE_NS, down_link, transmitter, up_link
 from skyrange.attack.remote_id.forgery import claim_identity
 from skyrange.codec.f3411 import (
@@ -131,5 +131,19 @@ REPLAY = AttackPlugin(
     Replay,
     make,
     "Sends received Remote ID broadcasts again later, from another place.",
-    technique="T0856",  # Spoof Reporting Message
+    technique="T0856",
+    surface=("medium",),
+    effect="receivers show aircraft where they were before",
+    threat=ThreatModel(
+        knowledge="nothing; it learns the broadcasts that it receives",
+        position="within radio range of its victims and of the receivers",
+        equipment="a Wi-Fi or Bluetooth receiver and transmitter",
+        budget="one frame for each frame heard",
+    ),
+    controls=Controls(
+        load="the sham: frames of the same length and transport, with an aircraft on the ground at the transmitter",
+        content="none, because a replayed frame without its content is that sham",
+        placement="the same replay from another place",
+    ),
+    realism={"signal strength": "simulated: from the transmitter's place"},
 )

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin, Place
+from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.radio import Broadcaster, check_vehicle, transmitter, up_link
 from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
 from skyrange.contracts.frames.frame import Frame
@@ -195,5 +195,19 @@ SPOOF = AttackPlugin(
     Spoof,
     make,
     "Forges Remote ID: an aircraft that does not exist, a false position of a real one, or a swarm of ghosts.",
-    technique="T0856",  # Spoof Reporting Message
+    technique="T0856",
+    surface=("medium", "rid_up"),
+    effect="receivers show aircraft that are not there, and companions avoid them",
+    threat=ThreatModel(
+        knowledge="the format of ASTM F3411; for a false position, the UAS ID of its victim",
+        position="within radio range of the receivers, or on the victim's computer",
+        equipment="a Wi-Fi or Bluetooth transmitter that sends frames of its own",
+        budget="a frame of about 200 bytes for each forged aircraft, transport and period",
+    ),
+    controls=Controls(
+        load="the sham: the same frames, with an aircraft on the ground at the transmitter",
+        content="a real aircraft where the ghost claims to be",
+        placement="the same claims with the transmitter or the ghost elsewhere",
+    ),
+    realism={"signal strength": "simulated: from the transmitter's place, not from the claimed one"},
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.input_files import expand_user
 
 if TYPE_CHECKING:
+    from skyrange.attack.contract import AttackPlugin
     from skyrange.study.attribution.arms import Selection
     from skyrange.study.twins.pair_folder import Pair
 
@@ -234,12 +236,29 @@ def attacks(as_json: bool) -> None:
 
     found = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
     if as_json:
-        rows = [{"kind": name, "about": one.about, "technique": one.technique} for name, one in found.items()]
-        print_json(rows)
+        print_json([_describe_attack(name, one) for name, one in found.items()])
         return
     width = max(map(len, found), default=0)
     for name, one in found.items():
-        print_text(f"{name:<{width}}  {one.about}")
+        print_text(f"{name:<{width}}  {one.technique:<10}  {', '.join(one.surface):<14}  {one.about}")
+
+
+def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
+    """A kind of attack as `skyrange attacks --json` prints it."""
+    from skyrange.attack.techniques import describe_technique
+
+    return {
+        "kind": name,
+        "about": kind.about,
+        "surface": list(kind.surface),
+        "effect": kind.effect,
+        "technique": kind.technique,
+        "technique_name": describe_technique(kind.technique),
+        "counterfactual": kind.counterfactual,
+        "threat": asdict(kind.threat) if kind.threat is not None else None,
+        "controls": asdict(kind.controls) if kind.controls is not None else None,
+        "realism": dict(kind.realism),
+    }
 
 
 def schema() -> None:
