@@ -39,7 +39,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     vehicles = {}
     for operator, vehicle in scenario.fleet:
         key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
-        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id_of(key, vehicle))
+        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id_of(key, vehicle), vehicle.system_id)
     return AttackContext(
         id="",
         vehicles=vehicles,

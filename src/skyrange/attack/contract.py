@@ -42,6 +42,8 @@ class Aircraft:
     start_enu_m: Place
     uas_id: str
     """The UAS ID in its Remote ID broadcasts."""
+    system_id: int = 1
+    """Its system id in the MAVLink network of its operator, which every frame tells."""
 
 
 @dataclass(frozen=True, slots=True)

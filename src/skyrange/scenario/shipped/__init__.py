@@ -1,9 +1,12 @@
-"""Shipped scenarios, and the file of a NAME or FILE."""
+"""Shipped scenarios, and the file of a NAME or FILE.
+
+Each kind of attack has an example, `attacks/KIND.toml`, whose name is that of the kind.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from skyrange.core.errors import InputError, nearest
@@ -26,6 +29,9 @@ SHIPPED: dict[str, str] = {
 }
 """One-line descriptions by name; the file is `shipped/NAME.toml`."""
 
+EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "attacks").glob("*.toml"))}
+"""Files of the examples by kind of attack."""
+
 
 def source_of(name_or_file: str | Path) -> Path:
     """The file of a shipped scenario, by its name, or a file, by its path; names of shipped scenarios have precedence.
@@ -35,10 +41,12 @@ def source_of(name_or_file: str | Path) -> Path:
     text = str(name_or_file)
     if text in SHIPPED:
         return FOLDER / f"{text}.toml"
+    if text in EXAMPLES:
+        return EXAMPLES[text]
     path = expand_user(text)
     if path.suffix or os.path.exists(path) or "/" in text or "\\" in text:
         return path
-    raise InputError.one("scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, SHIPPED))
+    raise InputError.one("scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, [*SHIPPED, *EXAMPLES]))
 
 
 def load(

@@ -1,0 +1,180 @@
+"""On-path attacks: the links and frames that a tap of an attacker acts on, and taps that inject on their own.
+
+An on-path attacker sits on a link, such as a router between ground station and aircraft. Its tap is on the receiving
+computer's side (`companion` of a `gcs` link), so what it does comes after the channel for frames towards the aircraft,
+and before it for telemetry.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from typing import Annotated, Any, Final, Literal, Protocol
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from skyrange.attack.contract import AttackContext
+from skyrange.codec.mavlink import dialect, message_id
+from skyrange.contracts.components import Tap
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule, TapPlacement
+from skyrange.contracts.params import Params, items, refuse
+from skyrange.contracts.verdicts import Direction, Inject, Verdict
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.ids import endpoint, operator_of
+from skyrange.core.time import Time
+
+_NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
+SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
+                "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
+"""By role of a link: the end at which an attacker's tap is."""
+
+
+def _known_messages(names: tuple[str, ...]) -> tuple[str, ...]:
+    for place, name in enumerate(names):
+        if name not in _NUMBERS:
+            raise refuse(Problem(str(place), name, "a MAVLink message such as 'COMMAND_LONG'", nearest(name, _NUMBERS)))
+    return names
+
+
+def _once(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) < len(names):
+        raise refuse(Problem("", repr(list(names)), "each name once"))
+    return names
+
+
+Names = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_once)]
+Messages = Annotated[Names, AfterValidator(_known_messages)]
+"""Names of MAVLink messages, each once; empty for all frames."""
+
+
+class OnPath(Params):
+    """Which frames of which links an on-path attacker acts on."""
+
+    links: Annotated[Names, Field(min_length=1)] = Field(
+        description="Links by name or pattern, such as ['gcs:blue/b1'] or ['gcs:*']."
+    )
+    direction: Literal["fwd", "rev", "both"] = Field(
+        default="both", description="fwd: towards the aircraft on gcs, log and autopilot; rev: from it."
+    )
+    messages: Messages = Field(
+        default=(), description="MAVLink messages to act on, such as ['COMMAND_LONG']; default: all frames."
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """Frames of one direction, or of both, with some message ids, or with any."""
+
+    direction: str
+    numbers: frozenset[int]
+
+    def takes(self, frame: Frame) -> bool:
+        """Whether it selects a frame."""
+        if self.direction not in ("both", frame.direction):
+            return False
+        return not self.numbers or message_id(frame.payload) in self.numbers
+
+
+def selection_of(params: OnPath) -> Selection:
+    """The frames that the parameters select."""
+    return Selection(params.direction, frozenset(_NUMBERS[name] for name in params.messages))
+
+
+@dataclass(frozen=True, slots=True)
+class TapMaker:
+    """Makes the tap of each link: `kind(link, *arguments)`. A class, because all state must be deep-copyable."""
+
+    kind: Callable[..., Tap]
+    arguments: tuple[Any, ...] = ()
+
+    def __call__(self, link: str) -> Tap:
+        """The tap of a link."""
+        return self.kind(link, *self.arguments)
+
+
+def place_taps(patterns: Sequence[str], context: AttackContext, make: TapMaker) -> list[TapPlacement]:
+    """A tap on each link that matches. Raises `InputError` for a pattern without a link."""
+    chosen = []
+    for place, pattern in enumerate(patterns):
+        found = [name for name in context.links if fnmatchcase(name, pattern)]
+        if not found:
+            hint = nearest(pattern, context.links)
+            raise InputError.one(context.id, f"links.{place}", pattern, "a link of the scenario", hint)
+        chosen += found
+    return [TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in dict.fromkeys(chosen)]
+
+
+def ends_of(link: str, direction: Direction) -> tuple[str, str]:
+    """Claimed source and destination of a frame injected on a `gcs`, `log` or `autopilot` link."""
+    role, _, vehicle = link.partition(":")
+    first, second = {
+        "gcs": (endpoint(operator_of(vehicle), "gcs"), endpoint(vehicle, "companion")),
+        "log": (endpoint(vehicle, "companion"), endpoint(vehicle, "proxy")),
+        "autopilot": (endpoint(vehicle, "proxy"), endpoint(vehicle, "autopilot")),
+    }[role]
+    return (first, second) if direction == "fwd" else (second, first)
+
+
+class InjectionSource(Protocol):
+    """Frames that an attacker puts on a link when they are due. It can be deep-copied."""
+
+    @property
+    def due(self) -> Time | None:
+        """When the next frames are due; `None` for never again."""
+        ...
+
+    def see(self, now: Time, frame: Frame) -> None:
+        """Learn from a frame that passes."""
+        ...
+
+    def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
+        """Directions and payloads of the frames that are due."""
+        ...
+
+
+@dataclass(slots=True)
+class InjectingTap:
+    """A tap that injects what its source makes, in the name of the link's own ends."""
+
+    link: str
+    source: InjectionSource
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Let it pass, and learn from it."""
+        self.source.see(now, frame)
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """When the source is due."""
+        return self.source.due
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Inject what is due."""
+        return [Inject(payload, way, *ends_of(self.link, way)) for way, payload in self.source.make(now)]
+
+
+@dataclass(slots=True)
+class Repetition:
+    """Times of something that is done at the start of an attack and then every `period_ns`, until it stops.
+
+    The schedule is filled in during the run, and the start may be set by a trigger; so before the start this looks at
+    it once per period.
+    """
+
+    schedule: Schedule
+    period_ns: Time
+    due: Time | None = 0
+
+    def take(self, now: Time) -> bool:
+        """Whether it is to be done now; sets the next time."""
+        start, stop = self.schedule.start_ns, self.schedule.stop_ns
+        if now < start:
+            self.due = min(start, now + self.period_ns)
+            return False
+        if now >= stop:
+            self.due = None
+            return False
+        self.due = now + self.period_ns
+        return True
