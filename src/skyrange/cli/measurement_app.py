@@ -154,6 +154,18 @@ def radio(
     benchmarks.bench_radio(nodes or [10, 100, 1000], seconds, horizon_m, engine, as_json)
 
 
+@bench_app.command("attacks", epilog="Example: skyrange bench attacks --vehicles 100 --json")
+def attacks_bench(
+    vehicles: Annotated[int, typer.Option(metavar="N", min=1, help="Number of aircraft.")] = 100,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure, after 30 s of warm-up.")
+    ] = 10.0,
+    as_json: AsJson = False,
+) -> None:
+    """Measure what taps on all links between stations and aircraft cost, and what a flood of one link costs."""
+    benchmarks.bench_attacks(vehicles, seconds, as_json)
+
+
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
 def flight(
     scenario: ScenarioName,

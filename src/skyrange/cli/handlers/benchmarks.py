@@ -1,4 +1,4 @@
-"""The commands `skyrange bench fleet`, `bench ardupilot` and `bench radio`."""
+"""The commands `skyrange bench fleet`, `bench ardupilot`, `bench radio` and `bench attacks`."""
 
 from __future__ import annotations
 
@@ -78,3 +78,20 @@ def bench_radio(nodes: Sequence[int], seconds: float, horizon_m: float, engine: 
             )
     if as_json:
         print_json(rows)
+
+
+def bench_attacks(vehicles: int, seconds: float, as_json: bool) -> None:
+    """`skyrange bench attacks`."""
+    from skyrange.bench.attacks import measure
+
+    rows = measure(vehicles, seconds)
+    if as_json:
+        print_json(rows)
+        return
+    print_text(f"{'case':<18} {'× real time':>11} {'speed':>6} {'frames/s':>9} {'µs/frame':>8} {'µs/extra frame':>14}")
+    for row in rows:
+        extra = row["extra_us_per_frame"]
+        print_text(
+            f"{row['case']:<18} {row['real_time_factor']:>11.2f} {row['speed']:>6.0%} {row['frames_per_s']:>9.0f} "
+            f"{row['us_per_frame']:>8.2f} " + (f"{extra:>14.2f}" if extra is not None else "")
+        )

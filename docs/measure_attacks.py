@@ -1,0 +1,151 @@
+"""Measured effects of the kinds of attacks: their examples flown beside their twins, over ten seeds each.
+
+`python docs/measure_attacks.py [KIND …]` flies the examples (all of them unless named), and rewrites their sections of
+`docs/reference/attack-effects.md` and their figures in `docs/images/attacks`. Differences are those of the attacked run
+from its baseline, the sham of an attack that lies and the nominal run of one that works by load.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.techniques import describe_technique
+from skyrange.record import RunRecord
+from skyrange.scenario.shipped import EXAMPLES, load
+from skyrange.study.measures.link_statistics import link_statistics
+from skyrange.study.measures.time_series import read_notes
+from skyrange.study.pairing import pair
+from skyrange.study.report.pair.page import draw_pair_plan
+from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.twins.pair_folder import Pair
+
+ROOT: Final = Path(__file__).parents[1]
+PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
+IMAGES: Final = ROOT / "docs" / "images" / "attacks"
+SEEDS: Final = 10
+FEWEST: Final = 0.5
+"""A difference of counts is told from half an event per flight on."""
+SECTION: Final = re.compile(r"<!-- measured: (\S+) -->\n(.*?)<!-- end: \1 -->\n", re.DOTALL)
+
+MEASURES: Final[Mapping[str, tuple[str, str, float]]] = {
+    "delay_s": ("delay of the mission", "s", 1.0),
+    "departure_m": ("departure from the twin", "m", 1.0),
+    "extra_distance_m": ("additional way", "m", 1.0),
+    "extra_energy_j": ("additional energy", "kJ", 1e-3),
+    "near_misses": ("near misses", "", 1.0),
+    "collisions": ("collisions", "", 1.0),
+}
+"""Columns of `effects.parquet`: title, unit, factor."""
+
+
+def main(names: Sequence[str]) -> None:
+    """Fly, measure, and renew the page."""
+    sections = dict(SECTION.findall(PAGE.read_text(encoding="utf-8")))
+    for kind in names or sorted(EXAMPLES):
+        with tempfile.TemporaryDirectory() as folder:
+            sections[kind] = measure(kind, Path(folder) / kind)
+        write(sections)
+        print(kind, flush=True)
+
+
+def write(sections: Mapping[str, str]) -> None:
+    """Replace the sections of the page, in order of their kinds."""
+    text = PAGE.read_text(encoding="utf-8")
+    head = text[: match.start()] if (match := SECTION.search(text)) else text
+    body = "\n".join(
+        f"<!-- measured: {kind} -->\n{sections[kind]}<!-- end: {kind} -->\n"
+        for kind in sorted(sections)
+        if kind in EXAMPLES
+    )
+    PAGE.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
+
+
+def measure(kind: str, folder: Path) -> str:
+    """The section of a kind: its story, its figure and its differences."""
+    scenario = load(kind)
+    plugin = AttackPlugin.find(kind)
+    flown = pair(scenario, folder, seeds=SEEDS)
+    baseline = flown.baseline or "nominal"
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    draw_pair_plan(flown).save(IMAGES / f"{kind}.svg")
+    lines = [f"## `{kind}`", "", _story(kind), "", f"Technique: {describe_technique(plugin.technique)}.", ""]
+    lines += [f"![Plan view: attacked and nominal flight](../images/attacks/{kind}.svg)", ""]
+    rows = _effects(flown, baseline) + _counts(flown, baseline)
+    if rows:
+        lines += [f"| attacked minus {baseline} | mean of {SEEDS} seeds | 95 % |", "|---|---|---|"]
+        lines += [f"| {what} | {mean} | {bounds} |" for what, mean, bounds in rows]
+    else:
+        lines += [f"No difference from the {baseline} run in motion, events or delivered frames."]
+    return "\n".join(lines) + "\n"
+
+
+def _story(kind: str) -> str:
+    lines = EXAMPLES[kind].read_text(encoding="utf-8").splitlines()
+    return " ".join(line.lstrip("# ").strip() for line in lines if line.startswith("#"))
+
+
+def _effects(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
+    rows = [row for row in flown.effects.to_pylist() if row["against"] == baseline]
+    found = []
+    for vehicle in sorted({row["vehicle"] for row in rows}):
+        own = [row for row in rows if row["vehicle"] == vehicle]
+        done = sum(row["outcome"] == "complete" for row in own)
+        twin = sum(row["outcome_twin"] == "complete" for row in own)
+        if done != twin:
+            found.append((f"{vehicle}: missions complete", f"{done} of {len(own)}", f"{twin} of {len(own)} without it"))
+        for column, (title, unit, factor) in MEASURES.items():
+            samples = [
+                factor * (row[column] - (row.get(f"{column}_twin") or 0.0)) for row in own if row[column] is not None
+            ]
+            found += _row(f"{vehicle}: {title}", unit, interval(samples))
+    return found
+
+
+def _row(what: str, unit: str, value: Interval | None) -> list[tuple[str, str, str]]:
+    if value is None or value.low is None or value.high is None or not value.excludes_zero:
+        return []
+    if max(abs(value.low), abs(value.high)) < 0.05:
+        return []
+    return [(what, f"{value.mean:+.1f} {unit}".rstrip(), f"{value.low:+.1f} to {value.high:+.1f}")]
+
+
+def _counts(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
+    found = []
+    for title, count in (("events", _events), ("frames delivered on", _delivered)):
+        found += _count_rows(flown, baseline, title, count)
+    return found
+
+
+def _count_rows(
+    flown: Pair, baseline: str, title: str, count: Callable[[RunRecord], Counter[str]]
+) -> list[tuple[str, str, str]]:
+    attacked = [count(flown.run("attacked", seed)) for seed in flown.seeds]
+    without = [count(flown.run(baseline, seed)) for seed in flown.seeds]
+    found = []
+    for name in sorted(set().union(*attacked, *without)):
+        value = interval([float(a[name] - b[name]) for a, b in zip(attacked, without, strict=True)])
+        if value is not None and abs(value.mean) >= FEWEST:
+            found += _row(f"{title} `{name}`", "", value)
+    return found
+
+
+def _events(run: RunRecord) -> Counter[str]:
+    return Counter(note.kind for note in read_notes(run, "events") if not note.kind.startswith("event.attack"))
+
+
+def _delivered(run: RunRecord) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for one in link_statistics(run):
+        found[f"{one.kind}, {one.direction}"] += one.delivered
+    return found
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
