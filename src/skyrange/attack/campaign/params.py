@@ -1,0 +1,136 @@
+"""Parameters of a campaign: acts, stages, and the conditions on observations that end a stage."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from skyrange.attack.on_path import Messages, Names
+from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
+from skyrange.core.errors import Problem, nearest
+
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,31}$"
+
+
+class Statement(Params):
+    """What the adversary has, in words; it stands in the record and in the report."""
+
+    knowledge: str = Field(default="", description="What the adversary knows before.")
+    position: str = Field(default="", description="Where it is, in the network and in the air.")
+    equipment: str = Field(default="", description="What it has.")
+    budget: str = Field(default="", description="What it may spend.")
+
+
+class Act(Params):
+    """An attack of the catalogue that the adversary can start."""
+
+    kind: str = Field(description="Kind of attack, a plugin of skyrange.attacks other than campaign.")
+    params: dict[str, Any] = Field(default_factory=dict, description="Parameters of the kind.")
+
+
+class Sighting(Params):
+    """An aircraft that the adversary believes near a place."""
+
+    vehicle: str | None = Field(
+        default=None, description="Aircraft whose telemetry is read on a tapped link, such as 'blue/b1'."
+    )
+    uas_id: str | None = Field(
+        default=None,
+        description="UAS ID in received Remote ID broadcasts; default with a receiver and no vehicle: any aircraft.",
+    )
+    place: Enu = Field(description="Place, [east_m, north_m, up_m] in metres from the origin.")
+    within_m: Number = Field(gt=0, le=100_000, description="Largest distance in metres.")
+
+
+class Condition(Params):
+    """What ends a stage. All conditions that are given must hold."""
+
+    after_s: Number | None = Field(default=None, ge=0, le=31_536_000, description="Seconds since the stage began.")
+    sighting: Sighting | None = Field(default=None, description="An aircraft that is observed near a place.")
+    messages: Messages = Field(
+        default=(),
+        description="MAVLink messages of which one or more were seen on tapped links since the stage began.",
+    )
+    broadcasts: Annotated[Whole, Field(ge=1, le=1_000_000)] | None = Field(
+        default=None, description="Remote ID broadcasts that the receiver has decoded since the stage began."
+    )
+    mission_item: Annotated[Whole, Field(ge=0, le=65_535)] | None = Field(
+        default=None, description="Mission item that an aircraft on a tapped link has reached (MISSION_CURRENT)."
+    )
+
+
+class Stage(Params):
+    """A state of the adversary: the acts that act in it, and what ends it."""
+
+    name: str = Field(pattern=NAME, description="Name of the stage, in events of the record.")
+    acts: Names = Field(default=(), description="Names of the acts that act during the stage.")
+    until: Condition | None = Field(default=None, description="What ends the stage; default: timeout_s alone.")
+    timeout_s: Number | None = Field(
+        default=None, gt=0, le=31_536_000, description="Longest duration of the stage in seconds."
+    )
+    then: Literal["next", "end"] = Field(
+        default="next", description="What follows a timeout. next: the next stage; end: the campaign ends."
+    )
+
+
+class Campaign(Params):
+    """A sequence of stages; the adversary goes from one to the next by what it observes, and never back."""
+
+    acts: dict[str, Act] = Field(description="Acts by name; a name is part of the names of radios and links.")
+    stages: Annotated[tuple[Stage, ...], BeforeValidator(items), Field(min_length=1)] = Field(
+        description="Stages in their order."
+    )
+    taps: Names = Field(
+        default=(), description="Links that the adversary reads from the start, such as ['gcs:blue/b1']."
+    )
+    receiver_m: Enu | None = Field(
+        default=None,
+        description="Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin.",
+    )
+    threat: Statement = Field(default=Statement(), description="The adversary's threat model, in words.")
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Campaign:
+        problems = []
+        if not self.acts:
+            problems.append(Problem("acts", "{}", "one act or more"))
+        names = [stage.name for stage in self.stages]
+        for place, stage in enumerate(self.stages):
+            where = f"stages.{place}"
+            if names.index(stage.name) != place:
+                problems.append(Problem(f"{where}.name", stage.name, "a name that no other stage has"))
+            problems += [
+                Problem(f"{where}.acts", act, "the name of an act", nearest(act, self.acts))
+                for act in stage.acts
+                if act not in self.acts
+            ]
+            bounded = stage.timeout_s is not None or (stage.until is not None and stage.until.after_s is not None)
+            if not bounded:
+                problems.append(
+                    Problem(f"{where}.timeout_s", "missing", "a longest duration", "Without one it may never end.")
+                )
+            problems += self._unobservable(where, stage)
+        idle = set(self.acts) - {act for stage in self.stages for act in stage.acts}
+        problems += [Problem(f"acts.{act}", "in no stage", "a stage in which it acts") for act in sorted(idle)]
+        if problems:
+            raise refuse(*problems)
+        return self
+
+    def _unobservable(self, where: str, stage: Stage) -> list[Problem]:
+        """Conditions on what the adversary has no means to observe."""
+        until = stage.until
+        if until is None:
+            return []
+        problems = []
+        sighting = until.sighting
+        by_radio = until.broadcasts is not None or (sighting is not None and sighting.vehicle is None)
+        if by_radio and self.receiver_m is None:
+            problems.append(Problem(f"{where}.until", "Remote ID", "receiver_m, with which to receive it"))
+        by_tap = bool(until.messages) or until.mission_item is not None
+        by_tap = by_tap or (sighting is not None and sighting.vehicle is not None)
+        if by_tap and not self.taps:
+            problems.append(Problem(f"{where}.until", "MAVLink", "taps, on which to read it"))
+        if sighting is not None and sighting.vehicle is not None and sighting.uas_id is not None:
+            problems.append(Problem(f"{where}.until.sighting", sighting.uas_id, "vehicle or uas_id, not both"))
+        return problems
