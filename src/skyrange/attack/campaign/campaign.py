@@ -13,7 +13,7 @@ from skyrange.attack.campaign.gates import GatedAgent, GatedFault, GatedTapMaker
 from skyrange.attack.campaign.params import Campaign
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.on_path import TapMaker, place_taps
-from skyrange.attack.radio import down_link, transmitter
+from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Verdict
@@ -90,7 +90,7 @@ def make(params: Campaign, context: AttackContext) -> Attack:
             for name in params.acts}  # fmt: skip
     own = replace(context, id=f"{context.id}.{_RECEIVER}")
     ears = params.receiver_m
-    controller = Controller(context.id, adversary, [Port(own.radio, own.down)] if ears is not None else [])
+    controller = Controller(context.id, adversary, [Port(own.radio, own.down), Port(own.radio, own.up)] if ears is not None else [])
     if ears is not None:
         controller.name = own.radio
     readers = place_taps(params.taps, context, TapMaker(Reader, (adversary,)))
@@ -105,7 +105,7 @@ def make(params: Campaign, context: AttackContext) -> Attack:
             ),
         ],
         faults=[GatedFault(fault, name, adversary) for name, act in made.items() for fault in act.faults],
-        links=[*([down_link(own)] if ears is not None else []), *(one for act in made.values() for one in act.links)],
+        links=[*([down_link(own), up_link(own)] if ears is not None else []), *(one for act in made.values() for one in act.links)],
         radios=[
             *([transmitter(own, ears, _LISTENING_DBM, listens=True)] if ears is not None else []),
             *(radio for act in made.values() for radio in act.radios),

@@ -19,6 +19,7 @@ FOLDER = Path(__file__).parent
 SHIPPED: dict[str, str] = {
     "squares": "Five aircraft of two operators fly small squares, the published demonstration.",
     "survey": "Eight aircraft of two operators fly QGroundControl plans among the buildings of a downtown.",
+    "chain": "An adversary that watches an aircraft forges another one in its way, and two operators nearly collide.",
     "city-fleet": "48 aircraft of four operators make deliveries over a dense downtown; 500 with --set.",
     "crossing": "Eight aircraft of four operators cross at a street corner, separated by height and by time.",
     "head-on": "Two aircraft of two operators fly towards each other on the same line and collide.",
