@@ -88,11 +88,12 @@ def make(params: Campaign, context: AttackContext) -> Attack:
     adversary = Adversary(context.schedule, params.stages, schedules, Knowledge(context.origin))
     made = {name: _make_act(name, params, replace(context, id=f"{context.id}.{name}", schedule=schedules[name]))
             for name in params.acts}  # fmt: skip
-    own = replace(context, id=f"{context.id}.{_RECEIVER}")
-    ears = params.receiver_m
-    controller = Controller(context.id, adversary, [Port(own.radio, own.down), Port(own.radio, own.up)] if ears is not None else [])
-    if ears is not None:
-        controller.name = own.radio
+    controller, links, radios = Controller(context.id, adversary), [], []
+    if params.receiver_m is not None:
+        own = replace(context, id=f"{context.id}.{_RECEIVER}")
+        controller = Controller(own.radio, adversary, [Port(own.radio, own.down), Port(own.radio, own.up)])
+        links = [down_link(own), up_link(own)]
+        radios = [transmitter(own, params.receiver_m, _LISTENING_DBM, listens=True)]
     readers = place_taps(params.taps, context, TapMaker(Reader, (adversary,)))
     return Attack(
         agents=[controller, *(GatedAgent(a, name, adversary) for name, act in made.items() for a in act.agents)],
@@ -105,11 +106,8 @@ def make(params: Campaign, context: AttackContext) -> Attack:
             ),
         ],
         faults=[GatedFault(fault, name, adversary) for name, act in made.items() for fault in act.faults],
-        links=[*([down_link(own), up_link(own)] if ears is not None else []), *(one for act in made.values() for one in act.links)],
-        radios=[
-            *([transmitter(own, ears, _LISTENING_DBM, listens=True)] if ears is not None else []),
-            *(radio for act in made.values() for radio in act.radios),
-        ],
+        links=[*links, *(one for act in made.values() for one in act.links)],
+        radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         shown={f"{name}: {label}": at for name, act in made.items() for label, at in act.shown.items()},
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
+from skyrange.study.figures.causal_path import draw_causal_path
 from skyrange.study.figures.reception_map import draw_reception_map
 from skyrange.study.figures.subject import Subject, subject_of
 from skyrange.study.figures.svg import Figure
@@ -24,6 +25,7 @@ from skyrange.study.report.pair import belief, effect_tables, propagation_timeli
 from skyrange.study.report.pair.attribution_table import describe_attribution
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.report.run.page import colour_rules
+from skyrange.study.twins.causal_path import find_causal_path
 from skyrange.study.twins.pair_folder import Pair
 
 MAX_DRAWN = 12
@@ -57,6 +59,7 @@ def render_comparison(pair: Pair) -> str:
     shown = affected[:MAX_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MAX_DRAWN]]
     spans = _spans(events, attacked.duration)
     places = _places(attacked)
+    causes = find_causal_path(pair, seed)
     style = asset("style.css") + colour_rules({}, subject)
     return render(
         "pair/page.html.jinja",
@@ -78,6 +81,7 @@ def render_comparison(pair: Pair) -> str:
             subject, propagation, [row["id"] for row in _declared(attacked)], spans, attacked.duration
         ),
         steps=propagation_timeline.render_steps(subject, propagation),
+        causal_path=draw_causal_path(causes) if causes.steps else None,
         seed=seed,
         near=f"{pair.manifest['near_m']:g}",
         attribution=describe_attribution(pair, subject, seed),
