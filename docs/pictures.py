@@ -16,9 +16,11 @@ from typing import Final, NamedTuple
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import load
 from skyrange.study import figures
+from skyrange.study.figures.causal_path import draw_causal_path
 from skyrange.study.pairing import pair
 from skyrange.study.report.pair.page import draw_pair_plan
 from skyrange.study.runs import fly
+from skyrange.study.twins.causal_path import find_causal_path
 
 ROOT: Final = Path(__file__).parents[1]
 IMAGES: Final = ROOT / "docs" / "images"
@@ -32,8 +34,11 @@ FIGURES: Final[dict[str, Callable[[RunRecord], figures.Figure]]] = {
 }
 """The figure that shows each."""
 
-PAIRS: Final = ("gnss-drift", "rid-city", "rid-spoofing")
+PAIRS: Final = ("chain", "gnss-drift", "rid-city", "rid-spoofing")
 """Of these both flights are drawn."""
+
+CAUSAL_PATHS: Final = ("chain",)
+"""Of these the causal path is drawn as well, as `NAME-path.svg`."""
 
 
 class Screenshot(NamedTuple):
@@ -65,6 +70,9 @@ def draw(name: str, folder: Path) -> list[Path]:
     if name in PAIRS:
         flown = pair(load(name), folder)
         made.append(draw_pair_plan(flown).save(IMAGES / f"{name}.svg"))
+        if name in CAUSAL_PATHS:
+            path = find_causal_path(flown, flown.seeds[0])
+            made.append(draw_causal_path(path).save(IMAGES / f"{name}-path.svg"))
     else:
         record = fly(load(name), folder)
         if name in FIGURES:

@@ -8,9 +8,11 @@ from xml.etree.ElementTree import Element
 from skyrange.study.figures.svg import BOLD, GRID, Figure, document, element, label
 from skyrange.study.twins.causal_path import LAYERS, CausalPath, Step
 
-BOX_W: Final = 138.0
+BOX_W: Final = 136.0
 BOX_H: Final = 52.0
-GAP_X: Final = 26.0
+GAP_X: Final = 22.0
+SHIFT: Final = 92.0
+"""How far right of a step the next one of another layer begins."""
 LANE_H: Final = 74.0
 LEFT: Final = 92.0
 TOP: Final = 14.0
@@ -19,37 +21,33 @@ _LINE: Final = 22
 
 
 def draw_causal_path(path: CausalPath) -> Figure:
-    """Draw it. A lane has the steps of one layer; a step stands in its own column, after those that came before it."""
+    """Draw it. A lane has the steps of one layer; a step stands right of those that led to it."""
     order = sorted(range(len(path.steps)), key=lambda number: (path.steps[number].at_s, number))
-    column = _columns(path, order)
+    left = _positions(path, order)
     lanes = [layer for layer in LAYERS if any(step.layer == layer for step in path.steps)]
     height = TOP + LANE_H * len(lanes) + 10
-    width = LEFT + (max(column.values(), default=0) + 1) * (BOX_W + GAP_X)
+    width = max(left.values(), default=LEFT) + BOX_W + 6
     body: list[Element] = [_arrow_head()]
     for place, layer in enumerate(lanes):
         y = TOP + place * LANE_H
         body.append(element("path", {"d": f"M0 {y:.1f}H{width:.1f}", **GRID}))
         body.append(label(4, y + LANE_H / 2, layer, "start", 12, BOLD))
-    where = {
-        number: (LEFT + column[number] * (BOX_W + GAP_X), TOP + lanes.index(path.steps[number].layer) * LANE_H + 11)
-        for number in order
-    }
+    where = {number: (left[number], TOP + lanes.index(path.steps[number].layer) * LANE_H + 11) for number in order}
     body += [_arrow(where[start], where[end], how) for start, end, how in path.edges]
     body += [_box(*where[number], path.steps[number]) for number in order]
     said = "; ".join(f"{step.at_s:.2f} s {step.owner}: {step.what}" for step in (path.steps[k] for k in order))
     return document(width, height, "Causal path from the adversary to the effects", body, said)
 
 
-def _columns(path: CausalPath, order: list[int]) -> dict[int, int]:
-    """The column of each step: right of every step that led to it, and of the one before it in its lane."""
-    column: dict[int, int] = {}
-    last: dict[str, int] = {}
+def _positions(path: CausalPath, order: list[int]) -> dict[int, float]:
+    """The left edge of each step: right of every step that led to it, and of the one before it in its lane."""
+    left: dict[int, float] = {}
+    last: dict[str, float] = {}
     for number in order:
-        before = [column[start] + 1 for start, end, _ in path.edges if end == number and start in column]
         layer = path.steps[number].layer
-        column[number] = max([*before, last.get(layer, -1) + 1])
-        last[layer] = column[number]
-    return column
+        before = [left[start] + SHIFT for start, end, _ in path.edges if end == number and start in left]
+        left[number] = last[layer] = max([LEFT, *before, last.get(layer, LEFT - BOX_W - GAP_X) + BOX_W + GAP_X])
+    return left
 
 
 def _box(x: float, y: float, step: Step) -> Element:
@@ -81,14 +79,16 @@ def _wrapped(text: str) -> list[str]:
 
 def _arrow(start: tuple[float, float], end: tuple[float, float], how: str) -> Element:
     (ax, ay), (bx, by) = start, end
-    x0, y0 = ax + BOX_W, ay + BOX_H / 2
-    x1, y1 = bx - 3, by + BOX_H / 2
-    if y0 == y1 and x1 - x0 > GAP_X:  # below the boxes between both
-        x0, y0, y1 = x0 - BOX_W / 4, y0 + BOX_H / 2, y1 + BOX_H / 4
-        data = f"M{x0:.1f} {y0:.1f}V{y0 + 10:.1f}H{x1 - GAP_X / 2:.1f}V{y1:.1f}H{x1:.1f}"
+    x1, y1 = bx - 2, by + BOX_H / 2
+    if ay != by:
+        x0, y0 = (ax + 0.3 * BOX_W, ay + BOX_H) if by > ay else (ax + min(0.85 * BOX_W, bx - ax - 14.0), ay)
+        data = f"M{x0:.1f} {y0:.1f}V{y1:.1f}H{x1:.1f}"
+    elif bx - ax > BOX_W + GAP_X + 1:  # below the boxes between both
+        x0, y0, y1 = ax + 0.85 * BOX_W, ay + BOX_H, by + 0.85 * BOX_H
+        data = f"M{x0:.1f} {y0:.1f}v10H{x1 - GAP_X / 2:.1f}V{y1:.1f}H{x1:.1f}"
     else:
-        bend = GAP_X / 2
-        data = f"M{x0:.1f} {y0:.1f}C{x0 + bend:.1f} {y0:.1f} {x1 - bend:.1f} {y1:.1f} {x1:.1f} {y1:.1f}"
+        x0, y0 = ax + BOX_W, y1
+        data = f"M{x0:.1f} {y0:.1f}H{x1:.1f}"
     line: dict[str, str | float] = {
         "d": data,
         "fill": "none",
@@ -98,7 +98,7 @@ def _arrow(start: tuple[float, float], end: tuple[float, float], how: str) -> El
     }
     parts = [element("path", line)]
     if how:
-        parts.append(label((x0 + x1) / 2, (y0 + y1) / 2 - 5, how, "middle", 10, {"font-style": "italic"}))
+        parts.append(label(x0 + 4, (y0 + y1) / 2, how, "start", 10, {"font-style": "italic"}))
     return element("g", {}, *parts)
 
 
