@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -119,11 +119,13 @@ def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
     """An attack in the manifest: as declared, and what it touches."""
     touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
     touches += ["medium"] if made.radios else []
+    threat = made.threat or attack.plugin.threat
     touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
     return {
         **attack.model_dump(exclude_none=True, mode="json"),
         "touches": touches,
         "technique": attack.plugin.technique,
+        "threat": asdict(threat) if threat is not None else {},
         "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m)} for radio in made.radios],
         "shown": {name: list(place) for name, place in made.shown.items()},
     }

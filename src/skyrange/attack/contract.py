@@ -96,20 +96,6 @@ class Transmitter:
 
 
 @dataclass(frozen=True, slots=True)
-class Attack:
-    """The parts of an attack, which become parts of the range. Labels of their acts have the attack's id."""
-
-    agents: Sequence[Agent] = ()
-    taps: Sequence[TapPlacement] = ()
-    faults: Sequence[SensorFault] = ()
-    links: Sequence[LinkSpec] = ()
-    """Links that the attack adds."""
-    radios: Sequence[Transmitter] = ()
-    shown: Mapping[str, Place] = field(default_factory=dict)
-    """Places to mark on a map, such as that of a ghost, by label."""
-
-
-@dataclass(frozen=True, slots=True)
 class ThreatModel:
     """What an adversary needs for a kind of attack: each a phrase, such as "on the path to the aircraft"."""
 
@@ -121,6 +107,22 @@ class ThreatModel:
     """What it has to have."""
     budget: str
     """What it spends while it acts: frames, airtime, power."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attack:
+    """The parts of an attack, which become parts of the range. Labels of their acts have the attack's id."""
+
+    agents: Sequence[Agent] = ()
+    taps: Sequence[TapPlacement] = ()
+    faults: Sequence[SensorFault] = ()
+    links: Sequence[LinkSpec] = ()
+    """Links that the attack adds."""
+    radios: Sequence[Transmitter] = ()
+    shown: Mapping[str, Place] = field(default_factory=dict)
+    """Places to mark on a map, such as that of a ghost, by label."""
+    threat: ThreatModel | None = None
+    """What this adversary needs, if it differs from what is said of the kind."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,11 @@ class Statement(Params):
     equipment: str = Field(default="", description="What it has.")
     budget: str = Field(default="", description="What it may spend.")
 
+    @property
+    def stated(self) -> bool:
+        """Whether anything is stated."""
+        return bool(self.knowledge or self.position or self.equipment or self.budget)
+
 
 class Act(Params):
     """An attack of the catalogue that the adversary can start."""

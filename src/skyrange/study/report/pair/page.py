@@ -214,7 +214,7 @@ def _attack(
     row: Mapping[str, Any], acted: tuple[float, float] | None, propagation: Sequence[Mapping[str, Any]]
 ) -> Mapping[str, Any]:
     count = sum(label["attack"] == row["id"] and label["phase"] in ("onset", "act") for label in propagation)
-    params = {name: value for name, value in row["params"].items() if value not in ([], {}, "")}
+    params = {name: value for name, value in row["params"].items() if value not in ([], {}, "") and name != "threat"}
     if row.get("anchor"):
         params["anchor"] = row["anchor"]
     begin, end = acted or (None, None)
@@ -224,6 +224,7 @@ def _attack(
         "params": params,
         "touches": row["touches"],
         "technique": row["technique"],
+        "threat": {name: text for name, text in row.get("threat", {}).items() if text},
         "numbers": (quantities.quantity(begin, "s", 2), quantities.quantity(end, "s", 2), quantities.count(count)),
     }
 
