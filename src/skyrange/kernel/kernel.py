@@ -33,7 +33,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.attack_states import AttackState, AttackStates
+from skyrange.kernel.attack_states import AttackState, AttackStates, takes_effect
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors
@@ -369,8 +369,9 @@ class Kernel:
             heappush(self._network.heap, ((due << 3) | WAKEUP, "agent", slot.box.name, 0, STEP, slot.box))
 
     def _dispatch(self, now: Time, sender: Sender, outbox: Outbox) -> None:
-        for note in outbox.notes:
-            self._observers.report_note(now, sender.name, note)
+        if takes_effect(sender.attack, now):
+            for note in outbox.notes:
+                self._observers.report_note(now, sender.name, note)
         self._network.send(now, sender, outbox)
 
 
