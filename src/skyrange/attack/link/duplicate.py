@@ -14,7 +14,7 @@ from skyrange.attack.on_path import OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole
 from skyrange.contracts.verdicts import Inject, Verdict
-from skyrange.core.time import Time, from_seconds
+from skyrange.core.time import NEVER, Time, from_seconds
 
 
 class Duplication(OnPath):
@@ -39,6 +39,7 @@ class Duplicator(FrameTap):
     waiting: list[tuple[Time, int, Inject]] = field(default_factory=list)
     """A heap: when a copy is due, its number, and the copy."""
     made: int = 0
+    woken_ns: Time = -NEVER
 
     def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Let it pass, and keep copies."""
@@ -52,10 +53,11 @@ class Duplicator(FrameTap):
 
     def next_wakeup(self) -> Time | None:
         """When the next copy is due."""
-        return self.waiting[0][0] if self.waiting else None
+        return max(self.waiting[0][0], self.woken_ns + 1) if self.waiting else None
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """The copies that are due."""
+        self.woken_ns = now
         due: list[Verdict] = []
         while self.waiting and self.waiting[0][0] <= now and len(due) < MAX_INJECTS:
             due.append(heappop(self.waiting)[2])

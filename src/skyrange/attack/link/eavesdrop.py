@@ -81,6 +81,7 @@ def _target(message: Message, system: int) -> Fact:
 
 
 _READERS: Final[Mapping[int, Callable[[Any, int], Fact]]] = {
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: _position,
     dialect.MAVLINK_MSG_ID_HEARTBEAT: _heartbeat,
     dialect.MAVLINK_MSG_ID_HOME_POSITION: _home,
     dialect.MAVLINK_MSG_ID_MISSION_COUNT: _mission_count,
@@ -114,16 +115,15 @@ class Eavesdropper(FrameTap):
         if number is None:
             return ()
         system = sender_system(payload)
-        if number == _POSITION:
-            if now < self.positions_due.get(system, -NEVER):
-                return ()
-            self.positions_due[system] = now + self.position_ns
-            return self._learn(frame, _position)
         signed = is_signed(payload)
         notes = []
         if self.signed.get(system) is not signed:
             self.signed[system] = signed
             notes = self._keep(frame, f"signing|{system}", {"signed": signed}, system)
+        if number == _POSITION:
+            if now < self.positions_due.get(system, -NEVER):
+                return notes
+            self.positions_due[system] = now + self.position_ns
         reader = _READERS.get(number)
         return [*notes, *self._learn(frame, reader)] if reader is not None else notes
 

@@ -92,6 +92,7 @@ class FloodTap:
     sham: bool
     packer: Packer = field(init=False)
     sent: int = 0
+    woken_ns: Time = -NEVER
 
     def __post_init__(self) -> None:
         self.packer = Packer(*(STATION if self.direction == "fwd" else (self._aircraft, 1)))
@@ -111,10 +112,12 @@ class FloodTap:
             return None
         due = start + ceil(self.sent * NS_PER_S / self.params.rate_hz)
         due += -(due - start) % BATCH_NS if self.params.rate_hz * BATCH_NS > NS_PER_S else 0
+        due = max(due, self.woken_ns + BATCH_NS) if due <= self.woken_ns else due  # it was woken late
         return due if due < self.schedule.stop_ns else None
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """The frames that are due."""
+        self.woken_ns = now
         due = int((now - self.schedule.start_ns) * self.params.rate_hz / NS_PER_S) + 1 - self.sent
         made: list[Verdict] = []
         for _ in range(min(due, MAX_INJECTS)):

@@ -58,6 +58,7 @@ class FrameReplayer:
     """When each frame passed, and its copy; the oldest first."""
     played: int = 0
     """Number of copies put on the link."""
+    woken_ns: Time = -NEVER
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Record the frame; later let it pass, or drop it."""
@@ -78,10 +79,11 @@ class FrameReplayer:
         if self.played == 0:
             self._discard_before(start - self.record_ns)
         due = self._due(start)
-        return due if due is not None and due < self.rule.schedule.stop_ns else None
+        return max(due, self.woken_ns + 1) if due is not None and due < self.rule.schedule.stop_ns else None
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """The copies that are due."""
+        self.woken_ns = now
         made: list[Verdict] = []
         while len(made) < MAX_INJECTS:
             due = self._due(self.rule.start_ns)
