@@ -309,6 +309,18 @@ def test_a_flood_has_its_rate(message: str, rate_hz: float, count: int) -> None:
     assert systems == ({255} if message == "PING" else set(range(2, 255)))
 
 
+def test_a_flood_that_a_trigger_starts_has_its_rate() -> None:
+    own = replace(context(), schedule=Schedule())
+    (placement,) = FLOOD(FLOOD.params.model_validate({"links": [LINK], "rate_hz": 10}), own).taps
+    tap = placement.make(LINK)
+    assert tap.next_wakeup() is None
+    own.schedule.start_ns = 5 * NS_PER_S
+    assert tap.next_wakeup() == 5 * NS_PER_S
+    late = 5 * NS_PER_S + 350 * NS_PER_MS  # a kernel asks again when the next frame passes
+    assert len(tap.on_wakeup(late)) == 1
+    assert tap.next_wakeup() == late + 100 * NS_PER_MS
+
+
 @pytest.mark.parametrize(("towards", "side"), [("aircraft", "gcs"), ("station", "companion")])
 def test_a_flood_is_placed_before_the_channel(towards: str, side: str) -> None:
     (placement,) = FLOOD(FLOOD.params.model_validate({"links": [LINK], "towards": towards}), context()).taps
@@ -320,7 +332,7 @@ class Talker:
 
     name = "talker"
     service_ns = NS_PER_MS
-    ports = (Port(ENDS[0], LINK),)
+    ports: Sequence[Port] = (Port(ENDS[0], LINK),)
     due = 0
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
@@ -383,7 +395,7 @@ class Notes:
 
     name = "attack"
     service_ns = NS_PER_S
-    ports = ()
+    ports: Sequence[Port] = ()
     due = 0
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:

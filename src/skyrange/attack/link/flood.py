@@ -43,7 +43,7 @@ class Flood(Params):
     towards: Literal["aircraft", "station"] = Field(default="aircraft", description="End that the frames go to.")
     message: Literal["HEARTBEAT", "PING", "PARAM_REQUEST_LIST", "COMMAND_LONG", "random"] = Field(
         default="PING",
-        description="Frames that are sent. HEARTBEAT: of foreign systems; PING: a request that each receiver answers; "
+        description="Frames that are sent. HEARTBEAT: of foreign systems; PING: no receiver answers it; "
         "PARAM_REQUEST_LIST: all parameters are requested; COMMAND_LONG: AUTOPILOT_VERSION is requested; random: bytes "
         "that are no frame.",
     )
@@ -92,6 +92,8 @@ class FloodTap:
     sham: bool
     packer: Packer = field(init=False)
     sent: int = 0
+    begun_ns: Time = NEVER
+    """When the first frame was sent: the start, or soon after where a trigger set that."""
     woken_ns: Time = -NEVER
 
     def __post_init__(self) -> None:
@@ -107,7 +109,7 @@ class FloodTap:
 
     def next_wakeup(self) -> Time | None:
         """When the next frame is due, but for the shortest time between batches; `None` once the attack has ended."""
-        start = self.schedule.start_ns
+        start = self.schedule.start_ns if self.begun_ns == NEVER else self.begun_ns
         if start == NEVER:
             return None
         due = start + ceil(self.sent * NS_PER_S / self.params.rate_hz)
@@ -118,7 +120,8 @@ class FloodTap:
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """The frames that are due."""
         self.woken_ns = now
-        due = int((now - self.schedule.start_ns) * self.params.rate_hz / NS_PER_S) + 1 - self.sent
+        self.begun_ns = min(self.begun_ns, now)
+        due = int((now - self.begun_ns) * self.params.rate_hz / NS_PER_S) + 1 - self.sent
         made: list[Verdict] = []
         for _ in range(min(due, MAX_INJECTS)):
             payload = self._payload(now)
