@@ -75,7 +75,7 @@ class Tap(Protocol):
     """A component on one side of one link, which sees the frames of both directions and decides on each."""
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus any Injects; empty is Pass."""
+        """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus Injects and Notes; empty is Pass."""
         ...
 
     def next_wakeup(self) -> Time | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 
@@ -49,7 +50,8 @@ class Inject:
     parent: FrameId | None = None
 
 
-Verdict = Pass | Drop | Delay | Replace | Inject
+Verdict = Pass | Drop | Delay | Replace | Inject | Note
+"""What a tap answers. A `Note` records what it has learnt; that of an attack's tap only while the attack acts."""
 
 
 class Label(NamedTuple):

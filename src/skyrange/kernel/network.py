@@ -19,7 +19,7 @@ import numpy as np
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.links import MIN_LATENCY_NS
-from skyrange.contracts.mailboxes import Arrival, Outbox, Parents
+from skyrange.contracts.mailboxes import Arrival, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
@@ -216,6 +216,8 @@ class Network:
                 replacement = verdict.payload
             elif isinstance(verdict, Drop):
                 drop = True
+            elif isinstance(verdict, Note):
+                self._observers.report_note(now, slot.name, verdict)
             elif not isinstance(verdict, Pass):
                 raise ComponentError(f"tap {slot.name}", f"answered a frame with {verdict!r}, which is no verdict")
         if drop:

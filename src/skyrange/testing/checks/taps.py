@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -78,7 +79,7 @@ def _verdicts(case: TapCase) -> None:
 def _one_fate(case: TapCase) -> None:
     allowed = [{Pass}, {Drop}, {Replace}, {Delay}, {Delay, Replace}, set()]
     for now, frame, verdicts, _ in watch(case.make(case.link), case.frames(), case.until):
-        kinds = Counter(type(verdict) for verdict in verdicts if not isinstance(verdict, Inject))
+        kinds = Counter(type(verdict) for verdict in verdicts if not isinstance(verdict, Inject | Note))
         once = max(kinds.values(), default=0) <= 1 and set(kinds) in allowed
         need(once, f"said {short(verdicts)} of {frame} at {now}", "at most one fate")
 

@@ -81,6 +81,6 @@ def _answer(
     for verdict in verdicts:
         fits = isinstance(verdict, Inject if what == "on_wakeup" else Verdict)
         if not fits:
-            expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace or Inject"
+            expected = "Injects only" if what == "on_wakeup" else "Pass, Drop, Delay, Replace, Inject or Note"
             raise Broken(f"answered {what} with {short(verdict)}", expected, "verdicts")
     return tuple(verdicts)

@@ -1,0 +1,1 @@
+"""Attacks on any link: loss, delay, order, copies, damage, load, and eavesdropping."""

@@ -1,0 +1,141 @@
+"""Damage on a link: bits of selected frames are flipped, with or without a checksum that fits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from pydantic import Field, model_validator
+
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.link.frame_taps import FrameTap, rule_of
+from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.codec.mavlink import message_id
+from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.params import Number, Whole, refuse
+from skyrange.contracts.verdicts import Replace, Verdict
+from skyrange.core.errors import Problem
+from skyrange.core.time import Time
+
+
+class Damage(OnPath):
+    """Each bit of the chosen bytes of a selected frame is flipped with the same probability, independently.
+
+    With `fix_checksum` only payload bytes are flipped, and the CRC is computed anew, so that receivers accept the
+    changed values. A signature (the last 13 bytes of a signed frame) cannot be computed without the key: a receiver
+    that checks signatures refuses the frame either way.
+    """
+
+    bit_error_rate: Number = Field(
+        default=0.001, gt=0, le=1, description="Probability that a bit is flipped; 1 inverts every chosen bit."
+    )
+    first_byte: Whole = Field(
+        default=0,
+        ge=0,
+        le=65_535,
+        description="First byte that is damaged, counted from 0, the frame's first; the payload of a MAVLink 2 frame "
+        "begins at 10.",
+    )
+    last_byte: Whole | None = Field(
+        default=None, ge=0, le=65_535, description="Last byte that is damaged; default: the frame's last."
+    )
+    fix_checksum: bool = Field(
+        default=False, description="Whether payload bytes alone are damaged, and the CRC of a MAVLink frame is mended."
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Damage:
+        if self.last_byte is not None and self.last_byte < self.first_byte:
+            raise refuse(Problem("last_byte", str(self.last_byte), f"at least first_byte, {self.first_byte}"))
+        return self
+
+
+@dataclass(slots=True)
+class Corrupter(FrameTap):
+    """Flips bits of selected frames."""
+
+    bit_error_rate: float
+    first_byte: int
+    last_byte: int | None
+    fix_checksum: bool
+
+    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Replace it by a damaged copy, if any bit is flipped; in the sham by an equal copy."""
+        payload = frame.payload
+        start, stop = self.first_byte, len(payload) if self.last_byte is None else min(self.last_byte + 1, len(payload))
+        body = _payload_range(payload) if self.fix_checksum else None
+        if self.fix_checksum:
+            if body is None:
+                return ()
+            start, stop = max(start, body[0]), min(stop, body[1])
+        damaged = bytearray(payload)
+        for bit in self._flips(frame, 8 * (stop - start)):
+            damaged[start + bit // 8] ^= 1 << bit % 8
+        if damaged == payload:
+            return ()
+        if body is not None:
+            _mend(damaged, body[1])
+        return (Replace(payload if self.rule.sham else bytes(damaged)),)
+
+    def _flips(self, frame: Frame, bits: int) -> Iterator[int]:
+        """The bits to flip, of `bits`: gaps between flips are geometric, so that a draw serves many bits."""
+        if self.bit_error_rate >= 1.0:
+            yield from range(bits)
+            return
+        scale = 1.0 / math.log1p(-self.bit_error_rate)
+        bit, block = -1, 0
+        while True:
+            for uniform in self.rule.chance.draw(frame, block):
+                gap = math.log1p(-uniform) * scale
+                if bit + 1 + gap >= bits:
+                    return
+                bit += 1 + int(gap)
+                yield bit
+            block += 1
+
+
+def _payload_range(frame: bytes) -> tuple[int, int] | None:
+    """First byte of a MAVLink frame's payload, and first byte behind it; `None` for what is no whole known frame."""
+    if message_id(frame) not in LAYOUTS:
+        return None
+    start = HEADER_V2 if frame[0] == MAGIC_V2 else HEADER_V1
+    stop = start + frame[1]
+    return (start, stop) if stop + CHECKSUM <= len(frame) else None
+
+
+def _mend(frame: bytearray, stop: int) -> None:
+    """Compute the checksum of a frame anew, whose payload ends before `stop` (serialization, "Checksum")."""
+    number = message_id(bytes(frame))
+    assert number is not None
+    crc = checksum(bytes(frame[1:stop]), LAYOUTS[number].crc_extra)
+    frame[stop : stop + CHECKSUM] = crc.to_bytes(CHECKSUM, "little")
+
+
+def make(params: Damage, context: AttackContext) -> Attack:
+    """The attack; its sham replaces the same frames by equal ones."""
+    where = (params.first_byte, params.last_byte, params.fix_checksum)
+    maker = TapMaker(Corrupter, (rule_of(params, context), params.bit_error_rate, *where))
+    return Attack(taps=place_taps(params.links, context, maker))
+
+
+CORRUPT = AttackPlugin(
+    Damage,
+    make,
+    "Flips bits of selected frames, and can mend their checksums.",
+    technique="T0830",
+    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    effect="receivers reject damaged frames, or accept values that nobody sent",
+    threat=ThreatModel(
+        knowledge="nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",
+        position="on the path; damage without a mended checksum is also what a jammer near the receiver does",
+        equipment="a computer that forwards the frames, or a jammer",
+        budget="no frames of its own",
+    ),
+    controls=Controls(
+        load="none, because it adds no load",
+        content="the sham: the same frames replaced by equal ones",
+        placement="the same damage on another aircraft's link, or of other messages or bytes",
+    ),
+)
