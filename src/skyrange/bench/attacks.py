@@ -1,7 +1,7 @@
 """Benchmark of attacks on links: what an on-path tap on every `gcs` link costs, and what a flood of one link costs.
 
-Each case flies the fleet of `bench.fleet` at light load in a process of its own: without an attack, with a tap that
-passes every frame, with one that delays every frame, and with a flood of one aircraft's link.
+Each case flies the fleet of `bench.fleet` at light load in a process of its own: without an attack, with a tap that reads
+every frame, with one that delays every frame, and with a flood of one aircraft's link.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from skyrange.scenario.model.attacks import AttackTable
 FLOOD_HZ: Final = 10_000.0
 CASES: Final[Mapping[str, tuple[str, Mapping[str, Any]] | None]] = {
     "none": None,
-    "tap that passes": ("link.drop", {"links": ["gcs:*"], "probability": 0.0}),
-    "tap that delays": ("link.delay", {"links": ["gcs:*"], "delay_ms": 5.0}),
-    "flood of one link": ("link.flood", {"links": ["gcs:op1/v1"], "rate_hz": FLOOD_HZ}),
+    "tap that reads": ("link.eavesdrop", {"links": ["gcs:*"]}),
+    "tap that delays": ("link.delay", {"links": ["gcs:*"], "delay_s": 0.005}),
+    "flood of one link": ("link.flood", {"links": ["gcs:op1/v1"], "message": "PING", "rate_hz": FLOOD_HZ}),
 }
 """By name: kind and parameters of the attack, which acts from the end of the warm-up on."""
 
