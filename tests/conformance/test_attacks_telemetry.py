@@ -21,7 +21,7 @@ from skyrange.attack.telemetry.home import HOME
 from skyrange.attack.telemetry.mode import MODE
 from skyrange.attack.telemetry.position import POSITION
 from skyrange.attack.telemetry.system_time import SYSTEM_TIME
-from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 
@@ -34,6 +34,11 @@ def signed_squares(duration_s: float) -> Scenario:
     squares = two_squares(duration_s)
     signed = tuple(operator.model_copy(update={"signing": "on"}) for operator in squares.operators)
     return squares.model_copy(update={"operators": signed})
+
+
+def broadcasting_squares(duration_s: float) -> Scenario:
+    """The two squares of the check, with Remote ID: companions request home and time."""
+    return two_squares(duration_s).model_copy(update={"radio": Radio()})
 
 
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[float], Scenario]]] = [
@@ -52,8 +57,8 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[fl
     (HIDE_FAILURES, {"links": ["autopilot:*"]}, {"replace"}, two_squares),
     (FALSE_ALARM, {"links": ["rid_data:*", "gcs:*"]}, {"replace"}, two_squares),
     (ATTITUDE, {"links": GCS, "roll_deg": 20.0, "yaw_deg": 90.0}, {"replace"}, two_squares),
-    (HOME, {"links": ["rid_data:blue/b1"], "offset_m": [0.0, 100.0, 0.0]}, {"replace"}, two_squares),
-    (SYSTEM_TIME, {"links": ["rid_data:*"], "offset_s": -300.0}, {"replace"}, two_squares),
+    (HOME, {"links": ["rid_data:blue/b1"], "offset_m": [0.0, 100.0, 0.0]}, {"replace"}, broadcasting_squares),
+    (SYSTEM_TIME, {"links": ["rid_data:*"], "offset_s": -300.0}, {"replace"}, broadcasting_squares),
     (SECOND_VEHICLE, {"links": GCS, "at": PLACE, "armed": False, "mode": "LAND"}, {"inject"}, two_squares),
     (SILENCE_STATION, {"links": GCS}, {"drop"}, two_squares),
     (SILENCE_STATION, {"links": ["gcs:*"], "towards": "station"}, {"drop"}, two_squares),
