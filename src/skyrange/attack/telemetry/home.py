@@ -56,8 +56,12 @@ HOME = AttackPlugin(
     "Alters the home position in telemetry.",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
-    effect="ground station and Remote ID show a take-off point that is not the aircraft's",
+    effect="the ground station shows a home to which the aircraft would not return",
     threat=threat("the message with the home position"),
     controls=CONTROLS,
-    realism={"place of RTL": "simulated: the autopilot's own home, which does not move"},
+    realism={
+        "place of RTL": "simulated: the autopilot's own home, which does not move",
+        "operator's place in Remote ID": "simulated: that of the ground station, which every operator of a scenario "
+        "has; only a transmitter without one broadcasts the reported home",
+    },
 )
