@@ -72,8 +72,8 @@ def test_remote_id_says_what_the_companion_was_told() -> None:
     where = scenario(14.0, {}, {}, radio=True)
     origin = where.origin.datum
     moved, true = (broadcasts(f)[0] for f in flights(POSITION, {"links": RID, "offset_m": [0, 500, 50]}, where, 3.0))
-    east_m, north_m = origin.enu_of(moved.lat_deg, moved.lon_deg)
-    was_east_m, was_north_m = origin.enu_of(true.lat_deg, true.lon_deg)
+    east_m, north_m = origin.enu_of(moved.lat_deg or 0.0, moved.lon_deg or 0.0)
+    was_east_m, was_north_m = origin.enu_of(true.lat_deg or 0.0, true.lon_deg or 0.0)
     assert abs(north_m - was_north_m - 500) < 1
     assert abs(east_m - was_east_m) < 1
     assert abs((moved.alt_geo_m or 0.0) - (true.alt_geo_m or 0.0) - 50) < 1
@@ -139,6 +139,16 @@ def test_the_station_takes_targets_for_reached_by_a_second_stream() -> None:
 
     assert reached(doubled)[1] < 9.0
     assert len(reached(single)) < len(reached(doubled))
+
+
+def test_the_station_waits_for_an_aircraft_that_seems_not_to_arrive() -> None:
+    plan = Plan(mode="guided", path=Path(points=((20, 0), (20, 20)), alt_m=8))
+    where = scenario(24.0, {}, {"plan": plan})
+    away, true = flights(POSITION, {"links": GCS, "offset_m": [0, 15, 0]}, where, 6.0)
+    assert len(noted(true, "decision.target_reached")) > len(noted(away, "decision.target_reached")) == 1
+    assert abs(away.seen.truth[-1].columns["north_m"][0]) < 2.0, (
+        "it hovers at the first target, where it says it is not"
+    )
 
 
 def test_a_signed_link_obeys_the_key_and_refuses_all_else() -> None:

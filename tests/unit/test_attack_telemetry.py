@@ -111,6 +111,16 @@ def test_an_offset_moves_all_messages_that_tell_a_position_alike() -> None:
     assert hud.groundspeed == pytest.approx((3**2 + 5**2) ** 0.5, rel=1e-6)
 
 
+def test_a_constant_offset_leaves_velocities_and_needs_no_other_message() -> None:
+    tap = tap_of(POSITION, {"offset_m": [10.0, 0.0, 0.0]})
+    lat, lon, alt = place(0.0, 0.0, 30.0)
+    gps = altered(tap, dialect.MAVLink_gps_raw_int_message(1, 3, lat, lon, alt, 100, 100, 512, 77, 12))
+    assert (gps.vel, gps.cog, gps.alt, gps.alt_ellipsoid) == (512, 77, alt, 0)
+    assert abs(gps.lon - place(10.0, 0.0, 30.0)[1]) <= 1
+    nowhere = altered(tap, dialect.MAVLink_gps_raw_int_message(1, 1, 0, 0, 0, 100, 100, 0, 0, 0))
+    assert (nowhere.lat, nowhere.lon) == (0, 0), "no fix stays no fix"
+
+
 def test_a_false_track_does_not_depend_on_the_aircraft() -> None:
     params = {"form": "track", "at": [100.0, 0.0, 50.0], "velocity_mps": [0.0, -2.0, 0.0]}
     for true in (position(0.0, 0.0, 30.0), position(40.0, 7.0, 10.0)):

@@ -74,7 +74,7 @@ SILENCE_STATION = AttackPlugin(
     SilencedHeartbeats,
     make,
     "Drops heartbeats of the ground station or of the aircraft, and nothing else.",
-    technique="T0815",
+    technique="T0803",
     counterfactual="mute",
     surface=ROLES,
     effect="the failsafe for a lost ground station acts while commands and telemetry still pass",

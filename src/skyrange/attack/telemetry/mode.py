@@ -123,7 +123,7 @@ MODE = AttackPlugin(
     FalseMode,
     make,
     "Alters mode, armed state and progress of the mission in telemetry.",
-    technique="T0832",
+    technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
     effect="the ground station follows a flight that does not take place: it recalls, gives up or trusts the aircraft",
     threat=threat("the messages with mode and mission, and the numbers of the autopilot's modes"),

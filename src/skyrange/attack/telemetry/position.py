@@ -114,18 +114,18 @@ class PositionAlteration:
             east_m, north_m = self.origin.enu_of(fields["lat"] * 1e-7, fields["lon"] * 1e-7)
             self.place = (east_m, north_m, fields["alt"] * 1e-3 - self.origin.alt_msl_m)
             self.velocity = (fields["vy"] * 1e-2, fields["vx"] * 1e-2, -fields["vz"] * 1e-2)
-        if self.place is None or since_ns < 0:
+        if since_ns < 0 or (self.at is not None and self.place is None):
             return False
         seconds = since_ns / NS_PER_S
         first, rate = self.at or self.offset_m, self.rate_mps
         shift = (first[0] + rate[0] * seconds, first[1] + rate[1] * seconds, first[2] + rate[2] * seconds)
-        if self.at is not None:
+        if self.at is not None and self.place is not None:
             shift = (shift[0] - self.place[0], shift[1] - self.place[1], shift[2] - self.place[2])
-        speed = self.rate_mps
-        if self.at is None:
-            speed = (self.velocity[0] + speed[0], self.velocity[1] + speed[1], self.velocity[2] + speed[2])
+            _set_velocity(number, fields, rate, True)
+        elif rate != _TRUE and self.place is not None:
+            true = self.velocity
+            _set_velocity(number, fields, (true[0] + rate[0], true[1] + rate[1], true[2] + rate[2]), False)
         self._move(number, fields, shift)
-        _set_velocity(number, fields, speed, self.at is not None)
         return True
 
     def _move(self, number: int, fields: Any, by_m: Place) -> None:
