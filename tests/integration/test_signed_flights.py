@@ -15,10 +15,16 @@ import pymavlink
 import pytest
 
 from skyrange.assembly.build import build
-from skyrange.assembly.signing import passphrase
 from skyrange.codec.mavlink import Packer, decode, message_name
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.signing import Signer, SigningKey, secret_from_passphrase, sign_frame, signing_timestamp
+from skyrange.codec.mavlink.signing import (
+    Signer,
+    SigningKey,
+    range_passphrase,
+    secret_from_passphrase,
+    sign_frame,
+    signing_timestamp,
+)
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, TapPlacement
 from skyrange.contracts.plugins import AUTOPILOTS, NoParams, register
@@ -171,7 +177,7 @@ def test_an_injected_command_is_obeyed_without_signing(tmp_path: Path) -> None:
 
 
 def test_an_injected_command_is_refused_with_signing_and_the_record_names_it(signed: RunRecord, tmp_path: Path) -> None:
-    secret = secret_from_passphrase(passphrase(5, "green"))
+    secret = secret_from_passphrase(range_passphrase(5, "green"))
     forged = sign_frame(land_now(), secret, 0, 2**47)
     record = flown(tmp_path / "run", scenario("on"), lambda: Says([land_now(), forged]))
     assert record.manifest["digests"]["truth"] == signed.manifest["digests"]["truth"]

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 from pymavlink import mavutil
 
-from skyrange.assembly.signing import passphrase
-from skyrange.codec.mavlink.signing import secret_from_passphrase
+from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase
 from skyrange.record import load
 from tests.ports import OFFSET
 
@@ -58,7 +57,7 @@ def test_pymavlink_is_obeyed_once_it_has_the_key(tmp_path: Path) -> None:
     try:
         assert link.wait_heartbeat(timeout=120) is not None, "it reads what is signed"
         assert not acknowledged(link, 2.5, GUIDED), "and is not believed"
-        link.setup_signing(secret_from_passphrase(passphrase(4, "blue")))
+        link.setup_signing(secret_from_passphrase(range_passphrase(4, "blue")))
         assert acknowledged(link, 6.0, GUIDED)
         assert link.mav.signing.goodsig_count > 0, "it believes the aircraft"
         _, err = process.communicate(timeout=90.0)

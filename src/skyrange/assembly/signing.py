@@ -22,22 +22,18 @@ class Keys(NamedTuple):
     station: SigningKey | None
 
 
-def passphrase(seed: int, operator: str) -> str:
-    """What an operator's aircraft were paired with, as one would type it into a ground station."""
-    return f"skyrange/{seed}/{operator}"
-
-
 def derive_keys(scenario: Scenario, operator: Operator) -> Keys:
     """The keys of an operator of a scenario. With a wrong key, its ground station has that of another passphrase."""
     from skyrange.codec.mavlink.signing import (  # slow to import, and mostly off
         SigningKey,
+        range_passphrase,
         secret_from_passphrase,
         signing_timestamp,
     )
 
     if operator.signing == "off":
         return Keys(None, None)
-    phrase, initial = passphrase(scenario.seed, operator.id), signing_timestamp(scenario.epoch.unix_ns)
+    phrase, initial = range_passphrase(scenario.seed, operator.id), signing_timestamp(scenario.epoch.unix_ns)
     aircraft = SigningKey(secret_from_passphrase(phrase), initial)
     if operator.signing == "on":
         return Keys(aircraft, aircraft)

@@ -25,7 +25,7 @@ CASES: Final[Mapping[str, tuple[str, Mapping[str, Any]] | None]] = {
     "none": None,
     "tap that reads": ("link.eavesdrop", {"links": ["gcs:*"]}),
     "tap that delays": ("link.delay", {"links": ["gcs:*"], "delay_s": 0.005}),
-    "flood of one link": ("link.flood", {"links": ["gcs:op1/v1"], "message": "PING", "rate_hz": FLOOD_HZ}),
+    "flood of one link": ("link.flood", {"links": ["gcs:op1/o1"], "message": "PING", "rate_hz": FLOOD_HZ}),
 }
 """By name: kind and parameters of the attack, which acts from the end of the warm-up on."""
 

@@ -59,6 +59,11 @@ def secret_from_passphrase(passphrase: str) -> bytes:
     return sha256(passphrase.encode()).digest()
 
 
+def range_passphrase(seed: int, operator: str) -> str:
+    """What an operator's ground station and aircraft are paired with, as one would type it into a ground station."""
+    return f"skyrange/{seed}/{operator}"
+
+
 def signing_timestamp(unix_ns: int) -> int:
     """The timestamp of a moment in UTC, in 10 µs since 2015, clipped to 48 bits."""
     return min(max(unix_ns - ZERO_UNIX_NS, 0) // UNIT_NS, LAST_TIMESTAMP)

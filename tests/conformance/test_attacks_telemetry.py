@@ -1,0 +1,81 @@
+"""Do the attacks on telemetry, identities and signatures keep their contract?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import pytest
+
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.identity.keep_alive import KEEP_ALIVE
+from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
+from skyrange.attack.identity.silence_station import SILENCE_STATION
+from skyrange.attack.signing.replay import REPLAY
+from skyrange.attack.signing.stolen_key import STOLEN_KEY
+from skyrange.attack.telemetry.attitude import ATTITUDE
+from skyrange.attack.telemetry.battery import BATTERY
+from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
+from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
+from skyrange.attack.telemetry.home import HOME
+from skyrange.attack.telemetry.mode import MODE
+from skyrange.attack.telemetry.position import POSITION
+from skyrange.attack.telemetry.system_time import SYSTEM_TIME
+from skyrange.scenario.model.scenario import Radio, Scenario
+from skyrange.testing import check_attack
+from skyrange.testing.checks.attacks import two_squares
+
+GCS = ["gcs:blue/b1"]
+PLACE = [200.0, 5.0, 20.0]
+
+
+def signed_squares(duration_s: float) -> Scenario:
+    """The two squares of the check, with signed links."""
+    squares = two_squares(duration_s)
+    signed = tuple(operator.model_copy(update={"signing": "on"}) for operator in squares.operators)
+    return squares.model_copy(update={"operators": signed})
+
+
+def broadcasting_squares(duration_s: float) -> Scenario:
+    """The two squares of the check, with Remote ID: companions request home and time."""
+    return two_squares(duration_s).model_copy(update={"radio": Radio()})
+
+
+KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[float], Scenario]]] = [
+    (POSITION, {"links": GCS, "offset_m": [40.0, 0.0, 3.0]}, {"replace"}, two_squares),
+    (POSITION, {"links": ["autopilot:*"], "drift_mps": [1.0, 2.0, 0.0]}, {"replace"}, two_squares),
+    (
+        POSITION,
+        {"links": ["log:blue/b1"], "form": "track", "at": PLACE, "velocity_mps": [1.0, 0.0, 0.0]},
+        {"replace"},
+        two_squares,
+    ),
+    (POSITION, {"links": GCS, "offset_m": [40.0, 0.0, 3.0]}, {"replace"}, signed_squares),
+    (MODE, {"links": GCS, "mode": "LAND", "armed": False, "mission": "complete"}, {"replace"}, two_squares),
+    (MODE, {"links": ["rid_data:*"], "mode": "LOITER"}, {"replace"}, two_squares),
+    (BATTERY, {"links": GCS, "remaining_percent": 20.0, "voltage_v": 9.5}, {"replace"}, two_squares),
+    (HIDE_FAILURES, {"links": ["autopilot:*"]}, {"replace"}, two_squares),
+    (FALSE_ALARM, {"links": ["rid_data:*", "gcs:*"]}, {"replace"}, two_squares),
+    (ATTITUDE, {"links": GCS, "roll_deg": 20.0, "yaw_deg": 90.0}, {"replace"}, two_squares),
+    (HOME, {"links": ["rid_data:blue/b1"], "offset_m": [0.0, 100.0, 0.0]}, {"replace"}, broadcasting_squares),
+    (SYSTEM_TIME, {"links": ["rid_data:*"], "offset_s": -300.0}, {"replace"}, broadcasting_squares),
+    (SECOND_VEHICLE, {"links": GCS, "at": PLACE, "armed": False, "mode": "LAND"}, {"inject"}, two_squares),
+    (SILENCE_STATION, {"links": GCS}, {"drop"}, two_squares),
+    (SILENCE_STATION, {"links": ["gcs:*"], "towards": "station"}, {"drop"}, two_squares),
+    (KEEP_ALIVE, {"links": GCS}, {"drop", "inject"}, two_squares),
+    (KEEP_ALIVE, {"links": GCS, "cut": False}, {"inject"}, two_squares),
+    (STOLEN_KEY, {"links": GCS}, {"inject"}, signed_squares),
+    (STOLEN_KEY, {"links": GCS, "passphrase": "guessed", "order": "disarm"}, {"inject"}, signed_squares),
+    (REPLAY, {"links": GCS}, {"inject"}, signed_squares),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "acts", "scenario"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
+)
+def test_attacks_on_telemetry_conform(
+    kind: AttackPlugin, params: Mapping[str, Any], acts: Collection[str], scenario: Callable[[float], Scenario]
+) -> None:
+    # home and time are reported every few seconds
+    start_s, stop_s = (0.5, 9.0) if kind in (HOME, SYSTEM_TIME) else (3.0, 7.0)
+    check_attack(kind, params, acts=acts, scenario=scenario, start_s=start_s, stop_s=stop_s)
