@@ -1,7 +1,7 @@
 """Benchmark of attacks on links: what an on-path tap on every `gcs` link costs, and what a flood of one link costs.
 
-Each case flies the fleet of `bench.fleet` at light load in a process of its own: without an attack, with a tap that reads
-every frame, with one that delays every frame, and with a flood of one aircraft's link.
+Each case flies the fleet of `bench.fleet` at light load in a process of its own: without an attack, with a tap that
+reads every frame, with one that delays every frame, and with a flood of one aircraft's link.
 """
 
 from __future__ import annotations
