@@ -208,7 +208,7 @@ GNSS_JAM = AttackPlugin(
     effect="the receiver has no fix, the estimator stops aiding, and the autopilot fails safe",
     threat=ThreatModel(
         knowledge="nothing",
-        position="in line of sight of the antennas: about 2 km at 10 dBm, 7 km at 20 dBm in free space",
+        position="in line of sight of the antennas: about 1.5 km at 10 dBm, 5 km at 20 dBm in free space",
         equipment="a noise or sweep generator for 1575.42 MHz, sold as a privacy device",
         budget="milliwatts, for as long as it acts",
     ),
