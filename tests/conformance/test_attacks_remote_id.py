@@ -14,7 +14,7 @@ from skyrange.testing import check_attack
 
 PLACE = [10.0, 5.0, 20.0]
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
-    (FLOOD, {"transmitter_m": PLACE, "rate_hz": 200}),
+    (FLOOD, {"transmitter_m": PLACE, "stations": 2, "rate_hz": 100}),
     (SWEEP_JAM, {"transmitter_m": PLACE, "dwell_ms": 7}),
 ]
 

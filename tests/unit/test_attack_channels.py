@@ -16,7 +16,7 @@ from tests.unit.test_attack_remote_id import MS, S, context, made, place, sent
 
 
 def test_a_flood_sends_harmless_beacons_at_its_rate_on_its_channel() -> None:
-    frames = sent(made(FLOOD, context(), transmitter_m=[30, 40, 5], rate_hz=400, channel=11), 3 * S - 1)
+    frames = sent(made(FLOOD, context(), transmitter_m=[30, 40, 5], stations=1, rate_hz=400, channel=11), 3 * S - 1)
     assert len(frames) == 400
     assert frames[0][0] == 2 * S
     header, body = link_payload.unpack(frames[7][1])
@@ -34,7 +34,8 @@ def test_a_flood_sends_harmless_beacons_at_its_rate_on_its_channel() -> None:
 
 def test_its_sham_is_the_flood_itself() -> None:
     live, sham = (
-        sent(made(FLOOD, context(sham=sham), transmitter_m=[30, 40, 5], rate_hz=50), 4 * S) for sham in (False, True)
+        sent(made(FLOOD, context(sham=sham), transmitter_m=[30, 40, 5], stations=1, rate_hz=50), 4 * S)
+        for sham in (False, True)
     )
     assert live == sham
 
