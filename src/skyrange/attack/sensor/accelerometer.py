@@ -45,7 +45,7 @@ ACCELEROMETER = AttackPlugin(
     "Adds false acceleration to what the accelerometers measure, by sound at their resonance.",
     technique="EX-0014.03",
     surface=("accel",),
-    effect="the estimated climb rate and tilt go wrong between fixes, so that height and position oscillate or drift",
+    effect="the estimated climb rate and tilt are wrong between fixes: the aircraft sinks, drifts or does not land",
     threat=ThreatModel(
         knowledge="the accelerometer's model, its resonance and its output rate",
         position="beside the aircraft: a loudspeaker at some centimetres, or one on the airframe",

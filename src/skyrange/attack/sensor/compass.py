@@ -41,7 +41,7 @@ COMPASS = AttackPlugin(
     "Adds a magnetic field to the one that the compass measures.",
     technique="EX-0014.03",
     surface=("compass",),
-    effect="the estimated heading turns away from the true one, so that corrections go the wrong way and paths curve",
+    effect="the heading is wrong, so that corrections go the wrong way and the aircraft circles away",
     threat=ThreatModel(
         knowledge="for a field that passes the estimator's gate: the strength of the Earth's field",
         position="at the sensor: a magnet or coil on the airframe; a coil of 1 m radius at some metres",
