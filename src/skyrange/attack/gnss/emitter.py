@@ -1,0 +1,71 @@
+"""Transmitter of an attacker on the GPS L1 frequency: the power that it has at the antennas of receivers.
+
+Power follows from free space and, where a building of the city is in the way, a constant loss. The medium of the range
+has the 2.4 GHz band only, so this transmitter is no node of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import ceil, log10, pi
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from skyrange.attack.contract import AttackContext, Place
+from skyrange.contracts.components import Floats
+from skyrange.core.errors import InputError
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
+
+SPEED_OF_LIGHT_MPS: Final = 299_792_458.0
+L1_HZ: Final = 1_575_420_000.0
+AUTHENTIC_DBM: Final = -128.5
+"""Received power of GPS L1 C/A: the least that is specified, −158.5 dBW (IS-GPS-200, table 3-Va)."""
+FIX_NONE: Final = 1
+FIX_2D: Final = 2
+FIX_3D: Final = 3
+_FREE_SPACE_1M_DB: Final = 20.0 * log10(4.0 * pi * L1_HZ / SPEED_OF_LIGHT_MPS)
+_LEAST_M: Final = 0.5
+_CLIMB_M: Final = 5.0
+"""A path is tested against roofs in parts that climb no more than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Emitter:
+    """A transmitter at a fixed place."""
+
+    place_enu_m: Place
+    power_dbm: float
+    wall_loss_db: float
+    city: City | None
+
+    def received_dbm(self, places: Floats) -> Floats:
+        """Power at antennas of 0 dBi at `places` (n, 3), dBm: free-space loss (ITU-R P.525-4, eq. 3), and walls."""
+        away_m = np.maximum(np.linalg.norm(places - np.array(self.place_enu_m), axis=1), _LEAST_M)
+        power = self.power_dbm - _FREE_SPACE_1M_DB - 20.0 * np.log10(away_m)
+        if self.city is not None:
+            hidden = [not self.city.is_clear(_in_parts(self.place_enu_m, row)) for row in places.tolist()]
+            power = power - self.wall_loss_db * np.array(hidden, dtype=np.float64)
+        return np.asarray(power, dtype=np.float64)
+
+
+def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:
+    """A straight path in parts so flat that the highest point of each stands for the part."""
+    east, north, up = end
+    parts = max(1, ceil(abs(up - start[2]) / _CLIMB_M))
+    shares = [number / parts for number in range(parts + 1)]
+    way = (east - start[0], north - start[1], up - start[2])
+    return [(start[0] + s * way[0], start[1] + s * way[1], start[2] + s * way[2]) for s in shares]
+
+
+def emitter_at(place: Place, power_dbm: float, wall_loss_db: float, context: AttackContext) -> Emitter:
+    """The transmitter. Raises `InputError` for a place inside a building."""
+    if context.city is not None:
+        building = context.city.inside(*place)
+        if building is not None:
+            hint = f"The roof there is {building.height_m:g} m high."
+            raise InputError.one(context.id, "transmitter_m", list(place), "a place outside of buildings", hint)
+    return Emitter(place, power_dbm, wall_loss_db, context.city)

@@ -1,0 +1,1 @@
+"""Attacks on barometers, compasses and inertial sensors."""

@@ -1,0 +1,32 @@
+"""Do the attacks on GNSS receivers by power keep their contract?"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pytest
+
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.gnss.capture import CAPTURE
+from skyrange.attack.gnss.jam import GNSS_JAM
+from skyrange.attack.gnss.meacon import MEACON
+from skyrange.testing import check_attack
+
+PLACE = [60.0, 5.0, 2.0]
+SENSOR = frozenset({"sensor"})
+KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Any]] = [
+    (GNSS_JAM, {"transmitter_m": PLACE, "power_dbm": 20}, SENSOR),
+    (GNSS_JAM, {"transmitter_m": PLACE, "power_dbm": -24}, SENSOR),
+    (GNSS_JAM, {"transmitter_m": [90_000.0, 0.0, 2.0]}, False),
+    (CAPTURE, {"transmitter_m": PLACE, "at": [20.0, 10.0, 5.0]}, SENSOR),
+    (CAPTURE, {"transmitter_m": PLACE, "at": [900.0, 0.0, 5.0], "velocity_mps": [5, 0, 0], "reacquire_s": 1}, SENSOR),
+    (MEACON, {"at": PLACE, "reacquire_s": 2}, SENSOR),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
+)
+def test_attacks_by_power_conform(kind: AttackPlugin, params: Mapping[str, Any], acts: Any) -> None:
+    check_attack(kind, params, acts=acts)

@@ -1,0 +1,186 @@
+"""Whom do jammer, spoofer and repeater reach by their power, and what do the receivers then report?"""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+import shapely
+
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
+from skyrange.attack.gnss.capture import CAPTURE
+from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_NONE, Emitter
+from skyrange.attack.gnss.jam import GNSS_JAM, code_jitter_m, effective_db_hz
+from skyrange.attack.gnss.meacon import MEACON
+from skyrange.city.buildings import Building
+from skyrange.city.city import City
+from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.links import Schedule
+from skyrange.core.chance import Chance
+from skyrange.core.errors import InputError
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S, Epoch, Time
+from skyrange.world import Body, SensorSpec, World
+
+S = NS_PER_S
+WALL = City([Building("wall", 40.0, shapely.box(-5.0, -60.0, 5.0, 60.0))], "test")
+NAMES = ("blue/b1", "blue/b2")
+STEP = S // 5
+
+
+def context(sham: bool = False, city: Any = None) -> AttackContext:
+    vehicles = {name: Aircraft((0.0, 0.0, 0.0), "") for name in NAMES}
+    schedule = Schedule(2 * S, 90 * S)
+    return AttackContext(
+        "x", vehicles, [], Origin(40.0, -73.0, 0.0, 0.0), Epoch(0), Chance(3), 99 * S, schedule, sham, city
+    )
+
+
+def fault(kind: AttackPlugin, sham: bool = False, **params: Any) -> SensorFault:
+    (only,) = kind(kind.params.model_validate(params), context(sham)).faults
+    return only
+
+
+def readings(now: Time, first: list[float], second: list[float], velocity: tuple[float, ...] = (0, 0, 0)) -> Sensors:
+    world = World([Body(name, "iris", 0.0, 9.0 * k) for k, name in enumerate(NAMES)], 2_500_000, sensors=SensorSpec(1))
+    world.advance(0)
+    sensors = world.sensors(np.array([0, 1]))
+    sensors.gnss_enu_m[:] = [first, second]
+    sensors.gnss_vel_enu_mps[:] = velocity
+    sensors.gnss_time_ns[:] = now
+    return sensors
+
+
+def test_power_falls_as_in_free_space() -> None:
+    emitter = Emitter((0.0, 0.0, 0.0), 10.0, 30.0, None)
+    # 20·log10(4π·1000 m / 0.1903 m) = 96.4 dB
+    assert emitter.received_dbm(np.array([[1000.0, 0, 0], [0, 0, 2000.0]])) == pytest.approx([-86.4, -92.4], abs=0.05)
+
+
+def test_a_building_in_the_way_costs_its_loss() -> None:
+    emitter, free = (Emitter((-50.0, 0.0, 2.0), 10.0, 25.0, where) for where in (WALL, None))
+    places = np.array([[50.0, 0.0, 2.0], [50.0, 0.0, 60.0], [50.0, 0.0, 120.0]])
+    assert emitter.received_dbm(places) - free.received_dbm(places) == pytest.approx([-25.0, -25.0, 0.0])
+
+
+def test_a_receiver_tolerates_a_jammer_thirty_five_decibels_stronger() -> None:
+    """Q = 2 and 28 dB-Hz: 10·log10(2 · 1.023e6 · (10^-2.8 - 10^-4.25)) = 35 dB."""
+    jam_dbm = np.array([AUTHENTIC_DBM + 34.0, AUTHENTIC_DBM + 36.0])
+    middle = effective_db_hz(jam_dbm, 3)[:, 1]
+    assert middle[0] > 28.0 > middle[1]
+    assert effective_db_hz(np.array([-np.inf]), 3)[0] == pytest.approx([37.5, 42.5, 47.5])
+    assert code_jitter_m(42.5) < 1.5 < 5.0 < code_jitter_m(28.0)
+
+
+def test_near_the_jammer_there_is_no_fix_at_its_edge_a_worse_one_and_far_away_the_usual() -> None:
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10)
+    clean = readings(3 * S, [120, 0, 0], [3_000, 0, 0])
+    sensors = readings(3 * S, [120, 0, 0], [3_000, 0, 0])
+    assert jam.on_sensors(3 * S, sensors) == [SensorAct("blue/b1", "gnss")]
+    assert sensors.gnss_fix.tolist() == [FIX_NONE, 3]
+    assert sensors.gnss_enu_m[1].tolist() == clean.gnss_enu_m[1].tolist()
+    assert sensors.gnss_accuracy[1].tolist() == clean.gnss_accuracy[1].tolist()
+    edge = readings(4 * S, [120, 0, 0], [300, 0, 0])
+    assert jam.on_sensors(4 * S, edge) == [SensorAct("blue/b2", "gnss")]
+    assert edge.gnss_fix.tolist() == [FIX_NONE, 3]
+    assert 4 <= edge.gnss_satellites[1] < clean.gnss_satellites[1]
+    assert (edge.gnss_accuracy[1] > 1.2 * clean.gnss_accuracy[1]).all()
+    assert edge.gnss_enu_m[1].tolist() != [300, 0, 0]
+
+
+def test_a_lost_fix_returns_when_the_noise_is_weak_for_long_enough() -> None:
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10, reacquire_s=2)
+    fixes = {}
+    for step in range(40):
+        now = 2 * S + step * STEP
+        away = 100.0 if step < 10 else 330.0 if step < 20 else 900.0
+        sensors = readings(now, [away, 0, 0], [9_000, 0, 0])
+        jam.on_sensors(now, sensors)
+        fixes[step] = int(sensors.gnss_fix[0])
+    assert fixes[19] == FIX_NONE, "enough to keep a fix, too little to find one"
+    assert [fixes[20], fixes[29], fixes[30]] == [FIX_NONE, FIX_NONE, 3]
+
+
+def states(
+    which: SensorFault, places: list[list[float]], seconds: float, velocity: tuple[float, ...] = (0, 0, 0)
+) -> Any:
+    """Fix types and positions at every fix, and acts."""
+    rows = []
+    for step in range(round(seconds * 5)):
+        now = 2 * S + step * STEP
+        sensors = readings(now, places[0], places[1], velocity)
+        acts = which.on_sensors(now, sensors)
+        rows.append((sensors.gnss_fix.tolist(), sensors.gnss_enu_m.tolist(), [act.vehicle for act in acts]))
+    return rows
+
+
+def test_all_captured_report_one_place_and_only_the_aligned_keeps_its_fix() -> None:
+    spoof = fault(
+        CAPTURE, transmitter_m=[0, -300, 0], at=[10, 0, 30], velocity_mps=[1, 0, 0], reacquire_s=3
+    )  # 10 m from b1, 400 m from b2
+    rows = states(spoof, [[0, 0, 30], [400, 0, 30]], 6.0)
+    assert rows[0][0] == [3, FIX_NONE]
+    assert rows[0][1][0] == pytest.approx([10, 0, 30])
+    assert rows[0][2] == ["blue/b1", "blue/b2"]
+    assert rows[14][0] == [3, FIX_NONE]
+    assert rows[15][0] == [3, 3]
+    assert rows[15][2] == ["blue/b2"]
+    assert rows[20][1] == [pytest.approx([14, 0, 30])] * 2
+
+
+@pytest.mark.parametrize(
+    ("params", "velocity", "seamless"),
+    [
+        ({"at": [60, 0, 30]}, (0, 0, 0), True),
+        ({"at": [200, 0, 30]}, (0, 0, 0), False),
+        ({"at": [0, 0, 30], "time_error_ns": 400}, (0, 0, 0), True),
+        ({"at": [0, 0, 30], "time_error_ns": 600}, (0, 0, 0), False),  # 180 m
+        ({"at": [0, 0, 30]}, (8, 0, 0), False),
+        ({"at": [0, 0, 30], "velocity_mps": [8, 0, 0]}, (8, 0, 0), True),
+    ],
+)
+def test_a_capture_is_seamless_within_its_alignment(params: Any, velocity: tuple[float, ...], seamless: bool) -> None:
+    spoof = fault(CAPTURE, transmitter_m=[0, -300, 0], **params)
+    assert (states(spoof, [[0, 0, 30], [9_000, 0, 30]], 0.2, velocity)[0][0][0] == 3) is seamless
+
+
+def test_without_the_advantage_nobody_is_captured() -> None:
+    # −30 dBm arrive with 2 dB more than −128.5 dBm at 10^((-30 + 126.5 - 36.4) / 20) = 1012 m
+    spoof = fault(CAPTURE, transmitter_m=[0, 0, 0], at=[5, 5, 5])
+    rows = states(spoof, [[1_005, 0, 0], [1_020, 0, 0]], 0.2)
+    assert rows[0][2] == ["blue/b1"]
+    assert rows[0][1][1] == [1_020, 0, 0]
+
+
+def test_a_repeater_yields_its_own_antenna_to_all_after_a_loss_of_lock() -> None:
+    repeater = fault(MEACON, at=[40, 30, 20], reacquire_s=1)
+    rows = states(repeater, [[41, 230, 20], [300, 0, 50]], 2.0, (3, 0, 0))
+    assert rows[0][0] == [FIX_NONE, FIX_NONE]
+    assert rows[5][1] == rows[9][1] == [pytest.approx([40, 30, 20])] * 2
+
+
+@pytest.mark.parametrize(
+    ("kind", "params"),
+    [
+        (GNSS_JAM, {"transmitter_m": [0, 0, 0]}),
+        (CAPTURE, {"transmitter_m": [0, 0, 0], "at": [90, 0, 9]}),
+        (MEACON, {"at": [0, 0, 0]}),
+    ],
+    ids=["jam", "capture", "meacon"],
+)
+def test_a_sham_acts_as_often_and_alters_nothing_and_all_is_plain_state(kind: AttackPlugin, params: Any) -> None:
+    places: list[list[float]] = [[50, 0, 30], [60, 0, 30]]
+    live, sham = states(fault(kind, **params), places, 8.0), states(fault(kind, sham=True, **params), places, 8.0)
+    assert [row[2] for row in live] == [row[2] for row in sham]
+    assert all(row[:2] == ([3, 3], places) for row in sham)
+    first = fault(kind, **params)
+    states(first, places, 3.0)
+    twin = copy.deepcopy(first)
+    assert states(first, places, 8.0) == states(twin, places, 8.0)
+
+
+def test_a_transmitter_is_not_inside_a_building() -> None:
+    with pytest.raises(InputError, match="outside of buildings"):
+        GNSS_JAM(GNSS_JAM.params.model_validate({"transmitter_m": [0, 0, 3]}), context(city=WALL))
