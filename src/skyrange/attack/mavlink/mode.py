@@ -75,10 +75,10 @@ def make(params: HeldMode, context: AttackContext) -> Attack:
 MODE = AttackPlugin(
     HeldMode,
     make,
-    "Watches the mode of the aircraft and takes it back to one mode whenever the operator changes it.",
+    "Watches the mode of the aircraft and takes it back to one mode whenever the operator or a failsafe changes it.",
     technique="T0858",
     surface=("gcs", "log", "autopilot"),
-    effect="no mode that the operator commands lasts",
+    effect="no mode that the operator or a failsafe commands lasts",
     threat=ThreatModel(
         knowledge="system ids, and the mode that heartbeats tell",
         position="on the network of the control link, or on board",
