@@ -49,7 +49,8 @@ class HostileFrames(Injection):
     ] = Field(
         default=_FORMS,
         description="Forms, one chosen by chance for each frame: garbage (random bytes), truncated, checksum (wrong, "
-        "as by another CRC_EXTRA), length (other than the header's), unknown (message id), mavlink1, counts (65535 "
+        "as by another CRC_EXTRA), length (other than the header's), unknown (message id), mavlink1 (a "
+        "header of version 1 before a frame of version 2), counts (65535 "
         "items and the like), numbers (NaN, infinite or 3e38).",
     )
     towards: Literal["aircraft", "station"] = Field(
@@ -136,8 +137,8 @@ def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, message: 
         return good[:1] + bytes([(good[1] + 1 + draw.below(254)) % 256]) + good[2:]
     if form == "unknown":
         return good[:7] + _UNKNOWN_ID.to_bytes(3, "little") + good[10:]
-    if form == "mavlink1":  # the header of MAVLink 1 on a payload whose checksum is not its own
-        return bytes([0xFE, good[1], good[4], good[5], good[6], good[7]]) + good[10:]
+    if form == "mavlink1":
+        return bytes([0xFE, good[1], good[4], good[5], good[6], good[7]]) + good[10:] + draw.octets(4)
     return good
 
 

@@ -46,7 +46,9 @@ def source_of(name_or_file: str | Path) -> Path:
     path = expand_user(text)
     if path.suffix or os.path.exists(path) or "/" in text or "\\" in text:
         return path
-    raise InputError.one("scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, [*SHIPPED, *EXAMPLES]))
+    raise InputError.one(
+        "scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, [*SHIPPED, *EXAMPLES])
+    )
 
 
 def load(
