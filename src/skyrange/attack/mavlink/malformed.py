@@ -1,6 +1,9 @@
 """Hostile MAVLink: frames that are truncated, damaged or unknown, or valid ones with absurd counts and numbers.
 
 The published "malicious input". Chance is addressed by the link and the time, so a seed gives the same frames.
+
+ArduPilot's simulator aborts on a floating point exception, which boards ignore, unless SIM_FLOAT_EXCEPT is 0; so the
+form `numbers` can end that program.
 """
 
 from __future__ import annotations
