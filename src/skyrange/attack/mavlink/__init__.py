@@ -1,0 +1,1 @@
+"""Attacks that speak MAVLink to an aircraft: commands, targets, sticks, missions, parameters, hostile frames."""
