@@ -19,6 +19,7 @@ from skyrange.codec.mavlink import dialect, message_id
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
+from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Params, items, refuse
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.errors import InputError, Problem, nearest
@@ -26,6 +27,8 @@ from skyrange.core.ids import endpoint, operator_of
 from skyrange.core.time import Time
 
 _NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
+LEARNED: Final = "event.learned"
+"""Kind of the notes on what an attacker has learnt from a frame."""
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
                 "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
 """By role of a link: the end at which an attacker's tap is."""
@@ -125,8 +128,8 @@ class InjectionSource(Protocol):
         """When the next frames are due; `None` for never again."""
         ...
 
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn from a frame that passes."""
+    def see(self, now: Time, frame: Frame) -> Sequence[Note] | None:
+        """Learn from a frame that passes; what is to be noted of it."""
         ...
 
     def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
@@ -143,8 +146,7 @@ class InjectingTap:
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Let it pass, and learn from it."""
-        self.source.see(now, frame)
-        return ()
+        return self.source.see(now, frame) or ()
 
     def next_wakeup(self) -> Time | None:
         """When the source is due."""

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import LEARNED, OnPath, TapMaker, place_taps
 from skyrange.codec.mavlink import Message, decode, dialect, message_id, sender_system
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.frames.frame import Frame
@@ -20,7 +20,6 @@ from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NEVER, Time, from_seconds
 
-NOTE: Final = "event.learned"
 MAX_FACTS: Final = 10_000
 """Facts that the attacker keeps of one link; what is new beyond them is not kept, so a flood takes no memory."""
 
@@ -142,7 +141,7 @@ class Eavesdropper(FrameTap):
         if self.rule.sham:
             return []
         data: dict[str, Scalar] = {"what": fact.partition("|")[0], "system": system, **says}
-        return [Note(NOTE, self.link.partition(":")[2], data, (frame.id,))]
+        return [Note(LEARNED, self.link.partition(":")[2], data, (frame.id,))]
 
 
 def make(params: Eavesdropping, context: AttackContext) -> Attack:

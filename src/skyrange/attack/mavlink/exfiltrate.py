@@ -10,10 +10,12 @@ from pydantic import BeforeValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.mavlink.injection import Clock, Injection, Sender, inject, read
+from skyrange.attack.on_path import LEARNED
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
+from skyrange.contracts.mailboxes import Note, Scalar
 from skyrange.contracts.params import Number, items
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
 
@@ -51,6 +53,8 @@ class Reader:
     period_ns: Time
     learnt: dict[str, dict[str, tuple[float, ...]]] = field(default_factory=dict)
     """By subject: values by parameter; command and place of items by number; size of logs by number."""
+    news: list[dict[str, Scalar]] = field(default_factory=list)
+    """What was learnt from the frame that is being read."""
     queue: list[Message] = field(default_factory=list)
     counts: dict[int, int] = field(default_factory=dict)
     asked: dict[int, int] = field(default_factory=dict)
@@ -66,15 +70,21 @@ class Reader:
         times = [time for time in (self.clock.due, self.answer_ns) if time is not None]
         return min(times) if times else None
 
-    def see(self, now: Time, frame: Frame) -> None:
-        """Keep what is told, and note the next item to request."""
+    def see(self, now: Time, frame: Frame) -> Sequence[Note]:
+        """Keep what is told, and the next item to request; notes what is new."""
         self.sender.see(frame)
         if frame.direction != "rev" or message_id(frame.payload) not in _READ or now < self.schedule.start_ns:
-            return
+            return ()
         message = read(frame.payload)
         if message is None:
-            return
+            return ()
         name = type(message).msgname
+        self._read(now, name, message)
+        found, self.news = self.news, []
+        vehicle = frame.link.partition(":")[2]
+        return [Note(LEARNED, vehicle, data, (frame.id,)) for data in found]
+
+    def _read(self, now: Time, name: str, message: Message) -> None:
         if name == "PARAM_VALUE":
             self._learn("parameters", message.param_id, (message.param_value,))
         elif name == "LOG_ENTRY":
@@ -100,7 +110,10 @@ class Reader:
         return [("fwd", self.sender.pack(message)) for message in messages]
 
     def _learn(self, subject: str, name: str, values: tuple[float, ...]) -> None:
-        self.learnt.setdefault(subject, {})[name] = values
+        known = self.learnt.setdefault(subject, {})
+        if known.get(name) != values:
+            known[name] = values
+            self.news.append({"what": subject, "name": name, "value": ", ".join(f"{value:g}" for value in values)})
 
     def _request(self, now: Time, kind: int, seq: int) -> None:
         if seq < self.counts.get(kind, 0) and _SUBJECTS[kind] in self.what:
