@@ -28,6 +28,17 @@ from skyrange.study.twins.pair_folder import Pair
 
 ROOT: Final = Path(__file__).parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
+PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
+PUBLISHED: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
+    "denial of service": ("`gcs`", ("link.flood", "link.drop")),
+    "Remote ID spoofing": ("`rid_up`", ("remote_id.spoof",)),
+    "man in the middle": ("`gcs`", ("link.delay", "mavlink.mission_alter", "link.reorder")),
+    "GPS or position spoofing": ("`log`", ("telemetry.position",)),
+    "jamming": ("`gcs`", ("link.drop", "link.delay", "link.corrupt")),
+    "arbitrary control injection": ("`gcs`", ("mavlink.command", "mavlink.mode", "mavlink.guided")),
+    "malicious input": ("`gcs`, `log`", ("mavlink.malformed", "mavlink.mission_replace")),
+}
+"""By name in the publication: the links that it names, and the kinds."""
 IMAGES: Final = ROOT / "docs" / "images" / "attacks"
 SEEDS: Final = 10
 FEWEST: Final = 0.5
@@ -65,6 +76,24 @@ def write(sections: Mapping[str, str]) -> None:
         if kind in EXAMPLES
     )
     PAGE.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
+    rows = ["| published attack | link | kind and scenario | measured effect |", "|---|---|---|---|"]
+    for attack, (link, kinds) in PUBLISHED.items():
+        for kind in kinds:
+            rows.append(
+                f"| {attack} | {link} | [`{kind}`](attacks.md#{kind.replace('.', '')}) | {_first(sections, kind)} |"
+            )
+            attack = link = ""
+    table = "\n".join(rows)
+    text = PUBLISHED_PAGE.read_text(encoding="utf-8")
+    block = f"<!-- measured: published -->\n{table}\n<!-- end: published -->\n"
+    PUBLISHED_PAGE.write_text(SECTION.sub(lambda _: block, text), encoding="utf-8")
+
+
+def _first(sections: Mapping[str, str], kind: str) -> str:
+    """The first differences of a section, in one line."""
+    rows = [row.strip("| ").split(" | ") for row in sections.get(kind, "").splitlines() if row.startswith("| ")]
+    found = [f"{what} {mean} ({bounds})" for what, mean, bounds in (row for row in rows[1:] if len(row) == 3)]
+    return "; ".join(found[:2]) or "not measured"
 
 
 def measure(kind: str, folder: Path) -> str:
