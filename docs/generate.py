@@ -177,6 +177,7 @@ def _facts(kind: Any) -> str:
         ("position", threat.position),
         ("equipment", threat.equipment),
         ("budget", threat.budget),
+        ("counterfactual", "its sham" if kind.counterfactual == "sham" else "muted"),
         ("load control", controls.load),
         ("content control", controls.content),
         ("placement control", controls.placement),
