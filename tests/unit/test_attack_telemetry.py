@@ -326,3 +326,12 @@ def test_links_without_that_telemetry_are_refused(
 ) -> None:
     with pytest.raises(InputError, match=r"links\.0.*a link of the scenario"):
         kind(kind.params.model_validate({"links": links, **params}), context())
+
+
+def test_a_frame_is_not_altered_twice() -> None:
+    scenario = two_squares(5.0)
+    built = build(scenario)
+    context = replace(make_attack_context(built.scenario, built.wiring.links, built.city), id="checked")
+    params = POSITION.params.model_validate({"links": ["log:blue/b1", "autopilot:*"], "offset_m": [1.0, 0.0, 0.0]})
+    with pytest.raises(InputError, match="not both"):
+        POSITION(params, context)

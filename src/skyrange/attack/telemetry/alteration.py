@@ -29,6 +29,7 @@ from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.params import Params
 from skyrange.contracts.verdicts import Direction, Replace, Verdict
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.ids import link_name
 from skyrange.core.time import Time
 
 FROM_AIRCRAFT: Final[Mapping[str, Direction]] = {"gcs": "rev", "log": "rev", "autopilot": "rev", "rid_data": "fwd"}
@@ -154,6 +155,10 @@ class _MakeTap:
         )
 
 
+_CHAINS: Final = (("autopilot", "log"), ("autopilot", "gcs"), ("autopilot", "rid_data"), ("log", "gcs"))
+"""Roles of links that one frame of an aircraft passes, one after the other."""
+
+
 def telemetry_links(patterns: Sequence[str], context: AttackContext, roles: Sequence[str]) -> list[str]:
     """The links that match, each once.
 
@@ -174,10 +179,21 @@ def telemetry_links(patterns: Sequence[str], context: AttackContext, roles: Sequ
 
 
 def alter_telemetry(patterns: Sequence[str], context: AttackContext, alteration: Alteration) -> list[TapPlacement]:
-    """A tap with a copy of the alteration on each link that matches. Raises `InputError` as `telemetry_links` does."""
+    """A tap with a copy of the alteration on each link that matches.
+
+    Raises `InputError` as `telemetry_links` does, and for two links that the same frame passes: it would be altered
+    twice.
+    """
     systems = {name: aircraft.system_id for name, aircraft in context.vehicles.items()}
     make = _MakeTap(systems, alteration, context.schedule, context.sham)
     links = telemetry_links(patterns, context, list(FROM_AIRCRAFT))
+    for first, later in _CHAINS:
+        for name in links:
+            role, _, vehicle = name.partition(":")
+            second = link_name(later, vehicle)
+            if role == first and second in links:
+                expected = f"{name} or {second}, not both"
+                raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
     return [TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in links]
 
 
