@@ -56,7 +56,7 @@ COMPASS = AttackPlugin(
     realism={
         "measured field": "simulated: the Earth's field in the body, noise, and the added field",
         "saturation of the sensor": "assumed: none up to 10 gauss",
-        "compass of ArduPilot": "simulated: by ArduPilot itself, from the true attitude, so this attack does not reach it",
+        "compass of ArduPilot": "simulated: by ArduPilot, from the true attitude, which this attack does not reach",
         "field at the sensor": "assumed: constant in the body, as of a magnet on the airframe",
     },
 )
