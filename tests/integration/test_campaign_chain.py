@@ -5,6 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
+
+from skyrange.core.errors import InputError
+from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario.shipped import load
 from skyrange.study.figures.causal_path import draw_causal_path
 from skyrange.study.pairing import pair
@@ -37,3 +41,10 @@ def test_the_chain_is_read_from_the_record(tmp_path: Path) -> None:
     drawn = ElementTree.fromstring(draw_causal_path(path).svg)
     assert len(drawn.findall("{http://www.w3.org/2000/svg}g/{http://www.w3.org/2000/svg}rect")) == len(path.steps)
     assert "Causal path" in (flown.path / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_live_range_of_several_processes_refuses_it(tmp_path: Path) -> None:
+    """Its taps and its radio share what the adversary observes."""
+    with pytest.raises(InputError, match="--group one"):
+        prepare_range(load("chain"), tmp_path / "run", group="operator")
+    prepare_range(load("chain"), tmp_path / "one", group="one")

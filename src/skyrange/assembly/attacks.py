@@ -110,6 +110,7 @@ def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) 
         agents=made.agents,
         faults=made.faults,
         trigger=trigger,
+        one_process=made.one_process,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
         schedule=schedule,
     )

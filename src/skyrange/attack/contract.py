@@ -123,6 +123,8 @@ class Attack:
     """Places to mark on a map, such as that of a ghost, by label."""
     threat: ThreatModel | None = None
     """What this adversary needs, if it differs from what is said of the kind."""
+    one_process: bool = False
+    """Whether its parts share state, so that a live range must have all of them in one process."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -137,5 +137,7 @@ class AttackPlan:
     faults: Sequence[SensorFault] = ()
     trigger: Trigger | None = None
     lasts_ns: Time = NEVER
+    one_process: bool = False
+    """Whether its parts, taps included, share state and must be in one process."""
     schedule: Schedule | None = None
     """Where the kernel tells the attack's own parts when it acts; `None` where none of them reads it."""

@@ -109,6 +109,7 @@ def make(params: Campaign, context: AttackContext) -> Attack:
         links=[*links, *(one for act in made.values() for one in act.links)],
         radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
         threat=ThreatModel(**params.threat.model_dump()) if params.threat.stated else None,
+        one_process=True,
         shown={f"{name}: {label}": at for name, act in made.items() for label, at in act.shown.items()},
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
@@ -140,6 +141,7 @@ def prepare_range(
     components = {component_of(end) for spec in links for end in (spec.a, spec.b)}
     spaces = namespaces(sorted(components)) if netns else None
     planned = assign_components(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
+    _check_shared_state(built, planned)
     places = crossings(links, planned, port_offset)
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
@@ -154,3 +156,26 @@ def prepare_range(
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
     return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)
+
+
+def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:
+    """Raises `InputError` for an attack whose parts share state, and whose taps are not in the world's process."""
+    for plan in built.wiring.attacks:
+        if not plan.one_process:
+            continue
+        ends = {
+            end
+            for tap in built.wiring.taps
+            for spec in built.wiring.links
+            for end in (spec.a, spec.b)
+            if tap.attack == plan.id and fnmatchcase(spec.name, tap.match) and end.rpartition(".")[2] == tap.side
+        }
+        away = sorted({planned.home(end) or end for end in ends} - {planned.nodes[0].name})
+        if away:
+            raise InputError.one(
+                "live",
+                f"attacks.{plan.id}",
+                f"parts in the processes {planned.nodes[0].name} and {', '.join(away)}",
+                "one process, because they share what the adversary observes",
+                "Choose --group one.",
+            )
