@@ -30,7 +30,7 @@ FOLDERS: Final = ("link", "mavlink", "telemetry", "identity", "signing")
 """The groups of kinds that act by MAVLink."""
 ARDUPILOT_PARAMS: Final[Mapping[str, float]] = {"SIM_FLOAT_EXCEPT": 0.0}
 """Parameters of every ArduPilot. By default its simulation ends the process at a floating-point exception, to find
-faults (AP_HAL_SITL, `SITL_State_common`/`feenableexcept`); a flight controller goes on."""
+faults (libraries/AP_HAL_SITL/Scheduler.cpp, `feenableexcept`); a flight controller goes on."""
 
 OnFlight = Callable[[str, int, int], None]
 """Callback for progress: what is flown, flights that are done, and all flights."""
