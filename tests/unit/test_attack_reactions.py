@@ -65,7 +65,7 @@ def test_a_crash_that_the_twin_does_not_have() -> None:
     assert reaction_of(fell, fell).reaction == "ignores"
 
 
-def test_a_failsafe_that_the_twin_does_not_have_or_later() -> None:
+def test_a_failsafe_that_the_twin_does_not_have_or_at_another_time() -> None:
     early, late = (flown(failsafes=((at_s, "GCS Failsafe"),)) for at_s in (25.0, 25.0 + TIME_S + 0.1))
     assert (reaction_of(early).reaction, reaction_of(early).at_s) == ("fails safe", 15.0)
     assert reaction_of(early, late).reaction == "fails safe"
@@ -91,7 +91,8 @@ def test_an_aircraft_that_stays_down() -> None:
 
 @pytest.mark.parametrize(("away_m", "reaction"), [(PLACE_M + 0.1, "lands"), (PLACE_M - 0.1, "obeys")])
 def test_a_landing_elsewhere(away_m: float, reaction: str) -> None:
-    assert reaction_of(flown(away_m)).reaction == reaction
+    found = reaction_of(flown(away_m))
+    assert (found.reaction, found.at_s) == (reaction, 10.0)  # when it leaves its track
 
 
 @pytest.mark.parametrize(("ordered", "reaction"), [(True, "obeys"), (False, "departs")])
@@ -146,7 +147,8 @@ COMPARED = [
 
 def test_agreement_counts_attacks_with_an_effect() -> None:
     found = agreement(COMPARED)
-    assert (found.kinds, found.effective, found.same, found.effective_same, found.alike) == (4, 3, 3, 2, 2)
+    assert (found.kinds, found.same, found.alike) == (4, 3, 2)
+    assert (found.effective, found.effective_same, found.effective_alike) == (3, 2, 1)
     assert not ComparedAttack("signing.replay", REJECTS, IGNORES).effective
 
 
@@ -163,7 +165,10 @@ def test_a_page_with_marks_is_renewed(tmp_path: Path) -> None:
         "| `mavlink.guided` | obeys, 0.1 s, 40 m | obeys, 9.0 s, 40 m | RTL 0.1 s | RTL 0.1 s | in the reaction |"
         in text
     )
-    assert "Same reaction: 3 of 4 attacks; 2 of the 3 that change a flight of either." in text
+    assert (
+        "Of 3 attacks that change a flight of either, the reaction is the same in 2, at the same time and distance in 1."
+        in text
+    )
 
 
 def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
@@ -187,7 +192,7 @@ def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path
     said = CliRunner().invoke(app, asked, env={"COLUMNS": "160"})
     assert said.exit_code == 0, said.output
     assert given == [(tmp_path / "a", ["mavlink.mode"], "reduced")]
-    assert "Same reaction: 3 of 4 attacks" in said.output
+    assert "Of all 4 attacks these are 3 and 2." in said.output
     assert "mavlink.mode" in page.read_text()
     facts = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
     assert (facts["kinds"], facts["same"]) == (4, 3)

@@ -62,13 +62,16 @@ class ComparedAttack:
 
 @dataclass(frozen=True, slots=True)
 class AttackAgreement:
-    """Number of kinds; of those with an effect on a flight; and of kinds with equal and with like reactions."""
+    """Number of kinds, and of those with an effect on a flight of either autopilot; of both, the numbers with the same
+    reaction, and with the same reaction at the same time and distance.
+    """
 
     kinds: int
     effective: int
     same: int
     effective_same: int
     alike: int
+    effective_alike: int
 
 
 def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
@@ -79,6 +82,7 @@ def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
         same=sum(one.same for one in compared),
         effective_same=sum(one.same and one.effective for one in compared),
         alike=sum(one.alike for one in compared),
+        effective_alike=sum(one.alike and one.effective for one in compared),
     )
 
 

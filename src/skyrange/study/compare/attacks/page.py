@@ -36,11 +36,12 @@ def lines(compared: Sequence[ComparedAttack]) -> Iterator[str]:
 
 
 def summary(compared: Sequence[ComparedAttack]) -> str:
-    """The agreement in one sentence for each number."""
+    """The agreement in words."""
     found = agreement(compared)
     return (
-        f"Same reaction: {found.same} of {found.kinds} attacks; {found.effective_same} of the {found.effective} that "
-        f"change a flight of either. Same time and distance too: {found.alike} of {found.kinds}."
+        f"Of {found.effective} attacks that change a flight of either, the reaction is the same in {found.effective_same}, "
+        f"at the same time and distance in {found.effective_alike}. Of all {found.kinds} attacks these are {found.same} "
+        f"and {found.alike}."
     )
 
 

@@ -28,7 +28,7 @@ REACTIONS: Final = ("crashes", "fails safe", "stays down", "lands", "obeys", "de
 """All reactions. The first that applies is the aircraft's:
 
 - crashes: it hits the ground or another aircraft, or its autopilot ends, and its twin does not
-- fails safe: its autopilot announces a failsafe or a breach of its fence, which its twin does not, or later
+- fails safe: its autopilot announces a failsafe or a breach of its fence, which its twin does not, or at another time
 - stays down: it does not take off, and its twin does
 - lands: it is down at a place where its twin is not
 - obeys: hostile frames were sent to it, and it changes its mode or its track
@@ -93,7 +93,8 @@ class Flight:
 class Reaction:
     """Reaction of one aircraft to an attack.
 
-    `reaction` is one of `REACTIONS`. `at_s` is in s after the attack's start, `None` if nothing happened. `signs` are
+    `reaction` is one of `REACTIONS`. `at_s` is in s after the attack's start, `None` if nothing happened; of a landing
+    elsewhere, it is when the aircraft leaves the track of its twin. `signs` are
     what shows it, in order of time after the attack's start. `departed_m` is the largest distance from the twin.
     """
 
@@ -132,6 +133,7 @@ def react(attacked: Flight, nominal: Flight, start_s: float, *, ordered: bool) -
         "rejects": refusals,
     }
     reaction = next((name for name, rows in found.items() if rows), "ignores")
+    rows_of = (changed if reaction == "lands" else None) or found.get(reaction)
     rows = [*lost, *safe, *kept, *modes, *(row for name in ("stays down", "lands") for row in found[name])]
     if reaction in ("obeys", "departs") and departed_s is not None and not modes:
         rows += [row for row in changed if row[0] == departed_s]
@@ -141,7 +143,7 @@ def react(attacked: Flight, nominal: Flight, start_s: float, *, ordered: bool) -
         rows.append((float("inf"), f"mission {attacked.outcome}, not {nominal.outcome}"))
     return Reaction(
         reaction=reaction,
-        at_s=found[reaction][0][0] - start_s if reaction in found else None,
+        at_s=rows_of[0][0] - start_s if rows_of else None,
         signs=tuple((at_s - start_s, text) for at_s, text in sorted(rows)),
         departed_m=departed_m,
         outcome=attacked.outcome,
@@ -165,7 +167,7 @@ def _announced(flight: Flight) -> Happened:
 
 
 def _new(mine: Happened, other: Happened) -> list[tuple[float, str]]:
-    """What happened in one flight, and in the other not within `TIME_S`, or not before."""
+    """What happened in one flight, and in the other not within `TIME_S` of it."""
     return [
         (at_s, what)
         for at_s, what in mine
