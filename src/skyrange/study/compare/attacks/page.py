@@ -39,9 +39,9 @@ def summary(compared: Sequence[ComparedAttack]) -> str:
     """The agreement in words."""
     found = agreement(compared)
     return (
-        f"Of {found.effective} attacks that change a flight of either, the reaction is the same in {found.effective_same}, "
-        f"at the same time and distance in {found.effective_alike}. Of all {found.kinds} attacks these are {found.same} "
-        f"and {found.alike}."
+        f"Of {found.effective} attacks that change a flight of either, the reaction is the same in "
+        f"{found.effective_same}, at the same time and distance in {found.effective_alike}. "
+        f"Of all {found.kinds} attacks these are {found.same} and {found.alike}."
     )
 
 
