@@ -216,6 +216,31 @@ def gnss(
     parity.gnss(out, rates.value, as_json)
 
 
+@parity_app.command("attacks", epilog="Example: skyrange parity attacks mavlink.command mavlink.guided")
+def attack_reactions(
+    kinds: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[KIND]...", help="Kinds of attack with an example. Default: all that act by MAVLink."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the runs. Default: runs/attack-parity, then -2 …"),
+    ] = None,
+    rates: Annotated[
+        Rates,
+        typer.Option(
+            metavar="RATES", help="ArduPilot's loop rates: reduced, 100 Hz; full or single, 400 Hz, take longer."
+        ),
+    ] = Rates.REDUCED,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also renew the table in this Markdown page.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the examples of attacks with both autopilots, attacked and muted, and compare reactions, times and places."""
+    parity.attacks(kinds or [], out, rates.value, page, as_json)
+
+
 @parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")
 def missions(
     files: Annotated[

@@ -1,4 +1,4 @@
-"""The commands `skyrange parity flight`, `parity rates`, `parity gnss`, `parity missions` and `parity radio`."""
+"""The commands `skyrange parity flight`, `rates`, `gnss`, `attacks`, `missions` and `radio`."""
 
 from __future__ import annotations
 
@@ -146,6 +146,39 @@ def _setting(one: ComparedReaction) -> dict[str, Any]:
 
 def _reaction(one: Reaction) -> dict[str, Any]:
     return {**asdict(one), "outcome": one.outcome}
+
+
+def attacks(kinds: Sequence[str], out: Path | None, rates: str, page: Path | None, as_json: bool) -> None:
+    """`skyrange parity attacks`."""
+    from rich.table import Table
+
+    from skyrange.cli.output.progress import step_progress
+    from skyrange.runtime.run import free_folder
+    from skyrange.study.compare.attacks import page as report
+    from skyrange.study.compare.attacks.flights import chosen_kinds, compare
+
+    chosen = chosen_kinds(kinds)
+    if page is not None:
+        report.check_page(page)
+    folder = out if out is not None else free_folder("attack-parity")
+    with step_progress(quiet=as_json) as on_flight:
+        compared = compare(folder, chosen, rates, on_flight=on_flight)
+    if page is not None:
+        report.renew_page(compared, page)
+    if as_json:
+        print_json({"path": str(folder), **report.results(compared)})
+        return
+    table = Table(title="Attacks: builtin and ArduPilot", title_justify="left", title_style="bold")
+    for column in ("attack", "builtin", "ArduPilot", "what shows it, ArduPilot", "agree"):
+        table.add_column(column)
+    for one in compared:
+        table.add_row(
+            one.kind, report.words(one.first), report.words(one.second), report.signs(one.second), report.verdict(one)
+        )
+    console = terminal()
+    console.print(table)
+    console.print(report.summary(compared), soft_wrap=True)
+    console.print(f"runs   {folder}", soft_wrap=True)
 
 
 def missions(

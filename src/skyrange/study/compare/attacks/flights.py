@@ -1,0 +1,175 @@
+"""Flights of the examples of attacks with two kinds of autopilot, each attacked and muted."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from skyrange.core.errors import InputError, nearest
+from skyrange.core.time import NS_PER_S
+from skyrange.record import RunRecord
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import EXAMPLES, load
+from skyrange.study.compare.attacks.reactions import (
+    Flight,
+    Reaction,
+    alike,
+    most_severe,
+    ordered_vehicles,
+    react,
+    read_flights,
+)
+from skyrange.study.compare.gnss_reactions import DEADLINE_S, KINDS
+from skyrange.study.measures.time_series import read_notes
+from skyrange.study.runs import fly
+
+FOLDERS: Final = ("link", "mavlink", "telemetry", "identity", "signing")
+"""The groups of kinds that act by MAVLink."""
+ARDUPILOT_PARAMS: Final[Mapping[str, float]] = {"SIM_FLOAT_EXCEPT": 0.0}
+"""Parameters of every ArduPilot. By default its simulation ends the process at a floating-point exception, to find
+faults (libraries/AP_HAL_SITL/Scheduler.cpp, `feenableexcept`); a flight controller goes on."""
+
+OnFlight = Callable[[str, int, int], None]
+"""Callback for progress: what is flown, flights that are done, and all flights."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedAttack:
+    """One kind of attack and the reactions of two autopilots, in the order of `KINDS`."""
+
+    kind: str
+    first: Reaction
+    second: Reaction
+
+    @property
+    def same(self) -> bool:
+        """Whether both react in the same way."""
+        return self.first.reaction == self.second.reaction
+
+    @property
+    def alike(self) -> bool:
+        """Whether both react in the same way at the same time, and are led equally far."""
+        return alike(self.first, self.second)
+
+    @property
+    def effective(self) -> bool:
+        """Whether the attack changes a flight of either."""
+        return any(one.reaction not in ("ignores", "rejects") for one in (self.first, self.second))
+
+
+@dataclass(frozen=True, slots=True)
+class AttackAgreement:
+    """Number of kinds, and of those with an effect on a flight of either autopilot; of both, the numbers with the same
+    reaction, and with the same reaction at the same time and distance.
+    """
+
+    kinds: int
+    effective: int
+    same: int
+    effective_same: int
+    alike: int
+    effective_alike: int
+
+
+def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
+    """The agreement of all compared kinds."""
+    return AttackAgreement(
+        kinds=len(compared),
+        effective=sum(one.effective for one in compared),
+        same=sum(one.same for one in compared),
+        effective_same=sum(one.same and one.effective for one in compared),
+        alike=sum(one.alike for one in compared),
+        effective_alike=sum(one.alike and one.effective for one in compared),
+    )
+
+
+def kinds_by_mavlink() -> list[str]:
+    """The kinds of attack that act by MAVLink and have an example."""
+    return [kind for folder in FOLDERS for kind in EXAMPLES if kind.partition(".")[0] == folder]
+
+
+def chosen_kinds(kinds: Sequence[str]) -> list[str]:
+    """`kinds`, or all that act by MAVLink. Raises `InputError` for a kind without an example."""
+    for kind in kinds:
+        if kind not in EXAMPLES:
+            raise InputError.one(
+                "skyrange parity attacks", "KIND", kind, "a kind of attack with an example", nearest(kind, EXAMPLES)
+            )
+    return list(dict.fromkeys(kinds)) or kinds_by_mavlink()
+
+
+def compare(
+    folder: Path, kinds: Sequence[str], rates: str = "reduced", *, on_flight: OnFlight | None = None
+) -> list[ComparedAttack]:
+    """Fly the examples of `kinds` with both autopilots, attacked and nominal, into `folder`, and read the reactions.
+
+    `rates` are ArduPilot's. A nominal flight serves all examples that differ in their attacks alone, because a muted
+    attack changes nothing. Raises the errors of `study.runs.fly`.
+    """
+    chosen = chosen_kinds(kinds)
+    flights = [
+        (kind, autopilot, _with_autopilot(load(kind), autopilot, rates)) for kind in chosen for autopilot in KINDS
+    ]
+    total = len(flights) + len({_twin_key(scenario) for _, _, scenario in flights})
+    twins: dict[str, dict[str, Flight]] = {}
+    reactions: dict[str, list[Reaction]] = {kind: [] for kind in chosen}
+    done = 0
+
+    def flown(name: str, scenario: Scenario) -> RunRecord:
+        nonlocal done
+        if on_flight is not None:
+            on_flight(name, done, total)
+        done += 1
+        return fly(scenario, folder / name, report=False)
+
+    for kind, autopilot, scenario in flights:
+        key = _twin_key(scenario)
+        if key not in twins:
+            twins[key] = read_flights(flown(f"{kind}-{autopilot}-nominal", _muted(scenario)))
+        reactions[kind].append(read(flown(f"{kind}-{autopilot}", scenario), twins[key]))
+    return [ComparedAttack(kind, *reactions[kind]) for kind in chosen]
+
+
+def read(attacked: RunRecord, nominal: Mapping[str, Flight]) -> Reaction:
+    """The reaction in an attacked run: that of the aircraft with the most severe one."""
+    ordered = ordered_vehicles(attacked)
+    starts = [note.time_ns / NS_PER_S for note in read_notes(attacked, "events") if note.kind == "event.attack_start"]
+    start_s = min(starts, default=0.0)
+    return most_severe(
+        [
+            react(flight, nominal[vehicle], start_s, ordered=vehicle in ordered)
+            for vehicle, flight in read_flights(attacked).items()
+        ]
+    )
+
+
+def _muted(scenario: Scenario) -> Scenario:
+    attacks = tuple(attack.model_copy(update={"muted": True}) for attack in scenario.attacks)
+    return scenario.model_copy(update={"attacks": attacks})
+
+
+def _twin_key(scenario: Scenario) -> str:
+    """The scenario without its attacks and name, as text."""
+    return json.dumps(scenario.model_dump(mode="json", exclude={"name", "description", "attacks"}), sort_keys=True)
+
+
+def _with_autopilot(scenario: Scenario, kind: str, rates: str) -> Scenario:
+    more = ARDUPILOT_PARAMS if kind == "ardupilot" else {}
+    operators = tuple(
+        operator.model_copy(
+            update={
+                "vehicles": tuple(
+                    one.model_copy(update={"autopilot": kind, "params": {**one.params, **more}})
+                    for one in operator.vehicles
+                )
+            }
+        )
+        for operator in scenario.operators
+    )
+    autopilots = scenario.autopilots.model_copy(update={"deadline_s": DEADLINE_S})
+    if kind == "ardupilot":
+        autopilots = autopilots.with_options(kind, {"rates": rates}, f"{scenario.name} at rates {rates}")
+    return scenario.model_copy(update={"operators": operators, "autopilots": autopilots})

@@ -1,0 +1,229 @@
+"""The rules of `skyrange.study.compare.attacks.reactions`, on flights that are made up."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skyrange.cli.app import app
+from skyrange.core.errors import InputError
+from skyrange.scenario.shipped import EXAMPLES, load
+from skyrange.study.compare.attacks import flights as module
+from skyrange.study.compare.attacks import page as report
+from skyrange.study.compare.attacks.flights import ComparedAttack, agreement, chosen_kinds
+from skyrange.study.compare.attacks.reactions import (
+    DEPARTED_M,
+    FAR_M,
+    PLACE_M,
+    REACTIONS,
+    TIME_S,
+    Flight,
+    Reaction,
+    alike,
+    most_severe,
+    ordered_vehicles,
+    react,
+    read_flights,
+)
+from skyrange.study.runs import fly
+
+START_S = 10.0
+TIMES_S = np.arange(0.0, 60.0, 0.5)
+
+
+def flown(east_m: float = 0.0, since_s: float = 20.0, **more: Any) -> Flight:
+    """A flight that takes off at 2 s and lands at 50 s, `east_m` to the east of the origin from `since_s` on."""
+    places = np.zeros((len(TIMES_S), 3))
+    places[int(since_s * 2) :, 0] = east_m
+    facts = {"outcome": "complete", "modes": ((1.0, "GUIDED"), (2.0, "AUTO")), "takeoff_s": 2.0, "landings": (50.0,)}
+    return Flight(**{**facts, **more}, time_s=TIMES_S, enu_m=places)
+
+
+NOMINAL = flown()
+
+
+def reaction_of(attacked: Flight, nominal: Flight = NOMINAL, *, ordered: bool = True) -> Reaction:
+    return react(attacked, nominal, START_S, ordered=ordered)
+
+
+def test_the_twin_itself_ignores() -> None:
+    found = reaction_of(NOMINAL)
+    assert (found.reaction, found.at_s, found.signs, found.departed_m) == ("ignores", None, (), 0.0)
+
+
+def test_a_crash_that_the_twin_does_not_have() -> None:
+    fell = flown(lost=((21.5, "crash"),), failsafes=((21.0, "EKF variance"),), outcome="failed", landings=())
+    found = reaction_of(fell)
+    assert (found.reaction, found.at_s) == ("crashes", 11.5)
+    assert [text for _, text in found.signs] == ["EKF variance", "crash", "mission failed, not complete"]
+    assert reaction_of(fell, fell).reaction == "ignores"
+
+
+def test_a_failsafe_that_the_twin_does_not_have_or_at_another_time() -> None:
+    early, late = (flown(failsafes=((at_s, "GCS Failsafe"),)) for at_s in (25.0, 25.0 + TIME_S + 0.1))
+    assert (reaction_of(early).reaction, reaction_of(early).at_s) == ("fails safe", 15.0)
+    assert reaction_of(early, late).reaction == "fails safe"
+    assert reaction_of(early, flown(failsafes=((25.0 + TIME_S, "GCS Failsafe"),))).reaction == "ignores"
+
+
+def test_the_action_of_a_failsafe_does_not_matter() -> None:
+    one, other = flown(failsafes=((25.0, "GCS Failsafe - Disarming"),)), flown(failsafes=((25.0, "GCS Failsafe"),))
+    assert reaction_of(one, other).reaction == "ignores"
+
+
+def test_a_failsafe_that_only_the_twin_has_is_a_sign() -> None:
+    stays = reaction_of(flown(30.0, landings=()), flown(failsafes=((25.0, "Fence breached"),)))
+    assert stays.reaction == "obeys"
+    assert (15.0, "no Fence breached") in stays.signs
+
+
+def test_an_aircraft_that_stays_down() -> None:
+    found = reaction_of(flown(takeoff_s=None, landings=(), outcome="failed"))
+    assert found.reaction == "stays down"
+    assert reaction_of(flown(takeoff_s=None), flown(takeoff_s=None)).reaction == "ignores"
+
+
+@pytest.mark.parametrize(("away_m", "reaction"), [(PLACE_M + 0.1, "lands"), (PLACE_M - 0.1, "obeys")])
+def test_a_landing_elsewhere(away_m: float, reaction: str) -> None:
+    found = reaction_of(flown(away_m))
+    assert (found.reaction, found.at_s) == (reaction, 10.0)  # when it leaves its track
+
+
+@pytest.mark.parametrize(("ordered", "reaction"), [(True, "obeys"), (False, "departs")])
+def test_a_changed_track(ordered: bool, reaction: str) -> None:
+    found = reaction_of(flown(DEPARTED_M + 0.1), ordered=ordered)
+    assert (found.reaction, found.at_s) == (reaction, 10.0)
+    assert found.departed_m == pytest.approx(DEPARTED_M + 0.1)
+    assert reaction_of(flown(DEPARTED_M - 0.1), ordered=ordered).reaction == "ignores"
+
+
+def test_a_changed_mode() -> None:
+    found = reaction_of(flown(modes=(*NOMINAL.modes, (12.0, "LOITER"))))
+    assert (found.reaction, found.at_s, found.signs) == ("obeys", 2.0, ((2.0, "LOITER"),))
+    before = flown(modes=(*NOMINAL.modes, (START_S - 0.1, "LOITER")))
+    assert reaction_of(before).reaction == "ignores"  # not of this attack
+
+
+def test_more_refusals_than_the_twin() -> None:
+    refused = flown(refusals=((5.0, "DO_SET_MODE denied"), (12.0, "DO_SET_MODE denied")))
+    assert reaction_of(refused).reaction == "rejects"
+    assert reaction_of(refused, refused).reaction == "ignores"
+    assert reaction_of(flown(30.0, landings=(), refusals=refused.refusals)).reaction == "obeys"
+
+
+def test_every_reaction_has_a_rule_and_a_rank() -> None:
+    ranked = [Reaction(name, 1.0, (), 0.0, "complete", "complete") for name in REACTIONS]
+    assert most_severe(ranked[::-1]).reaction == "crashes"
+    assert [one.severity for one in ranked] == list(range(len(REACTIONS)))
+
+
+def test_alike_means_reaction_time_and_distance() -> None:
+    one = Reaction("obeys", 5.0, (), 20.0, "complete", "complete")
+    assert alike(one, replace(one, at_s=5.0 + TIME_S, departed_m=20.0 + FAR_M))
+    assert not alike(one, replace(one, at_s=5.1 + TIME_S))
+    assert not alike(one, replace(one, departed_m=20.1 + FAR_M + 1.0))
+    assert not alike(one, replace(one, reaction="departs"))
+    far = replace(one, departed_m=100.0)
+    assert alike(far, replace(one, departed_m=120.0))
+    assert not alike(far, replace(one, departed_m=130.0))
+
+
+OBEYS = Reaction("obeys", 0.1, ((0.1, "RTL"),), 40.0, "complete", "complete")
+IGNORES = Reaction("ignores", None, (), 0.0, "complete", "complete")
+REJECTS = replace(IGNORES, reaction="rejects", at_s=0.1)
+COMPARED = [
+    ComparedAttack("mavlink.command", OBEYS, OBEYS),
+    ComparedAttack("mavlink.mode", OBEYS, IGNORES),
+    ComparedAttack("link.eavesdrop", IGNORES, IGNORES),
+    ComparedAttack("mavlink.guided", OBEYS, replace(OBEYS, at_s=9.0)),
+]
+
+
+def test_agreement_counts_attacks_with_an_effect() -> None:
+    found = agreement(COMPARED)
+    assert (found.kinds, found.same, found.alike) == (4, 3, 2)
+    assert (found.effective, found.effective_same, found.effective_alike) == (3, 2, 1)
+    assert not ComparedAttack("signing.replay", REJECTS, IGNORES).effective
+
+
+def test_a_page_with_marks_is_renewed(tmp_path: Path) -> None:
+    page = tmp_path / "parity.md"
+    page.write_text(f"before\n{report.BEGIN}\nold\n{report.END}\nafter\n")
+    report.renew_page(COMPARED, page)
+    text = page.read_text()
+    assert text.startswith("before\n")
+    assert text.endswith("\nafter\n")
+    assert "old" not in text
+    assert "| `mavlink.mode` | obeys, 0.1 s, 40 m | ignores | RTL 0.1 s |  | no |" in text
+    assert (
+        "| `mavlink.guided` | obeys, 0.1 s, 40 m | obeys, 9.0 s, 40 m | RTL 0.1 s | RTL 0.1 s | in the reaction |"
+        in text
+    )
+    assert "Of 3 attacks that change a flight of either, the reaction is the same in 2, at the same time" in text
+
+
+def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
+    page = tmp_path / "parity.md"
+    page.write_text("nothing\n")
+    with pytest.raises(InputError, match="without the marks"):
+        report.check_page(page)
+
+
+def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    given: list[Any] = []
+
+    def compare(folder: Path, kinds: Any, rates: str, **_: Any) -> list[ComparedAttack]:
+        given.append((folder, list(kinds), rates))
+        return COMPARED
+
+    monkeypatch.setattr(module, "compare", compare)
+    page = tmp_path / "page.md"
+    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    asked = ["parity", "attacks", "mavlink.mode", "--out", str(tmp_path / "a"), "--page", str(page)]
+    said = CliRunner().invoke(app, asked, env={"COLUMNS": "160"})
+    assert said.exit_code == 0, said.output
+    assert given == [(tmp_path / "a", ["mavlink.mode"], "reduced")]
+    assert "Of all 4 attacks these are 3 and 2." in said.output
+    assert "mavlink.mode" in page.read_text()
+    facts = json.loads(CliRunner().invoke(app, [*asked, "--json"]).stdout)
+    assert (facts["kinds"], facts["same"]) == (4, 3)
+    assert facts["attacks"][1]["ardupilot"]["reaction"] == "ignores"
+
+
+def test_kinds_are_those_with_an_example_that_act_by_mavlink() -> None:
+    chosen = chosen_kinds([])
+    assert len(chosen) >= 15
+    assert set(chosen) <= set(EXAMPLES)
+    assert not [kind for kind in chosen if kind.startswith(("gnss.", "sensor.", "remote_id."))]
+    with pytest.raises(InputError, match=r"mavlink\.mode"):
+        chosen_kinds(["mavlink.mod"])
+
+
+def test_flights_are_read_from_a_record(tmp_path: Path) -> None:
+    """An order to return by a failsafe of the ground station: texts, modes and landing of a run of the builtin."""
+    scenario = load("identity.silence_station")
+    record = fly(scenario, tmp_path / "run", report=False)
+    (flight,) = read_flights(record).values()
+    assert [text for _, text in flight.failsafes] == ["GCS Failsafe"]
+    assert [mode for _, mode in flight.modes] == ["GUIDED", "AUTO", "RTL"]
+    assert flight.takeoff_s is not None
+    assert flight.lost == ()
+    assert len(flight.time_s) == len(flight.enu_m)
+    assert ordered_vehicles(record) == set()  # frames were dropped, none was sent
+
+
+def test_the_builtin_in_both_roles_agrees(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """One nominal flight serves all flights that differ in their attacks alone."""
+    monkeypatch.setattr(module, "_with_autopilot", lambda scenario, *_: scenario)
+    names: list[str] = []
+    kinds = ["mavlink.command", "mavlink.guided"]
+    compared = module.compare(tmp_path, kinds, on_flight=lambda name, *_: names.append(name))
+    assert [one.first.reaction for one in compared] == ["crashes", "lands"]
+    assert all(one.first == one.second for one in compared)
+    assert [name for name in names if name.endswith("nominal")] == ["mavlink.command-builtin-nominal"]
