@@ -1,4 +1,4 @@
-"""Attacks at run time: when each acts, and the triggers that start some.
+"""Attacks and faults at run time: when each acts, and the triggers that start some.
 
 Triggers are evaluated on truth at a tick, before its sensor faults and engines, so what an attack does at the tick that
 starts it takes effect. They are evaluated in muted runs too: only the output of an attack may differ between twins.
@@ -50,10 +50,10 @@ class AttackState:
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            notes.append(self._note("event.attack_start", self.start_ns))
+            notes.append(self._note("start", self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            notes.append(self._note("event.attack_stop", self.stop_ns))
+            notes.append(self._note("stop", self.stop_ns))
         return [] if self.muted else notes
 
     @property
@@ -61,9 +61,9 @@ class AttackState:
         """Whether nothing more will come of it."""
         return self._phase == 2
 
-    def _note(self, kind: str, at: Time) -> Note:
+    def _note(self, change: str, at: Time) -> Note:
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}
-        return Note(kind, self.id, data)
+        return Note(f"event.{'fault' if self.plan.fault else 'attack'}_{change}", self.id, data)
 
 
 def takes_effect(attack: AttackState | None, now: Time) -> bool:
