@@ -107,12 +107,10 @@ class ReflectedFixes:
             return
         east, north, up = sensors.gnss_enu_m[row].tolist()
         sky = even_sky(count, 2.0 * pi * self.chance.uniform4(STREAM, hash64(self.name), 0)[0])
-        errors_m = pseudorange_errors(
-            see(self.city, (east, north, up), sky, self.params.radius_m),
-            self.params.reflection,
-            self.params.spacing_chips,
-        )
-        solved, open_sky = solve(sky, errors_m), solve(sky, np.zeros(count))
+        seen = see(self.city, (east, north, up), sky, self.params.radius_m)
+        errors_m = pseudorange_errors(seen, self.params.reflection, self.params.spacing_chips)
+        strength = np.where(seen.hidden > 0.0, self.params.reflection, 1.0)
+        solved, open_sky = solve(sky, errors_m, strength), solve(sky, np.zeros(count), np.ones(count))
         received = int(np.isfinite(errors_m).sum())
         if solved is None or open_sky is None:
             self._phase[row], self._fix[row], self._satellites[row] = LOST, FIX_NONE, received
@@ -167,7 +165,7 @@ GNSS_MULTIPATH = FaultPlugin(
         "detour of reflections": "cited: 2·d·cos(elevation) by a vertical wall (Hsu, GPS Solutions 22:7, 2018)",
         "errors of satellites in sight": "cited: the envelope of a narrow correlator (Van Dierendonck, Fenton and "
         "Ford, Navigation 39:3, 1992)",
-        "position": "simulated: least squares with equal weights",
+        "position": "simulated: least squares weighted by signal strength and elevation",
         "claimed accuracy": "simulated: grows with the dilution of precision; errors of reflections are not claimed",
     },
 )

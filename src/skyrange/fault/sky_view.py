@@ -8,12 +8,17 @@ from typing import Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from skyrange.city.city import City
 from skyrange.contracts.components import Floats
 
+Shapes = NDArray[np.object_]
+
 LEAST_ELEVATION_RAD: Final = 0.17
 """Ten degrees: the elevation mask of usual receivers."""
+MOST_CONDITION: Final = 1e6
+"""Largest condition number of the normal equations: beyond it there is no fix."""
 _GOLDEN_RAD: Final = pi * (3.0 - sqrt(5.0))
 
 
@@ -52,9 +57,9 @@ def see(city: City, place: tuple[float, float, float], sky: tuple[Satellite, ...
     """Direct and reflected paths from each satellite to `place`, by buildings within `radius_m`.
 
     A satellite is hidden by a building in its azimuth that is higher than the ray there. A wall in the opposite azimuth
-    reflects it if it is high enough where the reflected ray meets it. The detour of a reflection by a vertical wall at
-    a distance d across the ray is 2·d·cos(elevation) (Hsu, Analysis and modeling GPS NLOS effect in highly urbanized
-    area, GPS Solutions 22:7, 2018). Walls are taken to stand across the ray.
+    reflects it if it is high enough where the reflected ray meets it, and if the ray reaches it. The detour of a
+    reflection by a vertical wall at a distance d across the ray is 2·d·cos(elevation) (Hsu, Analysis and modeling GPS
+    NLOS effect in highly urbanized area, GPS Solutions 22:7, 2018). Walls are taken to stand across the ray.
     """
     east, north, up = place
     hidden, detour = np.zeros(len(sky)), np.full(len(sky), np.nan)
@@ -67,35 +72,44 @@ def see(city: City, place: tuple[float, float, float], sky: tuple[Satellite, ...
     bases = np.array([building.base_m for building in near])
     for number, satellite in enumerate(sky):
         slope = tan(satellite.elevation_rad)
-        for turn in (0.0, pi):
-            azimuth = satellite.azimuth_rad + turn
-            ray = shapely.LineString([(east, north), (east + radius_m * cos(azimuth), north + radius_m * sin(azimuth))])
-            away = shapely.distance(begin, shapely.intersection(ray, shapes))  # NaN where they do not meet
-            meets = up + slope * away
-            met = away[(meets < tops) & (meets >= bases)]  # NaN compares false
-            if not len(met):
-                continue
-            if turn:
-                detour[number] = 2.0 * float(met.min()) * cos(satellite.elevation_rad)
-            else:
-                hidden[number] = 1.0
+        towards = _ways(begin, satellite.azimuth_rad, radius_m, shapes)
+        hides = (up + slope * towards < tops) & (up + slope * towards >= bases)  # NaN compares false
+        hidden[number] = float(hides.any())
+        behind = _ways(begin, satellite.azimuth_rad + pi, radius_m, shapes)
+        walls = behind[(up + slope * behind < tops) & (up + slope * behind >= bases)]
+        if not len(walls):
+            continue
+        away_m = float(walls.min())
+        above = up + slope * (2.0 * away_m + towards)  # the ray on its way to the wall
+        if not ((above < tops) & (above >= bases)).any():
+            detour[number] = 2.0 * away_m * cos(satellite.elevation_rad)
     return Seen(hidden, detour)
 
 
-def solve(sky: tuple[Satellite, ...], errors_m: Floats) -> tuple[Floats, Floats] | None:
-    """What errors of pseudoranges (n,) do to a least-squares fix; NaN is a satellite that is not received.
+def _ways(begin: shapely.Point, azimuth_rad: float, radius_m: float, shapes: Shapes) -> Floats:
+    """(n,) distance from a point to each footprint in an azimuth, metres; NaN where there is none within the radius."""
+    end = (begin.x + radius_m * cos(azimuth_rad), begin.y + radius_m * sin(azimuth_rad))
+    ray = shapely.LineString([(begin.x, begin.y), end])
+    return np.asarray(shapely.distance(begin, shapely.intersection(ray, shapes)), dtype=np.float64)
 
-    Returns the error of the position (3,) and the dilution of precision east, north and up (3,); `None` with fewer than
-    four satellites or with directions that give no fix (Kaplan and Hegarty, Understanding GPS, 2006, section 7.3).
+
+def solve(sky: tuple[Satellite, ...], errors_m: Floats, strength: Floats) -> tuple[Floats, Floats] | None:
+    """What errors of pseudoranges (n,) do to a fix; NaN is a satellite that is not received.
+
+    The fix is that of weighted least squares. A weight is the square of `strength`, the amplitude as a share of that in
+    the open (as in the SIGMA-ε model of Hartinger and Brunner, GPS Solutions 2:4, 1999), times that of the sine of the
+    elevation (as in RTKLIB). Returns the error of the position (3,) and the dilution of precision east, north and up
+    (3,); `None` with fewer than four satellites or with directions that give no fix.
     """
     used = np.isfinite(errors_m)
     if int(used.sum()) < 4:
         return None
     directions = np.array([satellite.unit for satellite, one in zip(sky, used, strict=True) if one])
+    weights = (strength[used] * directions[:, 2]) ** 2
     geometry = np.column_stack([-directions, np.ones(len(directions))])
-    normal = geometry.T @ geometry
-    if np.linalg.cond(normal) > 1e6:
+    normal = geometry.T @ (weights[:, None] * geometry)
+    if np.linalg.cond(normal) > MOST_CONDITION:
         return None
     inverse = np.linalg.inv(normal)
-    found = inverse @ (geometry.T @ errors_m[used])
+    found = inverse @ (geometry.T @ (weights * errors_m[used]))
     return found[:3], np.sqrt(np.diag(inverse)[:3])

@@ -56,8 +56,8 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "",
         "of a propagation: `frame` if ids lead to the act; `silence` for what did not arrive; else the state in force "
         "that it follows from: link, mode, mission, target, parameters, fence, estimate or battery; `position` for a "
-        "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline that was "
-        "not made because such an aircraft was elsewhere",
+        "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline "
+        "that was not made because such an aircraft was elsewhere",
         True,
     ),
     Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),

@@ -54,7 +54,7 @@ def quiet_end(run: RunContents) -> quantities.Quantity | None:
 
 
 def render_lanes(run: RunContents) -> Markup:
-    """Render one lane per aircraft: modes as bands, events as marks, acts of attacks as red strokes, of faults as grey."""
+    """Render one lane per aircraft: modes as bands, events as marks, acts as strokes: red, or grey those of faults."""
     by_owner: dict[str, list[RecordedNote]] = {}
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
