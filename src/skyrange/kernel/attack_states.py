@@ -50,10 +50,12 @@ class AttackState:
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            notes.append(self._note("start", self.start_ns))
+            kind = "event.fault_start" if self.plan.fault else "event.attack_start"
+            notes.append(self._note(kind, self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            notes.append(self._note("stop", self.stop_ns))
+            kind = "event.fault_stop" if self.plan.fault else "event.attack_stop"
+            notes.append(self._note(kind, self.stop_ns))
         return [] if self.muted else notes
 
     @property
@@ -61,9 +63,9 @@ class AttackState:
         """Whether nothing more will come of it."""
         return self._phase == 2
 
-    def _note(self, change: str, at: Time) -> Note:
+    def _note(self, kind: str, at: Time) -> Note:
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}
-        return Note(f"event.{'fault' if self.plan.fault else 'attack'}_{change}", self.id, data)
+        return Note(kind, self.id, data)
 
 
 def takes_effect(attack: AttackState | None, now: Time) -> bool:
