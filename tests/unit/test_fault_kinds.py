@@ -11,6 +11,7 @@ import pytest
 import shapely
 
 from skyrange.assembly.build import build
+from skyrange.attack.gnss.jam import CHIP_M
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
@@ -23,7 +24,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.fault.battery_fade import BATTERY_FADE
 from skyrange.fault.contract import FaultPlugin
-from skyrange.fault.gnss_multipath import CHIP_M, GNSS_MULTIPATH, pseudorange_errors
+from skyrange.fault.gnss_multipath import GNSS_MULTIPATH, pseudorange_errors
 from skyrange.fault.gnss_outage import GNSS_OUTAGE
 from skyrange.fault.link_loss import LINK_LOSS
 from skyrange.fault.operator_error import OPERATOR_ERROR
