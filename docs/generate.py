@@ -104,7 +104,8 @@ _SECTIONS = (
     ("Receiver", "`[[radio.receivers]]`"),
     ("Link", "`[[links]]`"),
     ("AttackTable", "`[[attacks]]`"),
-    ("When", "`when` of an attack"),
+    ("FaultTable", "`[[faults]]`"),
+    ("When", "`when` of an attack or a fault"),
     ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),
     ("Vehicle", "`[[operators.vehicles]]`"),
@@ -184,6 +185,29 @@ def _facts(kind: Any) -> str:
         *((f"{what} under attack", how) for what, how in kind.realism.items()),
     ]
     return table(("", ""), rows)
+
+
+def faults() -> str:
+    """Every kind of benign fault with its parameters."""
+    from skyrange.contracts.plugins import FAULTS, kinds
+    from skyrange.fault.contract import FaultPlugin
+
+    parts = []
+    for name in kinds(FAULTS):
+        kind = FaultPlugin.find(name)
+        if not kind.make.__module__.startswith("skyrange."):
+            continue
+        rows = [
+            ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
+            ("cause", kind.cause),
+            ("effect", kind.effect),
+            ("not modelled", kind.not_modelled),
+            *kind.realism.items(),
+        ]
+        parts.append(f"### `{name}`\n\n{kind.about}\n")
+        parts.append(table(("", ""), rows))
+        parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
+    return "\n".join(parts)
 
 
 def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -495,6 +519,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,
+    "faults": faults,
     "tables": tables,
     "pair-tables": pair_tables,
     "links": links,

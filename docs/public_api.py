@@ -26,12 +26,13 @@ TOPICS: dict[str, dict[str, str]] = {
         "Surroundings": "Origin City Grid Wind Radio Receiver",
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Avoidance Autopilots",
         "Plans": "Plan Square Path square path mission_file",
-        "Links, attacks, detectors, recording": "Link AttackTable When DetectorTable Record Live",
+        "Links, attacks, faults, detectors, recording": "Link AttackTable FaultTable When DetectorTable Record Live",
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             SensorFault SensorAct Schedule AttackPlan ThreatModel Controls""",
+        "Faults": "FaultPlugin FaultContext FaultParts",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin

@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from skyrange.core.volumes import Volume4D
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.telemetry import read_messages
+    from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
     from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.external.medium import ExternalMedium
@@ -165,6 +166,9 @@ __all__ = [
     "Epoch",
     "ExternalMedium",
     "Fate",
+    "FaultContext",
+    "FaultParts",
+    "FaultPlugin",
     "Finished",
     "FlightApproval",
     "Frame",

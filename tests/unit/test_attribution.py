@@ -139,8 +139,10 @@ def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() ->
     named = authors(rows)
     assert named == {(1, "blue/1"): Authors(("a",), "both")}
     row = {"seed": 1, "vehicle": "blue/1", "departed_s": 7.0}
-    assert with_authors(row, named) == row | {"attacks": ["a"], "attribution": "both"}
-    assert with_authors(row | {"seed": 2}, named) == row | {"seed": 2, "attacks": [], "attribution": "none"}
+    assert with_authors(row, named) == row | {"attacks": ["a"], "faults": [], "attribution": "both"}
+    assert with_authors(row, named, ["a"]) == row | {"attacks": [], "faults": ["a"], "attribution": "both"}
+    nobody = {"seed": 2, "attacks": [], "faults": [], "attribution": "none"}
+    assert with_authors(row | {"seed": 2}, named) == row | nobody
     assert with_authors(row | {"seed": 2, "departed_s": None}, named)["attribution"] is None
 
 

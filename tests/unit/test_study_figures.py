@@ -20,7 +20,7 @@ from skyrange.study.measures.link_statistics import link_statistics, sum_by_kind
 from skyrange.study.measures.time_series import (
     belief_errors_m,
     belief_tracks,
-    hostile_acts,
+    labelled_acts,
     last_activity_ns,
     read_notes,
     truth_tracks,
@@ -92,8 +92,8 @@ def test_a_sample_that_is_not_a_number_is_left_out(run: SampleRun, tmp_path: Pat
     assert len(truth_tracks(SampleRun(tmp_path, run.manifest, [], rows))["blue/b1"]) == 599
 
 
-def test_hostile_acts_name_the_aircraft_whose_link_was_touched(run: SampleRun) -> None:
-    acts = hostile_acts(run)
+def test_labelled_acts_name_the_aircraft_whose_link_was_touched(run: SampleRun) -> None:
+    acts = labelled_acts(run)
     assert {act.about for act in acts} == {"blue/b1"}
     assert [act.kind for act in acts[:3]] == ["attack.inject", "attack.delay", "attack.delay"]
 

@@ -1,4 +1,4 @@
-"""Attacks of a scenario made: agents, taps, links, radios and sensor faults, and what is wrong with them."""
+"""Attacks and faults of a scenario made: agents, taps, links, radios, sensor faults, and what is wrong with them."""
 
 from __future__ import annotations
 
@@ -17,25 +17,27 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import owner_of, vehicle_id
 from skyrange.core.time import NEVER, from_seconds
-from skyrange.scenario.model.attacks import AttackTable
+from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable
 from skyrange.scenario.model.scenario import Scenario
 
 
 @dataclass(slots=True)
 class MadeAttacks:
-    """All attacks of a scenario, made: what is added to its wiring, its medium and its manifest."""
+    """All attacks and faults of a scenario, made: what is added to its wiring, its medium and its manifest."""
 
     plans: list[AttackPlan] = field(default_factory=list)
     taps: list[TapPlacement] = field(default_factory=list)
     links: list[LinkSpec] = field(default_factory=list)
     radios: list[Transmitter] = field(default_factory=list)
     rows: list[dict[str, Any]] = field(default_factory=list)
-    """What the manifest says of each."""
+    """What the manifest says of each attack."""
+    fault_rows: list[dict[str, Any]] = field(default_factory=list)
+    """What it says of each fault."""
     faults: list[Problem] = field(default_factory=list)
 
 
 def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> AttackContext:
-    """What attacks are told; the id, schedule and sham of each are its own."""
+    """What attacks and faults are told; the id, schedule and sham of each are its own."""
     vehicles = {}
     for operator, vehicle in scenario.fleet:
         key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
@@ -53,15 +55,16 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     )
 
 
-def make_attacks(attacks: Sequence[AttackTable], context: AttackContext) -> MadeAttacks:
-    """Make every attack; what is wrong with them is in `faults`.
+def make_attacks(acts: Sequence[ActTable], context: AttackContext) -> MadeAttacks:
+    """Make every attack and every fault; what is wrong with them is in `faults`.
 
     `context` is that of all of them; id, schedule and sham are filled in for each.
     """
     made = MadeAttacks()
-    for attack in attacks:
-        own = replace(context, id=attack.id, schedule=Schedule(), sham=attack.sham)
-        where = f"attacks.{attack.id}"
+    for attack in acts:
+        is_fault = isinstance(attack, FaultTable)
+        own = replace(context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack))
+        where = f"{'faults' if is_fault else 'attacks'}.{attack.id}"
         try:
             found = attack.plugin(_anchored(attack, context), own)
         except InputError as error:
@@ -76,11 +79,15 @@ def make_attacks(attacks: Sequence[AttackTable], context: AttackContext) -> Made
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
         made.radios += found.radios
-        made.rows.append(_row(attack, found))
+        (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
     return made
 
 
-def _anchor(attack: AttackTable, context: AttackContext) -> Place:
+def _is_sham(attack: ActTable) -> bool:
+    return isinstance(attack, AttackTable) and attack.sham
+
+
+def _anchor(attack: ActTable, context: AttackContext) -> Place:
     """Where its places count from."""
     return (0.0, 0.0, 0.0) if attack.anchor is None else context.vehicles[attack.anchor].start_enu_m
 
@@ -89,7 +96,7 @@ def _from(anchor: Place, place: Place) -> Place:
     return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
 
 
-def _anchored(attack: AttackTable, context: AttackContext) -> Params:
+def _anchored(attack: ActTable, context: AttackContext) -> Params:
     """Its parameters with places in metres from the origin."""
     settings, anchor = attack.settings, _anchor(attack, context)
     places = {name: getattr(settings, name, None) for name in attack.plugin.places}
@@ -97,7 +104,7 @@ def _anchored(attack: AttackTable, context: AttackContext) -> Params:
     return settings.model_copy(update=moved)
 
 
-def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
+def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
     trigger = attack.when.trigger if attack.when is not None else None
     if trigger is not None and trigger.place_enu_m is not None:
         trigger = replace(trigger, place_enu_m=_from(anchor, trigger.place_enu_m))
@@ -106,7 +113,8 @@ def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) 
         start_ns=from_seconds(attack.start_s),
         stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
         muted=attack.muted,
-        sham=attack.sham,
+        sham=_is_sham(attack),
+        fault=isinstance(attack, FaultTable),
         agents=made.agents,
         faults=made.faults,
         trigger=trigger,
@@ -116,19 +124,26 @@ def _plan(attack: AttackTable, made: Attack, schedule: Schedule, anchor: Place) 
     )
 
 
-def _row(attack: AttackTable, made: Attack) -> dict[str, Any]:
-    """An attack in the manifest: as declared, and what it touches."""
+def _row(attack: ActTable, made: Attack) -> dict[str, Any]:
+    """An attack or a fault in the manifest: as declared, and what it touches."""
     touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
     touches += ["medium"] if made.radios else []
-    threat = made.threat or attack.plugin.threat
     touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
     return {
         **attack.model_dump(exclude_none=True, mode="json"),
         "touches": touches,
+        **(_adversary(attack, made) if isinstance(attack, AttackTable) else {}),
+        "shown": {name: list(place) for name, place in made.shown.items()},
+    }
+
+
+def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
+    """What the manifest says of an attack alone."""
+    threat = made.threat or attack.plugin.threat
+    return {
         "technique": attack.plugin.technique,
         "threat": asdict(threat) if threat is not None else {},
         "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m)} for radio in made.radios],
-        "shown": {name: list(place) for name, place in made.shown.items()},
     }
 
 

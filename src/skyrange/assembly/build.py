@@ -82,7 +82,7 @@ def build(
     city = build_city(scenario)
     scenario = apply_placing(scenario, city)
     links, all_routes = build_network(scenario)
-    made = make_attacks(scenario.attacks, make_attack_context(scenario, links, city))
+    made = make_attacks(scenario.acts, make_attack_context(scenario, links, city))
     faults = [
         *check_starts(scenario, city),
         *made.faults,
@@ -148,6 +148,7 @@ def build(
         from_seconds(scenario.duration_s),
         make_header(scenario, city, links, plans)
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
+        | ({"faults": made.fault_rows} if made.fault_rows else {})
         | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,

@@ -98,7 +98,7 @@ def pair(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="Name of a shipped scenario or a TOML file, with at least one attack that is not muted.",
+            help="Name of a shipped scenario or a TOML file, with at least one attack or fault that is not muted.",
             autocompletion=complete_scenario,
             show_default=False,
         ),
@@ -134,7 +134,7 @@ def pair(
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run a scenario with and without its attacks, compare the runs, and name the attack that caused each effect."""
+    """Run a scenario with and without its attacks and faults, compare the runs, and name what caused each effect."""
     runs.load_plugins(plugin)
     runs.pair(
         scenario, out, arms.value if arms is not None else None, seeds, jobs, seed, buildings, changes or [], as_json
@@ -225,6 +225,13 @@ def attacks(plugin: Plugins = None, as_json: AsJson = False) -> None:
     """List the installed kinds of attacks with a description of each."""
     runs.load_plugins(plugin)
     runs.attacks(as_json)
+
+
+@app.command(epilog="Example: skyrange faults --json")
+def faults(plugin: Plugins = None, as_json: AsJson = False) -> None:
+    """List the installed kinds of benign faults with a description of each."""
+    runs.load_plugins(plugin)
+    runs.faults(as_json)
 
 
 @app.command(epilog="Example: skyrange schema > scenario.schema.json")

@@ -141,3 +141,6 @@ class AttackPlan:
     """Whether its parts, taps included, share state and must be in one process."""
     schedule: Schedule | None = None
     """Where the kernel tells the attack's own parts when it acts; `None` where none of them reads it."""
+    fault: bool = False
+    """Whether it is a benign fault, without an adversary: its labels are then marked so, and its events are named
+    `event.fault_start` and `event.fault_stop`."""

@@ -28,8 +28,9 @@ ATTACKS = "skyrange.attacks"
 AUTOPILOTS = "skyrange.autopilots"
 AVOIDANCE = "skyrange.avoidance"
 DETECTORS = "skyrange.detectors"
+FAULTS = "skyrange.faults"
 MEDIA = "skyrange.media"
-GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA)
+GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, FAULTS, MEDIA)
 
 KIND_PATTERN = re.compile(r"[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*(?:\.[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*)*")
 """Lower-case words joined by `-` or `_`, in parts joined by dots."""

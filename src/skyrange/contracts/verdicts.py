@@ -1,4 +1,4 @@
-"""Verdicts of taps on frames, and labels of hostile acts."""
+"""Verdicts of taps on frames, and labels of the acts of attacks and faults."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ Verdict = Pass | Drop | Delay | Replace | Inject | Note
 
 
 class Label(NamedTuple):
-    """One hostile act, written by the kernel: who did what to which frame or sensor, and when.
+    """One act of an attack or a fault, written by the kernel: who did what to which frame or sensor, and when.
 
     `frame` is the frame acted on or put on the link, `child` the one that a replacement put in its place. `until_ns` is
     set for delays. For "sensor", `frame` is the act's own id, whose link is the sensor: `gnss:blue/b1`.
@@ -63,6 +63,7 @@ class Label(NamedTuple):
 
     at_ns: Time
     attack: str
+    """Id of the attack, or of the fault."""
     actor: str
     action: str  # drop | delay | replace | inject | send | sensor
     frame: FrameId
@@ -70,3 +71,5 @@ class Label(NamedTuple):
     until_ns: Time | None = None
     benign: bool = False
     """Whether the act is that of a sham."""
+    fault: bool = False
+    """Whether the act is that of a benign fault, which has no adversary."""

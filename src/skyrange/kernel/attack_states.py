@@ -1,4 +1,4 @@
-"""Attacks at run time: when each acts, and the triggers that start some.
+"""Attacks and faults at run time: when each acts, and the triggers that start some.
 
 Triggers are evaluated on truth at a tick, before its sensor faults and engines, so what an attack does at the tick that
 starts it takes effect. They are evaluated in muted runs too: only the output of an attack may differ between twins.
@@ -50,10 +50,12 @@ class AttackState:
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            notes.append(self._note("event.attack_start", self.start_ns))
+            kind = "event.fault_start" if self.plan.fault else "event.attack_start"
+            notes.append(self._note(kind, self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            notes.append(self._note("event.attack_stop", self.stop_ns))
+            kind = "event.fault_stop" if self.plan.fault else "event.attack_stop"
+            notes.append(self._note(kind, self.stop_ns))
         return [] if self.muted else notes
 
     @property

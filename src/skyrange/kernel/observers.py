@@ -58,7 +58,9 @@ class ObserverList:
 
     def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
-        self._report_label(Label(now, attack.id, agent, "send", frame, benign=attack.plan.sham))
+        self._report_label(
+            Label(now, attack.id, agent, "send", frame, benign=attack.plan.sham, fault=attack.plan.fault)
+        )
 
     def label_tap_act(
         self,
@@ -71,13 +73,13 @@ class ObserverList:
     ) -> None:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
-            self._report_label(
-                Label(now, slot.attack.id, slot.name, action, frame, child, until, slot.attack.plan.sham)
-            )
+            plan = slot.attack.plan
+            self._report_label(Label(now, plan.id, slot.name, action, frame, child, until, plan.sham, plan.fault))
 
     def label_sensor_act(self, now: Time, attack: AttackState, fault: str, act: FrameId) -> None:
         """Label what a sensor fault did to a vehicle's sensor; `act` names the sensor as a link."""
-        self._report_label(Label(now, attack.id, fault, "sensor", act, benign=attack.plan.sham))
+        plan = attack.plan
+        self._report_label(Label(now, plan.id, fault, "sensor", act, benign=plan.sham, fault=plan.fault))
 
     def _report_label(self, label: Label) -> None:
         for observer in self.members:

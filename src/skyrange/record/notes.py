@@ -78,6 +78,7 @@ def label_batch(labels: Sequence[Label]) -> pa.RecordBatch:
             None if label.child is None else str(label.child),
             label.until_ns,
             label.benign,
+            label.fault,
         )
         for label in labels
     ]

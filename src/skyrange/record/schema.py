@@ -158,14 +158,15 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "decisions": _NOTES,
     "events": _NOTES,
     "labels": (
-        Column("at_ns", _I64, "ns", f"when the hostile act took place, {_TIME}"),
-        Column("attack", NAME, "", "the attack's id"),
+        Column("at_ns", _I64, "ns", f"when the act took place, {_TIME}"),
+        Column("attack", NAME, "", "the id of the attack, or of the fault where `fault` is true"),
         Column("actor", NAME, "", "the tap, agent or sensor fault that acted"),
         Column("action", NAME, "", "drop, delay, replace, inject, send or sensor"),
         Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor"),
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
         Column("benign", pa.bool_(), "", "whether the act is that of a sham, which harms nobody"),
+        Column("fault", pa.bool_(), "", "whether the act is that of a benign fault, which has no adversary"),
     ),
     "alerts": (
         Column("time_ns", _I64, "ns", f"time at which the detector raised it, {_TIME}"),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.scenario.model.attacks import AttackTable, When
+    from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
     from skyrange.scenario.model.autopilots import Autopilots
     from skyrange.scenario.model.detectors import DetectorTable
     from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
@@ -31,6 +31,7 @@ __all__ = [
     "Avoidance",
     "City",
     "DetectorTable",
+    "FaultTable",
     "Fleet",
     "Grid",
     "Link",

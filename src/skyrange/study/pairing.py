@@ -1,8 +1,8 @@
-"""Pairing of runs: one scenario run with its attacks and without them, compared in one folder.
+"""Pairing of runs: one scenario run with its attacks and faults and without them, compared in one folder.
 
-Arms: *attacked* is the unchanged scenario; in *nominal* every attack is present and muted; in *sham* every attack is in
-its counterfactual state; in others some attacks act and the rest are in theirs (`attribution.arms`). Each arm is a
-separate run in its own process.
+Arms: *attacked* is the unchanged scenario; in *nominal* every attack and fault is present and muted; in
+*sham* each is in its counterfactual state; in others some act and the rest are in theirs (`attribution.arms`). Each arm
+is a separate run in its own process.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from skyrange.study.attribution.arms import (
     Arm,
     Selection,
     acting_attacks,
+    acting_faults,
     baseline_of,
     plan_arms,
     scenario_of,
@@ -48,7 +49,7 @@ from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.parallel_runs import OnRunProgress, run_all
 from skyrange.study.twins.effects import effect_rows, effects_table
 from skyrange.study.twins.pair_folder import ATTRIBUTION, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
-from skyrange.study.twins.propagation import absent_rows, effects_of, propagation_table, trace
+from skyrange.study.twins.propagation import absent_rows, effects_of, mark_faults, propagation_table, trace
 
 
 def pair(
@@ -65,15 +66,15 @@ def pair(
     threshold_m: float = DEPARTED_M,
     on_progress: OnRunProgress | None = None,
 ) -> Pair:
-    """Run a scenario with its attacks and with all of them muted; the Python equivalent of `skyrange pair`.
+    """Run a scenario with its attacks and faults and with all of them muted: `skyrange pair` in Python.
 
     `scenario`, `seed`, `buildings` and `changes` are those of `skyrange.run`. `out` defaults to the first free folder
     of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `nominal` (attacked and nominal), `sham` (the
     sham as well), `each` (each attack alone and each left out as well) or `subsets` (every subset of the attacks); the
     default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
     seeds, beginning with the scenario's. `jobs` is the number of parallel runs, by default one per core. Raises
-    `InputError`, before anything is written, for a scenario without attacks that act; `ComponentError` if a run failed;
-    `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
+    `InputError`, before anything is written, for a scenario without attacks or faults that act; `ComponentError` if a
+    run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, changes, seed=seed, buildings=buildings)
@@ -85,8 +86,10 @@ def pair(
             raise InputError.one("pair", name, value, "1 or more")
     attacks = acting_attacks(scenario)
     if not attacks:
-        what = "all muted or sham" if scenario.attacks else "none"
-        raise InputError.one(f"scenario {scenario.name}", "attacks", what, "an attack that acts, to compare with")
+        what = "all muted or sham" if scenario.acts else "none"
+        expected = "an attack or a fault that acts, to compare with"
+        raise InputError.one(f"scenario {scenario.name}", "attacks", what, expected)
+    faults = acting_faults(scenario)
     planned = plan_arms(attacks, arms)
     baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
@@ -106,7 +109,8 @@ def pair(
         "name": scenario.name,
         "arms": [arm.name for arm in planned],
         "active": {arm.name: sorted(arm.active) for arm in planned},
-        "attacks": attacks,
+        "attacks": {id_: state for id_, state in attacks.items() if id_ not in faults},
+        "faults": faults,
         "baseline": baseline,
         "seeds": numbers,
         "near_m": near_m,
@@ -160,7 +164,7 @@ def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshol
     def outcomes_of(arm: str, seed: int) -> ArmOutcomes:
         return replace(measured_of(arm, seed))  # positions are read by each copy, and go with it
 
-    attributed = attribute(outcomes_of, result.seeds, arms, result.baseline, threshold_m)
+    attributed = attribute(outcomes_of, result.seeds, arms, result.baseline, threshold_m, result.faults)
     named = authors(attributed)
     effects: list[dict[str, Any]] = []
     propagation: list[dict[str, Any]] = []
@@ -173,10 +177,10 @@ def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshol
         mine = outcomes_of(ATTACKED, seed)
         for against in result.twins:
             rows = effect_rows(seed, against, mine, outcomes_of(against, seed), threshold_m)
-            effects += [with_authors(row, named) for row in rows]
+            effects += [with_authors(row, named, result.faults) for row in rows]
         propagation += sorted([*traced, *effects_of(traced, attributed, seed)], key=_time_ns)
     _write(effects_table(effects), result.path / EFFECTS)
-    _write(propagation_table(propagation), result.path / PROPAGATION)
+    _write(propagation_table(mark_faults(propagation, result.faults)), result.path / PROPAGATION)
     _write(attribution_table(attributed), result.path / ATTRIBUTION)
     from skyrange.study.report.pair.page import write_comparison
 

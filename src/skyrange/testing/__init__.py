@@ -1,4 +1,4 @@
-"""Conformance checks for plugin authors: agents, taps, engines, approvals, attacks, avoidance, monitors, media.
+"""Conformance checks for plugin authors: agents, taps, engines, approvals, attacks, faults, avoidance, monitors, media.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -15,7 +15,7 @@ from skyrange.core.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from skyrange.testing.checks.agents import check_agent
     from skyrange.testing.checks.approval_services import check_approval
-    from skyrange.testing.checks.attacks import check_attack
+    from skyrange.testing.checks.attacks import check_attack, check_fault
     from skyrange.testing.checks.avoidance import check_avoidance
     from skyrange.testing.checks.engines import check_engine
     from skyrange.testing.checks.media import check_medium
@@ -33,6 +33,7 @@ __all__ = [
     "check_attack",
     "check_avoidance",
     "check_engine",
+    "check_fault",
     "check_medium",
     "check_monitor",
     "check_tap",

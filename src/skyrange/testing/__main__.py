@@ -7,7 +7,7 @@ from typing import Any
 from skyrange.testing.checks.agents import AGENT
 from skyrange.testing.checks.approval_policies import APPROVAL
 from skyrange.testing.checks.approval_services import SERVICE
-from skyrange.testing.checks.attacks import ATTACK
+from skyrange.testing.checks.attacks import ATTACK, FAULT
 from skyrange.testing.checks.avoidance import AVOIDANCE
 from skyrange.testing.checks.engines import ENGINE
 from skyrange.testing.checks.media import MEDIUM
@@ -22,6 +22,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Approval policies: `check_approval`": APPROVAL,
     "Approval services: `check_approval`": SERVICE,
     "Attacks: `check_attack`": ATTACK,
+    "Faults: `check_fault`": FAULT,
     "Radio media: `check_medium`": MEDIUM,
     "Avoidance: `check_avoidance`": AVOIDANCE,
     "Monitors: `check_monitor`": MONITOR,

@@ -14,6 +14,7 @@ from skyrange.core.input_files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.attack.contract import AttackPlugin
+    from skyrange.fault.contract import FaultPlugin
     from skyrange.study.attribution.arms import Selection
     from skyrange.study.twins.pair_folder import Pair
 
@@ -257,6 +258,33 @@ def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
         "counterfactual": kind.counterfactual,
         "threat": asdict(kind.threat) if kind.threat is not None else None,
         "controls": asdict(kind.controls) if kind.controls is not None else None,
+        "realism": dict(kind.realism),
+    }
+
+
+def faults(as_json: bool) -> None:
+    """`skyrange faults`."""
+    from skyrange.contracts.plugins import FAULTS, kinds
+    from skyrange.fault.contract import FaultPlugin
+
+    found = {name: FaultPlugin.find(name) for name in kinds(FAULTS)}
+    if as_json:
+        print_json([_describe_fault(name, one) for name, one in found.items()])
+        return
+    width = max(map(len, found), default=0)
+    for name, one in found.items():
+        print_text(f"{name:<{width}}  {', '.join(one.surface):<14}  {one.about}")
+
+
+def _describe_fault(name: str, kind: FaultPlugin) -> dict[str, Any]:
+    """A kind of fault as `skyrange faults --json` prints it."""
+    return {
+        "kind": name,
+        "about": kind.about,
+        "surface": list(kind.surface),
+        "effect": kind.effect,
+        "cause": kind.cause,
+        "not_modelled": kind.not_modelled,
         "realism": dict(kind.realism),
     }
 

@@ -61,8 +61,13 @@ def print_pair(result: Pair) -> None:
     if unknown:
         console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
     print_city(console, result.run(result.reference, result.seeds[0]).manifest.get("city"))
-    acts = sum(row["phase"] in ("onset", "act") for row in result.propagation.to_pylist())
-    console.print(f"{acts:,} hostile acts labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}")
+    acts = [row for row in result.propagation.to_pylist() if row["phase"] in ("onset", "act")]
+    of_faults = sum(bool(row.get("fault")) for row in acts)  # older folders have no such column
+    where = f"labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}"
+    if len(acts) > of_faults or not result.faults:
+        console.print(f"{len(acts) - of_faults:,} hostile acts {where}")
+    if result.faults:
+        console.print(f"{of_faults:,} acts of faults {where}")
     console.print(f"pair   {result.path}", soft_wrap=True)
     console.print(f"report {result.report}", soft_wrap=True)
 
@@ -71,14 +76,15 @@ def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:
     """The aircraft of these rows by what caused their effect."""
     found: dict[str, list[str]] = {}
     for row in rows:
-        found.setdefault(_describe_cause(row["attribution"], row["attacks"]), []).append(row["vehicle"])
+        authors = [*row["attacks"], *(f"fault {one}" for one in row.get("faults") or ())]
+        found.setdefault(_describe_cause(row["attribution"], authors), []).append(row["vehicle"])
     return found
 
 
-def _describe_cause(attribution: str | None, attacks: Sequence[str]) -> str:
-    names = " and ".join(attacks)
+def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
+    names = " and ".join(authors)
     if attribution in (None, "none"):
-        return "no attack is the cause"
+        return "no attack or fault is the cause"
     if attribution == "unknown":
         return "the cause is unknown, because the runs without the attacks were not made"
     if attribution == "both":

@@ -182,8 +182,9 @@ def _labels(parts: Sequence[NodeRecord], id_maps: Sequence[FrameIdMap]) -> Itera
             child = None if row["child"] is None else names.resolve_text(row["child"])
             acted_on, action = names.resolve_text(row["frame"]), row["action"]
             yield Label(
-                row["at_ns"], row["attack"], row["actor"], action, acted_on, child, row["until_ns"], row["benign"]
-            )
+                row["at_ns"], row["attack"], row["actor"], action, acted_on, child, row["until_ns"], row["benign"],
+                row["fault"],
+            )  # fmt: skip
 
 
 def _alerts(parts: Sequence[NodeRecord]) -> Iterator[tuple[int, str, Alert]]:

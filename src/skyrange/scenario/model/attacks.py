@@ -1,4 +1,4 @@
-"""Attacks in a scenario: the model of `[[attacks]]`, with kind, parameters and times."""
+"""Attacks and faults in a scenario: the models of `[[attacks]]` and `[[faults]]`: kind, parameters and times."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.triggers import Near
 from skyrange.contracts.params import Enu, Params
-from skyrange.contracts.plugins import ATTACKS
+from skyrange.contracts.plugins import ATTACKS, FAULTS
 from skyrange.core.errors import Problem, nearest
+from skyrange.fault.contract import FaultPlugin
 from skyrange.scenario.model.base import Id, Model, Number, items, wrong
 from skyrange.scenario.validation.plugin_params import known, normalized
 
@@ -25,7 +26,7 @@ def _place_or_name(value: Any) -> Any:
 
 
 class When(Model):
-    """A condition on the true positions of aircraft. The attack starts when it first holds."""
+    """A condition on the true positions of aircraft. The attack or fault starts when it first holds."""
 
     vehicle: str = Field(description="Aircraft whose distance is measured, such as 'green/g1'.")
     within_m: Number = Field(
@@ -33,7 +34,7 @@ class When(Model):
     )
     of: Annotated[str | Enu, BeforeValidator(_place_or_name, json_schema_input_type=str | list[float])] = Field(
         description="Place or aircraft to which the distance is measured: [east_m, north_m, up_m] in metres from the "
-        "origin or the attack's anchor, or an aircraft such as 'red/r1'."
+        "origin or the anchor, or an aircraft such as 'red/r1'."
     )
 
     @property
@@ -47,45 +48,37 @@ class When(Model):
         return Near(self.vehicles, self.within_m, None if isinstance(self.of, str) else self.of)
 
 
-class AttackTable(Model):
-    """One attack: its kind and parameters, and when it acts."""
+class ActTable(Model):
+    """What an attack and a fault declare alike: when it acts, and with which parameters."""
 
-    id: Id = Field(description="Name, unique among the attacks; used in labels, links and figures.")
-    kind: Annotated[str, known(ATTACKS, "a kind of attack")] = Field(
-        description="Kind of attack, a plugin of skyrange.attacks."
-    )
+    id: Id = Field(description="Name, unique among attacks and faults; used in labels, links and figures.")
+    kind: str = Field(description="Kind.")
     start_s: Number = Field(
         default=0.0,
         ge=0,
         le=31_536_000,
-        description="Simulated time in seconds from which the attack acts, or waits for its condition.",
+        description="Simulated time in seconds from which it acts, or waits for its condition.",
     )
     stop_s: Number | None = Field(
         default=None,
         gt=0,
         le=31_536_000,
-        description="Simulated time in seconds at which the attack stops; default: never.",
+        description="Simulated time in seconds at which it stops; default: never.",
     )
     for_s: Number | None = Field(
         default=None,
         gt=0,
         le=31_536_000,
-        description="Duration in seconds, from the start of the attack; default: no limit.",
+        description="Duration in seconds, from its start; default: no limit.",
     )
     when: When | None = Field(
-        default=None, description="Condition that starts the attack when it first holds, at or after start_s."
+        default=None, description="Condition that starts it when it first holds, at or after start_s."
     )
-    muted: bool = Field(default=False, strict=True, description="Whether to run the attack and discard its output.")
-    sham: bool = Field(
-        default=False,
-        strict=True,
-        description="Whether to act from the same transmitter, with the same airtime and timing, but with benign "
-        "content.",
-    )
+    muted: bool = Field(default=False, strict=True, description="Whether to run it and discard its output.")
     anchor: str | None = Field(
         default=None,
-        description="Aircraft, such as 'green/g1', whose start is the origin of the places of the attack; default: the "
-        "origin of the scenario.",
+        description="Aircraft, such as 'green/g1', whose start is the origin of its places; default: the origin of "
+        "the scenario.",
     )
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 
@@ -93,7 +86,7 @@ class AttackTable(Model):
     @classmethod
     def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
-        return normalized(AttackPlugin.find(info.data["kind"]), params) if "kind" in info.data else params
+        return normalized(cls._find(info.data["kind"]), params) if "kind" in info.data else params
 
     @field_validator("stop_s")
     @classmethod
@@ -109,17 +102,61 @@ class AttackTable(Model):
         return self.plugin.params.model_validate(self.params)
 
     @property
+    def plugin(self) -> AttackPlugin | FaultPlugin:
+        """The plugin of its kind."""
+        return self._find(self.kind)
+
+    @classmethod
+    def _find(cls, kind: str) -> AttackPlugin | FaultPlugin:
+        raise NotImplementedError
+
+
+class AttackTable(ActTable):
+    """One attack: its kind and parameters, and when it acts."""
+
+    kind: Annotated[str, known(ATTACKS, "a kind of attack")] = Field(
+        description="Kind of attack, a plugin of skyrange.attacks."
+    )
+    sham: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether to act from the same transmitter, with the same airtime and timing, but with benign "
+        "content.",
+    )
+
+    @property
     def plugin(self) -> AttackPlugin:
         """The plugin of its kind."""
-        return AttackPlugin.find(self.kind)
+        return self._find(self.kind)
+
+    @classmethod
+    def _find(cls, kind: str) -> AttackPlugin:
+        return AttackPlugin.find(kind)
 
 
-def check_attack_vehicles(attacks: Sequence[AttackTable], vehicles: Sequence[str]) -> Iterator[Problem]:
-    """A problem for each trigger and anchor that names an aircraft which the scenario does not have."""
-    for index, attack in enumerate(attacks):
-        named = [("anchor", attack.anchor)] if attack.anchor is not None else []
-        if attack.when is not None:
-            named += zip(("when.vehicle", "when.of"), attack.when.vehicles, strict=False)
+class FaultTable(ActTable):
+    """One benign fault: its kind and parameters, and when it acts. It has no adversary, and is labelled as a fault."""
+
+    kind: Annotated[str, known(FAULTS, "a kind of fault")] = Field(
+        description="Kind of fault, a plugin of skyrange.faults."
+    )
+
+    @property
+    def plugin(self) -> FaultPlugin:
+        """The plugin of its kind."""
+        return self._find(self.kind)
+
+    @classmethod
+    def _find(cls, kind: str) -> FaultPlugin:
+        return FaultPlugin.find(kind)
+
+
+def check_act_vehicles(where: str, acts: Sequence[ActTable], vehicles: Sequence[str]) -> Iterator[Problem]:
+    """A problem for each trigger and anchor of `attacks` or `faults` with an aircraft that the scenario lacks."""
+    for index, act in enumerate(acts):
+        named = [("anchor", act.anchor)] if act.anchor is not None else []
+        if act.when is not None:
+            named += zip(("when.vehicle", "when.of"), act.when.vehicles, strict=False)
         for key, name in named:
             if name not in vehicles:
-                yield Problem(f"attacks.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))
+                yield Problem(f"{where}.{index}.{key}", name, "a vehicle of the scenario", nearest(name, vehicles))

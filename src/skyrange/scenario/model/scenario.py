@@ -11,11 +11,11 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_valid
 
 from skyrange.contracts.links import Channel
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, MEDIA, kinds
+from skyrange.contracts.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, FAULTS, MEDIA, kinds
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
-from skyrange.scenario.model.attacks import AttackTable, When
+from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.detectors import DetectorTable
@@ -35,6 +35,7 @@ __all__ = [
     "Avoidance",
     "City",
     "DetectorTable",
+    "FaultTable",
     "Fleet",
     "Grid",
     "Link",
@@ -263,6 +264,7 @@ class Scenario(Model):
         "serves all operators that use the kind. Default: the defaults of each kind.",
     )
     attacks: tuple[AttackTable, ...] = Field(default=(), description="Attacks; default: none.")
+    faults: tuple[FaultTable, ...] = Field(default=(), description="Benign faults; default: none.")
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors; default: none.")
 
     @field_validator("approvals")
@@ -300,6 +302,11 @@ class Scenario(Model):
         """Every vehicle with its operator, in order."""
         return ((operator, vehicle) for operator in self.operators for vehicle in operator.vehicles)
 
+    @property
+    def acts(self) -> tuple[ActTable, ...]:
+        """Every attack and every fault, in order."""
+        return (*self.attacks, *self.faults)
+
     def channel(self, name: str, default: Channel) -> Channel:
         """The channel of the link `name`: `default` with the changes of every rule in `links` that matches."""
         return resolve_channel(self.links, name, default)
@@ -329,6 +336,7 @@ def json_schema() -> dict[str, Any]:
     schema = Scenario.model_json_schema(mode="validation")
     models = schema["$defs"]
     describe_by_kind(schema, models["AttackTable"], ATTACKS)
+    describe_by_kind(schema, models["FaultTable"], FAULTS)
     describe_by_kind(schema, models["DetectorTable"], DETECTORS)
     describe_by_kind(schema, models["Avoidance"], AVOIDANCE)
     describe_by_kind(schema, models["Radio"], MEDIA, "engine")

@@ -1,6 +1,7 @@
 """Shipped scenarios, and the file of a NAME or FILE.
 
-Each kind of attack has an example, `attacks/KIND.toml`, whose name is that of the kind.
+Each kind of attack has an example, `attacks/KIND.toml`, whose name is that of the kind. Some kinds of
+benign faults have one, `faults/KIND.toml`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ SHIPPED: dict[str, str] = {
 EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "attacks").glob("*.toml"))}
 """Files of the examples by kind of attack."""
 
+FAULT_EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "faults").glob("*.toml"))}
+"""Files of the examples by kind of fault."""
+
 
 def source_of(name_or_file: str | Path) -> Path:
     """The file of a shipped scenario, by its name, or a file, by its path; names of shipped scenarios have precedence.
@@ -44,11 +48,17 @@ def source_of(name_or_file: str | Path) -> Path:
         return FOLDER / f"{text}.toml"
     if text in EXAMPLES:
         return EXAMPLES[text]
+    if text in FAULT_EXAMPLES:
+        return FAULT_EXAMPLES[text]
     path = expand_user(text)
     if path.suffix or os.path.exists(path) or "/" in text or "\\" in text:
         return path
     raise InputError.one(
-        "scenario", "name", text, "a shipped scenario or a TOML file", nearest(text, [*SHIPPED, *EXAMPLES])
+        "scenario",
+        "name",
+        text,
+        "a shipped scenario or a TOML file",
+        nearest(text, [*SHIPPED, *EXAMPLES, *FAULT_EXAMPLES]),
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.ids import vehicle_id
-from skyrange.scenario.model.attacks import check_attack_vehicles
+from skyrange.scenario.model.attacks import check_act_vehicles
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.model.links import link_names
 from skyrange.scenario.model.operators import Operator
@@ -32,13 +32,28 @@ def cross_check(scenario: Any) -> list[Problem]:
         faults += _twice("operators", operators, "id", "an id that no other operator has")
         for index, operator in enumerate(operators):
             faults += _fleet_faults(f"operators.{index}", operator)
-    faults += _twice("attacks", _list(scenario, "attacks") or (), "id", "an id that no other attack has")
+    attacks = _list(scenario, "attacks") or ()
+    faults += _twice("attacks", attacks, "id", "an id that no other attack has")
+    faults += _fault_ids(attacks, _list(scenario, "faults") or ())
     faults += _twice("detectors", _list(scenario, "detectors") or (), "id", "an id that no other detector has")
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
         faults += _approval_faults(scenario)
-        faults += check_attack_vehicles(scenario.attacks, [vehicle_id(o.id, v.id) for o, v in scenario.fleet])
+        vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
+        faults += check_act_vehicles("attacks", scenario.attacks, vehicles)
+        faults += check_act_vehicles("faults", scenario.faults, vehicles)
     return faults
+
+
+def _fault_ids(attacks: Sequence[Any], declared: Sequence[Any]) -> Iterator[Problem]:
+    """Ids of benign faults that another fault or an attack has."""
+    yield from _twice("faults", declared, "id", "an id that no other fault has")
+    taken = [_get(attack, "id") for attack in attacks]
+    for index, fault in enumerate(declared):
+        id_ = _get(fault, "id")
+        if isinstance(id_, str) and id_ and id_ in taken:
+            hint = f"attacks.{taken.index(id_)} already has it."
+            yield Problem(f"faults.{index}.id", id_, "an id that no attack has", hint)
 
 
 def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:

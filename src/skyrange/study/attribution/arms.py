@@ -1,9 +1,9 @@
-"""Arms of a comparison: which attacks act in a run, and in which state the others are.
+"""Arms of a comparison: which attacks and faults act in a run, and in which state the others are.
 
 An attack is in one of three states. *Active*: it acts as declared. *Sham*: it sends as much, at the same times, with
 benign content. *Muted*: everything it does is discarded. The *counterfactual* of an attack is the state that stands for
 "without it": the sham for an attack that lies, because muting it would remove its airtime as well; muted for one that
-works by load, such as a jammer.
+works by load, such as a jammer. A benign fault is an arm as an attack is; its counterfactual is muted.
 """
 
 from __future__ import annotations
@@ -38,10 +38,19 @@ class Arm:
 
 
 def acting_attacks(scenario: Scenario) -> dict[str, Counterfactual]:
-    """The attacks whose effects are asked for, each with its counterfactual; those declared muted or sham are not."""
-    return {
+    """The attacks and faults whose effects are asked for, each with its counterfactual.
+
+    Those declared muted or sham are not among them.
+    """
+    found: dict[str, Counterfactual] = {
         attack.id: attack.plugin.counterfactual for attack in scenario.attacks if not attack.muted and not attack.sham
     }
+    return found | dict.fromkeys(acting_faults(scenario), "mute")
+
+
+def acting_faults(scenario: Scenario) -> list[str]:
+    """The ids of the faults that are not declared muted."""
+    return [fault.id for fault in scenario.faults if not fault.muted]
 
 
 def plan_arms(attacks: Mapping[str, Counterfactual], selection: Selection | None = None) -> list[Arm]:
@@ -85,13 +94,18 @@ def name_of(active: Sequence[str], ids: Sequence[str]) -> str:
 def scenario_of(scenario: Scenario, arm: Arm, seed: int) -> Scenario:
     """The scenario as it is run in an arm."""
     acting = acting_attacks(scenario)
-    changed = []
-    for attack in scenario.attacks:
+
+    def state(id_: str) -> dict[str, bool]:
         if arm.name == NOMINAL:
-            changed.append(attack.model_copy(update={"muted": True}))
-        elif attack.id in acting and attack.id not in arm.active:
-            state = {"sham": True} if acting[attack.id] == "sham" else {"muted": True}
-            changed.append(attack.model_copy(update=state))
-        else:
-            changed.append(attack)
-    return scenario.model_copy(update={"attacks": tuple(changed), "seed": seed})
+            return {"muted": True}
+        if id_ in acting and id_ not in arm.active:
+            return {"sham": True} if acting[id_] == "sham" else {"muted": True}
+        return {}
+
+    return scenario.model_copy(
+        update={
+            "attacks": tuple(attack.model_copy(update=state(attack.id)) for attack in scenario.attacks),
+            "faults": tuple(fault.model_copy(update=state(fault.id)) for fault in scenario.faults),
+            "seed": seed,
+        }
+    )

@@ -1,8 +1,8 @@
-"""Attribution: for every effect on every aircraft, how each attack relates to it."""
+"""Attribution: for every effect on every aircraft, how each attack and each fault relates to it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -23,7 +23,8 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("seed", pa.int64(), "", "seed of the runs"),
     Column("vehicle", NAME, "", "operator/vehicle"),
     Column("outcome", NAME, "", "the declared outcome that the attacks changed"),
-    Column("attack", NAME, "", "the attack's id"),
+    Column("attack", NAME, "", "the id of the attack, or of the fault where `fault` is true"),
+    Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault"),
     Column("relation", NAME, "", "both, necessary, sufficient, joint, redundant, none or unknown"),
     Column("shift", NAME, "", "advanced or delayed: the departure begins earlier or later with the attack", True),
     Column("shift_s", pa.float64(), "s", "departure with all attacks minus departure without this one", True),
@@ -42,7 +43,7 @@ class Authors:
     """Who is to be named for an aircraft's effect: the summary that stands in `effects.parquet`."""
 
     attacks: tuple[str, ...]
-    """The attacks that relate to it, in order of their names; none for an effect without an author."""
+    """The attacks and faults that relate to it, in order of their names; none for an effect without an author."""
     attribution: Relation
 
 
@@ -66,8 +67,9 @@ def attribute(
     arms: Sequence[Arm],
     baseline: str | None,
     threshold_m: float,
+    faults: Collection[str] = (),
 ) -> list[dict[str, Any]]:
-    """The rows of `attribution.parquet`.
+    """The rows of `attribution.parquet`; `faults` are the ids that name benign faults.
 
     `outcomes_of` gives the outcomes of an arm, by name, and a seed; only those of two runs are held at a time.
     `baseline` names the arm with all attacks in their counterfactual states. Without one every relation is unknown, and
@@ -89,7 +91,8 @@ def attribute(
                 away[arm.active] = distances(run, reference)
                 departed_ns[arm.active] = onsets_ns(run, reference, limit["departure"])
         fleet = [one.vehicle for one in reference.measured]
-        rows += relate(Comparison(seed, fleet, away, departed_ns, limit), baseline is not None, len(placebos))
+        found = relate(Comparison(seed, fleet, away, departed_ns, limit), baseline is not None, len(placebos))
+        rows += [row | {"fault": row["attack"] in faults} for row in found]
     return rows
 
 
@@ -118,15 +121,22 @@ def departures_by_author(rows: Sequence[Mapping[str, Any]], seed: int) -> dict[s
     return found
 
 
-def with_authors(row: Mapping[str, Any], named: Mapping[tuple[int, str], Authors]) -> dict[str, Any]:
-    """A row of `effects.parquet` with the authors of its aircraft's effect.
+def with_authors(
+    row: Mapping[str, Any], named: Mapping[tuple[int, str], Authors], faults: Collection[str] = ()
+) -> dict[str, Any]:
+    """A row of `effects.parquet` with the authors of its aircraft's effect, attacks and `faults` apart.
 
     A departure from the twin that is no effect, because placebos depart as far, is attributed to nothing: `none`.
     """
     found = named.get((row["seed"], row["vehicle"]))
     if found is None:
-        return {**row, "attacks": [], "attribution": None if row["departed_s"] is None else "none"}
-    return {**row, "attacks": list(found.attacks), "attribution": found.attribution}
+        return {**row, "attacks": [], "faults": [], "attribution": None if row["departed_s"] is None else "none"}
+    return {
+        **row,
+        "attacks": [author for author in found.attacks if author not in faults],
+        "faults": [author for author in found.attacks if author in faults],
+        "attribution": found.attribution,
+    }
 
 
 def unknown_subsets(active: Mapping[str, Sequence[str]]) -> int:

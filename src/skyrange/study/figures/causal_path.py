@@ -36,7 +36,7 @@ def draw_causal_path(path: CausalPath) -> Figure:
     body += [_arrow(where[start], where[end], how) for start, end, how in path.edges]
     body += [_box(*where[number], path.steps[number]) for number in order]
     said = "; ".join(f"{step.at_s:.2f} s {step.owner}: {step.what}" for step in (path.steps[k] for k in order))
-    return document(width, height, "Causal path from the adversary to the effects", body, said)
+    return document(width, height, "Causal path from the first act to the effects", body, said)
 
 
 def _positions(path: CausalPath, order: list[int]) -> dict[int, float]:

@@ -213,18 +213,19 @@ def read_notes(record: Record, name: str) -> list[RecordedNote]:
     ]
 
 
-def hostile_acts(record: Record) -> list[RecordedNote]:
-    """The labels as rows of kind `attack.<action>` about the owner of the link that was acted on."""
+def labelled_acts(record: Record) -> list[RecordedNote]:
+    """The labels as rows of kind `attack.<action>`, or `fault.<action>`, about the owner of the link acted on."""
     acts = []
     for row in record.table("labels").sort_by("at_ns").to_pylist():
         frame = _text(row.get("frame"))
+        author = "fault" if row.get("fault") else "attack"  # older records have no such column
         acts.append(
             RecordedNote(
                 int(row["at_ns"]),
-                f"attack.{_text(row.get('action'))}",
+                f"{author}.{_text(row.get('action'))}",
                 _owner(frame),
                 _text(row.get("actor")),
-                {"attack": _text(row.get("attack")), "frame": frame},
+                {author: _text(row.get("attack")), "frame": frame},
             )
         )
     return acts

@@ -22,7 +22,7 @@ from skyrange.record import RunRecord
 from skyrange.study.measures.time_series import RecordedNote, read_notes
 from skyrange.study.twins.pair_folder import Pair
 
-LAYERS: Final = ("adversary", "radio", "approval", "companion", "MAVLink", "autopilot", "sensors", "flight")
+LAYERS: Final = ("adversary", "fault", "radio", "approval", "companion", "MAVLink", "autopilot", "sensors", "flight")
 MAX_AIRCRAFT: Final = 4
 """Departed aircraft whose paths are followed: those that departed first."""
 _LAYER_OF_LINK: Final = {"rid_up": "radio", "rid_down": "radio", "oracle": "radio", "approval": "approval"}
@@ -38,7 +38,7 @@ class Step:
     at_s: float
     layer: str
     owner: str
-    """An attack's id, or an aircraft."""
+    """The id of an attack or a fault, or an aircraft."""
     what: str
 
 
@@ -133,14 +133,14 @@ def _begin(
     root = chain[0]
     if root["phase"] not in ("onset", "act"):
         return None
-    before = None
+    before, layer = None, "fault" if root.get("fault") else "adversary"
     for note in read_notes(run, "events"):
-        if note.kind == "event.campaign_stage" and note.time_ns <= root["at_ns"]:
-            step = Step(to_seconds(note.time_ns), "adversary", root["attack"], f"stage {note.data.get('stage')}")
+        if layer == "adversary" and note.kind == "event.campaign_stage" and note.time_ns <= root["at_ns"]:
+            step = Step(to_seconds(note.time_ns), layer, root["attack"], f"stage {note.data.get('stage')}")
             before = path.add(step, before)
     role = str(root["link"]).partition(":")[0]
     what = f"{_ACTS.get(root['kind'], root['kind'])} {root['link'] if root['kind'] != 'sensor' else role}"
-    return path.add(Step(to_seconds(root["at_ns"]), "adversary", root["attack"], what), before)
+    return path.add(Step(to_seconds(root["at_ns"]), layer, root["attack"], what), before)
 
 
 def _heard_from(run: RunRecord, causes: Sequence[str], vehicle: str) -> int | None:

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 from skyrange.core.ids import FrameId
 from skyrange.study.measures.time_series import RecordedNote
 
-LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE = (
-    "link", "mode", "mission", "target", "parameters", "fence", "estimate",
+LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY = (
+    "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery",
 )  # fmt: skip
 
 _SETS: Final[Mapping[str, str]] = {
@@ -37,7 +37,7 @@ _FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
     "event.crash": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
     "event.contact": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
     "event.fence_breach": (FENCE, TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
-    "event.battery": (TARGET, MODE, MISSION, PARAMETERS, LINK),
+    "event.battery": (BATTERY, TARGET, MODE, MISSION, PARAMETERS, LINK),
     "event.glitch": (ESTIMATE,),
     "event.estimator": (ESTIMATE,),
     "event.ekf_failsafe": (ESTIMATE,),
@@ -58,7 +58,7 @@ _MODE_FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
     "ekf_failsafe": (ESTIMATE,),
     "gps_glitch": (ESTIMATE,),
     "fence_breached": (FENCE, TARGET, MISSION, ESTIMATE, PARAMETERS),
-    "battery_failsafe": (TARGET, MISSION, PARAMETERS, LINK),
+    "battery_failsafe": (BATTERY, TARGET, MISSION, PARAMETERS, LINK),
 }
 """The same for a change of mode, by its reason; a change for another reason follows from what its causes name."""
 
@@ -164,7 +164,8 @@ def follow(
 def _take_act(in_force: _InForce, act: Act) -> None:
     origin = Origin(act.frame, 0)
     if act.action == "sensor":
-        in_force.add(act.vehicle, ESTIMATE, act.attack, origin)
+        state = BATTERY if act.frame.startswith("battery:") else ESTIMATE
+        in_force.add(act.vehicle, state, act.attack, origin)
     elif act.action in ("drop", "delay"):
         in_force.add(act.vehicle, LINK, act.attack, origin)
 

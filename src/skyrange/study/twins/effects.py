@@ -47,6 +47,7 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("departure_m", _F64, "m", "largest distance from its position in the twin at the same time"),
     Column("departed_s", _F64, "s", "when that distance first exceeded the threshold; null for never", True),
     Column("attacks", pa.list_(pa.string()), "", "ids of the attacks that caused the effect; empty if none did"),
+    Column("faults", pa.list_(pa.string()), "", "ids of the benign faults that caused the effect; empty if none did"),
     Column(
         "attribution",
         NAME,

@@ -48,8 +48,13 @@ class Pair:
 
     @property
     def twins(self) -> list[str]:
-        """The arms in which no attack acts, with which effects are compared: nominal and, if it was run, sham."""
+        """The arms without an attack or fault, with which effects are compared: nominal and, if it was run, sham."""
         return [arm for arm in self.arms if arm in (NOMINAL, SHAM)]
+
+    @property
+    def faults(self) -> list[str]:
+        """The ids of the benign faults that act in the attacked run; the other authors are attacks."""
+        return list(self.manifest.get("faults", ()))
 
     @property
     def baseline(self) -> str | None:

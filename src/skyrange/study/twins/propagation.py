@@ -37,9 +37,10 @@ COLUMNS: Final[tuple[Column, ...]] = (
         "attack",
         NAME,
         "",
-        "the attack's id; null for an effect without an author",
+        "the id of the attack, or of the fault where `fault` is true; null for an effect without an author",
         True,
     ),
+    Column("fault", pa.bool_(), "", "whether `attack` is the id of a benign fault; null if there is no id", True),
     Column("vehicle", NAME, "", "the aircraft concerned; null if none", True),
     Column(
         "kind", NAME, "", "what was done (inject, send, …), `frame`, the decision's or event's kind, or `departure`"
@@ -54,9 +55,9 @@ COLUMNS: Final[tuple[Column, ...]] = (
         NAME,
         "",
         "of a propagation: `frame` if ids lead to the act; `silence` for what did not arrive; else the state in force "
-        "that it follows from: link, mode, mission, target, parameters, fence or estimate; `position` for a decision "
-        "on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline that was "
-        "not made because such an aircraft was elsewhere",
+        "that it follows from: link, mode, mission, target, parameters, fence, estimate or battery; `position` for a "
+        "decision on the honest broadcast of an aircraft that had departed; `absent` for a decision of the baseline "
+        "that was not made because such an aircraft was elsewhere",
         True,
     ),
     Column("data", TEXT, "", "of a decision or event: its details, a JSON object", True),
@@ -260,6 +261,11 @@ def _moves(row: Mapping[str, Any]) -> bool:
     if row["phase"] == "propagation":
         return True
     return bool(row["kind"] != "send")
+
+
+def mark_faults(rows: Sequence[Mapping[str, Any]], faults: Collection[str]) -> list[dict[str, Any]]:
+    """The rows with `fault`: whether the id in `attack` is among `faults`, null without an id."""
+    return [{**row, "fault": None if row["attack"] is None else row["attack"] in faults} for row in rows]
 
 
 def propagation_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:

@@ -1,4 +1,4 @@
-"""Conformance check of attacks, by flights: without the attack, muted, live, as a sham, and forked."""
+"""Conformance checks of attacks and faults, by flights: without the attack, muted, live, as a sham, and forked."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.contracts.links import AttackPlan, Schedule
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
+from skyrange.fault.contract import FaultPlugin
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.model.scenario import Operator as Owner
@@ -26,6 +27,8 @@ ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor"})
 """Kinds of acts, as in the table `labels`."""
 
 ATTACK: RuleBook[AttackCase] = RuleBook("attack")
+FAULT: RuleBook[AttackCase] = RuleBook("fault")
+"""The same rules without that of the sham, which faults do not have, and one about the name."""
 
 
 def two_squares(duration_s: float) -> Scenario:
@@ -64,6 +67,10 @@ class Flight:
         rows = [(n.time_ns, n.source, n.note.kind, n.note.about, str(n.note.data)) for n in self.seen.notes]
         return [row for row in rows if row[1] != "kernel"]
 
+    def announced(self) -> list[str]:
+        """The kinds of the notes about the attack's beginning and end."""
+        return [n.note.kind for n in self.seen.notes if n.source == "kernel" and n.note.about == ID]
+
     def inputs(self, links: Collection[str]) -> list[Row]:
         """What others sent on some links, in canonical order: all that the attack can react to there."""
         acts = [label for label in self.seen.labels if label.action in ("inject", "send", "replace")]
@@ -80,7 +87,7 @@ class Flight:
 class AttackCase:
     """An attack to be checked: its kind and parameters, on which scenario, from when until when it acts."""
 
-    kind: AttackPlugin
+    kind: AttackPlugin | FaultPlugin
     params: Mapping[str, Any]
     scenario: Scenario
     start_ns: Time
@@ -111,7 +118,8 @@ class AttackCase:
         if present:
             attack, schedule = self.made(sham)
             plan = AttackPlan(
-                ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule
+                ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
+                fault=isinstance(self.kind, FaultPlugin),
             )  # fmt: skip
             taps = [replace(tap, attack=ID) for tap in attack.taps]
             wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
@@ -151,14 +159,49 @@ def check_attack(
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
     """
+    ATTACK.check(
+        f"attack {kind.params.__name__}",
+        _case("check_attack", kind, params, scenario, start_s, stop_s, duration_s, acts),
+    )
+
+
+def check_fault(
+    kind: FaultPlugin,
+    params: Mapping[str, Any],
+    *,
+    scenario: Callable[[float], Scenario] = two_squares,
+    start_s: float = 3.0,
+    stop_s: float = 7.0,
+    duration_s: float | None = None,
+    acts: bool | Collection[str] = True,
+) -> None:
+    """Check that benign faults of `kind` with `params` keep every rule of `FAULT`.
+
+    The arguments and errors are those of `check_attack`.
+    """
+    FAULT.check(
+        f"fault {kind.params.__name__}", _case("check_fault", kind, params, scenario, start_s, stop_s, duration_s, acts)
+    )
+
+
+def _case(
+    who: str,
+    kind: AttackPlugin | FaultPlugin,
+    params: Mapping[str, Any],
+    scenario: Callable[[float], Scenario],
+    start_s: float,
+    stop_s: float,
+    duration_s: float | None,
+    acts: bool | Collection[str],
+) -> AttackCase:
     duration_s = stop_s + 2.0 if duration_s is None else duration_s
     if not 0.0 <= start_s < stop_s <= duration_s:
         given = f"start_s {start_s}, stop_s {stop_s}, duration_s {duration_s}"
-        raise ValueError(f"check_attack: {given}: expected 0 <= start_s < stop_s <= duration_s")
+        raise ValueError(f"{who}: {given}: expected 0 <= start_s < stop_s <= duration_s")
     if not isinstance(acts, bool) and (isinstance(acts, str) or not set(acts) <= ACTIONS):
-        raise ValueError(f"check_attack: acts {acts!r}: expected True, False or some of {', '.join(sorted(ACTIONS))}")
+        raise ValueError(f"{who}: acts {acts!r}: expected True, False or some of {', '.join(sorted(ACTIONS))}")
     times = from_seconds(start_s), from_seconds(stop_s)
-    ATTACK.check(f"attack {kind.params.__name__}", AttackCase(kind, params, scenario(duration_s), *times, acts))
+    return AttackCase(kind, params, scenario(duration_s), *times, acts)
 
 
 @ATTACK.rule("described", "Describes each of its parameters, and says in a sentence what it does.")
@@ -279,3 +322,26 @@ def _alike(first: Flight, second: Flight, what: str) -> None:
     for name in ("frames", "truth", "notes", "labels"):
         rows: Sequence[Row] = getattr(first, name)()
         same(rows, getattr(second, name)(), f"{name} of {what}", "the same to the byte")
+
+
+FAULT.rule("described", "Describes each of its parameters, and says in a sentence what it does.")(_described)
+FAULT.rule("makes", "Makes FaultParts of its parameters and a setting; no two share anything.")(_makes)
+FAULT.rule("named", "Names its agents and links after its id, so that two faults of a kind go together.")(_named)
+FAULT.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")(_muted)
+FAULT.rule("onset", "Until it starts, leaves everything as its muted twin does.")(_onset)
+FAULT.rule("acts", "Acts between its start and its stop, and not outside.")(_acts)
+FAULT.rule("repeatable", "Does the same in two fresh runs.")(_repeatable)
+FAULT.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")(
+    _copies
+)
+
+
+@FAULT.rule("benign", "Is called a fault in every label and event, never an attack, and has no radio.")
+def _benign(case: AttackCase) -> None:
+    parts, _ = case.made()
+    need(not parts.radios, "has a radio", "taps, agents, sensor faults and links")
+    flight = case.fly()
+    for label in flight.seen.labels:
+        need(label.fault and not label.benign, f"did an act that is labelled {short(label)}", "a label of a fault")
+    for kind in flight.announced():
+        need(kind in ("event.fault_start", "event.fault_stop"), f"was announced as {kind}", "event.fault_…")

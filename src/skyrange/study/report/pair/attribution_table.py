@@ -31,8 +31,9 @@ def describe_attribution(pair: Pair, subject: Subject, seed: int) -> Mapping[str
 
 
 def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> Markup:
-    """Render one row per aircraft and effect, with a column per attack."""
+    """Render one row per aircraft and effect, with a column per attack and per fault."""
     attacks = list(dict.fromkeys(row["attack"] for row in rows))
+    faults = {row["attack"] for row in rows if row.get("fault")}
     places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
     effects: dict[tuple[str, str], dict[str, Mapping[str, Any]]] = {}
     for row in rows:
@@ -49,7 +50,12 @@ def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> M
                 "relations": [_describe_relation(own[attack]) for attack in attacks],
             }
         )
-    return render("pair/attribution.html.jinja", rows=shown, attacks=attacks, total=len(effects))
+    return render(
+        "pair/attribution.html.jinja",
+        rows=shown,
+        attacks=[f"{one} (fault)" if one in faults else one for one in attacks],
+        total=len(effects),
+    )
 
 
 def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:

@@ -18,7 +18,7 @@ from skyrange.study.figures.subject import Subject
 from skyrange.study.figures.time_chart import draw_chart
 from skyrange.study.figures.twins import Span
 from skyrange.study.measures.mishaps import mishap_kind
-from skyrange.study.measures.time_series import Record, Track, belief_errors_m, belief_tracks, hostile_acts, read_notes
+from skyrange.study.measures.time_series import Record, Track, belief_errors_m, belief_tracks, labelled_acts, read_notes
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 
@@ -33,7 +33,7 @@ MAX_NOTES: Final = 60
 
 def with_altered_sensors(run: Record) -> list[str]:
     """The aircraft whose sensors an attack altered, ordered by the first altered reading."""
-    return list(dict.fromkeys(act.about for act in hostile_acts(run) if act.kind == "attack.sensor"))
+    return list(dict.fromkeys(act.about for act in labelled_acts(run) if act.kind in ("attack.sensor", "fault.sensor")))
 
 
 def render_belief(

@@ -32,7 +32,7 @@ MAX_DRAWN = 12
 """Aircraft in the charts over time: those that departed farthest."""
 
 _TWINS = {
-    "nominal": "Against the nominal twin: every attack is present and muted.",
+    "nominal": "Against the nominal twin: every attack and fault is present and muted.",
     "sham": "Against the sham: the same transmitters, airtime and timing, with benign content.",
 }
 
@@ -72,7 +72,7 @@ def render_comparison(pair: Pair) -> str:
             ("seed" if len(pair.seeds) == 1 else "seeds", ", ".join(map(str, pair.seeds))),
         ],
         numbers=_numbers(propagation, own),
-        attacks=_attacks(attacked, propagation, spans),
+        tables=_tables(attacked, propagation, spans),
         plan=draw_pair_plan(pair),
         heights=draw_twin_heights(subject, tracks, twins, shown, spans),
         departures=draw_departures(subject, tracks, twins, shown, spans),
@@ -119,7 +119,7 @@ def _affected(effects: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _declared(run: RunRecord) -> Sequence[Mapping[str, Any]]:
-    return list(run.manifest.get("attacks") or [])
+    return [row for table in ("attacks", "faults") for row in run.manifest.get(table) or []]
 
 
 def _places(run: RunRecord) -> dict[str, Place]:
@@ -158,9 +158,10 @@ def _believed(run: RunRecord, spans: Sequence[Span]) -> dict[str, Track]:
 
 
 def _spans(events: Sequence[RecordedNote], end_s: float) -> list[Span]:
-    """When each attack was active: from its start to its stop or to the run's end."""
-    begun = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_start"}
-    over = {row.about: float(row.data["at_s"]) for row in events if row.kind == "event.attack_stop"}
+    """When each attack and each fault was active: from its start to its stop or to the run's end."""
+    starts, stops = ({f"event.{author}_{what}" for author in ("attack", "fault")} for what in ("start", "stop"))
+    begun = {row.about: float(row.data["at_s"]) for row in events if row.kind in starts}
+    over = {row.about: float(row.data["at_s"]) for row in events if row.kind in stops}
     return [(start, over.get(attack, end_s), attack) for attack, start in begun.items()]
 
 
@@ -169,7 +170,9 @@ def _numbers(
 ) -> list[tuple[str, Any, str]]:
     """Tiles at the top of the page: name, value and caption."""
     onset = min((row["at_ns"] for row in propagation if row["phase"] == "onset"), default=None)
-    acts = sum(row["phase"] in ("onset", "act") for row in propagation)
+    acts = [row for row in propagation if row["phase"] in ("onset", "act")]
+    of_faults = sum(bool(row.get("fault")) for row in acts)
+    only_faults = bool(acts) and of_faults == len(acts)
     led = [row for row in propagation if row["phase"] == "propagation"]
     decided = [row for row in led if row["kind"] != "frame"]
     first = min((row["at_ns"] for row in propagation if row["phase"] == "effect"), default=None)
@@ -180,8 +183,12 @@ def _numbers(
     energy = max((row["extra_energy_j"] for row in flown if row["extra_energy_j"] is not None), key=abs, default=None)
     worse = sum(row["outcome"] != row["outcome_twin"] for row in effects)
     return [
-        ("onset", quantities.duration(None if onset is None else onset / NS_PER_S), "the first hostile act"),
-        ("hostile acts", quantities.count(acts), "labelled"),
+        ("onset", quantities.duration(None if onset is None else onset / NS_PER_S), "the first act"),
+        (
+            "acts of faults" if only_faults else "hostile acts",
+            quantities.count(of_faults if only_faults else len(acts) - of_faults),
+            "labelled" + (f", {of_faults} of faults" if of_faults and not only_faults else ""),
+        ),
         (
             "led to",
             quantities.count(len(decided)),
@@ -203,11 +210,16 @@ def _numbers(
     ]
 
 
-def _attacks(
-    run: RunRecord, propagation: Sequence[Mapping[str, Any]], spans: Sequence[Span]
-) -> list[Mapping[str, Any]]:
+def _tables(run: RunRecord, propagation: Sequence[Mapping[str, Any]], spans: Sequence[Span]) -> list[Mapping[str, Any]]:
+    """The tables of attacks and of faults, as far as there are some."""
     acted = {attack: (begin, end) for begin, end, attack in spans}
-    return [_attack(row, acted.get(row["id"]), propagation) for row in _declared(run)]
+    tables: list[Mapping[str, Any]] = []
+    for author in ("attack", "fault"):
+        declared = run.manifest.get(f"{author}s") or []
+        if declared:
+            rows = [_attack(row, acted.get(row["id"]), propagation) for row in declared]
+            tables.append({"author": author, "rows": rows})
+    return tables
 
 
 def _attack(
@@ -223,7 +235,7 @@ def _attack(
         "kind": row["kind"],
         "params": params,
         "touches": row["touches"],
-        "technique": row["technique"],
+        "technique": row.get("technique", ""),
         "threat": {name: text for name, text in row.get("threat", {}).items() if text},
         "numbers": (quantities.quantity(begin, "s", 2), quantities.quantity(end, "s", 2), quantities.count(count)),
     }

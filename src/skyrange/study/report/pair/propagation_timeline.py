@@ -24,8 +24,8 @@ MAX_STEPS = 60
 """Rows of the table of decisions."""
 
 _MEANINGS = {
-    "onset": "onset: the first hostile act",
-    "act": "further hostile acts",
+    "onset": "onset: the first act of an attack or a fault",
+    "act": "its further acts",
     "frame": "a frame that leads back to one",
     "decision": "a decision or event that does",
     "effect": "effect: truth departs from the twin",
@@ -77,7 +77,7 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     return {
         "badge": {"onset": "bad", "propagation": "wait", "effect": "ok"}[row["phase"]],
         "phase": row["phase"],
-        "attack": row["attack"] or "",
+        "attack": f"{row['attack']} (fault)" if row.get("fault") else row["attack"] or "",
         "vehicle": row["vehicle"],
         "place": places.get(row["vehicle"]),
         "what": what,

@@ -23,7 +23,7 @@ from skyrange.study.measures.time_series import (
     Vehicle,
     belief_tracks,
     end_ns,
-    hostile_acts,
+    labelled_acts,
     last_activity_ns,
     operators,
     read_notes,
@@ -82,7 +82,7 @@ def read_run(record: Record) -> RunContents:
     """Read a run."""
     subject = subject_of(record)
     truth, belief = truth_tracks(record), belief_tracks(record)
-    events, decisions, attacks = read_notes(record, "events"), read_notes(record, "decisions"), hostile_acts(record)
+    events, decisions, attacks = read_notes(record, "events"), read_notes(record, "decisions"), labelled_acts(record)
     recorded = end_ns(record, [*truth.values(), *belief.values()])
     start = min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0)
     calm = last_activity_ns(truth.values(), [*events, *decisions, *attacks])

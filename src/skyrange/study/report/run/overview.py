@@ -67,6 +67,8 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
     delivered = sum(stats.delivered for stats in run.links)
     instances = len({(stats.kind, stats.owner) for stats in run.links})
     sent_bytes = sum(stats.size_bytes for stats in run.links)
+    hostile = sum(act.kind.startswith("attack.") for act in run.attacks)
+    of_faults = f", {quantities.count(len(run.attacks) - hostile)} of faults" if hostile < len(run.attacks) else ""
     return [
         ("aircraft", quantities.count(len(run.fleet)), f"{len(run.operator_colours)} operators"),
         (
@@ -87,7 +89,7 @@ def numbers(run: RunContents) -> list[tuple[str, Any, Any]]:
             f"{quantities.count(sent - delivered)} not",
         ),
         ("events", quantities.count(len(run.events)), f"{quantities.count(len(run.decisions))} decisions"),
-        ("hostile acts", quantities.count(len(run.attacks)), "labelled" if run.attacks else "none labelled"),
+        ("hostile acts", quantities.count(hostile), f"labelled{of_faults}" if run.attacks else "none labelled"),
     ]
 
 

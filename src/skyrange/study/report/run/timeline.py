@@ -54,7 +54,7 @@ def quiet_end(run: RunContents) -> quantities.Quantity | None:
 
 
 def render_lanes(run: RunContents) -> Markup:
-    """Render one lane per aircraft: modes as bands, events as marks, hostile acts as red strokes."""
+    """Render one lane per aircraft: modes as bands, events as marks, acts as strokes: red, or grey those of faults."""
     by_owner: dict[str, list[RecordedNote]] = {}
     for happening in sorted([*run.events, *run.attacks], key=lambda each: each.time_ns):
         by_owner.setdefault(happening.about.split(".", 1)[0], []).append(happening)
@@ -152,8 +152,8 @@ def _marks(run: RunContents, own: Sequence[RecordedNote]) -> Sequence[Mapping[st
 
 def _symbol(row: RecordedNote) -> str:
     """The name under which the template draws an event's symbol."""
-    if row.kind.startswith("attack."):
-        return "attack"
+    if row.kind.startswith(("attack.", "fault.")):
+        return row.kind.partition(".")[0]
     if row.kind == "event.mode":
         return "alarm"
     if row.kind == "event.outcome" and row.data.get("state") != "complete":
@@ -184,8 +184,9 @@ def _legend(run: RunContents) -> list[tuple[str, str]]:
         used.append(("alarm", "failsafe"))
     if any(_symbol(row) == "failed" for row in run.events):
         used.append(("failed", "mission failed"))
-    if run.attacks:
-        used.append(("attack", "hostile act"))
+    for author, meaning in (("attack", "hostile act"), ("fault", "act of a fault")):
+        if any(_symbol(row) == author for row in run.attacks):
+            used.append((author, meaning))
     if any(_symbol(row) == "other" and row.kind != "event.mode" for row in run.events):
         used.append(("other", "another event"))
     return used

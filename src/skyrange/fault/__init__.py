@@ -1,0 +1,1 @@
+"""Kinds of benign faults: what goes wrong without an adversary, as negatives beside attacks."""
