@@ -71,7 +71,7 @@ def draw(name: str, folder: Path) -> list[Path]:
         flown = pair(load(name), folder)
         made.append(draw_pair_plan(flown).save(IMAGES / f"{name}.svg"))
         if name in CAUSAL_PATHS:
-            path = find_causal_path(flown, flown.seeds[0])
+            path = find_causal_path(flown.run("attacked"), flown.propagation.to_pylist())
             made.append(draw_causal_path(path).save(IMAGES / f"{name}-path.svg"))
     else:
         record = fly(load(name), folder)

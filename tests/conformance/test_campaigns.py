@@ -18,7 +18,7 @@ from skyrange.testing import check_attack
 
 GHOST = {"kind": "remote_id.spoof", "params": {"at": [10.0, 5.0, 20.0]}}
 JUMP = {"kind": "gnss.jump", "params": {"vehicles": ["blue/b1"], "offset_m": [20.0, 0.0, 0.0]}}
-ARMED = {
+ARMED: dict[str, Any] = {
     "acts": {"ghost": GHOST, "jump": JUMP},
     "taps": ["gcs:blue/b1"],
     "stages": [
@@ -28,6 +28,7 @@ ARMED = {
     ],
 }
 
+AGAIN = {"name": "again", "acts": ["jump"], "timeout_s": 1.0}
 BLIND = {"name": "a", "acts": ["ghost", "jump"], "until": {"broadcasts": 1}, "timeout_s": 1.0}
 
 
@@ -75,6 +76,7 @@ def test_it_acts_when_the_aircraft_is_where_telemetry_says() -> None:
     stages = [
         (note.time_ns, note.note.data["stage"]) for note in seen.notes if note.note.kind == "event.campaign_stage"
     ]
+    assert {note.note.about for note in seen.notes if note.note.kind == "event.campaign_stage"} == {"mallory"}
     assert [stage for _, stage in stages] == ["watch", "pull", "end"]
     began, ended = stages[1][0], stages[2][0]
     assert ended - began == pytest.approx(3e9, abs=60_000_000)
@@ -92,6 +94,7 @@ def test_it_acts_when_the_aircraft_is_where_telemetry_says() -> None:
         ({"stages": [{"name": "a", "acts": ["ghots", "jump", "ghost"], "timeout_s": 1.0}]}, "ghost"),
         ({"stages": [{"name": "a", "acts": ["ghost"], "timeout_s": 1.0}]}, "in no stage"),
         ({"stages": [BLIND]}, "receiver_m"),
+        ({"stages": [*ARMED["stages"], {"name": "wait", "timeout_s": 1.0}, AGAIN]}, "starts again"),
         ({"taps": []}, "taps, on which"),
         ({"acts": {}, "stages": [{"name": "a", "timeout_s": 1.0}]}, "one act or more"),
     ],

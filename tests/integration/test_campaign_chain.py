@@ -17,7 +17,7 @@ from skyrange.study.twins.causal_path import find_causal_path
 
 def test_the_chain_is_read_from_the_record(tmp_path: Path) -> None:
     flown = pair(load("chain"), tmp_path / "pair")
-    path = find_causal_path(flown, flown.seeds[0])
+    path = find_causal_path(flown.run("attacked"), flown.propagation.to_pylist())
     led_to = {end: start for start, end, _ in reversed(path.edges)}
     number = next(k for k, step in enumerate(path.steps) if step.what.startswith("near miss"))
     before = max((start for start, end, _ in path.edges if end == number), key=lambda k: path.steps[k].at_s)

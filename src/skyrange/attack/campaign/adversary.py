@@ -21,7 +21,7 @@ from skyrange.codec.remote_id import link_payload
 from skyrange.contracts.links import Schedule
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
-from skyrange.core.time import NEVER, Time, from_seconds
+from skyrange.core.time import Time, from_seconds
 
 _NAMES: Final = {number: message.msgname for number, message in dialect.mavlink_map.items()}
 _POSITION: Final = dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
@@ -40,6 +40,8 @@ class Knowledge:
     messages: Counter[str] = field(default_factory=Counter)
     """MAVLink messages seen on tapped links, by name."""
     broadcasts: int = 0
+    uas_ids: dict[bytes, str] = field(default_factory=dict)
+    """Last UAS ID of each sender address: Bluetooth 4 sends it in another broadcast than the position."""
     items: dict[str, int] = field(default_factory=dict)
     """Current mission item of each aircraft, by vehicle id."""
 
@@ -64,19 +66,21 @@ class Knowledge:
     def read_broadcast(self, payload: bytes) -> None:
         """Learn from a received Remote ID broadcast; anything that cannot be decoded is passed over."""
         try:
-            _, body = link_payload.unpack(payload)
+            header, body = link_payload.unpack(payload)
             message = decode_remote_id(body)
         except DecodeError:
             return
         self.broadcasts += 1
         parts = message.messages if isinstance(message, MessagePack) else (message,)
-        uas_ids = [part.uas_id for part in parts if isinstance(part, BasicId)]
+        for part in parts:
+            if isinstance(part, BasicId):
+                self.uas_ids[header.address] = part.uas_id
         for part in parts:
             if isinstance(part, Location) and part.lat_deg is not None and part.lon_deg is not None:
                 east_m, north_m = self.origin.enu_of(part.lat_deg, part.lon_deg)
-                up_m = part.alt_geo_m - self.origin.ellipsoid_of(self.origin.alt_msl_m) if part.alt_geo_m else 0.0
-                for uas_id in uas_ids or [""]:
-                    self.by_broadcast[uas_id] = (east_m, north_m, up_m)
+                ground_m = self.origin.ellipsoid_of(self.origin.alt_msl_m)
+                up_m = part.alt_geo_m - ground_m if part.alt_geo_m is not None else 0.0
+                self.by_broadcast[self.uas_ids.get(header.address, "")] = (east_m, north_m, up_m)
 
     def sees(self, wanted: Sighting) -> bool:
         """Whether an aircraft that the sighting means was last observed near its place."""
@@ -152,8 +156,3 @@ class Adversary:
         if until.broadcasts is not None and self.knowledge.broadcasts < self._broadcasts + until.broadcasts:
             return False
         return until.mission_item is None or any(item >= until.mission_item for item in self.knowledge.items.values())
-
-
-def waiting_schedule() -> Schedule:
-    """A schedule that has not started."""
-    return Schedule(NEVER, NEVER)

@@ -8,13 +8,15 @@ from typing import Final
 
 from pydantic import ValidationError
 
-from skyrange.attack.campaign.adversary import Adversary, Knowledge, waiting_schedule
+from skyrange.attack.campaign.adversary import Adversary, Knowledge
 from skyrange.attack.campaign.gates import GatedAgent, GatedFault, GatedTapMaker
 from skyrange.attack.campaign.params import Campaign
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.on_path import TapMaker, place_taps
 from skyrange.attack.radio import down_link, transmitter, up_link
+from skyrange.attack.techniques import NO_FIT
 from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError, Problem
@@ -60,6 +62,8 @@ class Controller:
     """The agent of the adversary: it receives broadcasts, looks at the clock, and notes each stage that it enters."""
 
     name: str
+    campaign: str
+    """The campaign's id."""
     adversary: Adversary
     ports: Sequence[Port] = ()
     service_ns: Time = NS_PER_MS
@@ -73,7 +77,7 @@ class Controller:
         self.due = None if self.adversary.over else now - now % POLL_NS + POLL_NS
         out = Outbox()
         for stage in self.adversary.entered:
-            out.note("event.campaign_stage", self.name, {"stage": stage})
+            out.note("event.campaign_stage", self.campaign, {"stage": stage})
         self.adversary.entered.clear()
         return out
 
@@ -84,14 +88,15 @@ class Controller:
 
 def make(params: Campaign, context: AttackContext) -> Attack:
     """The campaign. Raises `InputError` for acts whose kind or parameters are wrong."""
-    schedules = {name: waiting_schedule() for name in params.acts}
+    schedules = {name: Schedule() for name in params.acts}
     adversary = Adversary(context.schedule, params.stages, schedules, Knowledge(context.origin))
     made = {name: _make_act(name, params, replace(context, id=f"{context.id}.{name}", schedule=schedules[name]))
             for name in params.acts}  # fmt: skip
-    controller, links, radios = Controller(context.id, adversary), [], []
+    controller, links, radios = Controller(context.id, context.id, adversary), [], []
     if params.receiver_m is not None:
         own = replace(context, id=f"{context.id}.{_RECEIVER}")
-        controller = Controller(own.radio, adversary, [Port(own.radio, own.down), Port(own.radio, own.up)])
+        ports = [Port(own.radio, own.down), Port(own.radio, own.up)]
+        controller = Controller(own.radio, context.id, adversary, ports)
         links = [down_link(own), up_link(own)]
         radios = [transmitter(own, params.receiver_m, _LISTENING_DBM, listens=True)]
     readers = place_taps(params.taps, context, TapMaker(Reader, (adversary,)))
@@ -137,7 +142,7 @@ CAMPAIGN = AttackPlugin(
     Campaign,
     make,
     "Starts and stops acts of other kinds in stages, by what the adversary observes.",
-    technique="no fit",
+    technique=NO_FIT,
     surface=("gcs", "log", "autopilot", "medium", "gnss"),
     effect="those of its acts, one after the other, when the victims are where the adversary wants them",
     threat=ThreatModel(

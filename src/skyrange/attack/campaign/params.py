@@ -31,7 +31,9 @@ class Act(Params):
     """An attack of the catalogue that the adversary can start."""
 
     kind: str = Field(description="Kind of attack, a plugin of skyrange.attacks other than campaign.")
-    params: dict[str, Any] = Field(default_factory=dict, description="Parameters of the kind.")
+    params: dict[str, Any] = Field(
+        default_factory=dict, description="Parameters of the kind; places count from the origin."
+    )
 
 
 class Sighting(Params):
@@ -118,6 +120,13 @@ class Campaign(Params):
             problems += self._unobservable(where, stage)
         idle = set(self.acts) - {act for stage in self.stages for act in stage.acts}
         problems += [Problem(f"acts.{act}", "in no stage", "a stage in which it acts") for act in sorted(idle)]
+        for act in sorted(set(self.acts) - idle):
+            places = [place for place, stage in enumerate(self.stages) if act in stage.acts]
+            if places[-1] - places[0] >= len(places):
+                problems.append(
+                    Problem(f"acts.{act}", "stops and starts again", "stages that follow each other",
+                            "Declare it twice, under two names.")
+                )  # fmt: skip
         if problems:
             raise refuse(*problems)
         return self

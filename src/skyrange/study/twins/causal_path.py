@@ -20,7 +20,6 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import RunRecord
 from skyrange.study.measures.time_series import RecordedNote, read_notes
-from skyrange.study.twins.pair_folder import Pair
 
 LAYERS: Final = ("adversary", "fault", "radio", "approval", "companion", "MAVLink", "autopilot", "sensors", "flight")
 MAX_AIRCRAFT: Final = 4
@@ -60,16 +59,19 @@ class CausalPath:
         return number
 
 
-def find_causal_path(pair: Pair, seed: int) -> CausalPath:
-    """The causal path of the attacked run of a seed; without steps if no aircraft departed from its twin."""
-    run = pair.run("attacked", seed)
-    rows = sorted((row for row in pair.propagation.to_pylist() if row["seed"] == seed), key=lambda row: row["at_ns"])
+def find_causal_path(run: RunRecord, propagation: Sequence[Row]) -> CausalPath:
+    """The causal path of an attacked run; without steps if no aircraft departed from its twin.
+
+    `propagation` are the rows of `propagation.parquet` of its seed.
+    """
+    rows = sorted(propagation, key=lambda row: row["at_ns"])
     by_frame = {row["frame"]: row for row in rows if row["frame"]}
     departures = [row for row in rows if row["phase"] == "effect"][:MAX_AIRCRAFT]
     path = CausalPath()
     reached: dict[str, int] = {}
     """Number of the departure step of each aircraft."""
     decisions = read_notes(run, "decisions")
+    stages = [note for note in read_notes(run, "events") if note.kind == "event.campaign_stage"]
     uas_ids = {vehicle["uas_id"]: vehicle["id"] for vehicle in run.manifest["vehicles"]}
     for effect in departures:
         vehicle = effect["vehicle"]
@@ -79,7 +81,7 @@ def find_causal_path(pair: Pair, seed: int) -> CausalPath:
             continue
         chain = _backwards(last, by_frame)
         decision = _decision(decisions, vehicle, chain)
-        at = _begin(path, run, chain, decision, uas_ids, reached)
+        at = _begin(path, run, chain, decision, stages, uas_ids, reached)
         grouped = _grouped(chain, decision)
         if at is not None and path.steps[at].layer == "radio":  # it was another aircraft's true broadcast that counted
             grouped = [one for one in grouped if one[0] != "radio"]
@@ -119,6 +121,7 @@ def _begin(
     run: RunRecord,
     chain: Sequence[Row],
     decision: RecordedNote | None,
+    stages: Sequence[RecordedNote],
     uas_ids: Mapping[str, str],
     reached: Mapping[str, int],
 ) -> int | None:
@@ -134,8 +137,8 @@ def _begin(
     if root["phase"] not in ("onset", "act"):
         return None
     before, layer = None, "fault" if root.get("fault") else "adversary"
-    for note in read_notes(run, "events"):
-        if layer == "adversary" and note.kind == "event.campaign_stage" and note.time_ns <= root["at_ns"]:
+    for note in stages:
+        if note.about == root["attack"] and note.time_ns <= root["at_ns"]:
             step = Step(to_seconds(note.time_ns), layer, root["attack"], f"stage {note.data.get('stage')}")
             before = path.add(step, before)
     role = str(root["link"]).partition(":")[0]
@@ -145,14 +148,14 @@ def _begin(
 
 def _heard_from(run: RunRecord, causes: Sequence[str], vehicle: str) -> int | None:
     """When the first of some received frames was sent that forwards a broadcast of an aircraft; `None` if none does."""
+    wanted = {FrameId.parse(cause) for cause in causes}
+    links = pa.array(sorted({frame.link for frame in wanted}))
     found = []
-    for cause in causes:
-        frame = FrameId.parse(cause)
-        table = run.table("frames")
-        mask = pc.and_(pc.equal(table["link"], frame.link), pc.equal(table["serial"], pa.scalar(frame.serial)))
-        rows = table.filter(pc.and_(mask, pc.equal(table["direction"], frame.direction))).to_pylist()
-        own = [row for row in rows if row["sender"] == frame.sender]
-        found += [int(row["sent_ns"]) for row in own if str(row["parent"] or "").startswith(f"rid_up:{vehicle}|")]
+    for batch in run.batches("frames", ["link", "direction", "sender", "serial", "sent_ns", "parent"]):
+        for row in batch.filter(pc.is_in(batch.column(0), links)).to_pylist():
+            id_ = FrameId(row["link"], row["direction"], row["sender"], row["serial"])
+            if id_ in wanted and str(row["parent"] or "").startswith(f"rid_up:{vehicle}|"):
+                found.append(int(row["sent_ns"]))
     return min(found, default=None)
 
 

@@ -59,7 +59,7 @@ def render_comparison(pair: Pair) -> str:
     shown = affected[:MAX_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MAX_DRAWN]]
     spans = _spans(events, attacked.duration)
     places = _places(attacked)
-    causes = find_causal_path(pair, seed)
+    causes = find_causal_path(attacked, propagation)
     style = asset("style.css") + colour_rules({}, subject)
     return render(
         "pair/page.html.jinja",
