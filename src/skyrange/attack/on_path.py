@@ -24,9 +24,10 @@ from skyrange.contracts.params import Params, items, refuse
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import endpoint, operator_of
-from skyrange.core.time import Time
+from skyrange.core.time import NEVER, NS_PER_MS, Time
 
 _NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
+_POLL_NS: Final = 100 * NS_PER_MS
 LEARNED: Final = "event.learned"
 """Kind of the notes on what an attacker has learnt from a frame."""
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
@@ -159,24 +160,30 @@ class InjectingTap:
 
 @dataclass(slots=True)
 class Repetition:
-    """Times of something that is done at the start of an attack and then every `period_ns`, until it stops.
+    """Times of something that is done when an attack starts and then every `period_ns`, at most `times` times.
 
-    The schedule is filled in during the run, and the start may be set by a trigger; so before the start this looks at
-    it once per period.
+    The schedule is filled in during the run, and a trigger or a campaign may set the start: while that is not known,
+    this looks at it ten times a second.
     """
 
     schedule: Schedule
     period_ns: Time
+    times: int = 0
+    """0 for until the attack stops."""
     due: Time | None = 0
+    done: int = 0
 
     def take(self, now: Time) -> bool:
         """Whether it is to be done now; sets the next time."""
-        start, stop = self.schedule.start_ns, self.schedule.stop_ns
-        if now < start:
-            self.due = min(start, now + self.period_ns)
+        if self.due is None or now < self.due:
             return False
-        if now >= stop:
+        start = self.schedule.start_ns
+        if now < start:
+            self.due = now + _POLL_NS if start == NEVER else start
+            return False
+        if now >= self.schedule.stop_ns:
             self.due = None
             return False
-        self.due = now + self.period_ns
+        self.done += 1
+        self.due = None if self.done == self.times else now + self.period_ns
         return True

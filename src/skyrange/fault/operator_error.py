@@ -8,7 +8,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from skyrange.attack.mavlink.injection import COPTER_MODES, Clock, Injection, Order, Sender, Victims, inject, mode_order
+from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, Order, Sender, Victims, inject, mode_order
+from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import (
     LAST_TIMESTAMP,
@@ -50,12 +51,12 @@ class Mistake:
     schedule: Schedule
     order: Order
     secret: bytes
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
     timestamp: int = -1
     """The last timestamp of the station's signatures; negative as long as its frames have none."""
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, NS_PER_S, times=1)
+        self.clock = Repetition(self.schedule, NS_PER_S, times=1)
 
     @property
     def due(self) -> Time | None:

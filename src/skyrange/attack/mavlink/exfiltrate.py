@@ -9,8 +9,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import Clock, Injection, Sender, inject, read
-from skyrange.attack.on_path import LEARNED
+from skyrange.attack.mavlink.injection import Injection, Sender, inject, read
+from skyrange.attack.on_path import LEARNED, Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -59,10 +59,10 @@ class Reader:
     counts: dict[int, int] = field(default_factory=dict)
     asked: dict[int, int] = field(default_factory=dict)
     answer_ns: Time | None = None
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns)
+        self.clock = Repetition(self.schedule, self.period_ns)
 
     @property
     def due(self) -> Time | None:

@@ -10,16 +10,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.mavlink.injection import (
-    Clock,
-    Injection,
-    ModeKeeper,
-    Sender,
-    geodetic,
-    inject,
-    mode_order,
-    read,
-)
+from skyrange.attack.mavlink.injection import Injection, ModeKeeper, Sender, geodetic, inject, mode_order, read
+from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -65,11 +57,11 @@ class Leader:
     lands: bool
     at: int = 0
     landing: bool = False
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
     keeper: ModeKeeper = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns)
+        self.clock = Repetition(self.schedule, self.period_ns)
         self.keeper = ModeKeeper(mav.COPTER_MODE_GUIDED, NS_PER_S)
 
     @property

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import Field
 
 from skyrange.attack.contract import AttackContext, Place
-from skyrange.attack.on_path import InjectingTap, InjectionSource, Names, TapMaker, place_taps
+from skyrange.attack.on_path import InjectingTap, InjectionSource, Names, Repetition, TapMaker, place_taps
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import Tap
@@ -23,15 +23,13 @@ from skyrange.contracts.params import Params, Whole
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, link_name
-from skyrange.core.time import NS_PER_MS, Time
+from skyrange.core.time import Time
 
 NOBODY: Final = 251
 """System id that shams address: aircraft have 1 to 250, so nobody obeys, and the frame has the same size."""
 STATION: Final = (255, int(mav.MAV_COMP_ID_MISSIONPLANNER))
 """System and component id of ground stations by convention; used until a heartbeat of the station was seen."""
 _AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
-_POLL_NS: Final = 100 * NS_PER_MS
-"""How often a node looks whether a trigger has started its attack."""
 _SEQUENCE: Final = 4
 """Offset of the sequence number in a MAVLink 2 frame."""
 
@@ -101,35 +99,6 @@ def rewrite(original: Message, message: Message) -> bytes:
     packer = Packer(original.get_srcSystem(), original.get_srcComponent())
     packer.sequence = original.get_seq()
     return packer.pack(message)
-
-
-@dataclass(slots=True)
-class Clock:
-    """Times of something that is done when an attack starts and then every `period_ns`, at most `times` times.
-
-    The schedule is filled in during the run, so before the start this looks at it ten times a second.
-    """
-
-    schedule: Schedule
-    period_ns: Time
-    times: int = 0
-    """0 for until the attack stops."""
-    due: Time | None = 0
-    done: int = 0
-
-    def take(self, now: Time) -> bool:
-        """Whether it is to be done now; sets the next time."""
-        if self.due is None or now < self.due:
-            return False
-        if now < self.schedule.start_ns:
-            self.due = min(self.schedule.start_ns, now + _POLL_NS)
-            return False
-        if now >= self.schedule.stop_ns:
-            self.due = None
-            return False
-        self.done += 1
-        self.due = None if self.done == self.times else now + self.period_ns
-        return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,10 +229,10 @@ class Commands:
     orders: tuple[Order, ...]
     period_ns: Time
     times: int
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns, self.times)
+        self.clock = Repetition(self.schedule, self.period_ns, self.times)
 
     @property
     def due(self) -> Time | None:

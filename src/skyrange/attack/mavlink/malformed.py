@@ -17,7 +17,8 @@ from typing import Annotated, Final, Literal
 from pydantic import BeforeValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import Clock, Injection, Sender, inject
+from skyrange.attack.mavlink.injection import Injection, Sender, inject
+from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -167,10 +168,10 @@ class HostileSource:
     to_station: bool
     period_ns: Time
     sham: bool
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns)
+        self.clock = Repetition(self.schedule, self.period_ns)
 
     @property
     def due(self) -> Time | None:

@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import COPTER_MODES, Clock, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.on_path import Repetition
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number, refuse
@@ -41,11 +42,11 @@ class ModeHolder:
     schedule: Schedule
     mode: int
     period_ns: Time
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
     keeper: ModeKeeper = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns)
+        self.clock = Repetition(self.schedule, self.period_ns)
         self.keeper = ModeKeeper(self.mode, self.period_ns)
 
     @property

@@ -9,8 +9,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import NOBODY, Clock, Injection, Sender, inject, read, rewrite
-from skyrange.attack.on_path import InjectingTap
+from skyrange.attack.mavlink.injection import NOBODY, Injection, Sender, inject, read, rewrite
+from skyrange.attack.on_path import InjectingTap, Repetition
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.contracts.frames.frame import Frame
@@ -61,10 +61,10 @@ class ParameterSource:
     shown: tuple[tuple[str, float], ...]
     period_ns: Time
     times: int
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns, self.times)
+        self.clock = Repetition(self.schedule, self.period_ns, self.times)
 
     @property
     def due(self) -> Time | None:

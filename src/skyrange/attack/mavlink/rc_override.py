@@ -9,7 +9,8 @@ from typing import Literal
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import COPTER_MODES, Clock, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -63,11 +64,11 @@ class StickSource:
     manual: bool
     period_ns: Time
     mode: int | None
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
     keeper: ModeKeeper = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, self.period_ns)
+        self.clock = Repetition(self.schedule, self.period_ns)
         self.keeper = ModeKeeper(-1 if self.mode is None else self.mode, NS_PER_S)
 
     @property

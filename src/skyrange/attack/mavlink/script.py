@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from skyrange.attack.contract import Place
-from skyrange.attack.mavlink.injection import Clock, Order, Sender, read
+from skyrange.attack.mavlink.injection import Order, Sender, read
+from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
@@ -74,10 +75,10 @@ class Script:
     tries: int = 0
     requested: int = -1
     """The number of the item that the aircraft asked for; -1 for none."""
-    clock: Clock = field(init=False)
+    clock: Repetition = field(init=False)
 
     def __post_init__(self) -> None:
-        self.clock = Clock(self.schedule, RETRY_NS)
+        self.clock = Repetition(self.schedule, RETRY_NS)
 
     @property
     def due(self) -> Time | None:
