@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.scenario.shipped import load
 from skyrange.scenario.toml_reader import load_data, load_file, load_text
 from skyrange.scenario.toml_writer import to_toml
 
@@ -219,3 +220,9 @@ def test_files_are_renamed_on_the_way_out(tmp_path: Path):
     text = to_toml(scenario, {str(tmp_path / "a.plan"): "missions/b1.plan"})
     assert 'file = "missions/b1.plan"' in text
     assert f'buildings = "{tmp_path / "b.geojson"}"' in text
+
+
+def test_a_mistyped_kind_is_told_its_nearest_spelling() -> None:
+    """Names of examples have dots, and are not taken for files."""
+    with pytest.raises(InputError, match=r"Did you mean 'mavlink\.command'"):
+        load("mavlink.comand")

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import Field, model_validator
 
-from skyrange.attack.gnss.false_fixes import Victims
-from skyrange.attack.mavlink.injection import check_vehicles
 from skyrange.attack.sensor.injection import need_one
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number, Params

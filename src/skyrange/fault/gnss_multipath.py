@@ -11,9 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from skyrange.attack.gnss.emitter import FIX_2D, FIX_NONE
-from skyrange.attack.gnss.false_fixes import Victims
 from skyrange.attack.gnss.jam import CHIP_M
-from skyrange.attack.mavlink.injection import check_vehicles
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.city.city import City
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.links import Schedule

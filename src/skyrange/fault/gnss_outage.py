@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pydantic import Field
 
 from skyrange.attack.gnss.emitter import FIX_NONE
-from skyrange.attack.gnss.false_fixes import Victims
-from skyrange.attack.mavlink.injection import check_vehicles
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Params

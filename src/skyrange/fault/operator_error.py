@@ -8,8 +8,9 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, Order, Sender, Victims, inject, mode_order
+from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, Order, Sender, inject, mode_order
 from skyrange.attack.on_path import Repetition
+from skyrange.attack.victims import Victims
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import (
     LAST_TIMESTAMP,

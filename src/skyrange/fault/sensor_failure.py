@@ -9,10 +9,9 @@ from typing import Final, Literal
 import numpy as np
 from pydantic import Field
 
-from skyrange.attack.gnss.false_fixes import Victims
-from skyrange.attack.mavlink.injection import check_vehicles
-from skyrange.attack.sensor.injection import SAMPLE_NS
-from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
+from skyrange.attack.sensor.injection import SampleDetector
+from skyrange.attack.victims import Victims, check_vehicles
+from skyrange.contracts.components import Floats, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number, Params
 from skyrange.core.chance import Chance
@@ -57,24 +56,21 @@ class FailedSensor:
     chance: Chance
     schedule: Schedule
     _begun: bool = False
-    _raw: Floats = field(init=False)
-    _at: Ints = field(init=False)
+    _samples: SampleDetector = field(init=False)
     _errors: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        count = len(self.vehicles)
-        self._raw = np.full((count, 3), np.nan)
-        self._at = np.zeros(count, dtype=np.int64)
-        self._errors = np.zeros((count, 3))
+        self._samples = SampleDetector(len(self.vehicles))
+        self._errors = np.zeros((len(self.vehicles), 3))
 
     def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
         """Freeze it, or add noise. Returns an act for each vehicle when it begins."""
         if now < self.schedule.start_ns:
             return []
         readings = getattr(sensors, self.column).reshape(len(self.vehicles), -1)
-        raw = self._raw[:, : readings.shape[1]]
+        raw = self._samples.raw[:, : readings.shape[1]]
         if self.noise:
-            self._measure(now, readings, raw)
+            self._measure(now, readings)
             readings += self._errors[:, : readings.shape[1]]
         elif self._begun:
             readings[:] = raw
@@ -86,12 +82,9 @@ class FailedSensor:
         self._begun = True
         return [SensorAct(vehicle, self.sensor) for vehicle in self.vehicles]
 
-    def _measure(self, now: Time, readings: Floats, raw: Floats) -> None:
+    def _measure(self, now: Time, readings: Floats) -> None:
         """New noise for the sensors that measured again."""
-        fresh = (readings != raw).any(axis=1) | (now - self._at >= SAMPLE_NS)
-        raw[fresh] = readings[fresh]
-        self._at[fresh] = now
-        for row in np.flatnonzero(fresh).tolist():
+        for row in np.flatnonzero(self._samples.fresh(now, readings)).tolist():
             who = hash64(f"{self.name}|{self.vehicles[row]}")
             uniforms = np.array([self.chance.uniform4(STREAM, who, now, k) for k in range(3)])
             self._errors[row] = self.noise * np.sqrt(3.0) * (uniforms.sum(axis=1) - 2.0)  # variance of the sum: 1/3

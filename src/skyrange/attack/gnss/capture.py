@@ -7,12 +7,12 @@ from pydantic import Field
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS, emitter_at
 from skyrange.attack.gnss.false_fixes import Rate
-from skyrange.attack.gnss.takeover import CapturedReceivers, Requirements, SimulatedSignals
-from skyrange.contracts.params import Enu, Number, Params
+from skyrange.attack.gnss.takeover import CapturedReceivers, Requirements, SimulatedSignals, Takeover
+from skyrange.contracts.params import Enu, Number
 from skyrange.core.time import from_seconds
 
 
-class Capture(Params):
+class Capture(Takeover):
     """A GNSS simulator with one antenna. It affects every aircraft by the power at its antenna."""
 
     transmitter_m: Enu = Field(
@@ -39,13 +39,6 @@ class Capture(Params):
         le=1e9,
         description="Error of the simulator's time against GPS time, in nanoseconds.",
     )
-    advantage_db: Number = Field(
-        default=2.0,
-        ge=0,
-        le=40,
-        description="Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et "
-        "al. (CCS 2011).",
-    )
     code_alignment_m: Number = Field(
         default=150.0,
         ge=0,
@@ -59,16 +52,6 @@ class Capture(Params):
         le=1_000,
         description="Largest misalignment of Doppler for a capture without loss of lock, in m/s; 5 is the pull-in "
         "range of a frequency lock loop with 20 ms of integration (25 Hz).",
-    )
-    reacquire_s: Number = Field(
-        default=5.0,
-        ge=0,
-        le=120,
-        description="Time without a fix of a receiver that loses lock, in seconds; 1 is a hot start of a u-blox M10, "
-        "24 a cold start.",
-    )
-    wall_loss_db: Number = Field(
-        default=30.0, ge=0, le=100, description="Loss in dB where a building of the city blocks the line of sight."
     )
 
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.gnss.false_fixes import Rate, Victims, falsify_fixes
+from skyrange.attack.gnss.false_fixes import Rate, falsify_fixes
+from skyrange.attack.victims import Victims
 from skyrange.contracts.components import Floats
 from skyrange.contracts.params import Number, Params, refuse
 from skyrange.core.errors import Problem

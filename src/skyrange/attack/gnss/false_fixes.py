@@ -12,31 +12,17 @@ from typing import Annotated, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator
 
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.victims import check_vehicles
 from skyrange.contracts.components import Floats, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Enu, items, refuse
-from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.contracts.params import Enu, refuse
+from skyrange.core.errors import Problem
 from skyrange.core.time import NS_PER_S, Time
 
 _FIX_2D = 2  # MAVLink GPS_FIX_TYPE: the lowest one with a position
-
-
-def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
-    if len(set(names)) < len(names):
-        raise refuse(Problem("", repr(list(names)), "each aircraft once"))
-    return names
-
-
-Victims = Annotated[
-    tuple[str, ...],
-    BeforeValidator(items, json_schema_input_type=list[str]),
-    AfterValidator(_each_once),
-    Field(min_length=1),
-]
-"""Vehicle ids, one or more, each once."""
 
 
 def within(least: float, most: float, what: str) -> AfterValidator:
@@ -118,12 +104,6 @@ class FalseFixes:
 
 def falsify_fixes(vehicles: Sequence[str], track: Track, context: AttackContext) -> Attack:
     """The attack on these vehicles' receivers, or its sham. Raises `InputError` for one that is not in the scenario."""
-    strangers = [
-        Problem(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, context.vehicles))
-        for place, vehicle in enumerate(vehicles)
-        if vehicle not in context.vehicles
-    ]
-    if strangers:
-        raise InputError(context.id, strangers)
+    check_vehicles(context, vehicles)
     used = ShamTrack(track) if context.sham else track
     return Attack(faults=[FalseFixes(f"{context.id}.gnss", vehicles, used, context.schedule)])

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.gnss.false_fixes import Offset, Victims, falsify_fixes
+from skyrange.attack.gnss.false_fixes import Offset, falsify_fixes
+from skyrange.attack.victims import Victims
 from skyrange.contracts.components import Floats
 from skyrange.contracts.params import Params
 

@@ -6,12 +6,12 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.gnss.emitter import SPEED_OF_LIGHT_MPS, emitter_at
-from skyrange.attack.gnss.takeover import CapturedReceivers, Requirements, SimulatedSignals
-from skyrange.contracts.params import Enu, Number, Params
+from skyrange.attack.gnss.takeover import CapturedReceivers, Requirements, SimulatedSignals, Takeover
+from skyrange.contracts.params import Enu, Number
 from skyrange.core.time import from_seconds
 
 
-class Meacon(Params):
+class Meacon(Takeover):
     """A repeater of all GNSS signals. It affects every aircraft by the power at its antenna."""
 
     at: Enu = Field(
@@ -34,23 +34,6 @@ class Meacon(Params):
         ge=0,
         le=1e9,
         description="Delay in cables and amplifiers, in nanoseconds; 100 is 30 m of path.",
-    )
-    advantage_db: Number = Field(
-        default=2.0,
-        ge=0,
-        le=40,
-        description="Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et "
-        "al. (CCS 2011).",
-    )
-    reacquire_s: Number = Field(
-        default=5.0,
-        ge=0,
-        le=120,
-        description="Time without a fix of a receiver that loses lock, in seconds; 1 is a hot start of a u-blox M10, "
-        "24 a cold start.",
-    )
-    wall_loss_db: Number = Field(
-        default=30.0, ge=0, le=100, description="Loss in dB where a building of the city blocks the line of sight."
     )
 
 

@@ -17,11 +17,13 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from skyrange.attack.contract import Place
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_2D, FIX_3D, FIX_NONE, Emitter
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
+from skyrange.contracts.params import Number, Params
 from skyrange.core.time import NS_PER_S, Time
 
 AUTHENTIC, LOST, CAPTURED = range(3)
@@ -37,6 +39,28 @@ class Requirements(NamedTuple):
     code_m: float
     doppler_mps: float
     reacquire_ns: Time
+
+
+class Takeover(Params):
+    """When receivers follow false signals, and what it takes them to lose lock."""
+
+    advantage_db: Number = Field(
+        default=2.0,
+        ge=0,
+        le=40,
+        description="Least received power over that of the authentic signals, in dB; 2 as measured by Tippenhauer et "
+        "al. (CCS 2011).",
+    )
+    reacquire_s: Number = Field(
+        default=5.0,
+        ge=0,
+        le=120,
+        description="Time without a fix of a receiver that loses lock, in seconds; 1 is a hot start of a u-blox M10, "
+        "24 a cold start.",
+    )
+    wall_loss_db: Number = Field(
+        default=30.0, ge=0, le=100, description="Loss in dB where a building of the city blocks the line of sight."
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
 from pydantic import Field
 
 from skyrange.attack.contract import AttackContext, Place
-from skyrange.attack.on_path import InjectingTap, InjectionSource, Names, Repetition, TapMaker, place_taps
+from skyrange.attack.on_path import InjectingTap, InjectionSource, Repetition, TapMaker, place_taps
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.params import Params, Whole
-from skyrange.core.errors import DecodeError, InputError, Problem, nearest
+from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, link_name
 from skyrange.core.time import Time
@@ -32,9 +33,6 @@ STATION: Final = (255, int(mav.MAV_COMP_ID_MISSIONPLANNER))
 _AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
 _SEQUENCE: Final = 4
 """Offset of the sequence number in a MAVLink 2 frame."""
-
-Victims = Annotated[Names, Field(min_length=1)]
-"""Vehicle ids, one or more, each once."""
 
 
 class Injection(Params):
@@ -186,17 +184,6 @@ def _make_tap(
     arguments: tuple[Any, ...],
 ) -> Tap:
     return tap(link, source(senders.make(link), *arguments))
-
-
-def check_vehicles(context: AttackContext, vehicles: Sequence[str]) -> None:
-    """Raises `InputError` for vehicles that are not in the scenario."""
-    strangers = [
-        Problem(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, context.vehicles))
-        for place, vehicle in enumerate(vehicles)
-        if vehicle not in context.vehicles
-    ]
-    if strangers:
-        raise InputError(context.id, strangers)
 
 
 def inject(

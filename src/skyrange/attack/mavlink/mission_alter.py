@@ -13,8 +13,9 @@ from typing import Any, Final, Literal
 from pydantic import Field, model_validator
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.mavlink.injection import Victims, check_vehicles, geodetic, read, rewrite
+from skyrange.attack.mavlink.injection import geodetic, read, rewrite
 from skyrange.attack.on_path import TapMaker, place_taps
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pydantic import Field
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.radio import Broadcaster, transmitter, up_link
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
 from skyrange.contracts.links import Schedule
@@ -39,9 +40,11 @@ class Jam(Params):
 
 @dataclass(slots=True)
 class BurstSchedule:
-    """One burst per period; a burst ends when the attack stops."""
+    """One burst per period, on the next of the centres each time; a burst ends when the attack stops."""
 
+    centres_khz: tuple[int, ...]
     burst: NoiseRequest
+    """A burst of whole length; its centre is replaced."""
     period_ns: Time
     schedule: Schedule
     turn: int = 0
@@ -55,27 +58,45 @@ class BurstSchedule:
         """The burst that is due, if the attack acts; else nothing."""
         if self.due > now:
             return []
-        self.turn = now // self.period_ns + 1
+        number = now // self.period_ns
+        self.turn = number + 1
         left_us = (self.schedule.stop_ns - now) // NS_PER_US
         if self.schedule.start_ns > now or left_us <= 0:
             return []
-        return [pack(self.burst._replace(duration_us=min(self.burst.duration_us, left_us), time_ns=now))]
+        centre_khz = self.centres_khz[number % len(self.centres_khz)]
+        duration_us = min(self.burst.duration_us, left_us)
+        return [pack(self.burst._replace(centre_khz=centre_khz, duration_us=duration_us, time_ns=now))]
+
+
+def make_jammer(
+    context: AttackContext,
+    transmitter_m: Place,
+    power_dbm: float,
+    centres_mhz: Sequence[float],
+    bandwidth_mhz: float,
+    period_ms: float,
+    duty: float = 1.0,
+) -> Attack:
+    """A transmitter of noise bursts, one per period, on the next of the centres each time."""
+    period_ns = round(period_ms * NS_PER_MS)
+    burst = NoiseRequest(
+        SILENT_CDBM if context.sham else round(power_dbm * 100),
+        0,
+        round(bandwidth_mhz * 1000),
+        max(1, round(period_ns * duty) // NS_PER_US),
+    )
+    bursts = BurstSchedule(tuple(round(centre * 1000) for centre in centres_mhz), burst, period_ns, context.schedule)
+    agent = Broadcaster(context.radio, Port(context.radio, context.up), bursts)
+    radio = transmitter(context, transmitter_m, power_dbm)
+    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
 
 
 def make(params: Jam, context: AttackContext) -> Attack:
     """The attack."""
-    period_ns = round(params.period_ms * NS_PER_MS)
-    burst = NoiseRequest(
-        SILENT_CDBM if context.sham else round(params.power_dbm * 100),
-        round(params.centre_mhz * 1000),
-        round(params.bandwidth_mhz * 1000),
-        max(1, round(period_ns * params.duty) // NS_PER_US),
+    centres = (params.centre_mhz,)
+    return make_jammer(
+        context, params.transmitter_m, params.power_dbm, centres, params.bandwidth_mhz, params.period_ms, params.duty
     )
-    agent = Broadcaster(
-        context.radio, Port(context.radio, context.up), BurstSchedule(burst, period_ns, context.schedule)
-    )
-    radio = transmitter(context, params.transmitter_m, params.power_dbm)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
 
 
 JAM = AttackPlugin(

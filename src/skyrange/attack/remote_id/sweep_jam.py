@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.radio import Broadcaster, transmitter, up_link
-from skyrange.attack.remote_id.jam import SILENT_CDBM
-from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
-from skyrange.contracts.links import Schedule
+from skyrange.attack.remote_id.jam import make_jammer
 from skyrange.contracts.params import Enu, Number, Params
-from skyrange.core.ids import Port
-from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 
 class SweepJam(Params):
@@ -36,50 +29,11 @@ class SweepJam(Params):
     dwell_ms: Number = Field(default=5.0, ge=1, le=10_000, description="Time on each channel in milliseconds.")
 
 
-@dataclass(slots=True)
-class Sweep:
-    """One burst per dwell time, on the next channel each time; a burst ends when the attack stops."""
-
-    centres_khz: tuple[int, ...]
-    burst: NoiseRequest
-    period_ns: Time
-    schedule: Schedule
-    turn: int = 0
-
-    @property
-    def due(self) -> Time:
-        """When the next burst begins."""
-        return self.turn * self.period_ns
-
-    def make(self, now: Time) -> list[bytes]:
-        """The burst that is due, if the attack acts; else nothing."""
-        if self.due > now:
-            return []
-        number = now // self.period_ns
-        self.turn = number + 1
-        left_us = (self.schedule.stop_ns - now) // NS_PER_US
-        if self.schedule.start_ns > now or left_us <= 0:
-            return []
-        centre_khz = self.centres_khz[number % len(self.centres_khz)]
-        duration_us = min(self.burst.duration_us, left_us)
-        return [pack(self.burst._replace(centre_khz=centre_khz, duration_us=duration_us, time_ns=now))]
-
-
 def make(params: SweepJam, context: AttackContext) -> Attack:
     """The attack."""
-    period_ns = round(params.dwell_ms * NS_PER_MS)
-    burst = NoiseRequest(
-        SILENT_CDBM if context.sham else round(params.power_dbm * 100),
-        0,
-        round(params.bandwidth_mhz * 1000),
-        period_ns // NS_PER_US,
+    return make_jammer(
+        context, params.transmitter_m, params.power_dbm, params.centres_mhz, params.bandwidth_mhz, params.dwell_ms
     )
-    centres_khz = tuple(round(centre * 1000) for centre in params.centres_mhz)
-    agent = Broadcaster(
-        context.radio, Port(context.radio, context.up), Sweep(centres_khz, burst, period_ns, context.schedule)
-    )
-    radio = transmitter(context, params.transmitter_m, params.power_dbm)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
 
 
 SWEEP_JAM = AttackPlugin(

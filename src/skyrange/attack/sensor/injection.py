@@ -12,14 +12,16 @@ from math import pi, sin
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Place
-from skyrange.attack.gnss.false_fixes import Victims, within
+from skyrange.attack.gnss.false_fixes import within
+from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, Number, Params, refuse
-from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.errors import Problem
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 Column = Literal["gyro_radps", "accel_mps2", "baro_up_m", "compass_gauss"]
@@ -70,6 +72,28 @@ class Signal:
 
 
 @dataclass(slots=True)
+class SampleDetector:
+    """Finds which of `count` slow sensors have measured again: their reading changed, or is as old as a sample."""
+
+    count: int
+    raw: Floats = field(init=False)
+    """(count, 3) the last measurements, of as many axes as the sensor has."""
+    _at: Ints = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.raw = np.full((self.count, 3), np.nan)
+        self._at = np.zeros(self.count, dtype=np.int64)
+
+    def fresh(self, now: Time, readings: Floats) -> NDArray[np.bool_]:
+        """(count,) whether each has measured again, by its `readings` (count, axes), which are kept."""
+        known = self.raw[:, : readings.shape[1]]
+        fresh = np.asarray((readings != known).any(axis=1) | (now - self._at >= SAMPLE_NS))
+        known[fresh] = readings[fresh]
+        self._at[fresh] = now
+        return fresh
+
+
+@dataclass(slots=True)
 class Injection:
     """A fault that adds a signal to one sensor of its vehicles.
 
@@ -86,15 +110,12 @@ class Injection:
     schedule: Schedule
     sham: bool
     _begun: bool = False
-    _raw: Floats = field(init=False)
-    _at: Ints = field(init=False)
+    _samples: SampleDetector = field(init=False)
     _errors: Floats = field(init=False)
 
     def __post_init__(self) -> None:
-        count = len(self.vehicles)
-        self._raw = np.full((count, 3), np.nan)
-        self._at = np.zeros(count, dtype=np.int64)
-        self._errors = np.zeros((count, 3))
+        self._samples = SampleDetector(len(self.vehicles))
+        self._errors = np.zeros((len(self.vehicles), 3))
 
     def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:
         """Add the signal. Returns an act for each vehicle when it begins."""
@@ -104,7 +125,7 @@ class Injection:
         if not self.sham:
             error = self.signal.at((now - self.schedule.start_ns) / NS_PER_S)
             if self.sampled:
-                self._hold(now, readings, error)
+                self._errors[self._samples.fresh(now, readings.reshape(len(self.vehicles), -1))] = error
                 readings += self._errors[:, 0] if readings.ndim == 1 else self._errors
             else:
                 readings += error
@@ -113,24 +134,10 @@ class Injection:
         self._begun = True
         return [SensorAct(vehicle, self.sensor) for vehicle in self.vehicles]
 
-    def _hold(self, now: Time, readings: Floats, error: Floats) -> None:
-        raw = readings.reshape(len(self.vehicles), -1)
-        known = self._raw[:, : raw.shape[1]]
-        fresh = (raw != known).any(axis=1) | (now - self._at >= SAMPLE_NS)
-        known[fresh] = raw[fresh]
-        self._at[fresh] = now
-        self._errors[fresh] = error
-
 
 def inject(params: Injected, signal: Signal, column: Column, context: AttackContext) -> Attack:
     """The attack on one sensor, or its sham. Raises `InputError` for aircraft that are not in the scenario."""
-    strangers = [
-        Problem(f"vehicles.{place}", vehicle, "a vehicle of the scenario", nearest(vehicle, context.vehicles))
-        for place, vehicle in enumerate(params.vehicles)
-        if vehicle not in context.vehicles
-    ]
-    if strangers:
-        raise InputError(context.id, strangers)
+    check_vehicles(context, params.vehicles)
     sensor = {"gyro_radps": "gyro", "accel_mps2": "accel", "baro_up_m": "baro", "compass_gauss": "compass"}[column]
     sampled = column in ("baro_up_m", "compass_gauss")
     fault: Any = Injection(

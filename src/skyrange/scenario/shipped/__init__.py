@@ -51,7 +51,7 @@ def source_of(name_or_file: str | Path) -> Path:
     if text in FAULT_EXAMPLES:
         return FAULT_EXAMPLES[text]
     path = expand_user(text)
-    if path.suffix or os.path.exists(path) or "/" in text or "\\" in text:
+    if path.suffix == ".toml" or os.path.exists(path) or "/" in text or "\\" in text:
         return path
     raise InputError.one(
         "scenario",
