@@ -86,7 +86,8 @@ def _find_receivers(
 ) -> None:
     """Fill a slot's list of receivers.
 
-    One long function, because every call that passes arrays on costs as much as the work for one radio.
+    One long function, because every call that passes arrays on costs as much as the work for one radio; only the path
+    itself, which takes longer, is a call.
     """
     slot, head, follow, losses, pointers = state.slot, state.head, state.follow, state.losses, state.pointers
     rows, levels, powers, flags = state.row[s], state.dbm[s], state.mw[s], state.flag[s]
