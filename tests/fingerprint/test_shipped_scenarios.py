@@ -14,7 +14,7 @@ from skyrange.scenario.shipped import SHIPPED, load
 from skyrange.study.runs import fly
 
 EVENTS = {
-    "chain": "26fb4a6447179e5e504732fb9c315360",
+    "chain": "3eebf910faa0bed6f397499af57a25f5",
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
