@@ -1,4 +1,4 @@
-"""Do the attacks on GNSS receivers by power keep their contract?"""
+"""Do the attacks on GNSS receivers by power and by a model of the filter keep their contract?"""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.gnss.capture import CAPTURE
 from skyrange.attack.gnss.jam import GNSS_JAM
 from skyrange.attack.gnss.meacon import MEACON
+from skyrange.attack.gnss.pull_off import PULL_OFF
 from skyrange.testing import check_attack
 
 PLACE = [60.0, 5.0, 2.0]
@@ -22,11 +23,13 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Any]] = [
     (CAPTURE, {"transmitter_m": PLACE, "at": [20.0, 10.0, 5.0]}, SENSOR),
     (CAPTURE, {"transmitter_m": PLACE, "at": [900.0, 0.0, 5.0], "velocity_mps": [5, 0, 0], "reacquire_s": 1}, SENSOR),
     (MEACON, {"at": PLACE, "reacquire_s": 2}, SENSOR),
+    (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 1}, SENSOR),
+    (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 0, "distance_m": 5}, SENSOR),
 ]
 
 
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
-def test_attacks_by_power_conform(kind: AttackPlugin, params: Mapping[str, Any], acts: Any) -> None:
+def test_attacks_on_gnss_conform(kind: AttackPlugin, params: Mapping[str, Any], acts: Any) -> None:
     check_attack(kind, params, acts=acts)
