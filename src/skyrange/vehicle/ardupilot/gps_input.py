@@ -24,7 +24,9 @@ _WEEK_S: Final = 604_800
 PERIOD_NS: Final[Time] = 200 * NS_PER_MS
 """Interval of the fixes: 5 Hz, the lowest rate that ArduPilot counts as healthy (AP_GPS::is_healthy)."""
 _HDOP, _VDOP = 0.8, 1.2
-"""Typical of ten satellites under an open sky."""
+"""Typical of ten satellites under an open sky, which claim at most `_ACCURACY_M`."""
+_ACCURACY_M = (1.5, 2.5)
+_MAX_DOP = 99.99
 
 
 class GnssReceivers:
@@ -58,7 +60,13 @@ class GnssReceivers:
         return dialect.MAVLink_gps_input_message(
             time_usec=0, gps_id=0, ignore_flags=0, time_week_ms=within_ns // NS_PER_MS, time_week=week,
             fix_type=int(sensors.gnss_fix[row]), lat=round(lat_deg * 1e7), lon=round(lon_deg * 1e7),
-            alt=self._origin.alt_msl_m + up_m, hdop=_HDOP, vdop=_VDOP, vn=north_mps, ve=east_mps, vd=-up_mps,
+            alt=self._origin.alt_msl_m + up_m, hdop=_dop(_HDOP, horizontal_m, _ACCURACY_M[0]),
+            vdop=_dop(_VDOP, vertical_m, _ACCURACY_M[1]), vn=north_mps, ve=east_mps, vd=-up_mps,
             speed_accuracy=speed_mps, horiz_accuracy=horizontal_m, vert_accuracy=vertical_m,
             satellites_visible=int(sensors.gnss_satellites[row]), yaw=0,
         )  # fmt: skip
+
+
+def _dop(usual: float, claimed_m: float, usual_m: float) -> float:
+    """The dilution of precision, larger than `usual` as far as the claimed accuracy is worse than the usual one."""
+    return min(usual * max(claimed_m / usual_m, 1.0), _MAX_DOP) if claimed_m == claimed_m else _MAX_DOP
