@@ -1,4 +1,4 @@
-"""Does ArduCopter react to attacks by MAVLink as the builtin does? A few examples of those that the page compares.
+"""Does ArduCopter react to attacks as the builtin does? A few examples of those that the page compares.
 
 `skyrange parity attacks` flies them all.
 """
@@ -20,6 +20,10 @@ ALIKE = {
     "identity.silence_station": "fails safe",
     "signing.stolen_key": "obeys",
     "telemetry.mode": "departs",
+    "gnss.pull_off": "departs",
+    "gnss.jam": "fails safe",
+    "sensor.barometer": "departs",
+    "remote_id.spoof": "departs",
 }
 """Kinds to which both react in the same way, at the same time, and with the same effect."""
 DIFFER = {"mavlink.rc_override": ("obeys", "lands"), "mavlink.mode": ("obeys", "ignores")}

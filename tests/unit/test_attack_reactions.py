@@ -16,7 +16,7 @@ from skyrange.core.errors import InputError
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.compare.attacks import flights as module
 from skyrange.study.compare.attacks import page as report
-from skyrange.study.compare.attacks.flights import ComparedAttack, agreement, chosen_kinds
+from skyrange.study.compare.attacks.flights import NOT_CARRIED, ComparedAttack, agreement, chosen_kinds
 from skyrange.study.compare.attacks.reactions import (
     DEPARTED_M,
     FAR_M,
@@ -168,6 +168,30 @@ def test_a_page_with_marks_is_renewed(tmp_path: Path) -> None:
     assert "Of 3 attacks that change a flight of either, the reaction is the same in 2, at the same time" in text
 
 
+def test_rows_of_kinds_that_were_not_flown_stay_and_count(tmp_path: Path) -> None:
+    page = tmp_path / "parity.md"
+    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    report.renew_page(COMPARED, page)
+    report.renew_page(
+        [ComparedAttack("mavlink.mode", OBEYS, OBEYS), ComparedAttack("sensor.compass", OBEYS, IGNORES)], page
+    )
+    rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
+    assert [line.split("`")[1] for line in rows] == [
+        "link.eavesdrop", "mavlink.command", "mavlink.guided", "mavlink.mode", "sensor.compass",
+    ]  # fmt: skip
+    assert "| ignores | RTL 0.1 s |  | does not apply: the JSON interface has no magnetometer" in rows[-1]
+    same = (
+        "Of 3 attacks that change a flight of either, the reaction is the same in 3, at the same time and distance in"
+    )
+    assert f"{same} 2. Of all 4 attacks these are 4 and 3." in page.read_text()
+
+
+def test_a_kind_that_does_not_reach_the_other_autopilot_is_not_counted() -> None:
+    row = ComparedAttack("sensor.compass", OBEYS, IGNORES)
+    assert agreement([*COMPARED, row]) == agreement(COMPARED)
+    assert report.results([row])["attacks"][0]["does_not_apply"].startswith("the JSON interface")
+
+
 def test_a_page_without_marks_is_refused(tmp_path: Path) -> None:
     page = tmp_path / "parity.md"
     page.write_text("nothing\n")
@@ -196,11 +220,10 @@ def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert facts["attacks"][1]["ardupilot"]["reaction"] == "ignores"
 
 
-def test_kinds_are_those_with_an_example_that_act_by_mavlink() -> None:
+def test_kinds_are_those_with_an_example_of_one_attack() -> None:
     chosen = chosen_kinds([])
-    assert len(chosen) >= 15
-    assert set(chosen) <= set(EXAMPLES)
-    assert not [kind for kind in chosen if kind.startswith(("gnss.", "sensor.", "remote_id."))]
+    assert set(EXAMPLES) - set(chosen) == {"campaign"}
+    assert set(NOT_CARRIED) <= set(chosen)
     with pytest.raises(InputError, match=r"mavlink\.mode"):
         chosen_kinds(["mavlink.mod"])
 

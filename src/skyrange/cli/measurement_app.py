@@ -220,7 +220,7 @@ def gnss(
 def attack_reactions(
     kinds: Annotated[
         list[str] | None,
-        typer.Argument(metavar="[KIND]...", help="Kinds of attack with an example. Default: all that act by MAVLink."),
+        typer.Argument(metavar="[KIND]...", help="Kinds of attack with an example. Default: all."),
     ] = None,
     out: Annotated[
         Path | None,

@@ -1,1 +1,1 @@
-"""Reactions of two kinds of autopilot to attacks by MAVLink: flights, rules, tables."""
+"""Reactions of two kinds of autopilot to attacks: flights, rules, tables."""

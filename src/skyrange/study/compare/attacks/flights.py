@@ -26,8 +26,15 @@ from skyrange.study.compare.gnss_reactions import DEADLINE_S, KINDS
 from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 
-FOLDERS: Final = ("link", "mavlink", "telemetry", "identity", "signing")
-"""The groups of kinds that act by MAVLink."""
+FOLDERS: Final = ("link", "mavlink", "telemetry", "time", "identity", "signing", "gnss", "sensor", "remote_id")
+"""The groups of kinds that are compared."""
+NOT_CARRIED: Final[Mapping[str, str]] = {
+    "sensor.compass": "the JSON interface has no magnetometer; ArduPilot's simulation derives its own from the true "
+    "attitude",
+}
+"""Kinds that do not reach an ArduPilot under this world, and why not."""
+NO_EFFECT: Final = frozenset(("ignores", "rejects"))
+"""Reactions that do not change a flight."""
 ARDUPILOT_PARAMS: Final[Mapping[str, float]] = {"SIM_FLOAT_EXCEPT": 0.0}
 """Parameters of every ArduPilot. By default its simulation ends the process at a floating-point exception, to find
 faults (libraries/AP_HAL_SITL/Scheduler.cpp, `feenableexcept`); a flight controller goes on."""
@@ -55,15 +62,20 @@ class ComparedAttack:
         return alike(self.first, self.second)
 
     @property
+    def does_not_apply(self) -> str:
+        """Why the attack cannot reach an ArduPilot, or "" if it does."""
+        return NOT_CARRIED.get(self.kind, "")
+
+    @property
     def effective(self) -> bool:
         """Whether the attack changes a flight of either."""
-        return any(one.reaction not in ("ignores", "rejects") for one in (self.first, self.second))
+        return not {self.first.reaction, self.second.reaction} <= NO_EFFECT
 
 
 @dataclass(frozen=True, slots=True)
 class AttackAgreement:
-    """Number of kinds, and of those with an effect on a flight of either autopilot; of both, the numbers with the same
-    reaction, and with the same reaction at the same time and distance.
+    """Number of kinds that reach both autopilots, and of those with an effect on a flight of either; of both, the
+    numbers with the same reaction, and with the same reaction at the same time and distance.
     """
 
     kinds: int
@@ -75,30 +87,36 @@ class AttackAgreement:
 
 
 def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
-    """The agreement of all compared kinds."""
+    """The agreement of all compared kinds that reach both autopilots."""
+    both = [one for one in compared if not one.does_not_apply]
+    return count([(one.effective, one.same, one.alike) for one in both])
+
+
+def count(rows: Sequence[tuple[bool, bool, bool]]) -> AttackAgreement:
+    """The agreement of kinds of which it is known whether they are effective, the same and alike."""
     return AttackAgreement(
-        kinds=len(compared),
-        effective=sum(one.effective for one in compared),
-        same=sum(one.same for one in compared),
-        effective_same=sum(one.same and one.effective for one in compared),
-        alike=sum(one.alike for one in compared),
-        effective_alike=sum(one.alike and one.effective for one in compared),
+        kinds=len(rows),
+        effective=sum(effective for effective, _, _ in rows),
+        same=sum(same for _, same, _ in rows),
+        effective_same=sum(effective and same for effective, same, _ in rows),
+        alike=sum(near for _, _, near in rows),
+        effective_alike=sum(effective and near for effective, _, near in rows),
     )
 
 
-def kinds_by_mavlink() -> list[str]:
-    """The kinds of attack that act by MAVLink and have an example."""
+def compared_kinds() -> list[str]:
+    """The kinds of attack in `FOLDERS` that have an example."""
     return [kind for folder in FOLDERS for kind in EXAMPLES if kind.partition(".")[0] == folder]
 
 
 def chosen_kinds(kinds: Sequence[str]) -> list[str]:
-    """`kinds`, or all that act by MAVLink. Raises `InputError` for a kind without an example."""
+    """`kinds`, or all that are compared. Raises `InputError` for a kind without an example."""
     for kind in kinds:
         if kind not in EXAMPLES:
             raise InputError.one(
                 "skyrange parity attacks", "KIND", kind, "a kind of attack with an example", nearest(kind, EXAMPLES)
             )
-    return list(dict.fromkeys(kinds)) or kinds_by_mavlink()
+    return list(dict.fromkeys(kinds)) or compared_kinds()
 
 
 def compare(

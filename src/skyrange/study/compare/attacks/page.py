@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -12,32 +12,53 @@ from typing import Any, Final
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MIB, read_input
-from skyrange.study.compare.attacks.flights import ComparedAttack, agreement
+from skyrange.study.compare.attacks.flights import (
+    NO_EFFECT,
+    AttackAgreement,
+    ComparedAttack,
+    agreement,
+    compared_kinds,
+    count,
+)
 from skyrange.study.compare.attacks.reactions import Reaction
 
 BEGIN: Final = "<!-- skyrange parity attacks: begin -->"
 END: Final = "<!-- skyrange parity attacks: end -->"
 _BLOCK: Final = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+_ROW: Final = re.compile(r"^\| `([^`]+)` \|.*\|$", re.MULTILINE)
+YES: Final = "yes"
+_DOES_NOT_APPLY: Final = "does not apply: "
 _SHOWN: Final = 3
 """Signs that a cell has; JSON has all."""
 
 
 def lines(compared: Sequence[ComparedAttack]) -> Iterator[str]:
     """The lines of the table and of its summary, in Markdown."""
+    return _table({one.kind: row(one) for one in compared}, summary(compared))
+
+
+def _table(rows: Mapping[str, str], said: str) -> Iterator[str]:
     yield "| attack | builtin | ArduCopter | what shows it, builtin | what shows it, ArduCopter | agree |"
     yield "|---|---|---|---|---|---|"
-    for one in compared:
-        first, second = one.first, one.second
-        shown = " | ".join(signs(reaction) for reaction in (first, second))
-        yield f"| `{one.kind}` | {words(first)} | {words(second)} | {shown} | {verdict(one)} |"
+    yield from rows.values()
     yield ""
-    yield summary(compared)
+    yield said
     yield ""
+
+
+def row(one: ComparedAttack) -> str:
+    """The line of one kind, in Markdown."""
+    cells = [words(one.first), words(one.second), signs(one.first), signs(one.second), verdict(one)]
+    return f"| `{one.kind}` | {' | '.join(cells)} |"
 
 
 def summary(compared: Sequence[ComparedAttack]) -> str:
     """The agreement in words."""
-    found = agreement(compared)
+    return describe(agreement(compared))
+
+
+def describe(found: AttackAgreement) -> str:
+    """An agreement in words."""
     return (
         f"Of {found.effective} attacks that change a flight of either, the reaction is the same in "
         f"{found.effective_same}, at the same time and distance in {found.effective_alike}. "
@@ -60,9 +81,11 @@ def signs(reaction: Reaction) -> str:
 
 
 def verdict(one: ComparedAttack) -> str:
-    """Whether two reactions agree."""
+    """Whether two reactions agree, or why they cannot be compared."""
+    if one.does_not_apply:
+        return f"{_DOES_NOT_APPLY}{one.does_not_apply}"
     if one.alike:
-        return "yes"
+        return YES
     return "in the reaction" if one.same else "no"
 
 
@@ -70,7 +93,7 @@ def results(compared: Sequence[ComparedAttack]) -> dict[str, Any]:
     """All reactions as plain data."""
     rows = [
         {
-            "kind": one.kind, "same": one.same, "alike": one.alike,
+            "kind": one.kind, "same": one.same, "alike": one.alike, "does_not_apply": one.does_not_apply or None,
             "builtin": _reaction(one.first), "ardupilot": _reaction(one.second),
         }
         for one in compared
@@ -97,9 +120,23 @@ def check_page(page: Path) -> None:
 
 
 def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
-    """Replace the table between `BEGIN` and `END` in a page."""
+    """Renew the table between `BEGIN` and `END` in a page: the rows of other kinds with an example stay."""
     check_page(page)
-    block = "\n".join([BEGIN, "", *lines(compared), END])
-    text = _BLOCK.sub(lambda _: block, _read(page))
+    text = _read(page)
+    found = {match[1]: match[0] for match in _ROW.finditer(_BLOCK.search(text)[0])}  # type: ignore[index]
+    found |= {one.kind: row(one) for one in compared}
+    order = [*compared_kinds(), *(one.kind for one in compared)]
+    rows = {kind: found[kind] for kind in order if kind in found}
+    said = describe(count([told for line in rows.values() if (told := _told(line)) is not None]))
+    block = "\n".join([BEGIN, "", *_table(rows, said), END])
     with atomic_write(page) as file:
-        file.write(text.encode())
+        file.write(_BLOCK.sub(lambda _: block, text).encode())
+
+
+def _told(line: str) -> tuple[bool, bool, bool] | None:
+    """Whether the attack of a row is effective, its reactions the same, and alike; `None` if it does not apply."""
+    cells = [cell.strip() for cell in line.strip("|").split(" | ")]
+    first, second = (cell.partition(",")[0] for cell in cells[1:3])
+    if cells[-1].startswith(_DOES_NOT_APPLY):
+        return None
+    return not {first, second} <= NO_EFFECT, first == second, cells[-1] == YES
