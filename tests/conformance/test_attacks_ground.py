@@ -9,15 +9,21 @@ import pytest
 
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.ground.insider import INSIDER
+from skyrange.attack.ground.plan_file import PLAN_FILE
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
 from tests.conformance.test_attacks_telemetry import signed_squares
 
+BLUE = {"vehicles": ["blue/b1"]}
 MEETING = {"operator": "blue", "at": [30.0, 30.0, 15.0]}
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[float], Scenario], float, float]] = [
     (INSIDER, MEETING, {"replace", "inject"}, two_squares, 3.0, 7.0),
     (INSIDER, MEETING, {"replace", "inject"}, signed_squares, 9.0, 12.0),
+    (PLAN_FILE, {**BLUE, "offset_m": [40, 0, 5]}, {"replace"}, signed_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "scale"}, {"replace"}, two_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "sea_level"}, {"replace"}, two_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "endless"}, {"replace"}, two_squares, 0.0, 4.0),
 ]
 
 
