@@ -18,8 +18,6 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("kind", "params"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
-)
+@pytest.mark.parametrize(("kind", "params"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)])
 def test_approval_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any]) -> None:
     check_attack(kind, params, acts={"inject"}, start_s=0.0, stop_s=4.0)
