@@ -109,6 +109,21 @@ def test_heights_of_a_plan_are_scaled_with_its_volumes() -> None:
     assert altered.outline == VOLUME.outline
 
 
+@pytest.mark.parametrize(
+    ("form", "frame", "height_m"),
+    [
+        ("offset", mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, 0.0),
+        ("offset", mav.MAV_FRAME_GLOBAL, 20.0),
+        ("sea_level", mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, 20.0),
+    ],
+)
+def test_no_waypoint_is_below_the_ground(form: Any, frame: int, height_m: float) -> None:
+    """The waypoint is at 12 m, and the ground 20 m above sea level."""
+    alteration, fields = PlanAlteration(form, (0.0, 0.0, -50.0), 1.0, ORIGIN), item(2, frame)
+    assert alteration.alter_item(fields, 5)
+    assert fields["z"] == height_m
+
+
 def test_a_plan_is_moved_with_its_volumes() -> None:
     alteration = PlanAlteration("offset", (30.0, -40.0, 5.0), 1.0, ORIGIN)
     fields = item(2)
@@ -134,7 +149,7 @@ def answers(sham: bool, vehicle: str = "blue/b1") -> list[bytes]:
     (placement,) = attack.taps
     intent = OperationalIntent(intent_id(vehicle), "blue", vehicle, (VOLUME,))
     payload = encode(Request.of(intent, context().epoch))
-    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "approval", payload, 0)
+    frame = Frame("approval:blue", "fwd", "blue.gcs", 0, "blue.gcs", "approval", 0, payload)
     verdicts = placement.make("approval:blue").on_frame(0, frame)
     assert all(isinstance(one, Inject) and one.direction == "rev" for one in verdicts)
     return [one.payload for one in verdicts if isinstance(one, Inject)]
@@ -170,6 +185,7 @@ def test_strangers_are_refused(kind: AttackPlugin, params: dict[str, Any], words
     ("kind", "params", "words"),
     [
         (PLAN_FILE, {"vehicles": ["blue/b1"]}, "offset_m.*not zero"),
+        (PLAN_FILE, {"vehicles": ["blue/b1"], "offset_m": [60_000, 0, 0]}, "offset_m.*50000"),
         (PLAN_FILE, {"vehicles": ["blue/b1"], "form": "scale", "factor": 1}, "factor"),
         (PLAN_FILE, {"vehicles": ["blue/b1"], "form": "scale", "factor": -1}, "greater than 0"),
         (FALSE_AVOIDANCE, {"vehicles": ["blue/b1"], "every_s": 5, "hold_s": 5}, "hold_s.*less than every_s"),

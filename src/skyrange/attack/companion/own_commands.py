@@ -1,4 +1,8 @@
-"""Commands of a compromised companion computer: in its own name, on its own link, with the key of the aircraft."""
+"""Commands of a compromised companion computer: in its own name, on its own link, with the key of the aircraft.
+
+ArduPilot accepts frames of its own system id always, also with the option that enforces the id of the ground station
+(GCS_Common.cpp, `GCS_MAVLINK::accept_packet`).
+"""
 
 from __future__ import annotations
 

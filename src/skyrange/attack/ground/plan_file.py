@@ -2,7 +2,8 @@
 
 Approval, upload and read-back agree on the altered plan, and the station signs it. The alteration is made where plans
 leave the station: in operational intents and mission items, and back in items that are read. So the station's program
-itself keeps the plan of the operator, with the same number of items.
+itself keeps the plan of the operator, with the same number of items. No waypoint is altered to one below the ground,
+because a station refuses such a plan.
 """
 
 from __future__ import annotations
@@ -51,6 +52,9 @@ _ALTERED: Final = ("frame", "command", "param1", "param2", "param3", "param4", "
 _FIRST_JUMP: Final = 2
 """Item that an endless plan goes back to: the first one after home and take-off."""
 _FOR_EVER: Final = -1
+"""Repetitions of that DO_JUMP (AP_MISSION_JUMP_REPEAT_FOREVER in ArduPilot's AP_Mission.h)."""
+_FARTHEST_M: Final = 50_000.0
+"""Largest offset: a ground station refuses waypoints farther than 100 km from home."""
 
 
 class PlanFile(Params):
@@ -66,12 +70,14 @@ class PlanFile(Params):
     offset_m: Enu = Field(
         default=(0.0, 0.0, 0.0), description="Offset of waypoints, [east_m, north_m, up_m] in metres, for 'offset'."
     )
-    factor: Annotated[Number, Field(gt=0, le=100)] = Field(
+    factor: Annotated[Number, Field(gt=0, le=20)] = Field(
         default=3.2808, description="Factor of heights, for 'scale'; 3.2808 is a height in feet that is read as metres."
     )
 
     @model_validator(mode="after")
     def _alters(self) -> PlanFile:
+        if max(map(abs, self.offset_m)) > _FARTHEST_M:
+            raise refuse(Problem("offset_m", repr(list(self.offset_m)), f"at most {_FARTHEST_M:.0f} m each"))
         if self.form == "offset" and not any(self.offset_m):
             raise refuse(Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'"))
         if self.form == "scale" and self.factor == 1:
@@ -94,20 +100,22 @@ class PlanAlteration:
             return self._jump_back(fields) if fields["seq"] == count - 1 > _FIRST_JUMP else False
         if not fields["seq"] or int(fields["command"]) not in _PLACES:
             return False
+        relative = int(fields["frame"]) in _RELATIVE
         if self.form == "offset":
-            fields["z"] += self.offset_m[2]
+            fields["z"] = max(fields["z"] + self.offset_m[2], 0.0 if relative else self.origin.alt_msl_m)
             if fields["x"] or fields["y"]:
                 east, north = self.origin.enu_of(fields["x"] * 1e-7, fields["y"] * 1e-7)
                 lat, lon = self.origin.geodetic_of(east + self.offset_m[0], north + self.offset_m[1])
                 put(fields, "x", lat * 1e7)
                 put(fields, "y", lon * 1e7)
             return True
-        if int(fields["frame"]) not in _RELATIVE:
+        if not relative:
             return False
         if self.form == "scale":
             fields["z"] *= self.factor
         else:
             fields["frame"] = _RELATIVE[int(fields["frame"])]
+            fields["z"] = max(fields["z"], self.origin.alt_msl_m)
         return True
 
     def _jump_back(self, fields: Any) -> bool:
