@@ -1,0 +1,1 @@
+"""Attacks on board: a compromised companion computer."""

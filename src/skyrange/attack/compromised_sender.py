@@ -1,0 +1,140 @@
+"""Compromised MAVLink senders: frames that an attacker adds or alters in a sender's own stream, and redirected orders.
+
+A receiver sees one sender: no gap or repetition of sequence numbers, one link id, and timestamps that increase.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Final
+
+from skyrange.attack.mavlink.injection import NOBODY
+from skyrange.attack.telemetry.alteration import read_fields, write_fields
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink import message_id
+from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
+from skyrange.codec.mavlink.signing import is_signed, sign_frame
+
+_SEQUENCE: Final = 4
+"""Offset of the sequence number in a MAVLink 2 frame."""
+_DIGEST: Final = 6
+COMMANDS: Final = frozenset((int(mav.MAVLINK_MSG_ID_COMMAND_LONG), int(mav.MAVLINK_MSG_ID_COMMAND_INT)))
+_TARGETS: Final = frozenset((
+    mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_GLOBAL_INT, mav.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED,
+    mav.MAVLINK_MSG_ID_SET_MODE,
+))  # fmt: skip
+_ORDERS: Final = frozenset((
+    mav.MAV_CMD_DO_SET_MODE, mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_MISSION_START,
+    mav.MAV_CMD_DO_REPOSITION, mav.MAV_CMD_NAV_LOITER_UNLIM, mav.MAV_CMD_DO_PAUSE_CONTINUE,
+    mav.MAV_CMD_DO_CHANGE_SPEED,
+))  # fmt: skip
+"""Commands that change where an aircraft in flight goes."""
+
+
+def without_signature(frame: bytes) -> bytes | None:
+    """A whole MAVLink 2 frame of the dialect as it was before it was signed; `None` for anything else."""
+    if len(frame) < HEADER_V2 + CHECKSUM or frame[0] != MAGIC_V2 or frame[2] & ~SIGNED:
+        return None
+    end = HEADER_V2 + frame[1]
+    if len(frame) != end + CHECKSUM + (SIGNATURE if frame[2] else 0) or _number(frame) not in LAYOUTS:
+        return None
+    return with_sequence(frame, frame[_SEQUENCE])
+
+
+def with_sequence(frame: bytes, sequence: int) -> bytes:
+    """The unsigned frame with another sequence number (0 to 255)."""
+    covered = frame[:2] + b"\0" + frame[3:_SEQUENCE] + bytes([sequence]) + frame[_SEQUENCE + 1 : HEADER_V2 + frame[1]]
+    return covered + checksum(covered[1:], LAYOUTS[_number(frame)].crc_extra).to_bytes(CHECKSUM, "little")
+
+
+def _number(frame: bytes) -> int:
+    return frame[7] | frame[8] << 8 | frame[9] << 16
+
+
+@dataclass(slots=True)
+class SenderStream:
+    """The frames of one sender on one link in one direction."""
+
+    secret: bytes
+    """Signing key of the sender; used only where its frames are signed with it."""
+    added: int = 0
+    """Frames that were added."""
+    sequence: int = -1
+    """Sequence number of the last frame that left."""
+    stamp: int = 0
+    """Timestamp of the last signed frame that left, in 10 µs since 2015."""
+    link_id: int = 0
+    signs: bool = False
+    """Whether the sender signs with this key."""
+
+    def forward(self, frame: bytes, content: bytes | None = None) -> bytes:
+        """A frame of the sender as it leaves, with `content` (an unsigned frame) in its place.
+
+        What is no frame of the dialect, or is signed with another key, is returned as it is.
+        """
+        plain = without_signature(frame)
+        if plain is None or (is_signed(frame) and not self._has_key(frame)):
+            return frame
+        self.sequence = (frame[_SEQUENCE] + self.added) & 0xFF
+        self.signs = is_signed(frame)
+        if content is None and not self.added:
+            if self.signs:
+                self.link_id, self.stamp = frame[-SIGNATURE], max(self.stamp, _stamp_of(frame))
+            return frame
+        leaves = with_sequence(plain if content is None else content, self.sequence)
+        if not self.signs:
+            return leaves
+        self.link_id = frame[-SIGNATURE]
+        stamp = max(_stamp_of(frame), self.stamp + 1) if self.added else _stamp_of(frame)
+        self.stamp = max(self.stamp, stamp)
+        return sign_frame(leaves, self.secret, self.link_id, stamp)
+
+    def add(self, frame: bytes) -> bytes:
+        """An unsigned frame of the attacker as the next frame of the sender."""
+        self.added += 1
+        self.sequence = (self.sequence + 1) & 0xFF
+        leaves = with_sequence(frame, self.sequence)
+        if not self.signs:
+            return leaves
+        self.stamp += 1
+        return sign_frame(leaves, self.secret, self.link_id, self.stamp)
+
+    def observe(self, frame: bytes) -> None:
+        """Learn from a frame of another sender on the link whether it is signed with the key, and how late it is."""
+        if without_signature(frame) is not None and is_signed(frame) and self._has_key(frame):
+            self.signs, self.stamp = True, max(self.stamp, _stamp_of(frame))
+
+    def _has_key(self, frame: bytes) -> bool:
+        return sha256(self.secret + frame[:-_DIGEST]).digest()[:_DIGEST] == frame[-_DIGEST:]
+
+
+def _stamp_of(frame: bytes) -> int:
+    return int.from_bytes(frame[-SIGNATURE + 1 : -_DIGEST], "little")
+
+
+def command_of(frame: bytes) -> int | None:
+    """The MAV_CMD in a COMMAND_LONG or COMMAND_INT, signed or not; `None` for anything else."""
+    number = message_id(frame)
+    plain = without_signature(frame) if number is not None and number in COMMANDS else None
+    fields = None if plain is None or number is None else read_fields(plain, number)
+    return None if fields is None else int(fields["command"])
+
+
+def redirect_order(frame: bytes, sham: bool) -> bytes | None:
+    """An order to an aircraft in flight, addressed to nobody and not signed; the sham leaves its address.
+
+    `None` for a frame that is no such order.
+    """
+    number = message_id(frame)
+    if number is None or number not in COMMANDS | _TARGETS:
+        return None
+    if number in COMMANDS and command_of(frame) not in _ORDERS:
+        return None
+    plain = without_signature(frame)
+    fields = None if plain is None else read_fields(plain, number)
+    if plain is None or fields is None:
+        return None
+    if not sham:
+        fields["target_system"] = NOBODY
+    return write_fields(plain, number, fields, plain[1])

@@ -1,0 +1,1 @@
+"""Attacks from the ground: a compromised ground station."""

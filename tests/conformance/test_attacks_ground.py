@@ -1,0 +1,43 @@
+"""Do the attacks of a compromised ground station keep their contract?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import pytest
+
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.ground.insider import INSIDER
+from skyrange.attack.ground.plan_file import PLAN_FILE
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.testing import check_attack
+from skyrange.testing.checks.attacks import two_squares
+from tests.conformance.test_attacks_telemetry import signed_squares
+
+BLUE = {"vehicles": ["blue/b1"]}
+MEETING = {"operator": "blue", "at": [30.0, 30.0, 15.0]}
+KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[float], Scenario], float, float]] = [
+    (INSIDER, MEETING, {"replace", "inject"}, two_squares, 3.0, 7.0),
+    (INSIDER, MEETING, {"replace", "inject"}, signed_squares, 9.0, 12.0),
+    (PLAN_FILE, {**BLUE, "offset_m": [40, 0, 5]}, {"replace"}, signed_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "scale"}, {"replace"}, two_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "sea_level"}, {"replace"}, two_squares, 0.0, 4.0),
+    (PLAN_FILE, {**BLUE, "form": "endless"}, {"replace"}, two_squares, 0.0, 4.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "acts", "scenario", "start_s", "stop_s"),
+    KINDS,
+    ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)],
+)
+def test_ground_attacks_conform(
+    kind: AttackPlugin,
+    params: Mapping[str, Any],
+    acts: Collection[str],
+    scenario: Callable[[float], Scenario],
+    start_s: float,
+    stop_s: float,
+) -> None:
+    check_attack(kind, params, acts=acts, scenario=scenario, start_s=start_s, stop_s=stop_s)
