@@ -206,7 +206,9 @@ def test_a_jammer_orders_bursts_that_end_with_it() -> None:
 
 def test_bursts_survive_any_bytes() -> None:
     whole = noise_request.pack(noise_request.NoiseRequest(-100, 2_437_000, 20_000, 100_000, -5))
-    assert noise_request.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5)
+    assert noise_request.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5, 0)
+    reactive = noise_request.NoiseRequest(-100, 2_437_000, 20_000, 100_000, -5, 15)
+    assert noise_request.unpack(noise_request.pack(reactive)) == reactive
     for size in range(len(whole)):
         with pytest.raises(DecodeError):
             noise_request.unpack(whole[:size])

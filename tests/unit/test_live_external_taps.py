@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import InputError
@@ -24,7 +24,7 @@ from skyrange.runtime.live.taps.tap_process import TapProcess, find_node_folder,
 from skyrange.runtime.live.taps.tap_server import MAX_LINE_BYTES, SOCKET, TapServer, line_of, socket_path
 from skyrange.runtime.live.transport.addresses import Crossing
 
-LINK = LinkSpec("gcs:blue/b1", "blue.gcs", "blue/b1.companion")
+LINK = LinkEnds("gcs:blue/b1", "blue.gcs", "blue/b1.companion")
 HEARTBEAT = mavlink.MAVLink(None, 255).heartbeat_encode(6, 8, 0, 0, 4).pack(mavlink.MAVLink(None, 255))
 S = NS_PER_S
 

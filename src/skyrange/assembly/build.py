@@ -10,6 +10,7 @@ from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.attacks import check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.city import build_city
+from skyrange.assembly.control_links import build_control_links, check_links_over_air, make_links_over_air
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network
 from skyrange.assembly.placement.clear_placing import apply_placing
@@ -81,13 +82,15 @@ def build(
     """
     city = build_city(scenario)
     scenario = apply_placing(scenario, city)
-    links, all_routes = build_network(scenario)
+    over_air = make_links_over_air(scenario)
+    links, all_routes = build_network(scenario, over_air.channels)
     made = make_attacks(scenario.acts, make_attack_context(scenario, links, city))
     faults = [
         *check_starts(scenario, city),
         *made.faults,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
+        *check_links_over_air(scenario, city),
     ]
     faults += check_transmitters(made.radios, city)
     if faults:
@@ -98,7 +101,9 @@ def build(
     rows += map(describe_monitor, monitors)
     here: Container[str] = _Everywhere() if local is None else local
     whole = ENDPOINT in here
-    air = build_radio(scenario, city, Chance(scenario.seed), made.radios, here, live)
+    air = build_radio(
+        scenario, city, Chance(scenario.seed), made.radios, here, live, over_air.spectrum if over_air else None
+    )
     origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
     plans = {
         vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
@@ -125,6 +130,9 @@ def build(
                 operator.id, flights, epoch, streams=operator.streams, traffic_picture=traffic_picture, key=key
             )
         )
+    control_links = build_control_links(scenario, city, chance, over_air) if whole else None
+    if control_links is not None:
+        agents.append(control_links)
     wiring = Wiring(
         seed=scenario.seed,
         links=links,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from skyrange.contracts.links import Channel, LinkSpec, Route
+from collections.abc import Mapping
+
+from skyrange.contracts.links import Channel, LinkSpec, Route, VariableChannel
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.oracle import ENDPOINT
@@ -15,8 +17,8 @@ ORACLE_CHANNEL = Channel(mode="reliable", latency_ns=NS_PER_MS)
 """Run control and what ground receivers hear: a message queue within one computing centre."""
 
 
-def build_network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
-    """All links and routes, without those that attacks and approvals bring along."""
+def build_network(scenario: Scenario, over_air: Mapping[str, VariableChannel]) -> tuple[list[LinkSpec], list[Route]]:
+    """All links and routes, without those that attacks and approvals bring along; `over_air` has channels by link."""
     links: list[LinkSpec] = []
     all_routes: list[Route] = []
     for operator in scenario.operators:
@@ -25,13 +27,21 @@ def build_network(scenario: Scenario) -> tuple[list[LinkSpec], list[Route]]:
         links.append(LinkSpec(name, station, APPROVAL, scenario.channel(name, APPROVAL_CHANNEL)))
         for vehicle in operator.vehicles:
             key = vehicle_id(operator.id, vehicle.id)
-            links += [apply_link_rules(scenario, spec) for spec in onboard_links(key, operator.id)]
+            for spec in onboard_links(key, operator.id):
+                channel = over_air.get(spec.name)
+                links.append(
+                    apply_link_rules(scenario, spec)
+                    if channel is None
+                    else LinkSpec(spec.name, spec.a, spec.b, channel)
+                )
             all_routes += onboard_routes(key)
     return [*links, *_air_links(scenario)], all_routes
 
 
 def apply_link_rules(scenario: Scenario, spec: LinkSpec) -> LinkSpec:
     """A link with the channel that the scenario's rules make of its own."""
+    if not isinstance(spec.channel, Channel):
+        return spec
     return LinkSpec(spec.name, spec.a, spec.b, scenario.channel(spec.name, spec.channel))
 
 

@@ -24,6 +24,7 @@ from skyrange.radio.builtin.listening import PROFILES
 from skyrange.radio.contract import BUILTIN, MediumContext
 from skyrange.radio.oracle import ENDPOINT, Oracle
 from skyrange.radio.propagation.loss_table_file import MAX_BYTES, decode_loss_table, read_loss_table
+from skyrange.radio.spectrum import Spectrum
 from skyrange.remoteid.broadcast_profiles import Broadcast, serial_number
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.operators import Operator
@@ -105,20 +106,26 @@ def build_radio(
     attackers: Sequence[Transmitter],
     here: Container[str],
     live: LiveMedium | None = None,
+    spectrum: Spectrum | None = None,
 ) -> BuiltRadio:
-    """Medium, oracle and companions, of those that live at the endpoints `here`.
+    """Medium, oracle and companions, of those that live at the endpoints `here`; `spectrum` is for the oracle to fill.
 
     Raises `InputError` with everything that is wrong with the radios.
     """
     if scenario.radio is None:
         return BuiltRadio()
-    oracle = _oracle(scenario, city, chance, attackers, live or LiveMedium()) if ENDPOINT in here else None
+    oracle = _oracle(scenario, city, chance, attackers, live or LiveMedium(), spectrum) if ENDPOINT in here else None
     companions = _companions(scenario, city, chance, here)
     return BuiltRadio([companions] if companions is not None else [], [oracle] if oracle is not None else [], oracle)
 
 
 def _oracle(
-    scenario: Scenario, city: City | None, chance: Chance, attackers: Sequence[Transmitter], live: LiveMedium
+    scenario: Scenario,
+    city: City | None,
+    chance: Chance,
+    attackers: Sequence[Transmitter],
+    live: LiveMedium,
+    spectrum: Spectrum | None,
 ) -> Oracle:
     assert scenario.radio is not None
     radio = scenario.radio
@@ -143,6 +150,7 @@ def _oracle(
         [*own, *listening],
         {receiver.id: receiver.operator for receiver in radio.receivers},
         recording=True,
+        spectrum=spectrum,
     )
 
 

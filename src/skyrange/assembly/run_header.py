@@ -65,7 +65,7 @@ def make_header(
                 "name": spec.name,
                 "a": spec.a,
                 "b": spec.b,
-                "channel": {name: getattr(spec.channel, name) for name in spec.channel.__slots__},
+                "channel": dict(spec.channel.describe()),
             }
             for spec in links
         ],

@@ -92,7 +92,7 @@ def _busiest(live_range: LiveRange, took_s: float) -> dict[str, float]:
 
 def added_ms(record: RunRecord, live_range: LiveRange) -> dict[str, dict[str, float]]:
     """By kind of link, the time of frames between processes beyond their channel's latency."""
-    latency_ns = {one.link.name: one.link.channel.latency_ns for one in live_range.crossings}
+    latency_ns = {spec.name: spec.channel.latency_ns for spec in live_range.built.wiring.links}
     found: dict[str, list[NDArray[np.float64]]] = {}
     for batch in record.batches("frames", ["link", "sent_ns", "arrived_ns"]):
         rows = pa.Table.from_batches([batch])

@@ -22,7 +22,7 @@ import zmq
 from skyrange.bench.isolation import run_in_process
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.deframer import Piece
-from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.links import LinkEnds
 from skyrange.core.errors import ComponentError
 from skyrange.io.http import frames as http_frames
 from skyrange.runtime.live.deployment import LOOPBACK
@@ -112,7 +112,7 @@ def _carried(transport: TransportKind) -> list[str]:
 
 def _crossing(transport: TransportKind, port: int) -> Crossing:
     return Crossing(
-        LinkSpec(f"{_carried(transport)[0]}:bench", "caller", "listener"), transport, "listener", (LOOPBACK, port)
+        LinkEnds(f"{_carried(transport)[0]}:bench", "caller", "listener"), transport, "listener", (LOOPBACK, port)
     )
 
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Agent, SensorFault, Tap, Trigger
+from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
@@ -45,6 +46,52 @@ class Channel:
         """Whether any of its effects on a frame is random."""
         return bool(self.jitter_ns or self.loss or self.duplicate or self.reorder)
 
+    def describe(self) -> dict[str, Any]:
+        """Its fields, as the manifest has them."""
+        return {name: getattr(self, name) for name in self.__slots__}
+
+
+Uniforms = tuple[float, float, float, float]
+"""Four uniform random numbers in [0, 1), addressed by link, sender, time and the sender's count at that time."""
+
+
+class OpenChannel(Protocol):
+    """One direction of a channel during a run. Its state is deep-copyable."""
+
+    def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
+        """Send `size` bytes at `now`: (fate, arrival, arrival of a duplicate or None).
+
+        The fate is DELIVERED, LOST or OVERFLOW; the arrival counts only for the first, and is at least `latency_ns` of
+        its channel after `now`. It is called in order of time.
+        """
+        ...
+
+
+class VariableChannel(Protocol):
+    """A channel whose conditions change during the run, such as a radio link. Frames keep their order on it."""
+
+    @property
+    def latency_ns(self) -> Time:
+        """Least delay of a frame, at least 1 µs."""
+        ...
+
+    def open(self, direction: str) -> OpenChannel:
+        """The state of the direction `fwd` or `rev`."""
+        ...
+
+    def describe(self) -> Mapping[str, Any]:
+        """What the manifest says of it, as JSON data."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LinkEnds:
+    """A link by its name and ends alone. `fwd` runs from `a` to `b`."""
+
+    name: str
+    a: str
+    b: str
+
 
 @dataclass(frozen=True, slots=True)
 class LinkSpec:
@@ -53,7 +100,7 @@ class LinkSpec:
     name: str
     a: str
     b: str
-    channel: Channel = field(default_factory=Channel)
+    channel: Channel | VariableChannel = field(default_factory=Channel)
 
     def __post_init__(self) -> None:
         if self.channel.latency_ns < MIN_LATENCY_NS:

@@ -1,4 +1,4 @@
-"""State of a fixed channel: whether and when a frame comes out of it.
+"""State of a channel: whether and when a frame comes out of it.
 
 The order of effects is that of a network interface: bounded queue, serialisation at the rate, then propagation with
 jitter. Chance is addressed by the caller. What state there is, the queue and the last arrival, is queueing, which is
@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from skyrange.contracts.frames.frame import Fate
-from skyrange.contracts.links import Channel
+from skyrange.contracts.links import Channel, OpenChannel, Uniforms, VariableChannel
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 RETRANSMIT_MIN_NS = 200 * NS_PER_MS
@@ -18,7 +18,6 @@ RETRANSMIT_MIN_NS = 200 * NS_PER_MS
 RETRANSMIT_MAX_NS = 60 * NS_PER_S
 """Bound of the doubling (RFC 6298 §2.5 asks for at least 60 s)."""
 
-Uniforms = tuple[float, float, float, float]
 NOT_RANDOM: Uniforms = (1.0, 0.0, 1.0, 1.0)
 """Uniforms where a channel is not random: never lost, no jitter, never duplicated, never reordered."""
 
@@ -28,6 +27,9 @@ class ChannelState:
 
     __slots__ = ("_busy_until", "_last_arrival", "_latency_ns", "spec", "steady")
 
+    predictable = True
+    """Whether what it will do with a frame at a later time is known already."""
+
     def __init__(self, spec: Channel) -> None:
         self.spec = spec
         self.steady = not spec.random and spec.rate_bps <= 0.0
@@ -35,6 +37,16 @@ class ChannelState:
         self._latency_ns = spec.latency_ns
         self._busy_until: Time = -(2**62)
         self._last_arrival: Time = -(2**62)
+
+    @property
+    def in_order(self) -> bool:
+        """Whether no frame is duplicated or overtakes another one."""
+        return self.spec.mode == "reliable" or not (self.spec.reorder or self.spec.duplicate)
+
+    @property
+    def latency_ns(self) -> Time:
+        """Least delay of a frame."""
+        return self._latency_ns
 
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """Send `size` bytes at `now`: (fate, arrival, arrival of a duplicate or None).
@@ -86,3 +98,26 @@ class ChannelState:
             total += timeout
             timeout = min(2 * timeout, RETRANSMIT_MAX_NS)
         return total
+
+
+class VariableChannelState:
+    """One direction of one link's variable channel."""
+
+    __slots__ = ("_open", "latency_ns")
+
+    steady = False
+    in_order = True
+    predictable = False
+
+    def __init__(self, spec: VariableChannel, direction: str) -> None:
+        self._open: OpenChannel = spec.open(direction)
+        self.latency_ns = spec.latency_ns
+
+    def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
+        """As `ChannelState.carry`."""
+        return self._open.carry(now, size, draws)
+
+
+def open_channel(spec: Channel | VariableChannel, direction: str) -> ChannelState | VariableChannelState:
+    """The state of one direction of a channel."""
+    return ChannelState(spec) if isinstance(spec, Channel) else VariableChannelState(spec, direction)

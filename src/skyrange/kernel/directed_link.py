@@ -11,13 +11,13 @@ import numpy as np
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import LinkSpec, Route
+from skyrange.contracts.links import LinkSpec, Route, Uniforms
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.attack_states import AttackState
-from skyrange.kernel.channel import NOT_RANDOM, ChannelState, Uniforms
+from skyrange.kernel.channel import NOT_RANDOM, open_channel
 
 
 class TapSlot:
@@ -77,7 +77,7 @@ class DirectedLink:
         self.src, self.dst = (spec.a, spec.b) if direction == "fwd" else (spec.b, spec.a)
         self.port = Port(self.dst, self.link_name)
         """The receiving end."""
-        self.channel = ChannelState(spec.channel)
+        self.channel = open_channel(spec.channel, direction)
         self.sender_taps: list[TapSlot] = []
         self.receiver_taps: list[TapSlot] = []
         self.routes: list[RouteHop] = []

@@ -229,7 +229,7 @@ def _path_shape(link: DirectedLink) -> Any:
     """What two directed links must have in common to share a path; `None` where blocks cannot travel."""
     if not link.local or link.sender_taps or link.receiver_taps or not link.channel.steady:
         return None
-    latency_ns = link.channel.spec.latency_ns
+    latency_ns = link.channel.latency_ns
     if not link.routes:
         return (latency_ns, link.mailbox is not None)
     if link.mailbox is not None or (link.fused is None and link.staged is None):
@@ -245,7 +245,7 @@ def _path_shape(link: DirectedLink) -> Any:
 
 def _build_hop(link: DirectedLink, service_ns: Time, select: Select | None, size: int) -> _Hop:
     boxed, staged = link.mailbox is not None, link.staged is not None
-    hop = _Hop(link.channel.spec.latency_ns, service_ns, select, boxed, staged, size)
+    hop = _Hop(link.channel.latency_ns, service_ns, select, boxed, staged, size)
     hop.next = [
         _build_hop(target, route.service_ns, route.select, size) for route, target in link.fused or link.staged or ()
     ]

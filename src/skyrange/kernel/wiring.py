@@ -171,9 +171,7 @@ def attach_routes(
     if not wiring.fuse:
         return
     for link in links.values():
-        spec = link.channel.spec
-        in_order = spec.mode == "reliable" or not (spec.reorder or spec.duplicate)
-        if not link.routes or link.sender_taps or link.receiver_taps or not in_order or not link.local:
+        if not link.routes or link.sender_taps or link.receiver_taps or not link.channel.in_order or not link.local:
             continue
         if Port(link.dst, link.link_name) in owned:  # an agent receives in between
             continue
@@ -181,6 +179,7 @@ def attach_routes(
             sources[hop.link.name] == 1
             and not hop.link.sender_taps
             and hop.link.local
+            and hop.link.channel.predictable
             and Port(hop.link.src, hop.link.link_name) not in owned
             # a channel with a queue, or one that reorders, would show that what is forwarded was sent early
             and (hop.link.channel.steady or Port(hop.link.src, hop.link.link_name) not in originating)

@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from skyrange.codec import wifi_management
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import ANY_CHANNEL
 from skyrange.contracts.components import InstanceStatus, World
-from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.medium import ANY_CHANNEL as ANY
 from skyrange.contracts.medium import (
     Heard,
@@ -27,23 +28,26 @@ from skyrange.contracts.medium import (
     ReceptionOutcome,
     ReceptionRows,
     Receptions,
+    Sent,
     TransmissionFate,
     TxBatch,
 )
 from skyrange.contracts.references import FrameRefTable
-from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.builtin.medium import fixed_positions
 from skyrange.radio.ground_receptions import MAX_RECEPTIONS, Reception, ReceptionReport, encode
 from skyrange.radio.in_flight import InFlight
-from skyrange.radio.jamming import JammingBursts
+from skyrange.radio.jamming import MAX_DBM, JammingBursts
 from skyrange.radio.phy.framing import MAX_BODY_BYTES, MIN_BODY_BYTES, OVERHEAD_BYTES, TRANSPORT_WAVEFORM
+from skyrange.radio.spectrum import ManagementFrame, Spectrum, Transmission
 
 ENDPOINT = "oracle"
 STEP_NS: Time = 20 * NS_PER_MS
 MAX_AHEAD_NS: Time = 100 * NS_PER_MS
 """A radio holds a frame until the time in its header, but no longer than this."""
+_WIFI = (link_payload.Transport.WIFI_BEACON, link_payload.Transport.WIFI_NAN)
 _WHY_NOT_SENT = {
     TransmissionFate.NO_ACCESS: "no access",
     TransmissionFate.REFUSED: "no such frame",
@@ -68,11 +72,14 @@ class Oracle:
         receivers: Sequence[str],
         grounds: Mapping[str, str] | None = None,
         recording: bool = False,
+        spectrum: Spectrum | None = None,
     ) -> None:
         """Connect radios by name: `senders` have a `rid_up`, `receivers` a `rid_down`; `grounds` maps receivers to
         operators.
 
-        `recording` keeps receptions for `drain_receptions`. Raises `InputError` for a name that no radio has.
+        `recording` keeps receptions for `drain_receptions`. `spectrum` is told what is on the air.
+
+        Raises `InputError` for a name that no radio has.
         """
         rows = {radio.name: row for row, radio in enumerate(medium.radios)}
         grounds = grounds or {}
@@ -98,6 +105,9 @@ class Oracle:
         self._last: Time | None = None
         self._refs = FrameRefTable()
         self._jamming = JammingBursts()
+        self._spectrum = spectrum
+        if spectrum is not None:
+            spectrum.radios = [radio.name for radio in medium.radios]
         self._recording = recording
         self._drained: list[ReceptionRows] = []
         self._deaths: Counter[str] = Counter()
@@ -116,6 +126,8 @@ class Oracle:
         pos, vel = self._table.pos_enu_m.copy(), self._table.vel_enu_mps.copy()
         pos[mine], vel[mine] = position[theirs], velocity[theirs]
         self._table = RadioTable(now, pos, vel)
+        if self._spectrum is not None:
+            self._spectrum.table = self._table
 
     def next_wakeup(self) -> Time | None:
         """The next step while anything is on the air; otherwise arriving frames wake it."""
@@ -128,6 +140,8 @@ class Oracle:
             self._offer(now, inbox, outbox)
         on_air = self.medium.advance(now, self._table)
         self._last = now
+        if self._spectrum is not None:
+            self._tell_of_airtime(self._spectrum, on_air.sent)
         if on_air.sent.fate.any():
             for fate in on_air.sent.fate[on_air.sent.fate > 0].tolist():
                 self.refused[_WHY_NOT_SENT[TransmissionFate(fate)]] += 1
@@ -138,6 +152,12 @@ class Oracle:
         if len(heard.key):
             self._tell(heard, outbox)
         return outbox
+
+    def _tell_of_airtime(self, spectrum: Spectrum, sent: Sent) -> None:
+        """Pass on the Wi-Fi frames that were sent."""
+        wifi = np.isin(self._in_flight.transport(sent.key), _WIFI) & (sent.fate == TransmissionFate.SENT)
+        for _, radio, channel, start, end, _ in zip(*(column[wifi].tolist() for column in sent), strict=True):
+            spectrum.add_transmission(Transmission(radio, channel, start, end))
 
     def _tell_of_death(self, program: ProgramStatus, lost: int, outbox: Outbox) -> None:
         """Note that a program of the medium ended, and whether another one has taken its place."""
@@ -156,9 +176,7 @@ class Oracle:
         fits = good & (size >= MIN_BODY_BYTES[kind]) & (size <= MAX_BODY_BYTES[kind])
         chosen = np.flatnonzero(fits)
         for row in np.flatnonzero(~fits).tolist():
-            if sender[row] >= 0 and self._jamming.request(
-                sender.item(row), columns.at_ns.item(row), columns.payloads[row]
-            ):
+            if sender[row] >= 0 and self._take_request(sender.item(row), inbox.arrival(columns.order.item(row))):
                 continue
             why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
@@ -171,6 +189,8 @@ class Oracle:
             # from where the medium stands: what was ordered since then begins when the order came, not at this step
             since = now - self.service_ns if self._last is None else self._last
             self.medium.emit(since, self._jamming.emitters(since))
+            if self._spectrum is not None:
+                self._spectrum.bursts = self._jamming.bursts()
         if not len(chosen):
             return
         at = columns.at_ns[chosen] if self._last is None else np.maximum(columns.at_ns[chosen], self._last + 1)
@@ -191,6 +211,23 @@ class Oracle:
                 keys,
             ),
         )
+
+    def _take_request(self, radio: int, arrival: Arrival) -> bool:
+        """Take an attacker's request for noise, or for a management frame; `False` for any other payload."""
+        if self._jamming.request(radio, arrival.at, arrival.payload):
+            return True
+        if self._spectrum is None:
+            return False
+        try:
+            request = wifi_management.unpack_request(arrival.payload)
+        except DecodeError:
+            return False
+        power_dbm = request.power_cdbm / 100.0
+        if power_dbm > MAX_DBM:
+            return False
+        frame = ManagementFrame(radio, arrival.at, request.channel, power_dbm, request.mac_frame, arrival.ref)
+        self._spectrum.add_management_frame(frame)
+        return True
 
     def _tell(self, heard: Heard, outbox: Outbox) -> None:
         if self._recording:

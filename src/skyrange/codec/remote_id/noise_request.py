@@ -7,12 +7,14 @@ burst ends by itself, so a jammer that is muted stops transmitting.
 | bytes | field | meaning |
 |---|---|---|
 | 0 | magic | 0x1E |
-| 1 | reserved | 0 |
+| 1 | turnaround | µs after the start of a frame at which a reactive jammer begins; 0 for noise all the time |
 | 2–3 | power | radiated power (EIRP) in 0.01 dBm, signed |
 | 4–7 | centre | centre frequency in kHz |
 | 8–11 | bandwidth | bandwidth in kHz, over which the power is spread evenly |
 | 12–15 | duration | µs |
 | 16–23 | time | ns of range time at which the burst was ordered, signed |
+
+A reactive jammer transmits only while it hears a frame in the band, and stops at the frame's end.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ class NoiseRequest(NamedTuple):
     bandwidth_khz: int
     duration_us: int
     time_ns: int = 0
+    turnaround_us: int = 0
 
 
 def pack(burst: NoiseRequest) -> bytes:
@@ -42,7 +45,7 @@ def pack(burst: NoiseRequest) -> bytes:
     if burst.bandwidth_khz <= 0:
         raise ValueError(f"bandwidth of {burst.bandwidth_khz} kHz, expected more than 0")
     try:
-        return _BURST.pack(MAGIC, 0, *burst)
+        return _BURST.pack(MAGIC, burst.turnaround_us, *burst[:5])
     except struct.error as error:
         raise ValueError(f"{burst}: {error}") from error
 
@@ -51,10 +54,11 @@ def unpack(payload: bytes) -> NoiseRequest:
     """Decode a request; raises `DecodeError` for anything that `pack` does not produce."""
     if len(payload) != SIZE:
         raise DecodeError(f"{len(payload)} bytes, a burst of noise has {SIZE}")
-    magic, _, *fields = _BURST.unpack(payload)
+    magic, turnaround_us, *fields = _BURST.unpack(payload)
     if magic != MAGIC:
         raise DecodeError(f"first byte 0x{magic:02x}, expected 0x{MAGIC:02x}")
-    burst = NoiseRequest(*fields)
+    power_cdbm, centre_khz, bandwidth_khz, duration_us, time_ns = fields
+    burst = NoiseRequest(power_cdbm, centre_khz, bandwidth_khz, duration_us, time_ns, turnaround_us)
     if burst.bandwidth_khz == 0:
         raise DecodeError("a burst of noise without bandwidth")
     return burst

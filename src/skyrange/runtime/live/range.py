@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from skyrange.assembly.build import BuiltScenario, build
+from skyrange.contracts.links import Channel
 from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
@@ -142,6 +143,7 @@ def prepare_range(
     spaces = namespaces(sorted(components)) if netns else None
     planned = assign_components(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     _check_shared_state(built, planned)
+    _check_links_over_air(built, planned)
     places = crossings(links, planned, port_offset)
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
@@ -156,6 +158,22 @@ def prepare_range(
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
     return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)
+
+
+def _check_links_over_air(built: BuiltScenario, planned: Deployment) -> None:
+    """Raises `InputError` for a link over the air whose ends are not both in the world's process."""
+    for spec in built.wiring.links:
+        if isinstance(spec.channel, Channel):
+            continue
+        away = sorted({planned.home(end) or end for end in (spec.a, spec.b)} - {planned.nodes[0].name})
+        if away:
+            raise InputError.one(
+                "live",
+                spec.name,
+                f"a channel over the air, with ends in {', '.join(away)}",
+                f"both ends in the process {planned.nodes[0].name}, which knows where the aircraft are",
+                "Choose --group one.",
+            )
 
 
 def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:

@@ -7,11 +7,12 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from skyrange.contracts.links import Channel
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
+from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.scenario.model.base import Model, Number, Whole, wrong
 from skyrange.scenario.model.operators import Operator
 
@@ -29,6 +30,14 @@ class Link(Model):
     match: str = Field(
         min_length=1, description="Name of a link, such as 'gcs:blue/b1', or a pattern with *, such as 'gcs:*'."
     )
+    channel: Literal["fixed", "wifi", "cellular"] | None = Field(
+        default=None,
+        description="fixed: the channel that the other keys describe, which is the default; wifi: over 802.11g between "
+        "the ground station and the aircraft; cellular: over the LTE cells that `cellular` declares. The latter two "
+        "are for gcs links, need [radio], and take the place of a fixed channel.",
+    )
+    wifi: WifiParams | None = Field(default=None, description='Parameters of channel = "wifi".')
+    cellular: CellularParams | None = Field(default=None, description='Parameters of channel = "cellular".')
     mode: Literal["reliable", "datagram"] | None = Field(
         default=None,
         description="reliable: frames keep their order, and a loss becomes a retransmission delay; datagram: frames "
@@ -68,9 +77,30 @@ class Link(Model):
             raise wrong(rate_bps, "0 or a number from 1 to 1e12")
         return rate_bps
 
+    @model_validator(mode="after")
+    def _one_kind_of_channel(self) -> Link:
+        for kind in ("wifi", "cellular"):
+            if getattr(self, kind) is not None and self.channel != kind:
+                raise wrong("a table", f'no such table, or channel = "{kind}"', where=kind)
+        if self.channel == "cellular" and self.cellular is None:
+            raise wrong("none", "the base stations of the network", "Add base_stations.", where="cellular")
+        if self.channel in ("wifi", "cellular"):
+            fixed = sorted(self.model_fields_set - {"match", "channel", "wifi", "cellular"})
+            if fixed:
+                hint = f"The table {self.channel} has the parameters of such a channel."
+                raise wrong(getattr(self, fixed[0]), f"no such key, because channel is {self.channel}", hint, fixed[0])
+        return self
+
+    @property
+    def over_air(self) -> WifiParams | CellularParams | None:
+        """The parameters of a channel over the air; `None` for a fixed one."""
+        if self.channel == "wifi":
+            return self.wifi or WifiParams()
+        return self.cellular if self.channel == "cellular" else None
+
     def over(self, channel: Channel) -> Channel:
         """`channel` with the changes of this rule, converted from milliseconds to nanoseconds."""
-        changes: dict[str, Any] = self.model_dump(exclude={"match"}, exclude_none=True)
+        changes: dict[str, Any] = self.model_dump(exclude={"match", "channel", "wifi", "cellular"}, exclude_none=True)
         for name in ("latency", "jitter", "reorder"):
             if f"{name}_ms" in changes:
                 changes[f"{name}_ns"] = round(changes.pop(f"{name}_ms") * NS_PER_MS)
@@ -83,6 +113,15 @@ def resolve_channel(rules: Iterable[Link], name: str, default: Channel) -> Chann
         if fnmatchcase(name, rule.match):
             default = rule.over(default)
     return default
+
+
+def resolve_over_air(rules: Iterable[Link], name: str) -> WifiParams | CellularParams | None:
+    """The parameters of the link's channel over the air, by the last rule that says what its channel is."""
+    found = None
+    for rule in rules:
+        if rule.channel is not None and fnmatchcase(name, rule.match):
+            found = rule.over_air
+    return found
 
 
 def link_names(operators: Iterable[Operator], radio: bool = False) -> list[str]:

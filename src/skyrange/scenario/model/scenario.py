@@ -15,13 +15,14 @@ from skyrange.contracts.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
+from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
-from skyrange.scenario.model.links import Link, resolve_channel
+from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, name_operators
 from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId
@@ -33,6 +34,8 @@ from skyrange.world.wind import Wind as Air
 __all__ = [
     "AttackTable",
     "Avoidance",
+    "BaseStation",
+    "CellularParams",
     "City",
     "DetectorTable",
     "FaultTable",
@@ -53,6 +56,7 @@ __all__ = [
     "Start",
     "Vehicle",
     "When",
+    "WifiParams",
     "Wind",
     "json_schema",
     "mission_file",
@@ -310,6 +314,10 @@ class Scenario(Model):
     def channel(self, name: str, default: Channel) -> Channel:
         """The channel of the link `name`: `default` with the changes of every rule in `links` that matches."""
         return resolve_channel(self.links, name, default)
+
+    def over_air(self, name: str) -> WifiParams | CellularParams | None:
+        """The parameters of the channel of the link `name` over the air; `None` for a fixed channel."""
+        return resolve_over_air(self.links, name)
 
     def approval_params(self, kind: str) -> Params:
         """The parameters of an approval service as its plugin's own model."""

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrange.codec.mavlink.deframer import Deframer
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
@@ -98,7 +98,7 @@ class ExternalTap:
     """One link's tap. `mavlink` tells whether payloads are MAVLink."""
 
     terms: TapTerms
-    spec: LinkSpec
+    spec: LinkEnds
     side: str
     """The endpoint at whose socket it stands."""
     mavlink: bool

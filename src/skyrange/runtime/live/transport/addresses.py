@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from skyrange.contracts.links import LinkSpec
+from skyrange.contracts.links import LinkEnds, LinkSpec
 from skyrange.core.errors import InputError, Problem
 from skyrange.runtime.live.deployment import LOOPBACK, Deployment
 
@@ -45,7 +45,7 @@ the end with many peers listens; a ground station waits for its aircraft."""
 class Crossing:
     """One link between two processes."""
 
-    link: LinkSpec
+    link: LinkEnds
     transport: TransportKind
     listener: str
     """The endpoint that listens."""
@@ -73,7 +73,7 @@ def crossings(links: Sequence[LinkSpec], planned: Deployment, offset: int = 0) -
             faults.append(Problem(spec.name, f"port {port}", "a port from 1 to 65535", "Choose another --port-offset."))
         hosts = {planned.host(spec.a), planned.host(spec.b)}
         host = planned.host(listener) if len(hosts) > 1 else LOOPBACK
-        found.append(Crossing(spec, kind.transport, listener, (host, port)))
+        found.append(Crossing(LinkEnds(spec.name, spec.a, spec.b), kind.transport, listener, (host, port)))
     if faults:
         raise InputError("live", faults)
     return found

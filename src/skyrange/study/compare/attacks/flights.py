@@ -26,7 +26,20 @@ from skyrange.study.compare.gnss_reactions import DEADLINE_S, KINDS
 from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 
-FOLDERS: Final = ("link", "mavlink", "telemetry", "time", "identity", "signing", "gnss", "sensor", "remote_id")
+FOLDERS: Final = (
+    "link",
+    "mavlink",
+    "telemetry",
+    "time",
+    "identity",
+    "signing",
+    "gnss",
+    "sensor",
+    "remote_id",
+    "ground",
+    "companion",
+    "approval",
+)
 """The groups of kinds that are compared."""
 NOT_CARRIED: Final[Mapping[str, str]] = {
     "sensor.compass": "the JSON interface has no magnetometer; ArduPilot's simulation derives its own from the true "

@@ -1,0 +1,143 @@
+"""Control links of a scenario over the air: their channels, and the agent that updates them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from skyrange.assembly.radio_checks import check_place
+from skyrange.city.city import City
+from skyrange.contracts.links import VariableChannel
+from skyrange.core.chance import Chance
+from skyrange.core.errors import Problem
+from skyrange.core.ids import link_name, vehicle_id
+from skyrange.radio.control_link.cellular_link import CellularLink
+from skyrange.radio.control_link.links import ControlLinks, cell_name
+from skyrange.radio.control_link.params import CellularParams, WifiParams
+from skyrange.radio.control_link.propagation import Propagation
+from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
+from skyrange.radio.control_link.wifi_rates import WIDTH_MHZ
+from skyrange.radio.phy.channels import centre_mhz
+from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.propagation.loss_table import NO_TABLE
+from skyrange.radio.propagation.loss_table_file import read_loss_table
+from skyrange.radio.propagation.path_loss import noise_dbm
+from skyrange.radio.spectrum import Spectrum
+from skyrange.scenario.model.operators import Operator
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.validation.error_messages import spell_path
+
+ANTENNA_M = 2.0
+"""Height of an access point's antenna where the scenario has none: on a tripod."""
+
+
+@dataclass(slots=True)
+class LinksOverAir:
+    """The channels of control links over the air, and what their radios share."""
+
+    wifi: list[WifiLink] = field(default_factory=list)
+    cellular: list[CellularLink] = field(default_factory=list)
+    spectrum: Spectrum = field(default_factory=Spectrum)
+    fixed: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    """Places of access points and cells by name."""
+    dipoles: set[str] = field(default_factory=set)
+    """Those with a dipole antenna."""
+
+    @property
+    def channels(self) -> Mapping[str, VariableChannel]:
+        """The channels by the name of the link."""
+        wifi: dict[str, VariableChannel] = {link.name: link for link in self.wifi}
+        return wifi | {link.name: link for link in self.cellular}
+
+    def __bool__(self) -> bool:
+        return bool(self.wifi or self.cellular)
+
+
+def make_links_over_air(scenario: Scenario) -> LinksOverAir:
+    """The channels of all links that the scenario puts on the air."""
+    made = LinksOverAir()
+    stations: dict[tuple[str, WifiParams], Transmitter] = {}
+    for operator, vehicle in scenario.fleet:
+        key = vehicle_id(operator.id, vehicle.id)
+        name = link_name("gcs", key)
+        params = scenario.over_air(name)
+        if isinstance(params, WifiParams):
+            _add_wifi(made, stations, operator, name, key, params)
+        elif params is not None:
+            _add_cellular(made, name, key, params)
+    return made
+
+
+def build_control_links(
+    scenario: Scenario, city: City | None, chance: Chance, made: LinksOverAir
+) -> ControlLinks | None:
+    """The agent that updates the channels; `None` without any. Call it once the medium is built."""
+    if not made or scenario.radio is None:
+        return None
+    names = [*made.spectrum.radios, *made.fixed]
+    antennas = [("dipole" if name in made.dipoles else "isotropic", 0.0) for name in names]
+    table = read_loss_table(Path(scenario.radio.table)).table if scenario.radio.table is not None else NO_TABLE
+    propagation = {}
+    for wifi in made.wifi:
+        centre = centre_mhz(OFDM, wifi.params.channel)
+        if centre not in propagation:
+            propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance, table)
+    for cellular in made.cellular:
+        centre = cellular.params.frequency_mhz
+        if centre not in propagation:
+            propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance)
+    return ControlLinks(
+        made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy
+    )
+
+
+def check_links_over_air(scenario: Scenario, city: City | None) -> Iterator[Problem]:
+    """Links that cannot be on the air, and antennas where none can be."""
+    for index, rule in enumerate(scenario.links):
+        params = rule.over_air
+        if params is None:
+            continue
+        where = spell_path(("links", index), scenario)
+        if not rule.match.startswith("gcs:"):
+            hint = 'Set match to a name or pattern such as "gcs:*".'
+            yield Problem(f"{where}.channel", f"{rule.channel} for {rule.match}", "a gcs link", hint)
+        if scenario.radio is None:
+            hint = "Add [radio] to the scenario: losses, noise and other traffic are those of its medium."
+            yield Problem(f"{where}.channel", str(rule.channel), "a radio medium", hint)
+        if isinstance(params, WifiParams):
+            if params.place is not None:
+                yield from check_place(f"{where}.wifi.place", params.place, city)
+        else:
+            for place, station in enumerate(params.base_stations):
+                yield from check_place(f"{where}.cellular.base_stations[{place}].place", station.place, city)
+
+
+def _add_wifi(
+    made: LinksOverAir,
+    stations: dict[tuple[str, WifiParams], Transmitter],
+    operator: Operator,
+    name: str,
+    vehicle: str,
+    params: WifiParams,
+) -> None:
+    noise = float(noise_dbm(params.noise_figure_db, WIDTH_MHZ))
+    station = stations.get((operator.id, params))
+    if station is None:
+        number = sum(owner == operator.id for owner, _ in stations)
+        ap_name = f"{operator.id} access point" + (f" {number + 1}" if number else "")
+        station = stations[operator.id, params] = Transmitter(ap_name, params.power_dbm)
+        first = operator.vehicles[0].start
+        east_m, north_m = operator.station or (first.east_m, first.north_m)
+        made.fixed[ap_name] = params.place or (east_m, north_m, ANTENNA_M)
+        made.dipoles.add(ap_name)
+    made.wifi.append(WifiLink(name, params, station, Transmitter(vehicle, params.aircraft_dbm), noise))
+
+
+def _add_cellular(made: LinksOverAir, name: str, vehicle: str, params: CellularParams) -> None:
+    aircraft = float(noise_dbm(params.noise_figure_db, params.bandwidth_mhz))
+    station = float(noise_dbm(params.station_noise_figure_db, params.bandwidth_mhz * params.share))
+    link = CellularLink(name, params, vehicle, aircraft, station + params.noise_rise_db)
+    for place, cell in enumerate(params.base_stations):
+        made.fixed[cell_name(link, place)] = cell.place
+    made.cellular.append(link)

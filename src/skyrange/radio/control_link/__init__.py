@@ -1,0 +1,1 @@
+"""Control links over the air: Wi-Fi and cellular channels of `gcs` links, with the medium's losses and noise."""

@@ -1,0 +1,191 @@
+"""Cellular channel of a control link: serving cell, hand-over, radio link failure, rate and hybrid ARQ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.links import OpenChannel, Uniforms
+from skyrange.contracts.medium import Floats
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.radio.control_link.cellular_rates import (
+    EFFICIENCY,
+    FILTER,
+    HARQ_NS,
+    MAX_TRANSMISSIONS,
+    MEASUREMENT_NS,
+    Q_IN_DB,
+    Q_OUT_DB,
+    T310_NS,
+    block_error,
+    quality_of,
+)
+from skyrange.radio.control_link.interference import Interference
+from skyrange.radio.control_link.params import CellularParams
+
+NO_CELL = -1
+
+
+class CellularDirection:
+    """One direction of a cellular link (`skyrange.contracts.links.OpenChannel`)."""
+
+    __slots__ = ("_busy_until", "_last_arrival", "interference", "link", "quality", "signal_dbm")
+
+    def __init__(self, link: CellularLink, noise_dbm: float) -> None:
+        self.link = link
+        self.interference = Interference(noise_dbm)
+        self.signal_dbm = -np.inf
+        self.quality = 0
+        """Channel quality in use, by its place in `EFFICIENCY`."""
+        self._busy_until: Time = -(2**62)
+        self._last_arrival: Time = -(2**62)
+
+    def snir_db(self, at: Time) -> float:
+        """Signal-to-noise-and-interference ratio at an instant."""
+        return self.signal_dbm - 10.0 * float(np.log10(self.interference.steady_mw(at)))
+
+    def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
+        """As `OpenChannel.carry`."""
+        link = self.link
+        if link.serving == NO_CELL or now < link.interrupted_until:
+            return Fate.LOST, now, None
+        rate_bps = float(EFFICIENCY[self.quality]) * link.params.share * link.params.bandwidth_mhz * 1e6
+        waiting_ns = max(0, self._busy_until - now)
+        if waiting_ns * rate_bps / (8 * NS_PER_S) + size > link.params.queue_bytes:
+            return Fate.OVERFLOW, now, None
+        end = now + waiting_ns + round(8 * size / rate_bps * NS_PER_S)
+        self._busy_until = end
+        snir_db, all_failed = self.snir_db(end), 1.0
+        for transmission in range(1, MAX_TRANSMISSIONS + 1):
+            all_failed *= block_error(self.quality, snir_db, transmission)
+            if draws[0] >= all_failed:
+                arrival = end + (transmission - 1) * HARQ_NS + link.latency_ns
+                self._last_arrival = max(arrival, self._last_arrival)  # delivery in sequence
+                return Fate.DELIVERED, self._last_arrival, None
+        return Fate.LOST, now, None
+
+
+class CellularLink:
+    """The cellular channel of one control link (`skyrange.contracts.links.VariableChannel`)."""
+
+    __slots__ = (
+        "_below_since",
+        "_better_since",
+        "_measured_ns",
+        "aircraft_noise_dbm",
+        "interrupted_until",
+        "latency_ns",
+        "name",
+        "params",
+        "row",
+        "serving",
+        "strengths_dbm",
+        "to_aircraft",
+        "to_station",
+        "vehicle",
+    )
+
+    def __init__(
+        self, name: str, params: CellularParams, vehicle: str, aircraft_noise_dbm: float, station_noise_dbm: float
+    ) -> None:
+        self.name = name
+        self.params = params
+        self.vehicle = vehicle
+        self.row = -1
+        """Row of the aircraft among all radios."""
+        self.latency_ns: Time = round(params.latency_ms * NS_PER_MS)
+        self.aircraft_noise_dbm = aircraft_noise_dbm
+        """Thermal noise of its receiver; the other cells' interference comes on top."""
+        self.to_aircraft = CellularDirection(self, aircraft_noise_dbm)
+        self.to_station = CellularDirection(self, station_noise_dbm)
+        self.serving = NO_CELL
+        """Place of the serving cell in `params.base_stations`."""
+        self.interrupted_until: Time = -(2**62)
+        self.strengths_dbm: Floats | None = None
+        """(cells,) filtered strength of each cell's signal."""
+        self._measured_ns: Time | None = None
+        self._better_since: dict[int, Time] = {}
+        self._below_since: Time | None = None
+
+    def open(self, direction: str) -> OpenChannel:
+        """The direction `fwd`, from the station to the aircraft, or `rev`."""
+        return self.to_aircraft if direction == "fwd" else self.to_station
+
+    def describe(self) -> Mapping[str, Any]:
+        """What the manifest says of it."""
+        return {"kind": "cellular", **self.params.model_dump(mode="json")}
+
+    @property
+    def cell(self) -> str:
+        """Name of the serving cell; empty without one."""
+        return "" if self.serving == NO_CELL else self.params.base_stations[self.serving].id
+
+    def measure(self, now: Time, powers_dbm: Floats) -> tuple[str, str] | None:
+        """Measure the cells, (cells,) dBm, and hand over by the event A3; returns the cells before and after one.
+
+        The event (TS 36.331, 5.5.4.4) begins when a neighbour less the hysteresis is better than the serving cell plus
+        the offset, ends when it is not with the hysteresis added, and counts when it has held for the time to trigger.
+        """
+        if self._measured_ns is not None and now - self._measured_ns < MEASUREMENT_NS:
+            return None
+        self._measured_ns = now
+        if self.strengths_dbm is None:
+            self.strengths_dbm = powers_dbm.copy()
+            self.serving = int(np.argmax(powers_dbm))
+            return "", self.cell
+        self.strengths_dbm = (1.0 - FILTER) * self.strengths_dbm + FILTER * powers_dbm
+        if self.serving == NO_CELL:
+            return None
+        own_dbm = float(self.strengths_dbm[self.serving]) + self.params.a3_offset_db
+        for cell, strength_dbm in enumerate(self.strengths_dbm.tolist()):
+            if cell == self.serving or strength_dbm + self.params.hysteresis_db < own_dbm:
+                self._better_since.pop(cell, None)
+            elif strength_dbm - self.params.hysteresis_db > own_dbm:
+                self._better_since.setdefault(cell, now)
+        wait_ns = self.params.time_to_trigger_ms * NS_PER_MS
+        ready = [cell for cell, since in self._better_since.items() if now - since >= wait_ns]
+        if not ready:
+            return None
+        before = self.cell
+        self._attach(now, max(ready, key=lambda cell: float(self._strength(cell))), self.params.interruption_ms)
+        return before, self.cell
+
+    def monitor(self, now: Time, snir_db: float) -> str:
+        """Watch the serving cell, or look for one: returns `"failure"` or `"cell found"` if that has changed."""
+        if self.strengths_dbm is None:
+            return ""
+        if self.serving == NO_CELL:
+            if snir_db < Q_IN_DB:
+                return ""
+            self._attach(now, int(np.argmax(self.strengths_dbm)), self.params.reestablishment_ms)
+            return "cell found"
+        if snir_db >= Q_OUT_DB:
+            self._below_since = None
+        elif self._below_since is None:
+            self._below_since = now
+        elif now - self._below_since >= T310_NS:
+            self.serving, self._below_since = NO_CELL, None
+            self._better_since.clear()
+            return "failure"
+        return ""
+
+    def set_conditions(self, now: Time, down_dbm: float, up_dbm: float) -> None:
+        """Take over the powers of the serving cell's signal at the aircraft and of the aircraft's there.
+
+        The quality in use is that of the conditions before: a report is some milliseconds old.
+        """
+        for direction, dbm in ((self.to_aircraft, down_dbm), (self.to_station, up_dbm)):
+            direction.quality = quality_of(direction.snir_db(now))
+            direction.signal_dbm = dbm
+
+    def _attach(self, now: Time, cell: int, interruption_ms: float) -> None:
+        self.serving = cell
+        self.interrupted_until = now + round(interruption_ms * NS_PER_MS)
+        self._better_since.clear()
+
+    def _strength(self, cell: int) -> float:
+        assert self.strengths_dbm is not None
+        return float(self.strengths_dbm[cell])

@@ -1,0 +1,325 @@
+"""Radio conditions of all control links over the air, kept up to date during a run."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from skyrange.codec.wifi_management import DEAUTHENTICATION, decode_management
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.medium import Floats, Ints
+from skyrange.core.chance import Chance
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import Port, hash64
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
+from skyrange.radio.control_link.interference import BurstAtReceiver
+from skyrange.radio.control_link.propagation import Propagation
+from skyrange.radio.control_link.wifi_link import MAX_OCCUPANCY, Transmitter, WifiDirection, WifiLink
+from skyrange.radio.control_link.wifi_rates import (
+    PREAMBLE_DBM,
+    RATES_MBPS,
+    WIDTH_MHZ,
+    fill_successes,
+    success_probability,
+)
+from skyrange.radio.phy.channels import centre_mhz, filter_overlap
+from skyrange.radio.phy.waveforms import OFDM
+from skyrange.radio.propagation.link_budget import max_range_m
+from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Transmission
+
+NAME: Final = "control links"
+STEP_NS: Final[Time] = 20 * NS_PER_MS
+_RATE_WEIGHT: Final = 1.0 - 0.75 ** (STEP_NS / (100 * NS_PER_MS))
+"""Linux's Minstrel rate control gives a new interval of 100 ms a weight of 25 % (`EWMA_LEVEL`)."""
+_OCCUPANCY_WEIGHT: Final = STEP_NS / (100 * NS_PER_MS)
+"""Occupancy is an average over about 100 ms (assumed)."""
+_PROBE_BITS: Final = 8.0 * 200
+"""Length of the frame for which rates are compared, 200 bytes: most MAVLink frames with their overhead are shorter."""
+_BEACON_BITS: Final = 8.0 * 100
+_TRAFFIC_CHANNELS: Final = (1, 6, 11)
+"""The channels of the city's background traffic."""
+_OVERLAP_CHANNELS: Final = 4
+"""Channels closer than this, 20 MHz, overlap."""
+
+
+class ControlLinks:
+    """The agent that updates the channels of control links (`skyrange.contracts.components.Agent`).
+
+    Every 20 ms it works out the power of each link's signal at both ends, the noise of jammers there, how much of the
+    time others use the channel, associations and hand-overs. It sends nothing; the links read what it writes.
+    """
+
+    name = NAME
+    service_ns: Time = STEP_NS
+    ports: Sequence[Port] = ()
+
+    def __init__(
+        self,
+        wifi: Sequence[WifiLink],
+        cellular: Sequence[CellularLink],
+        spectrum: Spectrum,
+        places: Mapping[str, tuple[float, float, float]],
+        propagation: Mapping[float, Propagation],
+        chance: Chance,
+        city_busy: float = 0.0,
+    ) -> None:
+        """`places` has the fixed radios by name, in metres from the origin. Rows of radios are those of
+        `spectrum.radios`, then those of `places`; `propagation` is by centre frequency in MHz.
+        """
+        self._wifi = sorted(wifi, key=lambda link: link.name)
+        self._cellular = sorted(cellular, key=lambda link: link.name)
+        self._spectrum = spectrum
+        self._propagation = propagation
+        self._chance = chance
+        self._city_busy = city_busy
+        self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
+        rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
+        self._transmitters = list(
+            {id(one): one for link in self._wifi for one in (link.station, link.aircraft)}.values()
+        )
+        for transmitter in self._transmitters:
+            transmitter.row = rows[transmitter.name]
+        for one in self._cellular:
+            one.row = rows[one.vehicle]
+        self._cells = {
+            (link.name, station.id): rows[cell_name(link, place)]
+            for link in self._cellular
+            for place, station in enumerate(link.params.base_stations)
+        }
+        self._due: Time = -(2**62)
+        self._refused: Counter[str] = Counter()
+
+    def next_wakeup(self) -> Time | None:
+        """The next update."""
+        return self._due
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Update every link."""
+        out = Outbox()
+        self._due = now + STEP_NS
+        table = self._spectrum.table
+        sent, frames = self._spectrum.take()
+        if table is None:
+            return out
+        pos = np.concatenate([table.pos_enu_m, self._fixed])
+        vel = np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)])
+        self._update_occupancy(pos, sent)
+        self._update_wifi(now, pos, vel, out)
+        for frame in frames:
+            self._receive(frame, pos, vel, out)
+        self._update_cellular(now, pos, vel, out)
+        return out
+
+    # ---------------------------------------------------------------- Wi-Fi
+
+    def _update_wifi(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
+        for channel in sorted({link.params.channel for link in self._wifi}):
+            links = [link for link in self._wifi if link.params.channel == channel]
+            centre = centre_mhz(OFDM, channel)
+            propagation = self._propagation[centre]
+            one = np.array([link.station.row for link in links])
+            other = np.array([link.aircraft.row for link in links])
+            gains = propagation.gains_db(pos, vel, one, other, centre, now).tolist()
+            for link, gain in zip(links, gains, strict=True):
+                link.to_aircraft.signal_dbm = link.station.power_dbm + gain
+                link.to_station.signal_dbm = link.aircraft.power_dbm + gain
+            ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
+            met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, sorted(ends), centre, WIDTH_MHZ, now)
+            for link in links:
+                link.to_aircraft.interference.bursts = met.between(link.station, link.aircraft)
+                link.to_station.interference.bursts = met.between(link.aircraft, link.station)
+            self._choose_rates(now, links)
+            for link in links:
+                both = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
+                change = link.update_association(now, success_probability(0, both, _BEACON_BITS) >= 0.5)
+                if change:
+                    kind = "event.link_up" if link.associated else "event.link_down"
+                    out.note(kind, link.name, {"channel": "wifi", "why": change})
+
+    def _choose_rates(self, now: Time, links: Sequence[WifiLink]) -> None:
+        """Let each direction use the rate with the greatest average of rate times success, as Minstrel does."""
+        directions = [direction for link in links for direction in (link.to_aircraft, link.to_station)]
+        snir = np.array([direction.snir_db(now) for direction in directions])
+        found = np.empty((len(directions), len(RATES_MBPS)))
+        fill_successes(snir, _PROBE_BITS, found)
+        for place, link in enumerate(links):
+            mine = found[2 * place : 2 * place + 2]
+            if link.successes is None:
+                link.successes = mine.copy()
+            else:
+                link.successes += _RATE_WEIGHT * (mine - link.successes)
+            best = np.argmax(link.successes * RATES_MBPS, axis=1).tolist()
+            link.to_aircraft.rate, link.to_station.rate = best
+
+    def _update_occupancy(self, pos: Floats, sent: Sequence[Transmission]) -> None:
+        """How much of the last 20 ms others in reach kept each transmitter's channel busy.
+
+        In reach is who is heard with -82 dBm in free space; walls are not counted.
+        """
+        if not self._transmitters:
+            return
+        channel_of = {id(t): link.params.channel for link in self._wifi for t in (link.station, link.aircraft)}
+        uses = [(t.row, channel_of[id(t)], t.airtime_ns) for t in self._transmitters if t.airtime_ns]
+        uses += [(one.radio, one.channel, one.ended_ns - one.started_ns) for one in sent]
+        for transmitter in self._transmitters:
+            transmitter.airtime_ns = 0
+        senders = np.array([use[0] for use in uses], dtype=np.int64)
+        channels = np.array([use[1] for use in uses], dtype=np.int64)
+        airtime = np.array([use[2] for use in uses], dtype=np.float64)
+        for transmitter in self._transmitters:
+            channel = channel_of[id(transmitter)]
+            reach = max_range_m(0.0, transmitter.power_dbm, PREAMBLE_DBM, centre_mhz(OFDM, channel))
+            near = np.linalg.norm(pos[senders] - pos[transmitter.row], axis=1) <= reach
+            near &= (senders != transmitter.row) & (np.abs(channels - channel) < _OVERLAP_CHANNELS)
+            busy = min(float(airtime[near].sum()) / STEP_NS, 1.0)
+            background = self._city_busy if min(abs(channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
+            busy = min(1.0 - (1.0 - busy) * (1.0 - background), MAX_OCCUPANCY)
+            transmitter.occupancy += _OCCUPANCY_WEIGHT * (busy - transmitter.occupancy)
+
+    def _receive(self, frame: ManagementFrame, pos: Floats, vel: Floats, out: Outbox) -> None:
+        """Let the links that a management frame is about receive it, or not."""
+        try:
+            decoded = decode_management(frame.mac_frame)
+        except DecodeError:
+            return
+        if decoded.subtype != DEAUTHENTICATION:
+            return
+        for link in self._wifi:
+            if link.params.channel != frame.channel:
+                continue
+            for direction, sender, receiver in (
+                (link.to_aircraft, link.station, link.aircraft),
+                (link.to_station, link.aircraft, link.station),
+            ):
+                if decoded.source == sender.address and decoded.is_for(receiver.address):
+                    self._deauthenticate(frame, link, direction, receiver, pos, vel, out)
+
+    def _deauthenticate(
+        self,
+        frame: ManagementFrame,
+        link: WifiLink,
+        direction: WifiDirection,
+        receiver: Transmitter,
+        pos: Floats,
+        vel: Floats,
+        out: Outbox,
+    ) -> None:
+        """A deauthentication that claims to come from the link's other end reaches `receiver`, or does not."""
+        centre = centre_mhz(OFDM, frame.channel)
+        rows = np.array([frame.radio]), np.array([receiver.row])
+        gain = self._propagation[centre].gains_db(pos, vel, *rows, centre, frame.at_ns).item()
+        noise_mw = direction.interference.steady_mw(frame.at_ns)
+        snir_db = frame.power_dbm + gain - 10.0 * math.log10(noise_mw)
+        heard = success_probability(0, snir_db, 8.0 * len(frame.mac_frame))
+        who = hash64(f"{link.name}|{receiver.name}")
+        if self._chance.uniform4("deauthentication", who, frame.at_ns, frame.ref.serial)[0] >= heard:
+            return
+        what: dict[str, str | float] = {"receiver": receiver.name, "rssi_dbm": round(frame.power_dbm + gain, 1)}
+        if link.params.protected:
+            self._refused[link.name] += 1
+            count = self._refused[link.name]
+            if count & (count - 1) == 0:  # 1, 2, 4, 8 …
+                out.note("event.management_frame_refused", link.name, {**what, "count": count}, (frame.ref,))
+            return
+        if frame.at_ns >= link.down_until:
+            out.note("event.deauthenticated", link.name, what, (frame.ref,))
+        link.disconnect(frame.at_ns)
+
+    # ---------------------------------------------------------------- cellular
+
+    def _update_cellular(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
+        for link in self._cellular:
+            params = link.params
+            centre = params.frequency_mhz
+            propagation = self._propagation[centre]
+            rows = np.array([self._cells[link.name, station.id] for station in params.base_stations])
+            gains = propagation.gains_db(pos, vel, rows, np.full(len(rows), link.row), centre, now)
+            powers = np.array([station.power_dbm for station in params.base_stations]) + gains
+            was = link.serving
+            change = link.measure(now, powers)
+            if change is not None and was != NO_CELL:
+                out.note("event.handover", link.name, {"from": change[0], "to": change[1]})
+            candidate = link.serving if link.serving != NO_CELL else int(np.argmax(powers))
+            loads = np.array([station.load for station in params.base_stations])
+            loads[candidate] = 0.0
+            width = params.bandwidth_mhz
+            others_mw = float((loads * 10.0 ** (0.1 * powers)).sum())
+            ends = [link.row, int(rows[candidate])]
+            met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, ends, centre, width, now)
+            down, up = link.to_aircraft.interference, link.to_station.interference
+            down.noise_mw = 10.0 ** (0.1 * link.aircraft_noise_dbm) + others_mw
+            down.bursts = met.at(ends[1], ends[0])
+            # the uplink uses a share of the band, and so does the noise that it meets
+            up.bursts = [
+                burst._replace(receiver_mw=burst.receiver_mw * params.share) for burst in met.at(ends[0], ends[1])
+            ]
+            link.set_conditions(now, float(powers[candidate]), params.aircraft_dbm + float(gains[candidate]))
+            change_of_state = link.monitor(now, link.to_aircraft.snir_db(now))
+            if change_of_state:
+                kind = "event.link_down" if change_of_state == "failure" else "event.link_up"
+                out.note(kind, link.name, {"channel": "cellular", "why": change_of_state, "cell": link.cell})
+
+
+class _NoiseAt:
+    """The noise bursts of jammers at some radios, in a receiver's band."""
+
+    def __init__(
+        self,
+        bursts: Sequence[NoiseBurst],
+        propagation: Propagation,
+        pos: Floats,
+        vel: Floats,
+        rows: Sequence[int],
+        centre: float,
+        width: float,
+        now: Time,
+    ) -> None:
+        self._bursts = [
+            burst
+            for burst in bursts
+            if burst.to_ns > now and filter_overlap(burst.centre_mhz, burst.width_mhz, centre, width) > 0.0
+        ]
+        self._column = {row: column for column, row in enumerate(rows)}
+        self._gains = np.zeros((0, len(rows)))
+        if self._bursts:
+            one: Ints = np.repeat(np.array([burst.radio for burst in self._bursts]), len(rows))
+            other: Ints = np.tile(np.array(rows), len(self._bursts))
+            self._gains = propagation.gains_db(pos, vel, one, other, centre, now).reshape(-1, len(rows))
+        self._shares = [filter_overlap(b.centre_mhz, b.width_mhz, centre, width) for b in self._bursts]
+
+    def at(self, sender: int, receiver: int, power_dbm: float = math.inf) -> list[BurstAtReceiver]:
+        """The bursts for frames of `power_dbm` from the row `sender` to the row `receiver`.
+
+        A reactive jammer that does not hear such a frame is left out.
+        """
+        found = []
+        for place, burst in enumerate(self._bursts):
+            sent_db, received_db = self._gains[place, self._column[sender]], self._gains[place, self._column[receiver]]
+            if burst.turnaround_ns and power_dbm + sent_db < PREAMBLE_DBM:
+                continue
+            in_filter_dbm = burst.power_dbm + 10.0 * math.log10(self._shares[place])
+            found.append(
+                BurstAtReceiver(
+                    burst.from_ns,
+                    burst.to_ns,
+                    burst.turnaround_ns,
+                    10.0 ** (0.1 * (in_filter_dbm + received_db)),
+                    in_filter_dbm + sent_db,
+                )
+            )
+        return found
+
+    def between(self, sender: Transmitter, receiver: Transmitter) -> list[BurstAtReceiver]:
+        """The same for two radios of a Wi-Fi link."""
+        return self.at(sender.row, receiver.row, sender.power_dbm)
+
+
+def cell_name(link: CellularLink, place: int) -> str:
+    """The name of a cell's radio, which addresses its shadowing: cells of the same id and place are one."""
+    station = link.params.base_stations[place]
+    return f"cell {station.id} {station.place}"

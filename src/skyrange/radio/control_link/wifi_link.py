@@ -1,0 +1,192 @@
+"""Wi-Fi channel of a control link: contention, rate, retries, association, and what both ends hear of each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from hashlib import blake2b
+from typing import Any, Final
+
+import numpy as np
+
+from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.links import OpenChannel, Uniforms
+from skyrange.contracts.medium import Floats
+from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
+from skyrange.radio.control_link.interference import Interference
+from skyrange.radio.control_link.params import WifiParams
+from skyrange.radio.control_link.wifi_rates import (
+    ACK_BYTES,
+    BUSY_DBM,
+    CW_MAX,
+    CW_MIN,
+    DIFS_NS,
+    LIFETIME_NS,
+    MAX_RETRIES,
+    OVERHEAD_BYTES,
+    RATES_MBPS,
+    SIFS_NS,
+    SLOT_NS,
+    ack_rate,
+    airtime_ns,
+    success_probability,
+)
+
+BEACON_NS: Final[Time] = 100 * 1024 * NS_PER_US
+"""Beacon interval of 100 time units, as access points have it by default."""
+BEACON_LOSS_COUNT: Final = 7
+"""Beacons in a row without which a client gives up its association, as in Linux's mac80211 (`beacon_loss_count`)."""
+MAX_OCCUPANCY: Final = 0.95
+_GOLDEN: Final = 0.6180339887498949
+"""One uniform number serves the backoffs of all attempts: each is the last one turned by the golden ratio."""
+
+
+def wifi_address(name: str) -> bytes:
+    """The MAC address of a control radio, locally administered, which its name gives."""
+    digest = bytearray(blake2b(f"wifi|{name}".encode(), digest_size=6).digest())
+    digest[0] = digest[0] & 0xFC | 0x02
+    return bytes(digest)
+
+
+class Transmitter:
+    """A radio that sends one frame at a time: an access point, or that of an aircraft."""
+
+    __slots__ = ("address", "airtime_ns", "busy_until", "name", "occupancy", "power_dbm", "row")
+
+    def __init__(self, name: str, power_dbm: float) -> None:
+        self.name = name
+        self.address = wifi_address(name)
+        self.power_dbm = power_dbm
+        self.row = -1
+        """Its row among all radios."""
+        self.busy_until: Time = -(2**62)
+        self.airtime_ns: Time = 0
+        """What it has sent since this was last set to 0."""
+        self.occupancy = 0.0
+        """Share of time in which others keep its channel busy."""
+
+
+class WifiDirection:
+    """One direction of a Wi-Fi link (`skyrange.contracts.links.OpenChannel`)."""
+
+    __slots__ = ("_queue_bytes", "interference", "latency_ns", "link", "rate", "reverse", "signal_dbm", "transmitter")
+
+    reverse: WifiDirection
+
+    def __init__(self, link: WifiLink, transmitter: Transmitter, noise_dbm: float) -> None:
+        self.link = link
+        self.transmitter = transmitter
+        self.interference = Interference(noise_dbm)
+        self.latency_ns = link.latency_ns
+        self._queue_bytes = link.params.queue_bytes
+        self.signal_dbm = -np.inf
+        """Power of its frames at the receiver."""
+        self.rate = 0
+        """The rate in use, by its place in `RATES_MBPS`."""
+
+    def snir_db(self, at: Time) -> float:
+        """Signal-to-noise-and-interference ratio at an instant, without reactive jammers."""
+        return self.signal_dbm - 10.0 * float(np.log10(self.interference.steady_mw(at)))
+
+    def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
+        """As `OpenChannel.carry`."""
+        radio = self.transmitter
+        if not self.link.associated or now < self.link.down_until:
+            return Fate.LOST, now, None
+        start = max(now, radio.busy_until)
+        if (start - now) * RATES_MBPS[self.rate] * 1e6 / (8 * NS_PER_S) + size > self._queue_bytes:
+            return Fate.OVERFLOW, now, None
+        give_up = start + LIFETIME_NS
+        length = airtime_ns(self.rate, size + OVERHEAD_BYTES)
+        answer = ack_rate(self.rate)
+        answer_ns = SIFS_NS + airtime_ns(answer, ACK_BYTES)
+        all_failed, window, turn = 1.0, CW_MIN, draws[1]
+        for _ in range(1 + MAX_RETRIES):
+            backoff_ns = int(turn * (window + 1)) * SLOT_NS
+            start += int((DIFS_NS + backoff_ns) / (1.0 - radio.occupancy))
+            start = self.interference.idle_from(start, BUSY_DBM)
+            if start > give_up:
+                radio.busy_until = give_up
+                return Fate.LOST, now, None
+            end = start + length
+            radio.airtime_ns += length + answer_ns
+            arrives = self._success(start, end, self.rate, size + OVERHEAD_BYTES)
+            acknowledged = self.reverse._success(end + SIFS_NS, end + answer_ns, answer, ACK_BYTES)
+            all_failed *= 1.0 - arrives * acknowledged
+            start = end + answer_ns
+            if draws[0] >= all_failed:
+                radio.busy_until = start
+                return Fate.DELIVERED, end + self.latency_ns, None
+            window, turn = min(2 * window + 1, CW_MAX), (turn + _GOLDEN) % 1.0
+        radio.busy_until = start
+        return Fate.LOST, now, None
+
+    def _success(self, start: Time, end: Time, rate: int, size_bytes: int) -> float:
+        """The probability that the receiver decodes a frame on the air from `start` to `end`."""
+        found = 1.0
+        for share, noise_mw in self.interference.pieces(start, end):
+            snir_db = self.signal_dbm - 10.0 * float(np.log10(noise_mw))
+            found *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
+        return found
+
+
+class WifiLink:
+    """The Wi-Fi channel of one control link (`skyrange.contracts.links.VariableChannel`)."""
+
+    __slots__ = (
+        "_beacon_ns",
+        "aircraft",
+        "associated",
+        "down_until",
+        "latency_ns",
+        "name",
+        "params",
+        "station",
+        "successes",
+        "to_aircraft",
+        "to_station",
+    )
+
+    def __init__(self, name: str, params: WifiParams, station: Transmitter, aircraft: Transmitter, noise_dbm: float):
+        """`station` is the access point; the links of one operator share it."""
+        self.name = name
+        self.params = params
+        self.latency_ns: Time = round(params.latency_ms * NS_PER_MS)
+        self.station = station
+        self.aircraft = aircraft
+        self.to_aircraft = WifiDirection(self, station, noise_dbm)
+        self.to_station = WifiDirection(self, aircraft, noise_dbm)
+        self.to_aircraft.reverse, self.to_station.reverse = self.to_station, self.to_aircraft
+        self.associated = True
+        self.down_until: Time = -(2**62)
+        """Until when the association takes that was lost last."""
+        self._beacon_ns: Time | None = None
+        self.successes: Floats | None = None
+        """(2, rates): average success of each rate, to the aircraft and to the station; `None` before the first
+        update."""
+
+    def open(self, direction: str) -> OpenChannel:
+        """The direction `fwd`, from the station to the aircraft, or `rev`."""
+        return self.to_aircraft if direction == "fwd" else self.to_station
+
+    def describe(self) -> Mapping[str, Any]:
+        """What the manifest says of it."""
+        return {"kind": "wifi", "access_point": self.station.name, **self.params.model_dump(mode="json")}
+
+    def update_association(self, now: Time, beacons_heard: bool) -> str:
+        """Give up the association after too many lost beacons, and find it again; returns why, if it has changed."""
+        if beacons_heard:
+            self._beacon_ns = now
+            if not self.associated:
+                self.associated = True
+                self.disconnect(now)
+                return "beacons"
+        elif self._beacon_ns is None:
+            self._beacon_ns = now
+        elif self.associated and now - self._beacon_ns > BEACON_LOSS_COUNT * BEACON_NS:
+            self.associated = False
+            return "no beacons"
+        return ""
+
+    def disconnect(self, now: Time) -> None:
+        """Lose the association at `now`; the next one takes its time."""
+        self.down_until = max(self.down_until, now + round(self.params.reassociation_ms * NS_PER_MS))
