@@ -228,6 +228,11 @@ def _named(case: AttackCase) -> None:
         need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
 
 
+@ATTACK.rule("forces", "Acts on no bodies: it has no body faults, which nature has.")
+def _forces(case: AttackCase) -> None:
+    need(not case.made()[0].body_faults, "has body faults", "agents, taps, sensor faults, links and radios")
+
+
 @ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
 def _muted(case: AttackCase) -> None:
     without, muted = case.fly(present=False), case.fly(muted=True)
@@ -261,11 +266,6 @@ def _acts(case: AttackCase) -> None:
         need(kinds == set(case.acts), f"did {', '.join(sorted(kinds))}", ", ".join(sorted(case.acts)))
     for label in labels:
         need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
-
-
-@ATTACK.rule("forces", "Acts on no bodies: it has no body faults, which nature has.")
-def _forces(case: AttackCase) -> None:
-    need(not case.made()[0].body_faults, "has body faults", "agents, taps, sensor faults, links and radios")
 
 
 @ATTACK.rule("repeatable", "Does the same in two fresh runs.")
