@@ -44,11 +44,12 @@ class BodyFaultInjector:
         ]
         self._acts = ActCounter("body fault")
         self._disturbed = False
+        self._motors = 0
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
         """Ask every body fault, and disturb the world by those that act; returns each act with its own id."""
         position, _ = world.motion()
-        motors = world.sensors(self._rows).rotor_radps.shape[1]
+        motors = self._motors = self._motors or world.sensors(self._rows).rotor_radps.shape[1]
         total = _undisturbed(position[self._rows], motors)
         acting = False
         found = []
