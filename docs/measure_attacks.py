@@ -1,8 +1,9 @@
-"""Measured effects of the kinds of attacks: their examples flown beside their twins, over ten seeds each.
+"""Measured effects of the kinds of attacks and faults: their examples flown beside their twins, over ten seeds each.
 
 `python docs/measure_attacks.py [KIND …]` flies the examples (all of them unless named), and rewrites their sections of
-`docs/reference/attack-effects.md` and their figures in `docs/images/attacks`. Differences are those of the attacked run
-from its baseline, the sham of an attack that lies and the nominal run of one that works by load.
+`docs/reference/attack-effects.md` or `fault-effects.md` and their figures in `docs/images/attacks` or `faults`.
+Differences are those of the attacked run from its baseline: the sham of an attack that lies, and the nominal run of one
+that works by load and of a fault.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Final
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.techniques import describe_technique
 from skyrange.record import RunRecord
-from skyrange.scenario.shipped import EXAMPLES, load
+from skyrange.scenario.shipped import EXAMPLES, FAULT_EXAMPLES, load, source_of
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.time_series import read_notes
 from skyrange.study.pairing import pair
@@ -28,6 +29,7 @@ from skyrange.study.twins.pair_folder import Pair
 
 ROOT: Final = Path(__file__).parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
+FAULT_PAGE: Final = ROOT / "docs" / "reference" / "fault-effects.md"
 PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
 PUBLISHED: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
     "denial of service": ("`gcs`", ("link.flood", "link.drop")),
@@ -39,7 +41,7 @@ PUBLISHED: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
     "malicious input": ("`gcs`, `log`", ("mavlink.malformed", "mavlink.mission_replace")),
 }
 """By name in the publication: the links that it names, and the kinds."""
-IMAGES: Final = ROOT / "docs" / "images" / "attacks"
+IMAGES: Final = ROOT / "docs" / "images"
 SEEDS: Final = 10
 FEWEST: Final = 0.5
 """A difference of counts is told from half an event per flight on."""
@@ -57,25 +59,28 @@ MEASURES: Final[Mapping[str, tuple[str, str, float]]] = {
 
 
 def main(names: Sequence[str]) -> None:
-    """Fly, measure, and renew the page."""
-    sections = dict(SECTION.findall(PAGE.read_text(encoding="utf-8")))
-    for kind in names or sorted(EXAMPLES):
+    """Fly, measure, and renew the pages."""
+    for kind in names or [*sorted(EXAMPLES), *sorted(FAULT_EXAMPLES)]:
+        page, examples = (FAULT_PAGE, FAULT_EXAMPLES) if kind in FAULT_EXAMPLES else (PAGE, EXAMPLES)
         with tempfile.TemporaryDirectory() as folder:
-            sections[kind] = measure(kind, Path(folder) / kind)
-        write(sections)
+            section = measure(kind, Path(folder) / kind)
+        sections = {**dict(SECTION.findall(page.read_text(encoding="utf-8"))), kind: section}
+        write(page, {one: sections[one] for one in sorted(sections) if one in examples})
+        if page == PAGE:
+            write_published(sections)
         print(kind, flush=True)
 
 
-def write(sections: Mapping[str, str]) -> None:
-    """Replace the sections of the page, in order of their kinds."""
-    text = PAGE.read_text(encoding="utf-8")
+def write(page: Path, sections: Mapping[str, str]) -> None:
+    """Replace the sections of a page."""
+    text = page.read_text(encoding="utf-8")
     head = text[: match.start()] if (match := SECTION.search(text)) else text
-    body = "\n".join(
-        f"<!-- measured: {kind} -->\n{sections[kind]}<!-- end: {kind} -->\n"
-        for kind in sorted(sections)
-        if kind in EXAMPLES
-    )
-    PAGE.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
+    body = "\n".join(f"<!-- measured: {kind} -->\n{own}<!-- end: {kind} -->\n" for kind, own in sections.items())
+    page.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
+
+
+def write_published(sections: Mapping[str, str]) -> None:
+    """Renew the table of the published attacks from the sections of the kinds."""
     rows = ["| published attack | link | kind and scenario | measured effect |", "|---|---|---|---|"]
     for attack, (link, kinds) in PUBLISHED.items():
         for kind in kinds:
@@ -99,16 +104,25 @@ def _first(sections: Mapping[str, str], kind: str) -> str:
 def measure(kind: str, folder: Path) -> str:
     """The section of a kind: its story, its figure and its differences."""
     scenario = load(kind)
-    plugin = AttackPlugin.find(kind)
+    is_fault = kind in FAULT_EXAMPLES
     flown = pair(scenario, folder, seeds=SEEDS)
     baseline = flown.baseline or "nominal"
-    IMAGES.mkdir(parents=True, exist_ok=True)
-    draw_pair_plan(flown).save(IMAGES / f"{kind}.svg")
-    lines = [f"## `{kind}`", "", _story(kind), "", f"Technique: {describe_technique(plugin.technique)}.", ""]
-    lines += [f"![Plan view: attacked and nominal flight](../images/attacks/{kind}.svg)", ""]
+    images = IMAGES / ("faults" if is_fault else "attacks")
+    images.mkdir(parents=True, exist_ok=True)
+    draw_pair_plan(flown).save(images / f"{kind}.svg")
+    lines = [f"## `{kind}`", "", _story(kind), ""]
+    if is_fault:
+        lines += [f"![Plan view: flight with the fault, and nominal flight](../images/faults/{kind}.svg)", ""]
+    else:
+        technique = describe_technique(AttackPlugin.find(kind).technique)
+        lines += [f"Technique: {technique}.", ""]
+        lines += [f"![Plan view: attacked and nominal flight](../images/attacks/{kind}.svg)", ""]
     rows = _effects(flown, baseline) + _counts(flown, baseline)
     if rows:
-        lines += [f"| attacked minus {baseline} | mean of {SEEDS} seeds | 95 % |", "|---|---|---|"]
+        lines += [
+            f"| {'with the fault' if is_fault else 'attacked'} minus {baseline} | mean of {SEEDS} seeds | 95 % |",
+            "|---|---|---|",
+        ]
         lines += [f"| {what} | {mean} | {bounds} |" for what, mean, bounds in rows]
     else:
         lines += [f"No difference from the {baseline} run in motion, events or delivered frames."]
@@ -116,7 +130,7 @@ def measure(kind: str, folder: Path) -> str:
 
 
 def _story(kind: str) -> str:
-    lines = EXAMPLES[kind].read_text(encoding="utf-8").splitlines()
+    lines = source_of(kind).read_text(encoding="utf-8").splitlines()
     return " ".join(line.lstrip("# ").strip() for line in lines if line.startswith("#"))
 
 
@@ -165,8 +179,11 @@ def _count_rows(
     return found
 
 
+_ANNOUNCED: Final = ("event.attack", "event.fault")
+
+
 def _events(run: RunRecord) -> Counter[str]:
-    return Counter(note.kind for note in read_notes(run, "events") if not note.kind.startswith("event.attack"))
+    return Counter(note.kind for note in read_notes(run, "events") if not note.kind.startswith(_ANNOUNCED))
 
 
 def _delivered(run: RunRecord) -> Counter[str]:

@@ -32,7 +32,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             SensorFault SensorAct Schedule AttackPlan ThreatModel Controls""",
-        "Faults": "FaultPlugin FaultContext FaultParts",
+        "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin

@@ -32,6 +32,9 @@ if TYPE_CHECKING:
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.contracts.components import (
         Agent,
+        BodyAct,
+        BodyFault,
+        Disturbances,
         Engine,
         EngineBase,
         Finished,
@@ -146,6 +149,8 @@ __all__ = [
     "AvoidanceLimits",
     "AvoidancePlugin",
     "BasicId",
+    "BodyAct",
+    "BodyFault",
     "Broadcaster",
     "Chance",
     "Channel",
@@ -157,6 +162,7 @@ __all__ = [
     "Departure",
     "DetectorContext",
     "DetectorPlugin",
+    "Disturbances",
     "Drop",
     "EmitterTable",
     "Engine",

@@ -8,19 +8,22 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.contract import Transmitter
+from skyrange.attack.contract import Attack, AttackContext, Transmitter
+from skyrange.attack.gnss.jump import JUMP
 from skyrange.fault.battery_fade import BATTERY_FADE
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
 from skyrange.fault.gnss_multipath import GNSS_MULTIPATH
 from skyrange.fault.gnss_outage import GNSS_OUTAGE
+from skyrange.fault.gust import GUST
 from skyrange.fault.link_loss import LINK_LOSS
 from skyrange.fault.link_outage import LINK_OUTAGE
+from skyrange.fault.motor_loss import MOTOR_LOSS
 from skyrange.fault.operator_error import OPERATOR_ERROR
 from skyrange.fault.sensor_failure import SENSOR_FAILURE
 from skyrange.fault.station_restart import STATION_RESTART
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
-from skyrange.testing import NonConformance, check_fault
+from skyrange.testing import NonConformance, check_attack, check_fault
 
 ONE = {"vehicles": ["blue/b1"]}
 LINK = {"links": ["gcs:blue/b1", "log:blue/*"]}
@@ -32,6 +35,8 @@ KINDS: list[tuple[FaultPlugin, Mapping[str, Any], Collection[str]]] = [
     (LINK_LOSS, {**LINK, "burst_s": 0.5, "gap_s": 0.5}, {"drop"}),
     (LINK_OUTAGE, {**LINK, "direction": "rev"}, {"drop"}),
     (STATION_RESTART, {"operator": "blue", "down_s": 2.0}, {"drop"}),
+    (MOTOR_LOSS, {**ONE, "loss": 0.6}, {"body"}),
+    (GUST, {"speed_mps": 9.0, "length_m": 20.0, "travel_mps": 8.0, "at": [-5, 0, 0], "from_deg": 270}, {"body"}),
     (OPERATOR_ERROR, {**ONE, "command": "land"}, {"inject"}),
     (OPERATOR_ERROR, {"vehicles": ["blue/b1", "green/g1"], "command": "speed"}, {"inject"}),
 ]
@@ -69,6 +74,15 @@ signing = "on"
 )
 def test_faults_conform_in_a_street_with_signed_links(kind: FaultPlugin, acts: Collection[str]) -> None:
     check_fault(kind, ONE, scenario=street, acts=acts)
+
+
+def test_an_attack_that_acts_on_bodies_breaks_the_contract() -> None:
+    def with_gust(params: Any, given: AttackContext) -> Attack:
+        made = JUMP.make(params, given)
+        return replace(made, body_faults=GUST(GUST.params.model_validate({"speed_mps": 5.0}), given).body_faults)
+
+    with pytest.raises(NonConformance, match="body fault"):
+        check_attack(replace(JUMP, make=with_gust), {**ONE, "offset_m": [9, 0, 0]}, acts={"sensor"})
 
 
 def test_a_fault_with_a_radio_breaks_the_contract() -> None:

@@ -16,7 +16,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.components import SensorAct, SensorFault, Sensors
+from skyrange.contracts.components import BodyAct, BodyFault, Disturbances, SensorAct, SensorFault, Sensors
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.plugins import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
@@ -26,7 +26,9 @@ from skyrange.fault.battery_fade import BATTERY_FADE
 from skyrange.fault.contract import FaultPlugin
 from skyrange.fault.gnss_multipath import GNSS_MULTIPATH, pseudorange_errors
 from skyrange.fault.gnss_outage import GNSS_OUTAGE
+from skyrange.fault.gust import GUST
 from skyrange.fault.link_loss import LINK_LOSS
+from skyrange.fault.motor_loss import MOTOR_LOSS
 from skyrange.fault.operator_error import OPERATOR_ERROR
 from skyrange.fault.sensor_failure import SENSOR_FAILURE
 from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
@@ -36,8 +38,8 @@ from skyrange.scenario.toml_reader import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings
 
 S, MS = NS_PER_S, NS_PER_MS
-NAMES = ("battery.fade", "gnss.multipath", "gnss.outage", "link.loss", "link.outage", "operator.error",
-         "sensor.failure", "station.restart")  # fmt: skip
+NAMES = ("battery.fade", "gnss.multipath", "gnss.outage", "gust", "link.loss", "link.outage", "motor.loss",
+         "operator.error", "sensor.failure", "station.restart")  # fmt: skip
 LINKS = ["gcs:blue/b1", "gcs:blue/b2", "gcs:blue/b3", "approval:blue"]
 
 
@@ -74,6 +76,7 @@ def test_kinds_differ_in_effect_and_are_no_attacks() -> None:
     assert set(NAMES) <= set(kinds(FAULTS))
     assert not set(NAMES) & set(kinds(ATTACKS))
     assert len({FaultPlugin.find(name).effect for name in NAMES}) == len(NAMES)
+    assert set(FAULT_EXAMPLES) == set(NAMES)
 
 
 def test_an_outage_takes_fix_and_satellites_away() -> None:
@@ -214,6 +217,59 @@ def test_multipath_needs_buildings() -> None:
         GNSS_MULTIPATH(params, context())
 
 
+def body_fault(kind: FaultPlugin, **params: Any) -> BodyFault:
+    chosen = kind.params.model_validate(params)
+    (only,) = kind(chosen, context()).body_faults
+    return only
+
+
+def bodies(*places: tuple[float, float, float]) -> Disturbances:
+    return Disturbances(np.array(places), np.ones((len(places), 4)), np.zeros((len(places), 3)))
+
+
+def test_a_lost_motor_gives_the_rest_of_its_thrust_alone() -> None:
+    which = body_fault(MOTOR_LOSS, vehicles=["blue/b1", "blue/b2"], motor=3, loss=0.25)
+    before, after = bodies((0, 0, 0), (9, 0, 0)), bodies((0, 0, 0), (9, 0, 0))
+    assert which.on_bodies(2 * S - 1, before) == []
+    assert before.thrust_share.tolist() == [[1.0] * 4] * 2
+    assert which.on_bodies(2 * S, after) == [BodyAct("blue/b1", "motor"), BodyAct("blue/b2", "motor")]
+    assert after.thrust_share.tolist() == [[1.0, 1.0, 0.75, 1.0]] * 2
+    assert not after.wind_enu_mps.any()
+    assert which.on_bodies(3 * S, bodies((0, 0, 0), (9, 0, 0))) == []
+
+
+def test_a_gust_has_the_shape_of_half_a_cosine_along_its_way() -> None:
+    """MIL-F-8785C, 3.7.1.3: V/2·(1 - cos(π·x/d)); from the west, with 10 m/s, from the origin at 2 s on."""
+    which = body_fault(
+        GUST, vehicles=["blue/b1", "blue/b2"], speed_mps=8.0, up_mps=-2.0, from_deg=270, length_m=20, hold_m=10
+    )
+    found = {}
+    for at_ms in (1_999, 2_500, 3_000, 4_000, 5_000, 6_000, 7_000, 12_000):
+        moved = bodies((0.0, 50.0, 30.0), (60.0, 0.0, 3.0))
+        acts = which.on_bodies(at_ms * MS, moved)
+        found[at_ms] = (moved.wind_enu_mps[:, 0].tolist(), [act.vehicle for act in acts])
+        assert moved.wind_enu_mps[:, 1] == pytest.approx([0.0, 0.0], abs=1e-12)
+        assert moved.wind_enu_mps[:, 2] == pytest.approx(moved.wind_enu_mps[:, 0] / -4.0)
+        assert (moved.thrust_share == 1.0).all()
+    assert found[1_999] == ([0.0, 0.0], [])
+    assert found[2_500][0] == pytest.approx([4.0 * (1.0 - cos(pi * 5 / 20)), 0.0])
+    assert found[2_500][1] == ["blue/b1"]
+    assert [found[at][0][0] for at in (3_000, 4_000, 5_000, 6_000, 7_000)] == pytest.approx([4.0, 8.0, 8.0, 4.0, 0.0])
+    assert found[12_000][0] == pytest.approx([0.0, 4.0 * (1.0 - cos(pi * 10 / 20))])
+    assert found[12_000][1] == ["blue/b2"]
+
+
+def test_a_gust_meets_those_within_its_radius_and_fades_out_beyond() -> None:
+    given = {"speed_mps": 8.0, "length_m": 20, "hold_m": 1_000, "radius_m": 30, "at": [100, 0, 0]}
+    which = body_fault(GUST, vehicles=["blue/b1", "blue/b2", "blue/b3"], **given)
+    moved = bodies((130.0, 0.0, 30.0), (140.0, 0.0, 3.0), (150.1, 0.0, 0.0))
+    which.on_bodies(10 * S, moved)
+    assert moved.wind_enu_mps[:, 1] == pytest.approx([-8.0, -4.0, 0.0])
+    assert set(body_fault(GUST, up_mps=1.0).vehicles) == set(context().vehicles), "all, unless named"
+    with pytest.raises(ValueError, match="other than zero"):
+        GUST.params.model_validate({"from_deg": 90})
+
+
 def scenario_with(*tables: str) -> str:
     return FLEET + "".join(f"\n{table}\n" for table in tables)
 
@@ -258,7 +314,7 @@ def test_a_stranger_is_an_error_of_the_fault() -> None:
 def test_an_example_shows_its_kind(name: str) -> None:
     scenario = load(name)
     assert scenario.name == name
-    assert [fault.kind for fault in scenario.faults] == [name]
+    assert {fault.kind for fault in scenario.faults} == {name}
     assert not scenario.attacks
     assert scenario.duration_s <= 90
     build(scenario)

@@ -43,8 +43,8 @@ class Pack:
     def draw(self, shaft_w: float, seconds: float) -> None:
         self.work[0] = shaft_w * seconds
         battery.discharge(
-            seconds, self.parameters, np.zeros(1, dtype=np.int64), self.alive, self.work, self.charge, self.volts,
-            self.amperes, self.limit,
+            seconds, self.parameters, np.zeros(1, dtype=np.int64), self.alive, np.ones((1, 4)), self.work, self.charge,
+            self.volts, self.amperes, self.limit,
         )  # fmt: skip
 
 

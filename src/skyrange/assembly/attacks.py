@@ -70,6 +70,9 @@ def make_attacks(acts: Sequence[ActTable], context: AttackContext) -> MadeAttack
         except InputError as error:
             made.faults += [Problem(f"{where}.params.{f.where}", f.value, f.expected, f.hint) for f in error.problems]
             continue
+        if found.body_faults and not is_fault:
+            made.faults.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
+            continue
         names = [*context.links, *(spec.name for spec in found.links)]
         for tap in found.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):
@@ -117,6 +120,7 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         fault=isinstance(attack, FaultTable),
         agents=made.agents,
         faults=made.faults,
+        body_faults=made.body_faults,
         trigger=trigger,
         one_process=made.one_process,
         lasts_ns=NEVER if attack.for_s is None else from_seconds(attack.for_s),
@@ -129,6 +133,7 @@ def _row(attack: ActTable, made: Attack) -> dict[str, Any]:
     touches = [tap.match for tap in made.taps] + [spec.name for spec in made.links]
     touches += ["medium"] if made.radios else []
     touches += [f"sensors of {vehicle}" for fault in made.faults for vehicle in fault.vehicles]
+    touches += [f"body of {vehicle}" for fault in made.body_faults for vehicle in fault.vehicles]
     return {
         **attack.model_dump(exclude_none=True, mode="json"),
         "touches": touches,

@@ -166,4 +166,4 @@ def build(
 def _elsewhere(plan: AttackPlan) -> AttackPlan:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = plan.start_ns if plan.trigger is None else NEVER
-    return replace(plan, agents=(), faults=(), trigger=None, start_ns=start)
+    return replace(plan, agents=(), faults=(), body_faults=(), trigger=None, start_ns=start)

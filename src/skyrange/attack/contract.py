@@ -21,7 +21,7 @@ from skyrange.core.time import Epoch, Time
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
-    from skyrange.contracts.components import Agent, SensorFault
+    from skyrange.contracts.components import Agent, BodyFault, SensorFault
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
@@ -125,6 +125,8 @@ class Attack:
     """What this adversary needs, if it differs from what is said of the kind."""
     one_process: bool = False
     """Whether its parts share state, so that a live range must have all of them in one process."""
+    body_faults: Sequence[BodyFault] = ()
+    """What it does to bodies: of benign faults alone."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Protocols of the components that a kernel runs: agents, taps, sensor faults, triggers, engines, the world, observers.
+"""Protocols of the components that a kernel runs: agents, taps, faults, triggers, engines, the world, observers.
 
 `skyrange.testing` has a conformance check for each that a plugin may implement. Monitors, which detectors are, have a
 module of their own (`skyrange.contracts.monitors`), and so have radio media (`skyrange.contracts.medium`).
@@ -152,6 +152,47 @@ class SensorFault(Protocol):
 
         An autopilot takes a fix for a new one by its `gnss_time_ns`: an invented fix needs a time of its own. Returns
         the acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
+        """
+        ...
+
+
+@dataclass(slots=True)
+class Disturbances:
+    """What a body fault makes of its vehicles' bodies from one tick to the next: rows in the order of its vehicles."""
+
+    position_enu_m: Floats
+    """(n, 3) true position of the gear; not to be written."""
+    thrust_share: Floats
+    """(n, motors) thrust that each motor gives, as a share 0 to 1 of a sound motor's at the same command; all 1."""
+    wind_enu_mps: Floats
+    """(n, 3) motion of the air that comes on top of wind and turbulence; all 0."""
+
+
+class BodyAct(NamedTuple):
+    """One act of a body fault, to be labelled: the vehicle and the part of its body that it acted on."""
+
+    vehicle: str
+    part: str
+    """Such as "motor" or "wind"."""
+
+
+class BodyFault(Protocol):
+    """Acts on bodies: on the thrust of their motors and on the air around them. It belongs to a benign fault.
+
+    It is called once a tick, muted or not; while its fault does not act, what it writes is discarded. It is
+    deep-copyable and pure: what it does depends on what it was handed and on the time alone. It reads true positions,
+    as nature does; an attack may have none.
+    """
+
+    name: str
+    """The actor in labels; unique among the body faults of a run."""
+    vehicles: Sequence[str]
+    """The vehicles on whose bodies it acts: the rows of what it is handed, in this order."""
+
+    def on_bodies(self, now: Time, bodies: Disturbances) -> Sequence[BodyAct]:
+        """Write into `bodies` what holds from the tick at `now` to the next; several faults multiply and add up.
+
+        Returns the acts to be labelled: one where a disturbance begins or changes in kind, not one at every tick.
         """
         ...
 
@@ -364,6 +405,13 @@ class World(Protocol):
         """Set the poses of bodies that are not dynamic; the next tick continues from there.
 
         Raises `ValueError` for a pose that no body can have, and for a body that is dynamic.
+        """
+        ...
+
+    def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:
+        """Set what faults make of some bodies, until it is set anew; all 1 and 0 undo it.
+
+        `thrust_share` (rows, motors) 0 to 1 of a sound motor's thrust, `wind_enu_mps` (rows, 3) on top of the wind.
         """
         ...
 

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Agent, SensorFault, Tap, Trigger
+from skyrange.contracts.components import Agent, BodyFault, SensorFault, Tap, Trigger
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
@@ -191,3 +191,5 @@ class AttackPlan:
     fault: bool = False
     """Whether it is a benign fault, without an adversary: its labels are then marked so, and its events are named
     `event.fault_start` and `event.fault_stop`."""
+    body_faults: Sequence[BodyFault] = ()
+    """What a fault does to bodies; an attack has none."""

@@ -58,14 +58,15 @@ class Label(NamedTuple):
     """One act of an attack or a fault, written by the kernel: who did what to which frame or sensor, and when.
 
     `frame` is the frame acted on or put on the link, `child` the one that a replacement put in its place. `until_ns` is
-    set for delays. For "sensor", `frame` is the act's own id, whose link is the sensor: `gnss:blue/b1`.
+    set for delays. For "sensor" and "body", `frame` is the act's own id, whose link is the sensor or the part of the
+    body: `gnss:blue/b1`, `motor:blue/b1`.
     """
 
     at_ns: Time
     attack: str
     """Id of the attack, or of the fault."""
     actor: str
-    action: str  # drop | delay | replace | inject | send | sensor
+    action: str  # drop | delay | replace | inject | send | sensor | body
     frame: FrameId
     child: FrameId | None = None
     until_ns: Time | None = None

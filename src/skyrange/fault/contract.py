@@ -18,7 +18,8 @@ from skyrange.contracts.plugins import FAULTS, Plugin
 FaultContext = AttackContext
 """The context of a fault: that of an attack. Its `id` and `schedule` are the fault's own, and `sham` is false."""
 FaultParts = Attack
-"""The parts of a fault: taps, agents, sensor faults and links. `threat` and `radios` are those of attacks alone."""
+"""The parts of a fault: taps, agents, sensor faults, body faults and links. `threat` and `radios` are those of attacks
+alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,8 @@ class FaultPlugin(Plugin[AttackContext, Attack]):
     group: ClassVar[str] = FAULTS
 
     surface: Sequence[str] = ()
-    """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_data`), or sensors (`gnss`, `baro`)."""
+    """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_data`), sensors (`gnss`, `baro`), `motor` or
+    `wind`."""
     effect: str = ""
     """What changes for the aircraft or its operator, as a phrase: "the estimator stops aiding"."""
     cause: str = ""

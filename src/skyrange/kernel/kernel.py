@@ -34,6 +34,7 @@ from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
 from skyrange.kernel.attack_states import AttackState, AttackStates, takes_effect
+from skyrange.kernel.body_faults import BodyFaultInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors
@@ -103,6 +104,8 @@ class Kernel:
         self._world = wiring.world
         self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
+        moved = [vehicle for mount in wiring.engines for vehicle in mount.engine.moves]
+        self._body_faults = BodyFaultInjector(self._attacks.each, wiring.world, moved)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
         self._ended = False
@@ -267,7 +270,10 @@ class Kernel:
         faults = self._sensor_faults
         if faults.present:
             for attack, fault, act in faults.apply(now, world):
-                self._observers.label_sensor_act(now, attack, fault.name, act)
+                self._observers.label_fault_act(now, attack, fault.name, "sensor", act)
+        if self._body_faults.present:
+            for attack, cause, act in self._body_faults.apply(now, world):
+                self._observers.label_fault_act(now, attack, cause.name, "body", act)
         for slot in self._engines:
             box = slot.box
             inbox = box.collect() if box.full and now % box.service_ns == 0 else EMPTY_INBOX

@@ -1,6 +1,6 @@
 """Reports to the observers of a kernel: frames at their fate, notes, alerts, truth, and labels of hostile acts.
 
-Every label is written here, whether a tap, an attack's agent or a sensor fault acted.
+Every label is written here, whether a tap, an attack's agent, a sensor fault or a body fault acted.
 """
 
 from __future__ import annotations
@@ -76,10 +76,10 @@ class ObserverList:
             plan = slot.attack.plan
             self._report_label(Label(now, plan.id, slot.name, action, frame, child, until, plan.sham, plan.fault))
 
-    def label_sensor_act(self, now: Time, attack: AttackState, fault: str, act: FrameId) -> None:
-        """Label what a sensor fault did to a vehicle's sensor; `act` names the sensor as a link."""
+    def label_fault_act(self, now: Time, attack: AttackState, fault: str, action: str, act: FrameId) -> None:
+        """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
         plan = attack.plan
-        self._report_label(Label(now, plan.id, fault, "sensor", act, benign=plan.sham, fault=plan.fault))
+        self._report_label(Label(now, plan.id, fault, action, act, benign=plan.sham, fault=plan.fault))
 
     def _report_label(self, label: Label) -> None:
         for observer in self.members:

@@ -13,11 +13,12 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import SensorAct, SensorFault, Sensors, World
-from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
+from skyrange.contracts.components import SensorFault, Sensors, World
+from skyrange.core.errors import attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 Rows = slice | NDArray[np.int64]
@@ -31,7 +32,7 @@ class SensorFaultInjector:
         owned = [(attack, fault) for attack in attacks for fault in attack.plan.faults]
         owned.sort(key=lambda pair: (pair[0].id, pair[1].name))
         vehicles = list(world.vehicles) if world is not None else []
-        _check_faults(owned, vehicles)
+        check_faults("sensor fault", owned, vehicles)
         altered = sorted({vehicles.index(vehicle) for _, fault in owned for vehicle in fault.vehicles})
         self.present = bool(owned)
         """Whether there are any."""
@@ -42,7 +43,7 @@ class SensorFaultInjector:
             (attack, fault, self._place[np.array([vehicles.index(v) for v in fault.vehicles], dtype=np.int64)])
             for attack, fault in owned
         ]
-        self._act_counts: dict[tuple[str, str], int] = {}
+        self._acts = ActCounter("sensor fault")
         self._readings: Sensors | None = None
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId]]:
@@ -58,7 +59,7 @@ class SensorFaultInjector:
             if takes_effect(attack, now):
                 for name in _ARRAYS:
                     getattr(table, name)[places] = getattr(rows, name)
-                found += [(attack, fault, self._number_act(fault, act)) for act in done]
+                found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
         self._readings = table
         return found
 
@@ -76,33 +77,6 @@ class SensorFaultInjector:
             array.flags.writeable = False
         return sensors
 
-    def _number_act(self, fault: SensorFault, act: SensorAct) -> FrameId:
-        if act.vehicle not in fault.vehicles:
-            raise ComponentError(f"sensor fault {fault.name}", f"reports an act on {act.vehicle}, which is not its own")
-        link = f"{act.sensor}:{act.vehicle}"
-        serial = self._act_counts.get((fault.name, link), 0)
-        self._act_counts[fault.name, link] = serial + 1
-        return FrameId(link, "fwd", fault.name, serial)
-
 
 def _copy(sensors: Sensors) -> Sensors:
     return Sensors(*(np.array(getattr(sensors, name)) for name in _ARRAYS))
-
-
-def _check_faults(owned: Sequence[tuple[AttackState, SensorFault]], vehicles: Sequence[str]) -> None:
-    problems = []
-    seen: set[str] = set()
-    for attack, fault in owned:
-        if fault.name in seen:
-            problems.append(Problem(f"{attack.id}.faults", repr(fault.name), "a name that no other sensor fault has"))
-        seen.add(fault.name)
-        problems += [
-            Problem(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "a vehicle", nearest(vehicle, vehicles))
-            for vehicle in fault.vehicles
-            if vehicle not in vehicles
-        ]
-        if len(set(fault.vehicles)) < len(fault.vehicles):
-            repeated = repr(list(fault.vehicles))
-            problems.append(Problem(f"{attack.id}.{fault.name}.vehicles", repeated, "each vehicle once"))
-    if problems:
-        raise InputError("wiring", problems)

@@ -160,9 +160,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
     "labels": (
         Column("at_ns", _I64, "ns", f"when the act took place, {_TIME}"),
         Column("attack", NAME, "", "the id of the attack, or of the fault where `fault` is true"),
-        Column("actor", NAME, "", "the tap, agent or sensor fault that acted"),
-        Column("action", NAME, "", "drop, delay, replace, inject, send or sensor"),
-        Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor"),
+        Column("actor", NAME, "", "the tap, agent, sensor fault or body fault that acted"),
+        Column("action", NAME, "", "drop, delay, replace, inject, send, sensor or body"),
+        Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor or a body"),
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
         Column("benign", pa.bool_(), "", "whether the act is that of a sham, which harms nobody"),

@@ -74,6 +74,7 @@ def discharge(
     parameters: Floats,
     airframe: NDArray[np.int64],
     alive: NDArray[np.uint8],
+    speed_share: Floats,
     work_j: Floats,
     charge: Floats,
     volts: Floats,
@@ -83,7 +84,8 @@ def discharge(
     """Subtract the energy of the last `step_s` seconds (0 only reads), and compute the rotor speeds at full command.
 
     Shapes, n aircraft: `parameters` (airframes, numbers), `airframe` (n,), `alive` (n, motors) 0 where a motor is
-    lost, `work_j` (n,) used and cleared, `charge` (n,) 0…1, `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
+    lost, `speed_share` (n, motors) 0…1 of a sound motor's speed, `work_j` (n,) used and cleared, `charge` (n,) 0…1,
+    `volts` and `amperes` (n,), `limit` (n, motors) in rad/s.
     """
     for i in range(charge.shape[0]):
         p = parameters[airframe[i]]
@@ -102,4 +104,15 @@ def discharge(
         if charge[i] == 0.0:
             volts[i] = amperes[i] = full = 0.0
         for m in range(MOTORS):
-            limit[i, m] = full * alive[i, m]
+            limit[i, m] = full * alive[i, m] * speed_share[i, m]
+
+
+def speed_limits(
+    parameters: Floats, alive: NDArray[np.uint8], speed_share: Floats, volts: Floats
+) -> NDArray[np.float64]:
+    """The rotor speeds at full command (n, motors) in rad/s that `discharge` computes, of batteries at `volts` (n,).
+
+    `parameters` (n, numbers) are those of each aircraft, the other arguments as there.
+    """
+    full = parameters[:, _RADPS_PER_V] * volts
+    return full[:, np.newaxis] * alive * speed_share

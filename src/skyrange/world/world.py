@@ -94,7 +94,10 @@ class World:
         self._work_j = np.zeros(n)
         self._discharged_ns: Time = 0
         self._alive = np.ones((n, MOTORS), dtype=np.uint8)
+        self._speed_share = np.ones((n, MOTORS))
         self._limit = np.zeros((n, MOTORS))
+        self._mean_air: Floats | None = None  # the air without gusts, from the first gust on
+        self._gust_mps = np.zeros((n, 3))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._imposed = ImposedPoses(n, step_s)
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
@@ -246,9 +249,11 @@ class World:
             self._velocity,
             self._height,
             self._gusts,
-            self._air,
+            self._air if self._mean_air is None else self._mean_air,
         )
         self._gusted_ns = now
+        if self._mean_air is not None:
+            self._blow(self._mean_air)
 
     def _discharge(self, seconds: float) -> None:
         battery.discharge(
@@ -256,6 +261,7 @@ class World:
             self._batteries,
             self._airframe,
             self._alive,
+            self._speed_share,
             self._work_j,
             self._charge,
             self._battery_v,
@@ -292,6 +298,29 @@ class World:
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:
         """Set motor commands, (rows, motors) in 0…1; values beyond are clipped by the motors, a NaN stops one."""
         self._commands[rows] = actuators
+
+    def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:
+        """Set what faults make of some bodies, until it is set anew; all 1 and 0 undo it.
+
+        `thrust_share` (rows, motors) 0 to 1 of a sound motor's thrust, `wind_enu_mps` (rows, 3) on top of the wind.
+        A motor with a share s of its thrust turns at √s of its speed at every command, because thrust is k·ω².
+        """
+        share = np.sqrt(thrust_share)
+        if (share != self._speed_share[rows]).any():
+            self._speed_share[rows] = share
+            self._limit[rows] = battery.speed_limits(
+                self._batteries[self._airframe[rows]], self._alive[rows], share, self._battery_v[rows]
+            )
+        if self._mean_air is None:
+            if not wind_enu_mps.any():
+                return
+            self._mean_air = self._air.copy()
+        self._gust_mps[rows] = wind_enu_mps
+        self._blow(self._mean_air)
+
+    def _blow(self, mean_air: Floats) -> None:
+        """The air's velocity, with the gusts of faults; without one it is the mean to the bit."""
+        self._air[:] = np.where(self._gust_mps != 0.0, mean_air + self._gust_mps, mean_air)
 
     @property
     def sources(self) -> Sequence[Source]:

@@ -1,7 +1,7 @@
 """Shipped scenarios, and the file of a NAME or FILE.
 
-Each kind of attack has an example, `attacks/KIND.toml`, whose name is that of the kind. Some kinds of
-benign faults have one, `faults/KIND.toml`.
+Each kind of attack has an example, `attacks/KIND.toml`, and each kind of benign fault has one, `faults/KIND.toml`; its
+name is that of the kind.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Consequences of hostile acts that no frame id leads to: states that stay in force, and silence.
 
-Frames and notes name the frames that caused them. Three kinds of consequence have no such cause. A collision follows
+Frames and notes name the frames that caused them. Four kinds of consequence have no such cause. A collision follows
 from the mode, target or mission in force, which a hostile frame set before. An estimator's event follows from sensor
-readings that were falsified. A lost link or an expired track follows from frames that did not arrive. `follow` finds
-these in the order of time.
+readings that were falsified, and a crash from a lost motor or a gust. A lost link or an expired track follows from
+frames that did not arrive. `follow` finds these in the order of time.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 from skyrange.core.ids import FrameId
 from skyrange.study.measures.time_series import RecordedNote
 
-LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY = (
-    "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery",
+LINK, MODE, MISSION, TARGET, PARAMETERS, FENCE, ESTIMATE, BATTERY, FORCES = (
+    "link", "mode", "mission", "target", "parameters", "fence", "estimate", "battery", "forces",
 )  # fmt: skip
 
 _SETS: Final[Mapping[str, str]] = {
@@ -33,22 +33,22 @@ _SETS: Final[Mapping[str, str]] = {
 """The state that a note about an aircraft sets; it is in force until the next note that sets it."""
 
 _FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
-    "event.collision": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
-    "event.crash": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
-    "event.contact": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
-    "event.fence_breach": (FENCE, TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
+    "event.collision": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.crash": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.contact": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
+    "event.fence_breach": (FENCE, TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
     "event.battery": (BATTERY, TARGET, MODE, MISSION, PARAMETERS, LINK),
     "event.glitch": (ESTIMATE,),
     "event.estimator": (ESTIMATE,),
     "event.ekf_failsafe": (ESTIMATE,),
-    "event.mode": (LINK, ESTIMATE, FENCE, TARGET, MISSION, PARAMETERS),
-    "event.landed": (MODE, TARGET, MISSION),
-    "event.disarmed": (MODE, TARGET, MISSION),
-    "event.item_reached": (MISSION, ESTIMATE),
-    "event.outcome": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS),
-    "decision.failed": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS),
+    "event.mode": (LINK, ESTIMATE, FENCE, TARGET, MISSION, PARAMETERS, FORCES),
+    "event.landed": (MODE, TARGET, MISSION, FORCES),
+    "event.disarmed": (MODE, TARGET, MISSION, FORCES),
+    "event.item_reached": (MISSION, ESTIMATE, FORCES),
+    "event.outcome": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
+    "decision.failed": (LINK, MODE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
     "decision.link_lost": (LINK,),
-    "near_miss": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK),
+    "near_miss": (TARGET, MODE, MISSION, ESTIMATE, PARAMETERS, LINK, FORCES),
 }
 """The states from which a note may follow that names no hostile frame itself."""
 
@@ -57,7 +57,7 @@ _MODE_FOLLOWS: Final[Mapping[str, tuple[str, ...]]] = {
     "radio_failsafe": (LINK,),
     "ekf_failsafe": (ESTIMATE,),
     "gps_glitch": (ESTIMATE,),
-    "fence_breached": (FENCE, TARGET, MISSION, ESTIMATE, PARAMETERS),
+    "fence_breached": (FENCE, TARGET, MISSION, ESTIMATE, PARAMETERS, FORCES),
     "battery_failsafe": (BATTERY, TARGET, MISSION, PARAMETERS, LINK),
 }
 """The same for a change of mode, by its reason; a change for another reason follows from what its causes name."""
@@ -166,6 +166,8 @@ def _take_act(in_force: _InForce, act: Act) -> None:
     if act.action == "sensor":
         state = BATTERY if act.frame.startswith("battery:") else ESTIMATE
         in_force.add(act.vehicle, state, act.attack, origin)
+    elif act.action == "body":
+        in_force.add(act.vehicle, FORCES, act.attack, origin)
     elif act.action in ("drop", "delay"):
         in_force.add(act.vehicle, LINK, act.attack, origin)
 

@@ -23,7 +23,7 @@ from skyrange.testing.rules import Broken, RuleBook, need, same, short
 ID = "checked"
 """The attack's id while it is checked."""
 Row = tuple[Any, ...]
-ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor"})
+ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor", "body"})
 """Kinds of acts, as in the table `labels`."""
 
 ATTACK: RuleBook[AttackCase] = RuleBook("attack")
@@ -119,7 +119,7 @@ class AttackCase:
             attack, schedule = self.made(sham)
             plan = AttackPlan(
                 ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
-                fault=isinstance(self.kind, FaultPlugin),
+                fault=isinstance(self.kind, FaultPlugin), body_faults=attack.body_faults,
             )  # fmt: skip
             taps = [replace(tap, attack=ID) for tap in attack.taps]
             wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
@@ -154,7 +154,7 @@ def check_attack(
     `scenario(duration_s)`, a scenario without attacks; by default two aircraft, `blue/b1` and `green/g1`, which arm
     about 3 s after the start and then fly squares. `duration_s` is by default 2 s longer than `stop_s`. `acts` says
     what the attack is expected to do in that time: something (True), perhaps nothing (False), or acts of exactly these
-    kinds, of drop, delay, replace, inject, send and sensor.
+    kinds, of drop, delay, replace, inject, send, sensor and body.
 
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
@@ -221,10 +221,16 @@ def _makes(case: AttackCase) -> None:
 @ATTACK.rule("named", "Names its agents and links after its id, so that two attacks of a kind go together.")
 def _named(case: AttackCase) -> None:
     attack, _ = case.made()
-    names = [agent.name for agent in attack.agents] + [fault.name for fault in attack.faults]
+    names = [agent.name for agent in attack.agents]
+    names += [fault.name for faults in (attack.faults, attack.body_faults) for fault in faults]
     names += [spec.name.partition(":")[2] for spec in attack.links]
     for name in names:
         need(name == ID or name.startswith(f"{ID}."), f"is called {name!r}", f"{ID!r} or {ID + '.'!r} and more")
+
+
+@ATTACK.rule("forces", "Acts on no bodies: it has no body faults, which nature has.")
+def _forces(case: AttackCase) -> None:
+    need(not case.made()[0].body_faults, "has body faults", "agents, taps, sensor faults, links and radios")
 
 
 @ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
@@ -339,7 +345,7 @@ FAULT.rule("copies", "Forked while it acts, goes on as it would have, and so doe
 @FAULT.rule("benign", "Is called a fault in every label and event, never an attack, and has no radio.")
 def _benign(case: AttackCase) -> None:
     parts, _ = case.made()
-    need(not parts.radios, "has a radio", "taps, agents, sensor faults and links")
+    need(not parts.radios, "has a radio", "taps, agents, sensor faults, body faults and links")
     flight = case.fly()
     for label in flight.seen.labels:
         need(label.fault and not label.benign, f"did an act that is labelled {short(label)}", "a label of a fault")

@@ -206,8 +206,9 @@ class BuiltinFleet(EngineBase):
         try:
             message = decode(arrival.payload)
         except DecodeError as error:
-            vehicle.bad_frames += 1
-            fleet.note("event.bad_frame", vehicle, {"error": str(error)[:200]}, (arrival.ref,))
+            count = vehicle.bad_frames = vehicle.bad_frames + 1
+            if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
+                fleet.note("event.bad_frame", vehicle, {"count": count, "error": str(error)[:200]}, (arrival.ref,))
             return
         peer = (message.get_srcSystem(), message.get_srcComponent())
         if peer == (vehicle.system_id, COMPONENT_ID):

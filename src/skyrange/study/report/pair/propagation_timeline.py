@@ -71,6 +71,8 @@ def _step(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
     what = str(row["kind"]).removeprefix("decision.").removeprefix("event.").replace("_", " ")
     if row["kind"] == "sensor" and row["link"]:
         what = f"alters {row['link'].partition(':')[0]}"
+    if row["kind"] == "body" and row["link"]:
+        what = f"acts on {row['link'].partition(':')[0]}"
     if row["phase"] == "effect":
         what = f"departs from the twin, by up to {row['departure_m']:.1f} m"
     depth = str(row["depth"]) if row["depth"] is not None else quantities.MISSING

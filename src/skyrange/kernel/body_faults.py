@@ -1,0 +1,90 @@
+"""Body faults: what the benign faults of a kernel make of the motors of aircraft and of the air around them.
+
+At each tick every body fault is asked what it makes of its vehicles from there to the next tick. What those that act
+have written is combined, products of thrust and sums of wind, and handed to the world. The world is not touched before
+one acts, and is told once when the last has ended.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.contracts.components import BodyFault, Disturbances, World
+from skyrange.core.errors import InputError, Problem, attribute_error
+from skyrange.core.ids import FrameId
+from skyrange.core.time import Time
+from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.fault_acts import ActCounter, check_faults
+
+
+class BodyFaultInjector:
+    """The body faults of one kernel."""
+
+    def __init__(self, attacks: Sequence[AttackState], world: World | None, imposed: Container[str]) -> None:
+        """`imposed` are the vehicles whose poses an engine imposes.
+
+        Raises `InputError` for a body fault of an attack, a name used twice, or a vehicle that the world does not have
+        or does not move.
+        """
+        owned = [(attack, fault) for attack in attacks for fault in attack.plan.body_faults]
+        owned.sort(key=lambda pair: (pair[0].id, pair[1].name))
+        vehicles = list(world.vehicles) if world is not None else []
+        check_faults("body fault", owned, vehicles)
+        _check_bodies(owned, imposed)
+        altered = sorted({vehicles.index(vehicle) for _, fault in owned for vehicle in fault.vehicles})
+        self.present = bool(owned)
+        """Whether there are any."""
+        self._rows = np.array(altered, dtype=np.int64)
+        self._owned = [
+            (attack, fault, np.array([altered.index(vehicles.index(v)) for v in fault.vehicles], dtype=np.int64))
+            for attack, fault in owned
+        ]
+        self._acts = ActCounter("body fault")
+        self._disturbed = False
+        self._motors = 0
+
+    def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
+        """Ask every body fault, and disturb the world by those that act; returns each act with its own id."""
+        position, _ = world.motion()
+        motors = self._motors = self._motors or world.sensors(self._rows).rotor_radps.shape[1]
+        total = _undisturbed(position[self._rows], motors)
+        acting = False
+        found = []
+        for attack, fault, places in self._owned:
+            bodies = _undisturbed(total.position_enu_m[places], motors)
+            try:
+                done = list(fault.on_bodies(now, bodies))
+            except Exception as error:
+                raise attribute_error(f"body fault {fault.name}", now, error) from error
+            if takes_effect(attack, now):
+                acting = True
+                total.thrust_share[places] *= bodies.thrust_share
+                total.wind_enu_mps[places] += bodies.wind_enu_mps
+                found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
+        if acting or self._disturbed:
+            world.disturb(self._rows, total.thrust_share, total.wind_enu_mps)
+        self._disturbed = acting
+        return found
+
+
+def _undisturbed(position: NDArray[np.float64], motors: int) -> Disturbances:
+    return Disturbances(position, np.ones((len(position), motors)), np.zeros((len(position), 3)))
+
+
+def _check_bodies(owned: Sequence[tuple[AttackState, BodyFault]], imposed: Container[str]) -> None:
+    problems = [
+        Problem(f"{attack.id}.body_faults", repr(fault.name), "none: only a benign fault acts on bodies")
+        for attack, fault in owned
+        if not attack.plan.fault
+    ]
+    problems += [
+        Problem(f"{attack.id}.{fault.name}.vehicles", repr(vehicle), "an aircraft that the world moves")
+        for attack, fault in owned
+        for vehicle in fault.vehicles
+        if vehicle in imposed
+    ]
+    if problems:
+        raise InputError("wiring", problems)
