@@ -11,6 +11,7 @@ from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.attacks import check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.city import build_city
 from skyrange.assembly.detectors import build_detectors, describe_monitor
+from skyrange.assembly.honest_arm import describe_aircraft
 from skyrange.assembly.network import build_network
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan
@@ -82,7 +83,7 @@ def build(
     city = build_city(scenario)
     scenario = apply_placing(scenario, city)
     links, all_routes = build_network(scenario)
-    made = make_attacks(scenario.acts, make_attack_context(scenario, links, city))
+    made = make_attacks(scenario, make_attack_context(scenario, links, city))
     faults = [
         *check_starts(scenario, city),
         *made.faults,
@@ -103,7 +104,7 @@ def build(
     plans = {
         vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
     }
-    world, engines = build_aircraft(scenario, city, chance, motion) if whole else (None, [])
+    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft) if whole else (None, [])
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:
@@ -149,6 +150,7 @@ def build(
         make_header(scenario, city, links, plans)
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
         | ({"faults": made.fault_rows} if made.fault_rows else {})
+        | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,
