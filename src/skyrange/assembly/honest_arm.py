@@ -138,6 +138,4 @@ def describe_aircraft(aircraft: Sequence[HonestAircraft], scenario: Scenario) ->
 
 def aircraft_of(attack: ActTable, made: Attack, schedule: Any) -> list[HonestAircraft]:
     """The real aircraft of an attack."""
-    return [
-        HonestAircraft(attack.id, HonestBody(owner_of(claim.radio), claim, schedule)) for claim in made.claims
-    ]
+    return [HonestAircraft(attack.id, HonestBody(owner_of(claim.radio), claim, schedule)) for claim in made.claims]

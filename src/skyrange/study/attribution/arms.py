@@ -48,7 +48,9 @@ def acting_attacks(scenario: Scenario) -> dict[str, Counterfactual]:
     Those declared muted, sham or honest are not among them.
     """
     found: dict[str, Counterfactual] = {
-        attack.id: attack.plugin.counterfactual for attack in scenario.attacks if not attack.muted and not attack.sham and not attack.honest
+        attack.id: attack.plugin.counterfactual
+        for attack in scenario.attacks
+        if not attack.muted and not attack.sham and not attack.honest
     }
     return found | dict.fromkeys(acting_faults(scenario), "mute")
 

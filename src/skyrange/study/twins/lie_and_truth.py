@@ -57,6 +57,34 @@ _MEASURED: Final = (
 )  # fmt: skip
 
 
+REACTIONS: Final[tuple[tuple[str, str, str, float, int], ...]] = (
+    ("avoids", "avoids_s", "s", 1.0, 1),
+    ("departs", "departed_s", "s", 1.0, 1),
+    ("by", "departure_m", "m", 1.0, 1),
+    ("delay", "delay_s", "s", 1.0, 1),
+    ("detour", "extra_distance_m", "m", 1.0, 1),
+    ("energy", "extra_energy_j", "kJ", 1e-3, 2),
+    ("near misses", "near_misses", "", 1.0, 0),
+    ("collisions", "collisions", "", 1.0, 0),
+)
+"""Reactions as they are shown: title, column, unit, factor and decimals."""
+
+
+def reacts(row: Mapping[str, Any]) -> bool:
+    """Whether an aircraft did anything about the lie or about the truth."""
+    names = ("avoids_s", "departed_s", "near_misses", "collisions")
+    return any(row[name] or row[truth_name(name)] for name in names)
+
+
+def format_reaction(row: Mapping[str, Any], name: str, unit: str, factor: float, decimals: int) -> str:
+    """Both values of a column, as `lie → truth unit`; one where they are shown alike."""
+    values = (row[name], row[truth_name(name)])
+    if values == (None, None):
+        return "–"
+    shown = ["–" if value is None else f"{value * factor:.{decimals}f}" for value in values]
+    return f"{' → '.join(dict.fromkeys(shown))} {unit}".rstrip()
+
+
 def truth_name(name: str) -> str:
     """The name of the honest run's column beside that of the attacked run."""
     column = next(place for place, one in enumerate(COLUMNS) if one.name == name)
