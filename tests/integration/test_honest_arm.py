@@ -224,7 +224,7 @@ def test_a_claim_that_no_aircraft_can_keep_is_refused(was: str, now: str, says: 
 
 
 def test_a_ghost_inside_a_building_is_refused(tmp_path: Path) -> None:
-    scenario = load_text(RID_SPOOFING.replace("at = [0, 290, 30]", "at = [70, 290, 30], transmitter_m = [0, 290, 2]"))
+    scenario = load_text(RID_SPOOFING.replace("at = [0, 290, 30]", "at = [40, 200, 30], transmitter_m = [0, 290, 2]"))
     with pytest.raises(InputError, match="inside"):
         pair(scenario, tmp_path / "out", honest=True)
 

@@ -13,7 +13,7 @@ from skyrange.city.city import City
 from skyrange.contracts.claims import ClaimedTrack
 from skyrange.core.errors import Problem
 from skyrange.core.ids import owner_of, vehicle_id
-from skyrange.core.time import NS_PER_S, Time, from_seconds
+from skyrange.core.time import Time
 from skyrange.kernel import EngineMount
 from skyrange.scenario.model.attacks import ActTable, AttackTable
 from skyrange.scenario.model.scenario import Scenario

@@ -144,8 +144,18 @@ def pair(
 ) -> None:
     """Run a scenario with and without its attacks and faults, compare the runs, and name what caused each effect."""
     runs.load_plugins(plugin)
-    which = arms.value if arms is not None else None
-    runs.pair(scenario, out, which, honest, seeds, jobs, seed, buildings, changes or [], as_json)
+    runs.pair(
+        scenario,
+        out,
+        arms.value if arms is not None else None,
+        honest,
+        seeds,
+        jobs,
+        seed,
+        buildings,
+        changes or [],
+        as_json,
+    )
 
 
 @app.command(epilog="Example: skyrange show runs/squares")

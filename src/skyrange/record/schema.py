@@ -169,7 +169,7 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "benign",
             pa.bool_(),
             "",
-            "whether the act is that of a sham or of a real aircraft in the honest arm, which harm nobody",
+            "whether the act is of a sham or of an honest aircraft, which harm nobody",
         ),
         Column("fault", pa.bool_(), "", "whether the act is that of a benign fault, which has no adversary"),
     ),

@@ -85,8 +85,8 @@ def pair(
     of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `nominal` (attacked and nominal), `sham` (the
     sham as well), `each` (each attack alone and each left out as well) or `subsets` (every subset of the attacks); the
     default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
-    seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims that
-    one is and sends the same bytes (`honest.parquet`); it raises `InputError` if no attack claims any, or if no
+    seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims
+    that one is and sends the same bytes (`honest.parquet`); it raises `InputError` if no attack claims any, or if no
     aircraft can fly where it is claimed. `jobs` is the number of parallel runs, by default one per core. Raises
     `InputError`, before anything is written, for a scenario without attacks or faults that act; `ComponentError` if a
     run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.

@@ -201,8 +201,8 @@ class World:
         Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for another;
         `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the speed is its
         last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each aircraft in
-        it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose of a body that existed before was far away. Raises
-        `ValueError` if `now` is before the last tick.
+        it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose was far away, of a
+        body that has not just appeared. Raises `ValueError` if `now` is before the last tick.
         """
         if self._now is None:
             self._now = self._discharged_ns = now

@@ -90,10 +90,10 @@ def _print_lie_and_truth(console: Console, result: Pair) -> None:
         title_justify="left", title_style="bold",
     )  # fmt: skip
     table.add_column("aircraft", no_wrap=True)
-    for title, *_ in REACTIONS:
-        table.add_column(title, justify="right", no_wrap=True)
+    for one in REACTIONS:
+        table.add_column(one.title, justify="right", no_wrap=True)
     for row in sorted(shown, key=lambda row: -max(row["departure_m"], row[truth_name("departure_m")]))[:MAX_AIRCRAFT]:
-        table.add_row(row["vehicle"], *(format_reaction(row, *how) for _, *how in REACTIONS))
+        table.add_row(row["vehicle"], *(format_reaction(row, one) for one in REACTIONS))
     console.print(table)
 
 

@@ -50,7 +50,7 @@ def acting_attacks(scenario: Scenario) -> dict[str, Counterfactual]:
     found: dict[str, Counterfactual] = {
         attack.id: attack.plugin.counterfactual
         for attack in scenario.attacks
-        if not attack.muted and not attack.sham and not attack.honest
+        if not (attack.muted or attack.sham or attack.honest)
     }
     return found | dict.fromkeys(acting_faults(scenario), "mute")
 

@@ -1,14 +1,14 @@
 """Lie against truth: what each aircraft does about a claimed aircraft, and about a real one that sends the same bytes.
 
-Both the attacked and the honest run are compared with the baseline, in which no aircraft is claimed. Their difference is
-what the lie does beyond what the truth would do: zero for an aircraft that cannot tell the one from the other and meets
-neither.
+Both the attacked and the honest run are compared with the baseline, in which no aircraft is claimed. Their difference
+is what the lie does beyond what the truth would do: zero for an aircraft that cannot tell the one from the other and
+meets neither.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import pyarrow as pa
 
@@ -57,17 +57,27 @@ _MEASURED: Final = (
 )  # fmt: skip
 
 
-REACTIONS: Final[tuple[tuple[str, str, str, float, int], ...]] = (
-    ("avoids", "avoids_s", "s", 1.0, 1),
-    ("departs", "departed_s", "s", 1.0, 1),
-    ("by", "departure_m", "m", 1.0, 1),
-    ("delay", "delay_s", "s", 1.0, 1),
-    ("detour", "extra_distance_m", "m", 1.0, 1),
-    ("energy", "extra_energy_j", "kJ", 1e-3, 2),
-    ("near misses", "near_misses", "", 1.0, 0),
-    ("collisions", "collisions", "", 1.0, 0),
+class Reaction(NamedTuple):
+    """A column as it is shown."""
+
+    title: str
+    column: str
+    unit: str
+    factor: float
+    decimals: int
+
+
+REACTIONS: Final = (
+    Reaction("avoids", "avoids_s", "s", 1.0, 1),
+    Reaction("departs", "departed_s", "s", 1.0, 1),
+    Reaction("by", "departure_m", "m", 1.0, 1),
+    Reaction("delay", "delay_s", "s", 1.0, 1),
+    Reaction("detour", "extra_distance_m", "m", 1.0, 1),
+    Reaction("energy", "extra_energy_j", "kJ", 1e-3, 2),
+    Reaction("near misses", "near_misses", "", 1.0, 0),
+    Reaction("collisions", "collisions", "", 1.0, 0),
 )
-"""Reactions as they are shown: title, column, unit, factor and decimals."""
+"""The columns that are shown, of both runs side by side."""
 
 
 def reacts(row: Mapping[str, Any]) -> bool:
@@ -76,8 +86,9 @@ def reacts(row: Mapping[str, Any]) -> bool:
     return any(row[name] or row[truth_name(name)] for name in names)
 
 
-def format_reaction(row: Mapping[str, Any], name: str, unit: str, factor: float, decimals: int) -> str:
+def format_reaction(row: Mapping[str, Any], shown_as: Reaction) -> str:
     """Both values of a column, as `lie → truth unit`; one where they are shown alike."""
+    _, name, unit, factor, decimals = shown_as
     values = (row[name], row[truth_name(name)])
     if values == (None, None):
         return "–"

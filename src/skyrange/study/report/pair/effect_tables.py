@@ -65,14 +65,14 @@ def render_lie_and_truth(subject: Subject, rows: Sequence[Row]) -> Markup:
             "place": places[row["vehicle"]],
             "quiet": not reacts(row),
             "numbers": [
-                *(format_reaction(row, *how) for _, *how in REACTIONS),
+                *(format_reaction(row, one) for one in REACTIONS),
                 _change(row["min_separation_m"], row[truth_name("min_separation_m")]),
                 ((f"{row['apart_m']:.1f}", "m"),),
             ],
         }
         for row in ordered[:MAX_ROWS]
     ]
-    titles = [title for title, *_ in REACTIONS] + ["least separation", "lie from truth at most"]
+    titles = [one.title for one in REACTIONS] + ["least separation", "lie from truth at most"]
     return render("pair/honest.html.jinja", rows=shown, titles=titles, total=len(rows))
 
 
