@@ -220,13 +220,13 @@ class World:
     def _tick(self, start: Time) -> Sequence[Note]:
         """One quantum from `start`."""
         end = self._now = start + self.quantum_ns
-        self._present[:] = self._soon_present
         if self._wind.turbulence_mps > 0.0 and (
             self._gusted_ns is None or start // turbulence.GUST_NS > self._gusted_ns // turbulence.GUST_NS
         ):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
         if len(self._imposed.rows):
+            self._present[:] = self._soon_present
             events += self._imposed.follow(*self._followed)
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             self._discharge((end - self._discharged_ns) / NS_PER_S)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
 from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city
-from skyrange.study.twins.lie_and_truth import REACTIONS, format_reaction, reacts, truth_name
+from skyrange.study.twins.lie_and_truth import REACTIONS, format_values, reacts, truth_name
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -86,14 +86,14 @@ def _print_lie_and_truth(console: Console, result: Pair) -> None:
         console.print("no aircraft reacted to the claimed aircraft, nor to a real one in its place")
         return
     table = Table(
-        title=f"lie → truth: the claimed aircraft, and a real one that sends the same, seed {result.seeds[0]}",
+        title=f"lie against truth: the claimed aircraft, and a real one in its place, seed {result.seeds[0]}",
         title_justify="left", title_style="bold",
     )  # fmt: skip
-    table.add_column("aircraft", no_wrap=True)
-    for one in REACTIONS:
-        table.add_column(one.title, justify="right", no_wrap=True)
+    for column in ("aircraft", "", "lie", "truth"):
+        table.add_column(column, justify="right" if column in ("lie", "truth") else "left", no_wrap=True)
     for row in sorted(shown, key=lambda row: -max(row["departure_m"], row[truth_name("departure_m")]))[:MAX_AIRCRAFT]:
-        table.add_row(row["vehicle"], *(format_reaction(row, one) for one in REACTIONS))
+        for number, one in enumerate(REACTIONS):
+            table.add_row("" if number else row["vehicle"], one.title, *format_values(row, one))
     console.print(table)
 
 

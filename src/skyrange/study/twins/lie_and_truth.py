@@ -86,14 +86,19 @@ def reacts(row: Mapping[str, Any]) -> bool:
     return any(row[name] or row[truth_name(name)] for name in names)
 
 
-def format_reaction(row: Mapping[str, Any], shown_as: Reaction) -> str:
-    """Both values of a column, as `lie → truth unit`; one where they are shown alike."""
+def format_values(row: Mapping[str, Any], shown_as: Reaction) -> tuple[str, str]:
+    """The values of a column in the attacked and in the honest run, with their unit; "–" for none."""
     _, name, unit, factor, decimals = shown_as
-    values = (row[name], row[truth_name(name)])
-    if values == (None, None):
-        return "–"
-    shown = ["–" if value is None else f"{value * factor:.{decimals}f}" for value in values]
-    return f"{' → '.join(dict.fromkeys(shown))} {unit}".rstrip()
+    lie, truth = (
+        "–" if value is None else f"{value * factor:.{decimals}f} {unit}".rstrip()
+        for value in (row[name], row[truth_name(name)])
+    )
+    return lie, truth
+
+
+def format_reaction(row: Mapping[str, Any], shown_as: Reaction) -> str:
+    """Both values of a column, as `lie → truth`; one where they are shown alike."""
+    return " → ".join(dict.fromkeys(format_values(row, shown_as)))
 
 
 def truth_name(name: str) -> str:
