@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from skyrange.assembly.build import build
+from skyrange.attack.remote_id.jam import JAM
+from skyrange.attack.remote_id.spoof import SPOOF
 from skyrange.codec.f3411 import Location, MessagePack, decode
 from skyrange.codec.remote_id import link_payload
 from skyrange.core.errors import InputError
@@ -21,6 +24,7 @@ from skyrange.study.measures.aircraft_measures import read_ticks
 from skyrange.study.measures.near_misses import near_misses
 from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair
+from skyrange.testing import NonConformance, check_attack
 from tests.integration.twin_range import RID_SPOOFING, before, plain
 
 MOVING = """
@@ -240,3 +244,10 @@ def test_an_attack_that_claims_no_aircraft_has_no_honest_arm(tmp_path: Path) -> 
 def test_a_study_asks_for_it_by_name() -> None:
     scenario = scenario_of(load_text(plain(more=MOVING)), Arm(HONEST), 3)
     assert (scenario.attacks[0].honest, scenario.attacks[0].sham, scenario.attacks[0].muted) == (True, False, False)
+
+
+def test_a_kind_that_claims_aircraft_has_to_say_so() -> None:
+    with pytest.raises(NonConformance, match="AttackPlugin.honest"):
+        check_attack(replace(SPOOF, honest=False), {"at": [30.0, 0.0, 20.0]})
+    with pytest.raises(NonConformance, match="ClaimedTrack"):
+        check_attack(replace(JAM, honest=True), {"transmitter_m": [30.0, 0.0, 20.0]})
