@@ -247,7 +247,7 @@ def test_a_study_asks_for_it_by_name() -> None:
 
 
 def test_a_kind_that_claims_aircraft_has_to_say_so() -> None:
-    with pytest.raises(NonConformance, match="AttackPlugin.honest"):
+    with pytest.raises(NonConformance, match="none, or AttackPlugin"):
         check_attack(replace(SPOOF, honest=False), {"at": [30.0, 0.0, 20.0]})
     with pytest.raises(NonConformance, match="ClaimedTrack"):
         check_attack(replace(JAM, honest=True), {"transmitter_m": [30.0, 0.0, 20.0]})
