@@ -282,12 +282,21 @@ def pair_tables() -> str:
     """The tables of a pair's folder."""
     from skyrange.study.attribution.attribute import COLUMNS as ATTRIBUTION
     from skyrange.study.twins.effects import COLUMNS as EFFECTS
+    from skyrange.study.twins.lie_and_truth import COLUMNS as LIE_AND_TRUTH
     from skyrange.study.twins.pair_folder import ATTRIBUTION as ATTRIBUTION_FILE
     from skyrange.study.twins.pair_folder import EFFECTS as EFFECTS_FILE
+    from skyrange.study.twins.pair_folder import LIE_AND_TRUTH as LIE_AND_TRUTH_FILE
     from skyrange.study.twins.pair_folder import PROPAGATION as PROPAGATION_FILE
     from skyrange.study.twins.propagation import COLUMNS as PROPAGATION
 
-    return _tables({EFFECTS_FILE: EFFECTS, ATTRIBUTION_FILE: ATTRIBUTION, PROPAGATION_FILE: PROPAGATION})
+    return _tables(
+        {
+            EFFECTS_FILE: EFFECTS,
+            ATTRIBUTION_FILE: ATTRIBUTION,
+            PROPAGATION_FILE: PROPAGATION,
+            LIE_AND_TRUTH_FILE: LIE_AND_TRUTH,
+        }
+    )
 
 
 def _tables(tables: Mapping[str, Sequence[Any]]) -> str:

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
+    from skyrange.contracts.claims import ClaimedTrack
     from skyrange.contracts.components import (
         Agent,
         BodyAct,
@@ -155,6 +156,7 @@ __all__ = [
     "Chance",
     "Channel",
     "City",
+    "ClaimedTrack",
     "ComponentError",
     "Controls",
     "DecodeError",

@@ -209,6 +209,10 @@ class Bodies:
     def sources(self) -> Sequence[Source]:
         return (Source.DYNAMIC,) * len(self.vehicles)
 
+    @property
+    def present(self) -> None:
+        return None
+
     def truth(self) -> Mapping[str, NDArray[np.float64]]:
         return {"up_m": self._height_m.copy()}
 

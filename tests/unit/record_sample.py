@@ -31,6 +31,7 @@ class StillWorld:
     """Truth that is a function of the number of ticks and the row alone."""
 
     quantum_ns = 5 * MS // 2
+    present = None
 
     def __init__(self, vehicles: Sequence[str] = VEHICLES) -> None:
         self.vehicles = vehicles

@@ -183,7 +183,7 @@ def test_the_delay_that_counts_is_the_period_of_the_truth(tmp_path: Path) -> Non
     for tick in range(3):
         columns = {"east_m": np.zeros(1), "north_m": np.zeros(1), "up_m": np.zeros(1)}
         world: Any = SimpleNamespace(
-            vehicles=["a/1"], sources=["dynamic"], truth=lambda columns=columns: columns, sensors=None
+            vehicles=["a/1"], sources=["dynamic"], present=None, truth=lambda columns=columns: columns, sensors=None
         )
         recorder.on_truth(tick * 4 * NS_PER_S, world)
     recorder.close()

@@ -42,7 +42,7 @@ def flown(folder: Path, paths: np.ndarray, power_w: float, notes: list[tuple[int
             "battery_v": np.full(2, 10.0), "battery_a": np.full(2, power_w / 10.0),
         }  # fmt: skip
         world: Any = SimpleNamespace(
-            vehicles=list(FLEET), sources=["dynamic"] * 2, truth=lambda columns=columns: columns
+            vehicles=list(FLEET), sources=["dynamic"] * 2, present=None, truth=lambda columns=columns: columns
         )
         recorder.on_truth(tick * S, world)
     for at, note in notes:
@@ -247,7 +247,7 @@ def test_a_world_without_batteries_can_be_measured(tmp_path: Path) -> None:
     for tick in range(3):
         columns = {"east_m": np.array([tick * 2.0]), "north_m": np.zeros(1), "up_m": np.ones(1)}
         world: Any = SimpleNamespace(
-            vehicles=["a/1"], sources=["dynamic"], truth=lambda columns=columns: columns, sensors=None
+            vehicles=["a/1"], sources=["dynamic"], present=None, truth=lambda columns=columns: columns
         )
         recorder._state.sensors_due = 10**18
         recorder.on_truth(tick * S, world)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from skyrange.assembly.honest_arm import HonestAircraft, mount, park
 from skyrange.assembly.signing import derive_keys
 from skyrange.city.city import City
 from skyrange.core.chance import Chance
@@ -19,11 +20,16 @@ from skyrange.world.sensing.geomagnetism import magnetic_field_at
 
 
 def build_aircraft(
-    scenario: Scenario, city: City | None, chance: Chance, motion: bool
+    scenario: Scenario,
+    city: City | None,
+    chance: Chance,
+    motion: bool,
+    honest: Sequence[HonestAircraft] = (),
 ) -> tuple[World, list[EngineMount]]:
     """The world, and an engine for each kind of autopilot with the rows of its aircraft. Raises `InputError`.
 
-    `motion` is the command line's word that vehicles outside the range may be moved.
+    `motion` is the command line's word that vehicles outside the range may be moved. `honest` are
+    the real aircraft on claimed tracks; they have the last rows.
     """
     bodies = []
     specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
@@ -43,6 +49,8 @@ def build_aircraft(
             signing_key=derive_keys(scenario, operator).aircraft,
         )
         specs.setdefault(vehicle.autopilot, []).append((row, spec))
+    fleet = len(bodies)
+    bodies += park(honest, scenario)
     datum = scenario.origin.datum
     sensors = SensorSpec(scenario.sensors.noise, magnetic_field_at(datum), chance)
     world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
@@ -53,6 +61,8 @@ def build_aircraft(
             rows = slice(None)  # views instead of copies
         context = AutopilotContext(kind, [spec for _, spec in members], datum, scenario.epoch, chance, motion)
         mounts.append(EngineMount(AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context), rows))
+    if honest:
+        mounts.append(mount(honest, np.arange(fleet, len(bodies)), world.quantum_ns))
     return world, mounts
 
 

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+from skyrange.assembly.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
 from skyrange.attack.contract import Aircraft, Attack, AttackContext, Place, Transmitter
@@ -34,6 +35,8 @@ class MadeAttacks:
     fault_rows: list[dict[str, Any]] = field(default_factory=list)
     """What it says of each fault."""
     faults: list[Problem] = field(default_factory=list)
+    aircraft: list[HonestAircraft] = field(default_factory=list)
+    """The real aircraft of honest arms."""
 
 
 def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: City | None) -> AttackContext:
@@ -55,15 +58,15 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     )
 
 
-def make_attacks(acts: Sequence[ActTable], context: AttackContext) -> MadeAttacks:
+def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
     """Make every attack and every fault; what is wrong with them is in `faults`.
 
     `context` is that of all of them; id, schedule and sham are filled in for each.
     """
     made = MadeAttacks()
-    for attack in acts:
+    for attack in scenario.acts:
         is_fault = isinstance(attack, FaultTable)
-        own = replace(context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack))
+        own = replace(context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack), honest=is_honest(attack))
         where = f"{'faults' if is_fault else 'attacks'}.{attack.id}"
         try:
             found = attack.plugin(_anchored(attack, context), own)
@@ -81,7 +84,10 @@ def make_attacks(acts: Sequence[ActTable], context: AttackContext) -> MadeAttack
         made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
-        made.radios += found.radios
+        if isinstance(attack, AttackTable) and attack.honest:
+            made.faults += find_claim_problems(where, attack, found, scenario, context.city)
+            made.aircraft += aircraft_of(attack, found, own.schedule)
+        made.radios += carried(found.radios, found.claims) if own.honest else found.radios
         (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
     return made
 
@@ -117,6 +123,7 @@ def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> 
         stop_ns=NEVER if attack.stop_s is None else from_seconds(attack.stop_s),
         muted=attack.muted,
         sham=_is_sham(attack),
+        honest=is_honest(attack),
         fault=isinstance(attack, FaultTable),
         agents=made.agents,
         faults=made.faults,
@@ -148,11 +155,12 @@ def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
     return {
         "technique": attack.plugin.technique,
         "threat": asdict(threat) if threat is not None else {},
-        "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m)} for radio in made.radios],
+        "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios],
     }
 
 
 def check_transmitters(radios: Sequence[Transmitter], city: City | None) -> Iterator[Problem]:
     """Attackers' radios where none can be."""
     for radio in radios:
-        yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)
+        if radio.at_enu_m is not None:
+            yield from check_place(f"attacks.{owner_of(radio.endpoint)}.params.transmitter_m", radio.at_enu_m, city)

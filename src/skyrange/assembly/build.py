@@ -12,6 +12,7 @@ from skyrange.assembly.attacks import check_transmitters, make_attack_context, m
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import build_control_links, check_links_over_air, make_links_over_air
 from skyrange.assembly.detectors import build_detectors, describe_monitor
+from skyrange.assembly.honest_arm import describe_aircraft
 from skyrange.assembly.network import build_network
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan
@@ -84,7 +85,7 @@ def build(
     scenario = apply_placing(scenario, city)
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
-    made = make_attacks(scenario.acts, make_attack_context(scenario, links, city))
+    made = make_attacks(scenario, make_attack_context(scenario, links, city))
     faults = [
         *check_starts(scenario, city),
         *made.faults,
@@ -108,7 +109,7 @@ def build(
     plans = {
         vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
     }
-    world, engines = build_aircraft(scenario, city, chance, motion) if whole else (None, [])
+    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft) if whole else (None, [])
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:
@@ -157,6 +158,7 @@ def build(
         make_header(scenario, city, links, plans)
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
         | ({"faults": made.fault_rows} if made.fault_rows else {})
+        | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,

@@ -21,6 +21,7 @@ from skyrange.core.time import Epoch, Time
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
+    from skyrange.contracts.claims import ClaimedTrack
     from skyrange.contracts.components import Agent, BodyFault, SensorFault
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
@@ -66,6 +67,9 @@ class AttackContext:
     """Whether to make the sham: the same transmitter, airtime and timing, with benign content."""
     city: City | None = None
     """The buildings, if there are any."""
+    honest: bool = False
+    """Whether to make the honest arm: a real aircraft flies on each of `Attack.claims` and carries its radio, so the
+    attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""
 
     @property
     def radio(self) -> str:
@@ -88,7 +92,8 @@ class Transmitter:
     """A radio of the attacker. It is a node of the medium, so range, walls and collisions apply to it."""
 
     endpoint: str
-    at_enu_m: Place
+    at_enu_m: Place | None
+    """`None`: aboard the body of its name, as in the honest arm; an attack gives a place."""
     power_dbm: float
     """Equivalent isotropically radiated power."""
     listens: bool = False
@@ -119,6 +124,8 @@ class Attack:
     links: Sequence[LinkSpec] = ()
     """Links that the attack adds."""
     radios: Sequence[Transmitter] = ()
+    claims: Sequence[ClaimedTrack] = ()
+    """The aircraft that it claims to be there and that are not: where a real one flies in the honest arm."""
     shown: Mapping[str, Place] = field(default_factory=dict)
     """Places to mark on a map, such as that of a ghost, by label."""
     threat: ThreatModel | None = None
@@ -136,7 +143,8 @@ class Controls:
     load: str
     """An attack of the same frames, size and airtime, without the lie."""
     content: str
-    """The same act with true or meaningless content, as far as it is another one than the load control."""
+    """The same act with true or meaningless content, as far as it is another one than the load control. Of a kind that
+    is `honest` it is the honest arm: the same frames, and a real aircraft where they say that one is."""
     placement: str
     """The same act on another link, aircraft or place."""
 
@@ -152,6 +160,9 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     counterfactual: Counterfactual = "sham"
     """What stands for "without it" in a comparison: the sham of an attack that lies, because muting it would remove its
     airtime too; `mute` for one that works by load, such as a jammer or a flood."""
+    honest: bool = False
+    """Whether it can make the honest arm: its attacks name the tracks of the aircraft that they claim
+    (`Attack.claims`)."""
     places: Sequence[str] = ("at", "transmitter_m")
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""
     surface: Sequence[str] = ()

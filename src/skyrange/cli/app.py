@@ -124,6 +124,14 @@ def pair(
             help="Repeat with K seeds, and compute means and 95 % confidence intervals of the effects.",
         ),
     ] = 1,
+    honest: Annotated[
+        bool,
+        typer.Option(
+            "--honest",
+            help="Add a run in which a real aircraft flies where an attack claims that one is, and sends the same "
+            "bytes at the same times; compare what the others do about the lie and about the truth.",
+        ),
+    ] = False,
     jobs: Annotated[
         int | None,
         typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each. Default: one per core."),
@@ -137,7 +145,16 @@ def pair(
     """Run a scenario with and without its attacks and faults, compare the runs, and name what caused each effect."""
     runs.load_plugins(plugin)
     runs.pair(
-        scenario, out, arms.value if arms is not None else None, seeds, jobs, seed, buildings, changes or [], as_json
+        scenario,
+        out,
+        arms.value if arms is not None else None,
+        honest,
+        seeds,
+        jobs,
+        seed,
+        buildings,
+        changes or [],
+        as_json,
     )
 
 

@@ -251,6 +251,9 @@ class Poses:
     """(n, 4) quaternion w, x, y, z, body to local."""
     rates_radps: Floats
     """(n, 3) body rates."""
+    present: NDArray[np.bool_] | None = None
+    """(n,) whether the vehicle exists from now on; `None` where nothing changes. One that does not exist is in no
+    truth: its engine keeps it far from all others. A row that changes here is to be fresh."""
 
 
 @dataclass(slots=True)
@@ -395,6 +398,11 @@ class World(Protocol):
     @property
     def sources(self) -> Sequence[Source]:
         """What moves each body, in vehicle order."""
+        ...
+
+    @property
+    def present(self) -> NDArray[np.bool_] | None:
+        """(n,) which bodies exist, as engines that impose poses tell it; `None` where all do, as they usually do."""
         ...
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:

@@ -188,8 +188,16 @@ class AttackPlan:
     """Whether its parts, taps included, share state and must be in one process."""
     schedule: Schedule | None = None
     """Where the kernel tells the attack's own parts when it acts; `None` where none of them reads it."""
+    honest: bool = False
+    """Whether its parts are those of its honest arm, where real aircraft fly on the tracks that it claims: its labels
+    are then marked benign, and its events are named `event.honest_start` and `event.honest_stop`."""
     fault: bool = False
     """Whether it is a benign fault, without an adversary: its labels are then marked so, and its events are named
     `event.fault_start` and `event.fault_stop`."""
     body_faults: Sequence[BodyFault] = ()
     """What a fault does to bodies; an attack has none."""
+
+    @property
+    def benign(self) -> bool:
+        """Whether what it does harms nobody: a sham, or real aircraft that say what is true."""
+        return self.sham or self.honest

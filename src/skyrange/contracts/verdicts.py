@@ -71,6 +71,6 @@ class Label(NamedTuple):
     child: FrameId | None = None
     until_ns: Time | None = None
     benign: bool = False
-    """Whether the act is that of a sham."""
+    """Whether the act is that of a sham, or of a real aircraft in the honest arm."""
     fault: bool = False
     """Whether the act is that of a benign fault, which has no adversary."""

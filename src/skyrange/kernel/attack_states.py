@@ -50,18 +50,20 @@ class AttackState:
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            kind = "event.fault_start" if self.plan.fault else "event.attack_start"
-            notes.append(self._note(kind, self.start_ns))
+            notes.append(self._note(f"event.{self._author}_start", self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            kind = "event.fault_stop" if self.plan.fault else "event.attack_stop"
-            notes.append(self._note(kind, self.stop_ns))
+            notes.append(self._note(f"event.{self._author}_stop", self.stop_ns))
         return [] if self.muted else notes
 
     @property
     def ended(self) -> bool:
         """Whether nothing more will come of it."""
         return self._phase == 2
+
+    @property
+    def _author(self) -> str:
+        return "fault" if self.plan.fault else "honest" if self.plan.honest else "attack"
 
     def _note(self, kind: str, at: Time) -> Note:
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}

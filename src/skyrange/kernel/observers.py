@@ -59,7 +59,7 @@ class ObserverList:
     def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
         self._report_label(
-            Label(now, attack.id, agent, "send", frame, benign=attack.plan.sham, fault=attack.plan.fault)
+            Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.fault)
         )
 
     def label_tap_act(
@@ -74,12 +74,12 @@ class ObserverList:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
             plan = slot.attack.plan
-            self._report_label(Label(now, plan.id, slot.name, action, frame, child, until, plan.sham, plan.fault))
+            self._report_label(Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.fault))
 
     def label_fault_act(self, now: Time, attack: AttackState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
         plan = attack.plan
-        self._report_label(Label(now, plan.id, fault, action, act, benign=plan.sham, fault=plan.fault))
+        self._report_label(Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.fault))
 
     def _report_label(self, label: Label) -> None:
         for observer in self.members:

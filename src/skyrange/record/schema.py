@@ -165,7 +165,12 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("frame", TEXT, "", "id of the frame acted on or put on the link, or of an act on a sensor or a body"),
         Column("child", TEXT, "", "id of the frame that a replacement put in its place", True),
         Column("until_ns", _I64, "ns", f"time until which a delay holds the frame, {_TIME}", True),
-        Column("benign", pa.bool_(), "", "whether the act is that of a sham, which harms nobody"),
+        Column(
+            "benign",
+            pa.bool_(),
+            "",
+            "whether the act is of a sham or of an honest aircraft, which harm nobody",
+        ),
         Column("fault", pa.bool_(), "", "whether the act is that of a benign fault, which has no adversary"),
     ),
     "alerts": (

@@ -1,8 +1,8 @@
 """Pairing of runs: one scenario run with its attacks and faults and without them, compared in one folder.
 
 Arms: *attacked* is the unchanged scenario; in *nominal* every attack and fault is present and muted; in
-*sham* each is in its counterfactual state; in others some act and the rest are in theirs (`attribution.arms`). Each arm
-is a separate run in its own process.
+*sham* each is in its counterfactual state; in others some act and the rest are in theirs (`attribution.arms`). In
+*honest* real aircraft fly where attacks claim that some are. Each arm is a separate run in its own process.
 """
 
 from __future__ import annotations
@@ -28,11 +28,13 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import (
     ATTACKED,
+    HONEST,
     Arm,
     Selection,
     acting_attacks,
     acting_faults,
     baseline_of,
+    claiming_attacks,
     plan_arms,
     scenario_of,
 )
@@ -48,7 +50,17 @@ from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.parallel_runs import OnRunProgress, run_all
 from skyrange.study.twins.effects import effect_rows, effects_table
-from skyrange.study.twins.pair_folder import ATTRIBUTION, EFFECTS, FORMAT, MANIFEST, PROPAGATION, Pair, folder_of
+from skyrange.study.twins.lie_and_truth import compare_with_truth, lie_and_truth_table
+from skyrange.study.twins.pair_folder import (
+    ATTRIBUTION,
+    EFFECTS,
+    FORMAT,
+    LIE_AND_TRUTH,
+    MANIFEST,
+    PROPAGATION,
+    Pair,
+    folder_of,
+)
 from skyrange.study.twins.propagation import absent_rows, effects_of, mark_faults, propagation_table, trace
 
 
@@ -64,6 +76,7 @@ def pair(
     changes: Sequence[str] = (),
     near_m: float = NEAR_M,
     threshold_m: float = DEPARTED_M,
+    honest: bool = False,
     on_progress: OnRunProgress | None = None,
 ) -> Pair:
     """Run a scenario with its attacks and faults and with all of them muted: `skyrange pair` in Python.
@@ -72,7 +85,9 @@ def pair(
     of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `nominal` (attacked and nominal), `sham` (the
     sham as well), `each` (each attack alone and each left out as well) or `subsets` (every subset of the attacks); the
     default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
-    seeds, beginning with the scenario's. `jobs` is the number of parallel runs, by default one per core. Raises
+    seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims
+    that one is and sends the same bytes (`honest.parquet`); it raises `InputError` if no attack claims any, or if no
+    aircraft can fly where it is claimed. `jobs` is the number of parallel runs, by default one per core. Raises
     `InputError`, before anything is written, for a scenario without attacks or faults that act; `ComponentError` if a
     run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
@@ -90,9 +105,14 @@ def pair(
         expected = "an attack or a fault that acts, to compare with"
         raise InputError.one(f"scenario {scenario.name}", "attacks", what, expected)
     faults = acting_faults(scenario)
-    planned = plan_arms(attacks, arms)
+    if honest and not claiming_attacks(scenario):
+        kinds = ", ".join(attack.kind for attack in scenario.attacks) or "none"
+        raise InputError.one("pair", "honest", kinds, "an attack that claims an aircraft, such as remote_id.spoof")
+    planned = plan_arms(attacks, arms, honest)
     baseline = baseline_of(attacks, planned)
     build(scenario)  # raises errors in the scenario before a folder is created
+    if honest:
+        build(scenario_of(scenario, Arm(HONEST), scenario.seed))
     folder = _make_folder(expand_user(out) if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in planned]
@@ -168,6 +188,7 @@ def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshol
     named = authors(attributed)
     effects: list[dict[str, Any]] = []
     propagation: list[dict[str, Any]] = []
+    truths: list[dict[str, Any]] = []
     for seed in result.seeds:
         attacked = result.run(ATTACKED, seed)
         departed = departures_by_author(attributed, seed)
@@ -178,10 +199,15 @@ def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshol
         for against in result.twins:
             rows = effect_rows(seed, against, mine, outcomes_of(against, seed), threshold_m)
             effects += [with_authors(row, named, result.faults) for row in rows]
+        if result.baseline is not None and HONEST in result.arms:
+            arms_of = (mine, outcomes_of(HONEST, seed), outcomes_of(result.baseline, seed))
+            truths += compare_with_truth(seed, *arms_of, threshold_m)
         propagation += sorted([*traced, *effects_of(traced, attributed, seed)], key=_time_ns)
     _write(effects_table(effects), result.path / EFFECTS)
     _write(propagation_table(mark_faults(propagation, result.faults)), result.path / PROPAGATION)
     _write(attribution_table(attributed), result.path / ATTRIBUTION)
+    if HONEST in result.arms:
+        _write(lie_and_truth_table(truths), result.path / LIE_AND_TRUTH)
     from skyrange.study.report.pair.page import write_comparison
 
     write_comparison(result, result.report)

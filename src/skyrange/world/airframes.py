@@ -110,6 +110,17 @@ class Airframe:
         """
         return math.atan2(self.gear_half_track_m, self.cg_height_m)
 
+    def thrust_for(self, east_mps: float, north_mps: float, up_mps: float) -> float:
+        """Thrust in newtons that keeps this velocity through the air steady: weight plus drag.
+
+        The drag is that of `multirotor`: of the body, ½·ρ·area·|v|·v, and of the rotors, linear in v, here at full
+        speed and along the whole of v, so the result is an upper bound.
+        """
+        speed = math.sqrt(east_mps**2 + north_mps**2 + up_mps**2)
+        rotors = len(self.rotors) * self.rotor_drag_ns2 * self.rotor_max_radps
+        drag = 0.5 * AIR_DENSITY_KGM3 * self.drag_area_m2 * speed + rotors
+        return math.hypot(drag * east_mps, drag * north_mps, self.mass_kg * GRAVITY_MPS2 + drag * up_mps)
+
     def command_for(self, thrust: float) -> float:
         """The command 0…1 that gives a fraction 0…1 of full thrust: the inverse of the thrust curve."""
         expo = self.thrust_expo

@@ -31,6 +31,8 @@ class Body:
     up_m: float = 0.0
     heading_deg: float = 0.0
     charge: float = 1.0
+    present: bool = True
+    """Whether it exists; if not, it is in no truth until an engine that imposes its pose says so."""
 
 
 def check_bodies(bodies: Sequence[Body], quantum_ns: Time, wind: Wind, city: City | None) -> None:

@@ -101,6 +101,9 @@ class World:
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._imposed = ImposedPoses(n, step_s)
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
+        self._present = np.array([body.present for body in bodies], dtype=np.bool_)
+        self._soon_present = self._present.copy()
+        self._appearing = np.zeros(n, dtype=np.bool_)
         self._contact_tracker = ContactTracker(self.vehicles, city)
         self._sensing = SensorSuite(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
         self._bind()
@@ -201,8 +204,8 @@ class World:
         Notes: `event.contact` {speed_mps} once per touchdown, after which the aircraft has to climb 5 cm for another;
         `event.crash` {tilt_deg, speed_mps} when it touches down too hard, or tips over on the ground (the speed is its
         last touchdown's); `event.collision` {with, speed_mps, east_m, north_m, up_m, energy_j} about each aircraft in
-        it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose was far away. Raises
-        `ValueError` if `now` is before the last tick.
+        it (see `collision.contact_tracker`); `event.jump` {distance_m} where an imposed pose was far away, of a
+        body that has not just appeared. Raises `ValueError` if `now` is before the last tick.
         """
         if self._now is None:
             self._now = self._discharged_ns = now
@@ -226,6 +229,7 @@ class World:
             self._gust(start)
         events = multirotor.advance(*self._arguments)
         if len(self._imposed.rows):
+            self._present[:] = self._soon_present
             events += self._imposed.follow(*self._followed)
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             self._discharge((end - self._discharged_ns) / NS_PER_S)
@@ -282,8 +286,10 @@ class World:
                 _, x, y, _ = self._attitude[i].tolist()
                 tilt = math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y)))))
                 notes.append(Note("event.crash", vehicle, {"tilt_deg": tilt, "speed_mps": speed}))
-            if event & multirotor.JUMPED:
+            if event & multirotor.JUMPED and not self._appearing[i]:
                 notes.append(Note("event.jump", vehicle, {"distance_m": float(self._imposed.jump_m[i])}))
+            if event & multirotor.JUMPED:
+                self._appearing[i] = False
             self._flags[i, multirotor.EVENTS] = 0
         return notes
 
@@ -342,7 +348,16 @@ class World:
 
         Raises `ValueError` for an invalid pose, or a pose of a body that is dynamic; none is taken then.
         """
-        self._imposed.accept(np.arange(len(self.vehicles))[rows], poses, self.vehicles)
+        chosen = np.arange(len(self.vehicles))[rows]
+        self._imposed.accept(chosen, poses, self.vehicles)
+        if poses.present is not None:
+            self._appearing[chosen] |= poses.present != self._soon_present[chosen]
+            self._soon_present[chosen] = poses.present  # from the next tick on, as the pose
+
+    @property
+    def present(self) -> NDArray[np.bool_] | None:
+        """(n,) which bodies exist; `None` where all do."""
+        return None if self._present.all() else self._present.copy()
 
     def motion(self) -> tuple[Floats, Floats]:
         """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""

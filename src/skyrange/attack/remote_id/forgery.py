@@ -72,10 +72,15 @@ class Forger:
 
     def make(self, now: Time) -> list[bytes]:
         """The `rid_up` payloads that are due; none before the attack starts."""
-        payloads: list[bytes] = []
+        return [payload for _, payload in self.make_numbered(now)]
+
+    def make_numbered(self, now: Time) -> list[tuple[int, bytes]]:
+        """The same, each with the number of the forged aircraft that it is about."""
+        payloads: list[tuple[int, bytes]] = []
         while self.due <= now:
             if self.schedule.start_ns <= now:
-                payloads += self._broadcast(now, self.turn % len(self.identities))
+                number = self.turn % len(self.identities)
+                payloads += [(number, payload) for payload in self._broadcast(now, number)]
             self.turn += 1
         return payloads
 

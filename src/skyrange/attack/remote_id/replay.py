@@ -142,7 +142,8 @@ REPLAY = AttackPlugin(
     ),
     controls=Controls(
         load="the sham: frames of the same length and transport, with an aircraft on the ground at the transmitter",
-        content="none, because a replayed frame without its content is that sham",
+        content="none, because a replayed frame without its content is that sham; nor can a real aircraft make it "
+        "true, because its time is that of the recording",
         placement="the same replay from another place",
     ),
     realism={"signal strength": "simulated: from the transmitter's place"},

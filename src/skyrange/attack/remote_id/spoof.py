@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from math import cos, pi, sin, sqrt
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from skyrange.attack.contract import ORACLE, Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.radio import Broadcaster, check_vehicle, transmitter, up_link
+from skyrange.attack.contract import (
+    ORACLE,
+    Attack,
+    AttackContext,
+    AttackPlugin,
+    Controls,
+    Place,
+    ThreatModel,
+    Transmitter,
+)
+from skyrange.attack.radio import CHANNEL, SERVICE_NS, Broadcaster, check_vehicle, transmitter, up_link
 from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
+from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.links import LinkSpec, TapPlacement
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.errors import InputError, Problem, nearest
@@ -125,6 +136,28 @@ class Injector:
         return [Inject(payload, "fwd", self.src, ORACLE) for payload in self.source.make(now)]
 
 
+@dataclass(slots=True)
+class RealSwarm:
+    """An agent that sends the broadcasts of each forged aircraft on the link of a radio of its own: the honest arm."""
+
+    name: str
+    ports: Sequence[Port]
+    """The end of each radio's `rid_up` link, in the forger's order."""
+    source: Forger
+    service_ns: Time = field(default=SERVICE_NS)
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Send the broadcasts that are due."""
+        out = Outbox()
+        for number, payload in self.source.make_numbered(now):
+            out.send(self.ports[number], payload)
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        """When the next broadcast is due."""
+        return self.source.due
+
+
 @dataclass(frozen=True, slots=True)
 class _MakeInjector:
     """Makes the tap of a link. Only one link matches, so all taps share the forger."""
@@ -158,9 +191,15 @@ def make(params: Spoof, context: AttackContext) -> Attack:
     if params.form == "swarm":
         shown = {f"ghost {number}": claimed for number, claimed in enumerate(forger.places, start=1)}
     if params.via == "radio":
+        claims = [
+            ClaimedTrack(context.radio, start, params.velocity_mps, identity.uas_id)
+            for start, identity in zip(forger.places, forger.identities, strict=True)
+        ]
+        if context.honest and params.form == "swarm":
+            return _real_swarm(context, forger, claims, params.power_dbm, shown)
         agent = Broadcaster(context.radio, Port(context.radio, context.up), forger)
         radio = transmitter(context, place, params.power_dbm)
-        return Attack(agents=[agent], links=[up_link(context)], radios=[radio], shown=shown)
+        return Attack(agents=[agent], links=[up_link(context)], radios=[radio], shown=shown, claims=claims)
     victim = params.on or params.vehicle
     assert victim is not None  # the parameters' own check
     link = link_name("rid_up", victim)
@@ -168,6 +207,26 @@ def make(params: Spoof, context: AttackContext) -> Attack:
         raise InputError.one(context.id, "on", link, "a link of the scenario", nearest(link, context.links))
     companion = endpoint(victim, "companion")
     return Attack(taps=[TapPlacement(link, "companion", _MakeInjector(companion, forger), context.id)], shown=shown)
+
+
+def _real_swarm(
+    context: AttackContext, forger: Forger, claims: Sequence[ClaimedTrack], power_dbm: float, shown: dict[str, Place]
+) -> Attack:
+    """The honest arm of a swarm: as many radios as aircraft, because each is at another place."""
+    owners = [f"{context.id}.{number}" for number in range(len(claims))]
+    radios = [endpoint(owner, "radio") for owner in owners]
+    links = [
+        LinkSpec(link_name("rid_up", owner), radio, ORACLE, CHANNEL)
+        for owner, radio in zip(owners, radios, strict=True)
+    ]
+    ports = [Port(radio, link.name) for radio, link in zip(radios, links, strict=True)]
+    return Attack(
+        agents=[RealSwarm(context.radio, ports, forger)],
+        links=links,
+        radios=[Transmitter(one, claim.start_enu_m, power_dbm) for one, claim in zip(radios, claims, strict=True)],
+        claims=[replace(claim, radio=radio) for claim, radio in zip(claims, radios, strict=True)],
+        shown=shown,
+    )
 
 
 def _identities(params: Spoof, context: AttackContext) -> list[ClaimedIdentity]:
@@ -196,6 +255,7 @@ SPOOF = AttackPlugin(
     make,
     "Forges Remote ID: an aircraft that does not exist, a false position of a real one, or a swarm of ghosts.",
     technique="T0856",
+    honest=True,
     surface=("medium", "rid_up"),
     effect="receivers show aircraft that are not there, and companions avoid them",
     threat=ThreatModel(
@@ -206,7 +266,7 @@ SPOOF = AttackPlugin(
     ),
     controls=Controls(
         load="the sham: the same frames, with an aircraft on the ground at the transmitter",
-        content="a real aircraft where the ghost claims to be",
+        content="the honest arm: the same frames, from a real aircraft that flies where the ghost claims to be",
         placement="the same claims with the transmitter or the ghost elsewhere",
     ),
     realism={"signal strength": "simulated: from the transmitter's place, not from the claimed one"},

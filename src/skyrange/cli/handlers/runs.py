@@ -66,6 +66,7 @@ def pair(
     name: str,
     out: Path | None,
     arms: Selection | None,
+    honest: bool,
     seeds: int,
     jobs: int | None,
     seed: int | None,
@@ -82,9 +83,9 @@ def pair(
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     tell_if_cold(quiet=as_json)
-    flights = seeds * len(plan_arms(acting_attacks(scenario), arms))
+    flights = seeds * len(plan_arms(acting_attacks(scenario), arms, honest))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
-        result = fly_pair(scenario, out, arms=arms, seeds=seeds, jobs=jobs, on_progress=on_progress)
+        result = fly_pair(scenario, out, arms=arms, honest=honest, seeds=seeds, jobs=jobs, on_progress=on_progress)
     if as_json:
         print_json(_pair_facts(result))
     else:
@@ -93,10 +94,13 @@ def pair(
 
 def _pair_facts(result: Pair) -> dict[str, Any]:
     """A pair as plain data, for `--json`."""
+    from skyrange.study.attribution.arms import HONEST
+
     found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
     folder = {"path": str(result.path), "report": str(result.report)}
     effects, attribution = result.effects.to_pylist(), result.attribution.to_pylist()
-    return {**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution}
+    facts = {**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution}
+    return facts | ({"lie_and_truth": result.lie_and_truth.to_pylist()} if HONEST in result.arms else {})
 
 
 def _open_pair(folder: Path) -> Pair | None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
 from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city
+from skyrange.study.twins.lie_and_truth import REACTIONS, format_values, reacts, truth_name
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -55,6 +56,7 @@ def print_pair(result: Pair) -> None:
             if row[what] != row[f"{what}_twin"]:
                 text = what.replace("_", " ")
                 console.print(f"{row['vehicle']}: {row[f'{what}_twin']} {text} in the twin, {row[what]} attacked")
+    _print_lie_and_truth(console, result)
     if len(result.seeds) > 1:
         _print_intervals(console, result, {row["vehicle"] for row in rows if row["departed_s"] is not None})
     unknown = unknown_subsets(result.manifest.get("active", {}))
@@ -70,6 +72,29 @@ def print_pair(result: Pair) -> None:
         console.print(f"{of_faults:,} acts of faults {where}")
     console.print(f"pair   {result.path}", soft_wrap=True)
     console.print(f"report {result.report}", soft_wrap=True)
+
+
+def _print_lie_and_truth(console: Console, result: Pair) -> None:
+    """Print what aircraft did about the lie and about the truth, of the first seed, if the honest arm was flown."""
+    from rich.table import Table
+
+    rows = [row for row in result.lie_and_truth.to_pylist() if row["seed"] == result.seeds[0]]
+    shown = [row for row in rows if reacts(row)]
+    if not rows:
+        return
+    if not shown:
+        console.print("no aircraft reacted to the claimed aircraft, nor to a real one in its place")
+        return
+    table = Table(
+        title=f"lie against truth: the claimed aircraft, and a real one in its place, seed {result.seeds[0]}",
+        title_justify="left", title_style="bold",
+    )  # fmt: skip
+    for column in ("aircraft", "", "lie", "truth"):
+        table.add_column(column, justify="right" if column in ("lie", "truth") else "left", no_wrap=True)
+    for row in sorted(shown, key=lambda row: -max(row["departure_m"], row[truth_name("departure_m")]))[:MAX_AIRCRAFT]:
+        for number, one in enumerate(REACTIONS):
+            table.add_row("" if number else row["vehicle"], one.title, *format_values(row, one))
+    console.print(table)
 
 
 def _causes(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[str]]:

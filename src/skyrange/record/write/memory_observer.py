@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests
 from skyrange.record.notes import OUTCOME, outcome
 from skyrange.record.write.frame_encoder import FrameEncoder
-from skyrange.record.write.ticks import TruthTick, truth_words
+from skyrange.record.write.ticks import TruthTick, truth_tick, truth_words
 
 
 class TimedNote(NamedTuple):
@@ -80,8 +80,9 @@ class MemoryObserver:
         vehicles = tuple(world.vehicles)
         if vehicles and (self._truth_due is None or now >= self._truth_due):
             self._truth_due = now - now % self.truth_period_ns + self.truth_period_ns
-            columns = {name: np.array(values, dtype=np.float64) for name, values in world.truth().items()}
-            self.truth.append(TruthTick(now, vehicles, tuple(world.sources), columns))
+            tick = truth_tick(now, world)
+            columns = {name: np.array(values, dtype=np.float64) for name, values in tick.columns.items()}
+            self.truth.append(tick._replace(columns=columns))
 
     @property
     def digests(self) -> Digests:

@@ -55,9 +55,10 @@ from skyrange.record.write.ticks import (
     SensorTick,
     TruthTick,
     sensor_batch,
-    sensor_values,
+    sensor_tick,
     split_ticks,
     truth_batch,
+    truth_tick,
     truth_words,
 )
 
@@ -247,14 +248,13 @@ class Recorder:
         vehicles = tuple(world.vehicles)
         if now >= state.truth_due and vehicles:
             state.truth_due = now - now % state.truth_ns + state.truth_ns
-            columns = dict(world.truth())
-            self._truth.append(TruthTick(now, vehicles, tuple(world.sources), columns))
-            self._tick_bytes += len(vehicles) * 8 * (len(columns) + 2)
+            tick = truth_tick(now, world)
+            self._truth.append(tick)
+            self._tick_bytes += len(vehicles) * 8 * (len(tick.columns) + 2)
         if now >= state.sensors_due and vehicles:
             state.sensors_due = now - now % state.sensors_ns + state.sensors_ns
-            values = sensor_values(world.sensors(slice(0, len(vehicles))))
-            self._sensors.append(SensorTick(now, vehicles, values))
-            self._tick_bytes += values.nbytes
+            self._sensors.append(sensor_tick(now, world))
+            self._tick_bytes += self._sensors[-1].values.nbytes
         if self._tick_bytes >= self._spool_bytes or monotonic() >= self._due_s:
             self.flush()
 

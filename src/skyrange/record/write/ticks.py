@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Sensors
+from skyrange.contracts.components import Sensors, World
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Words
@@ -34,6 +34,31 @@ class SensorTick(NamedTuple):
     time_ns: Time
     vehicles: tuple[str, ...]
     values: NDArray[np.float32]
+
+
+def truth_tick(now: Time, world: World) -> TruthTick:
+    """The true state of the bodies that exist."""
+    vehicles, sources, columns = tuple(world.vehicles), tuple(world.sources), dict(world.truth())
+    present = world.present
+    if present is None:
+        return TruthTick(now, vehicles, sources, columns)
+    rows = np.flatnonzero(present).tolist()
+    return TruthTick(
+        now,
+        tuple(vehicles[row] for row in rows),
+        tuple(sources[row] for row in rows),
+        {name: values[rows] for name, values in columns.items()},
+    )
+
+
+def sensor_tick(now: Time, world: World) -> SensorTick:
+    """The sensors of the bodies that exist."""
+    values = sensor_values(world.sensors(slice(0, len(world.vehicles))))
+    present = world.present
+    if present is None:
+        return SensorTick(now, tuple(world.vehicles), values)
+    rows = np.flatnonzero(present).tolist()
+    return SensorTick(now, tuple(world.vehicles[row] for row in rows), values[rows])
 
 
 def sensor_values(sensors: Sensors) -> NDArray[np.float32]:

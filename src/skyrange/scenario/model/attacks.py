@@ -123,6 +123,19 @@ class AttackTable(ActTable):
         description="Whether to act from the same transmitter, with the same airtime and timing, but with benign "
         "content.",
     )
+    honest: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether a real aircraft flies where the attack claims that one is, and sends what the attack "
+        "would send, which is then true.",
+    )
+
+    @field_validator("honest")
+    @classmethod
+    def _not_a_sham_too(cls, honest: bool, info: ValidationInfo) -> bool:
+        if honest and info.data.get("sham"):
+            raise wrong("true", "false with sham = true: one arm at a time")
+        return honest
 
     @property
     def plugin(self) -> AttackPlugin:

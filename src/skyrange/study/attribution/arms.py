@@ -4,6 +4,10 @@ An attack is in one of three states. *Active*: it acts as declared. *Sham*: it s
 benign content. *Muted*: everything it does is discarded. The *counterfactual* of an attack is the state that stands for
 "without it": the sham for an attack that lies, because muting it would remove its airtime as well; muted for one that
 works by load, such as a jammer. A benign fault is an arm as an attack is; its counterfactual is muted.
+
+The *honest* arm is beside these: every attack that claims an aircraft which is not there is replaced by a real one that
+flies on the claimed track and sends the same. It is no counterfactual, because it is neither without the claim nor
+harmless; it is what the reaction to a lie is compared with.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ MAX_SUBSETS_OF: Final = 4
 ATTACKED: Final = "attacked"
 NOMINAL: Final = "nominal"
 SHAM: Final = "sham"
+HONEST: Final = "honest"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +45,20 @@ class Arm:
 def acting_attacks(scenario: Scenario) -> dict[str, Counterfactual]:
     """The attacks and faults whose effects are asked for, each with its counterfactual.
 
-    Those declared muted or sham are not among them.
+    Those declared muted, sham or honest are not among them.
     """
     found: dict[str, Counterfactual] = {
-        attack.id: attack.plugin.counterfactual for attack in scenario.attacks if not attack.muted and not attack.sham
+        attack.id: attack.plugin.counterfactual
+        for attack in scenario.attacks
+        if not (attack.muted or attack.sham or attack.honest)
     }
     return found | dict.fromkeys(acting_faults(scenario), "mute")
+
+
+def claiming_attacks(scenario: Scenario) -> list[str]:
+    """The ids of the acting attacks of a kind that can make the honest arm."""
+    acting = acting_attacks(scenario)
+    return [attack.id for attack in scenario.attacks if attack.id in acting and attack.plugin.honest]
 
 
 def acting_faults(scenario: Scenario) -> list[str]:
@@ -53,11 +66,14 @@ def acting_faults(scenario: Scenario) -> list[str]:
     return [fault.id for fault in scenario.faults if not fault.muted]
 
 
-def plan_arms(attacks: Mapping[str, Counterfactual], selection: Selection | None = None) -> list[Arm]:
+def plan_arms(
+    attacks: Mapping[str, Counterfactual], selection: Selection | None = None, honest: bool = False
+) -> list[Arm]:
     """The arms for these attacks, the nominal one first and the attacked one next.
 
     Without `selection`: every subset of up to `MAX_SUBSETS_OF` attacks, of more each alone and each left out. Where all
-    counterfactuals are muted the sham arm would equal the nominal one and is not run.
+    counterfactuals are muted the sham arm would equal the nominal one and is not run. With `honest` that arm is the
+    last.
     """
     chosen = selection or ("subsets" if len(attacks) <= MAX_SUBSETS_OF else "each")
     if chosen not in SELECTIONS:
@@ -73,7 +89,7 @@ def plan_arms(attacks: Mapping[str, Counterfactual], selection: Selection | None
         sizes = range(1, len(ids)) if chosen == "subsets" else ()
     for size in sorted({size for size in sizes if 0 < size < len(ids)}):
         arms += [Arm(name_of(subset, ids), frozenset(subset)) for subset in combinations(ids, size)]
-    return arms
+    return [*arms, Arm(HONEST)] if honest else arms
 
 
 def baseline_of(attacks: Mapping[str, Counterfactual], arms: Sequence[Arm]) -> str | None:
@@ -94,10 +110,13 @@ def name_of(active: Sequence[str], ids: Sequence[str]) -> str:
 def scenario_of(scenario: Scenario, arm: Arm, seed: int) -> Scenario:
     """The scenario as it is run in an arm."""
     acting = acting_attacks(scenario)
+    claiming = claiming_attacks(scenario) if arm.name == HONEST else ()
 
     def state(id_: str) -> dict[str, bool]:
         if arm.name == NOMINAL:
             return {"muted": True}
+        if id_ in claiming:
+            return {"honest": True}
         if id_ in acting and id_ not in arm.active:
             return {"sham": True} if acting[id_] == "sham" else {"muted": True}
         return {}

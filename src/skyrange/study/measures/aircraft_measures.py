@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
@@ -31,6 +33,12 @@ class Ticks:
     """(t, n)"""
     power_w: Floats
     """(t, n) drawn from the battery; NaN if the world has no battery"""
+    others: tuple[str, ...] = ()
+    """The m real aircraft of an honest arm, which are not part of the fleet."""
+    others_enu_m: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    """(t, m, 3) NaN where one does not exist"""
+    others_aloft: NDArray[np.bool_] = field(default_factory=lambda: np.zeros((0, 0), dtype=np.bool_))
+    """(t, m)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +58,18 @@ class Measured:
 
 
 def read_ticks(record: RunRecord) -> Ticks:
-    """The truth of all aircraft by tick; ticks with missing aircraft are left out."""
+    """The truth of all aircraft by tick; ticks with missing aircraft of the fleet are left out."""
     names = {vehicle.id: number for number, vehicle in enumerate(vehicles(record))}
+    others = tuple(str(row["id"]) for row in record.manifest.get("honest") or ())
     there = set(record.tables.schema("truth").names)
     columns = [name for name in ("east_m", "north_m", "up_m", "on_ground", "battery_v", "battery_a") if name in there]
     table = record.table("truth", ["time_ns", "vehicle", *columns])
     codes = table.column("vehicle").combine_chunks().dictionary_encode()
     lookup = np.array([names.get(name, -1) for name in codes.dictionary.to_pylist()], dtype=np.int64)
     who = lookup[codes.indices.to_numpy(zero_copy_only=False)] if len(lookup) else np.zeros(0, np.int64)
+    whole_table = table
+    if others:
+        table, who = table.filter(pa.array(who >= 0)), who[who >= 0]
     time_ns = table.column("time_ns").to_numpy()
     order = np.lexsort((who, time_ns))
     moments, counts = np.unique(time_ns, return_counts=True)
@@ -66,16 +78,43 @@ def read_ticks(record: RunRecord) -> Ticks:
     values = {name: table.column(name).to_numpy()[order][whole].reshape(shape) for name in columns}
     unknown = np.full(shape, np.nan)
     enu_m = np.stack([values.get(name, unknown) for name in ("east_m", "north_m", "up_m")], axis=2)
-    return Ticks(
+    ticks = Ticks(
         moments[counts == len(names)],
         enu_m,
         values["on_ground"] == 0.0 if "on_ground" in values else enu_m[:, :, 2] > AIRBORNE_M,
         values.get("battery_v", unknown) * values.get("battery_a", unknown),
     )
+    return _with_others(ticks, whole_table, others) if others else ticks
+
+
+def _with_others(ticks: Ticks, truth: pa.Table, others: tuple[str, ...]) -> Ticks:
+    """The ticks with the real aircraft of an honest arm, which exist only while their attack acts."""
+    shape = (len(ticks.time_ns), len(others))
+    enu_m, aloft = np.full((*shape, 3), np.nan), np.zeros(shape, dtype=np.bool_)
+    there = "on_ground" in truth.column_names
+    for number, name in enumerate(others):
+        own = truth.filter(pc.equal(truth.column("vehicle"), name))
+        _, rows, found = np.intersect1d(
+            ticks.time_ns, own.column("time_ns").to_numpy(), assume_unique=True, return_indices=True
+        )
+        for axis, column in enumerate(("east_m", "north_m", "up_m")):
+            enu_m[rows, number, axis] = own.column(column).to_numpy()[found]
+        aloft[rows, number] = own.column("on_ground").to_numpy()[found] == 0.0 if there else True
+    return replace(ticks, others=others, others_enu_m=enu_m, others_aloft=aloft)
+
+
+def everyone(ticks: Ticks) -> tuple[Floats, NDArray[np.bool_]]:
+    """Positions and `aloft` of the fleet and, behind it, of the real aircraft of an honest arm."""
+    if not ticks.others:
+        return ticks.enu_m, ticks.aloft
+    return (
+        np.concatenate([ticks.enu_m, ticks.others_enu_m], axis=1),
+        np.concatenate([ticks.aloft, ticks.others_aloft], axis=1),
+    )
 
 
 def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Measured]:
-    """The measures of every aircraft of a run, in the manifest's order.
+    """The measures of every aircraft of a run, in the manifest's order. Those of an honest arm count as others.
 
     Distances are lengths of the recorded truth and so depend on its sampling rate. Energy is volts times amperes at the
     battery's terminals, by the trapezoidal rule over the whole run.
@@ -88,7 +127,8 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
     seconds = np.diff(ticks.time_ns) / NS_PER_S
     flown_m = np.sqrt((np.diff(ticks.enu_m, axis=0) ** 2).sum(axis=2)).sum(axis=0)
     energy_j = (0.5 * (ticks.power_w[1:] + ticks.power_w[:-1]) * seconds[:, None]).sum(axis=0)
-    near = closest_approaches(ticks.enu_m, ticks.aloft, near_m)
+    near = closest_approaches(*everyone(ticks), near_m)
+    names = [*fleet, *ticks.others]
     walls_m = min_building_distance_m(ticks.enu_m, ticks.aloft, record.city)
     outcomes = record.outcomes
     return [
@@ -99,7 +139,7 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
             distance_m=float(flown_m[k]),
             energy_j=_finite(energy_j[k]),
             min_separation_m=_finite(near.least_m[k]),
-            nearest=fleet[near.nearest[k]] if near.nearest[k] >= 0 else None,
+            nearest=names[near.nearest[k]] if near.nearest[k] >= 0 else None,
             near_misses=int(near.near_misses[k]),
             collisions=hits.get(name, 0),
             min_wall_m=_finite(walls_m[k]),

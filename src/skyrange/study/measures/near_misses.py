@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skyrange.record.read.run import RunRecord
-from skyrange.study.measures.aircraft_measures import read_ticks
+from skyrange.study.measures.aircraft_measures import everyone, read_ticks
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.measures.time_series import RecordedNote, vehicles
 
@@ -16,10 +16,12 @@ def near_misses(record: RunRecord, near_m: float = NEAR_M) -> list[RecordedNote]
     Counted as in `separation.closest_approaches`: again only after they were farther apart. In order of time.
     """
     ticks, names = read_ticks(record), [vehicle.id for vehicle in vehicles(record)]
+    names += ticks.others
+    enu_m, aloft = everyone(ticks)
     found = []
     for k in range(len(names)):
-        away_m = np.sqrt(((ticks.enu_m[:, k + 1 :] - ticks.enu_m[:, k : k + 1]) ** 2).sum(axis=2))
-        near = (away_m < near_m) & ticks.aloft[:, k + 1 :] & ticks.aloft[:, k : k + 1]
+        away_m = np.sqrt(((enu_m[:, k + 1 :] - enu_m[:, k : k + 1]) ** 2).sum(axis=2))
+        near = (away_m < near_m) & aloft[:, k + 1 :] & aloft[:, k : k + 1]
         begins = near & ~np.vstack([np.zeros((1, near.shape[1]), dtype=np.bool_), near[:-1]])
         for tick, other in np.argwhere(begins).tolist():
             pair, time_ns = (names[k], names[k + 1 + other]), int(ticks.time_ns[tick])

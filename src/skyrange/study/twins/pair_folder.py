@@ -17,6 +17,7 @@ from skyrange.study.attribution.arms import NOMINAL, SHAM
 from skyrange.study.attribution.attribute import attribution_table
 from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.twins.effects import CHANGES, MEASURES
+from skyrange.study.twins.lie_and_truth import lie_and_truth_table
 
 FORMAT: Final = "skyrange.pair/3"
 """The format of a pair's folder. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
@@ -27,6 +28,7 @@ MANIFEST: Final = "pair.json"
 EFFECTS: Final = "effects.parquet"
 PROPAGATION: Final = "propagation.parquet"
 ATTRIBUTION: Final = "attribution.parquet"
+LIE_AND_TRUTH: Final = "honest.parquet"
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,12 @@ class Pair:
         """The table of `propagation.parquet`: every hostile act and its consequences."""
         path = self.path / PROPAGATION
         return pq.read_table(path if path.exists() else self.path / "labels.parquet")
+
+    @property
+    def lie_and_truth(self) -> pa.Table:
+        """The table of `honest.parquet`: reactions to the claimed aircraft and to real ones. Empty without that arm."""
+        path = self.path / LIE_AND_TRUTH
+        return pq.read_table(path) if path.exists() else lie_and_truth_table([])
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
         """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""

@@ -95,13 +95,12 @@ class AttackCase:
     acts: bool | Collection[str]
     _flown: dict[str, Flight] = field(default_factory=dict)
 
-    def made(self, sham: bool = False) -> tuple[Attack, Schedule]:
+    def made(self, sham: bool = False, honest: bool = False) -> tuple[Attack, Schedule]:
         """A fresh attack and its schedule."""
         built = build(self.scenario)
         schedule = Schedule()
-        context = replace(
-            make_attack_context(built.scenario, built.wiring.links, built.city), id=ID, schedule=schedule, sham=sham
-        )
+        given = make_attack_context(built.scenario, built.wiring.links, built.city)
+        context = replace(given, id=ID, schedule=schedule, sham=sham, honest=honest)
         try:
             attack = self.kind(self.kind.params.model_validate(dict(self.params)), context)
         except SkyrangeError:
@@ -305,6 +304,27 @@ def _sham(case: AttackCase) -> None:
     expected = "the same times, links and sizes as the attack itself"
     mine, other = ([row for row in _acted(each) if row[0] < until] for each in (live, sham))
     same(mine, other, "acts of the attack and of its sham", expected)
+
+
+@ATTACK.rule(
+    "honest",
+    "If its kind is honest, names the aircraft that it claims, as `claims` (an attack on somebody's link may name "
+    "none), and its honest arm has a radio of its own for each; if not, names none.",
+)
+def _honest(case: AttackCase) -> None:
+    assert isinstance(case.kind, AttackPlugin)
+    claims = case.made()[0].claims
+    if not case.kind.honest:
+        need(not claims, f"claims {len(claims)} aircraft", "none, or AttackPlugin.honest = True")
+        return
+    attack, _ = case.made(honest=True)
+    need(bool(claims) or bool(attack.taps), "claims no aircraft", "a ClaimedTrack for each that is not there")
+    need(len(attack.claims) == len(claims), f"claims {len(attack.claims)}", f"{len(claims)}, as without the arm")
+    tracks = [(claim.start_enu_m, claim.velocity_mps) for claim in attack.claims]
+    same([(claim.start_enu_m, claim.velocity_mps) for claim in claims], tracks, "claimed tracks", "the same")
+    radios = [claim.radio for claim in attack.claims]
+    known = {radio.endpoint for radio in attack.radios}
+    need(len(set(radios)) == len(radios) and set(radios) <= known, f"claims for {short(radios)}", "one radio for each")
 
 
 def _departure(live: Flight, sham: Flight) -> Time:

@@ -78,8 +78,7 @@ class ReportedPoses:
             return None
         poses, late_s = self._poses, self._late_ns[:, None] / NS_PER_S
         position: Floats = poses.position_enu_m + poses.vel_enu_mps * late_s
-        taken = Poses(
-            poses.fresh, position, *(a.copy() for a in (poses.vel_enu_mps, poses.attitude, poses.rates_radps))
-        )
+        velocity, attitude, rates = (a.copy() for a in (poses.vel_enu_mps, poses.attitude, poses.rates_radps))
+        taken = Poses(poses.fresh, position, velocity, attitude, rates)
         poses.fresh = np.zeros_like(poses.fresh)
         return taken

@@ -11,6 +11,7 @@ from skyrange.study.figures.subject import Subject
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 from skyrange.study.twins.confidence import Interval
+from skyrange.study.twins.lie_and_truth import REACTIONS, format_reaction, reacts, truth_name
 
 Row = Mapping[str, Any]
 
@@ -52,6 +53,27 @@ def render_operators(subject: Subject, rows: Sequence[Row]) -> Markup:
             for name, own in owned.items()
         ],
     )
+
+
+def render_lie_and_truth(subject: Subject, rows: Sequence[Row]) -> Markup:
+    """Render one row per aircraft: what it did about a claimed aircraft, and about a real one in its place."""
+    places = {vehicle.id: index for index, vehicle in enumerate(subject.fleet)}
+    ordered = sorted(rows, key=lambda row: -max(row["departure_m"], row[truth_name("departure_m")]))
+    shown = [
+        {
+            "vehicle": row["vehicle"],
+            "place": places[row["vehicle"]],
+            "quiet": not reacts(row),
+            "numbers": [
+                *(format_reaction(row, one) for one in REACTIONS),
+                _change(row["min_separation_m"], row[truth_name("min_separation_m")]),
+                ((f"{row['apart_m']:.1f}", "m"),),
+            ],
+        }
+        for row in ordered[:MAX_ROWS]
+    ]
+    titles = [one.title for one in REACTIONS] + ["least separation", "lie from truth at most"]
+    return render("pair/honest.html.jinja", rows=shown, titles=titles, total=len(rows))
 
 
 def render_ensemble(subject: Subject, found: Mapping[str, Mapping[str, Interval]], affected: Sequence[str]) -> Markup:

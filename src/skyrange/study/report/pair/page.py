@@ -11,6 +11,7 @@ import numpy as np
 from skyrange.core.files import atomic_write
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record import RunRecord
+from skyrange.study.attribution.arms import HONEST
 from skyrange.study.figures.causal_path import draw_causal_path
 from skyrange.study.figures.reception_map import draw_reception_map
 from skyrange.study.figures.subject import Subject, subject_of
@@ -86,6 +87,7 @@ def render_comparison(pair: Pair) -> str:
         near=f"{pair.manifest['near_m']:g}",
         attribution=describe_attribution(pair, subject, seed),
         effects=[_effects(subject, effects, seed, arm) for arm in pair.twins],
+        truth=_lie_and_truth(pair, subject, seed),
         ensemble=_ensemble(pair, subject, effects),
         belief=belief.render_belief((attacked, twin), (tracks, twins), subject, spans, MAX_DRAWN),
         receptions=_receptions(attacked, subject, places),
@@ -247,6 +249,19 @@ def _effects(subject: Subject, effects: Sequence[Mapping[str, Any]], seed: int, 
         "meaning": _TWINS[against],
         "operators": effect_tables.render_operators(subject, rows),
         "aircraft": effect_tables.render_effects(subject, rows),
+    }
+
+
+def _lie_and_truth(pair: Pair, subject: Subject, seed: int) -> Mapping[str, Any] | None:
+    """Reactions to the lie and to the truth, if the honest arm was flown."""
+    rows = [row for row in pair.lie_and_truth.to_pylist() if row["seed"] == seed]
+    if not rows:
+        return None
+    aircraft = pair.run(HONEST, seed).manifest["honest"]
+    return {
+        "aircraft": ", ".join(f"{one['id']} ({one['airframe']}, {one['uas_id']})" for one in aircraft[:MAX_DRAWN]),
+        "count": len(aircraft),
+        "table": effect_tables.render_lie_and_truth(subject, rows),
     }
 
 
