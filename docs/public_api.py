@@ -26,12 +26,14 @@ TOPICS: dict[str, dict[str, str]] = {
         "Surroundings": "Origin City Grid Wind Radio Receiver",
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Avoidance Autopilots",
         "Plans": "Plan Square Path square path mission_file",
-        "Links, attacks, faults, detectors, recording": "Link AttackTable FaultTable When DetectorTable Record Live",
+        "Links, attacks, faults, detectors, recording": """Link WifiParams CellularParams BaseStation
+            AttackTable FaultTable When DetectorTable Record Live""",
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
-            SensorFault SensorAct Schedule AttackPlan ThreatModel Controls""",
+            AirLink ClaimedTrack SensorFault SensorAct
+            Schedule AttackPlan ThreatModel Controls""",
         "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
@@ -47,7 +49,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
             Poses InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
-        "Links and taps": "LinkSpec Channel Route Tap TapPlacement Frame Fate Verdict Pass Drop Delay Replace Inject",
+        "Links and taps": """LinkSpec Channel VariableChannel OpenChannel Route Tap TapPlacement Frame Fate
+            Verdict Pass Drop Delay Replace Inject""",
         "Observers": "Observer FrameBlock Label World",
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",

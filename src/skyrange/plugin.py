@@ -13,6 +13,7 @@ from skyrange.core.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from skyrange.attack.contract import (
         Aircraft,
+        AirLink,
         Attack,
         AttackContext,
         AttackPlugin,
@@ -53,7 +54,16 @@ if TYPE_CHECKING:
     from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
     from skyrange.contracts.frames.blocks import FrameBlock
     from skyrange.contracts.frames.frame import Fate, Frame
-    from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, Schedule, TapPlacement
+    from skyrange.contracts.links import (
+        AttackPlan,
+        Channel,
+        LinkSpec,
+        OpenChannel,
+        Route,
+        Schedule,
+        TapPlacement,
+        VariableChannel,
+    )
     from skyrange.contracts.mailboxes import Arrival, Departure, Inbox, Note, Outbox
     from skyrange.contracts.medium import (
         ANY_CHANNEL,
@@ -126,6 +136,7 @@ __all__ = [
     "NS_PER_S",
     "NS_PER_US",
     "Agent",
+    "AirLink",
     "Aircraft",
     "Airframe",
     "Alert",
@@ -205,6 +216,7 @@ __all__ = [
     "ObservedFrames",
     "Observer",
     "OnAir",
+    "OpenChannel",
     "OperationalIntent",
     "Origin",
     "Outbox",
@@ -239,6 +251,7 @@ __all__ = [
     "TransmissionFate",
     "Transmitter",
     "TxBatch",
+    "VariableChannel",
     "VehicleSpec",
     "Verdict",
     "Volume4D",

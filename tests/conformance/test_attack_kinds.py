@@ -197,7 +197,7 @@ def test_an_attack_to_which_others_react_conforms_in_any_window(start_s: float, 
 def test_the_expected_acts_are_checked() -> None:
     with pytest.raises(NonConformance, match=r"did delay.*drop"):
         check_attack(LAG, {"vehicle": "blue/b1"}, start_s=1.0, stop_s=2.0, acts={"drop"})
-    with pytest.raises(ValueError, match="expected True, False or some of delay, drop"):
+    with pytest.raises(ValueError, match="expected True, False or some of body, delay, drop"):
         check_attack(LAG, {"vehicle": "blue/b1"}, acts="delay")
     with pytest.raises(ValueError, match="start_s 7"):
         check_attack(LAG, {"vehicle": "blue/b1"}, start_s=7.0)

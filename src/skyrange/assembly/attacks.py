@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+from skyrange.assembly.control_links import describe_to_attackers
 from skyrange.assembly.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
@@ -55,6 +56,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         duration_ns=from_seconds(scenario.duration_s),
         schedule=Schedule(),
         city=city,
+        over_air=describe_to_attackers(links),
     )
 
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from skyrange.assembly.radio_checks import check_place
+from skyrange.attack.contract import AirLink
 from skyrange.city.city import City
-from skyrange.contracts.links import VariableChannel
+from skyrange.contracts.links import LinkSpec, VariableChannel
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Problem
 from skyrange.core.ids import link_name, vehicle_id
@@ -90,6 +91,20 @@ def build_control_links(
     return ControlLinks(
         made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy
     )
+
+
+def describe_to_attackers(links: Sequence[LinkSpec]) -> dict[str, AirLink]:
+    """What anyone near can hear of those links that are over the air."""
+    heard = {}
+    for spec in links:
+        channel = spec.channel
+        if isinstance(channel, WifiLink):
+            number = channel.params.channel
+            addresses = channel.station.address, channel.aircraft.address
+            heard[spec.name] = AirLink("wifi", centre_mhz(OFDM, number), WIDTH_MHZ, number, *addresses)
+        elif isinstance(channel, CellularLink):
+            heard[spec.name] = AirLink("cellular", channel.params.frequency_mhz, channel.params.bandwidth_mhz)
+    return heard
 
 
 def check_links_over_air(scenario: Scenario, city: City | None) -> Iterator[Problem]:

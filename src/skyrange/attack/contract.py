@@ -48,6 +48,20 @@ class Aircraft:
 
 
 @dataclass(frozen=True, slots=True)
+class AirLink:
+    """What an attacker can hear of a control link over the air: its channel, and the addresses of its two radios."""
+
+    kind: Literal["wifi", "cellular"]
+    centre_mhz: float
+    width_mhz: float
+    channel: int = 0
+    """Wi-Fi channel; 0 for a cellular link."""
+    station_address: bytes = b""
+    """MAC address of the access point, 6 bytes; empty for a cellular link."""
+    aircraft_address: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
 class AttackContext:
     """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
 
@@ -67,6 +81,8 @@ class AttackContext:
     """Whether to make the sham: the same transmitter, airtime and timing, with benign content."""
     city: City | None = None
     """The buildings, if there are any."""
+    over_air: Mapping[str, AirLink] = field(default_factory=dict)
+    """The control links that are on the air, by name."""
     honest: bool = False
     """Whether to make the honest arm: a real aircraft flies on each of `Attack.claims` and carries its radio, so the
     attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from skyrange.codec.remote_id import noise_request
@@ -15,38 +17,64 @@ MAX_BURSTS = 1_000
 MAX_DBM = 90.0
 
 
+@dataclass(slots=True)
+class _Burst:
+    """One burst, when it is on the air, and when those know of it who cannot go back to the time of the request."""
+
+    radio: int
+    start: Time
+    end: Time
+    known_start: Time
+    known_end: Time
+    request: noise_request.NoiseRequest
+
+    def replaced_by(self, other: _Burst) -> bool:
+        """Whether `other` is later noise of the same radio in the same band that begins before this ends."""
+        mine, its = self.request, other.request
+        same = (self.radio, mine.centre_khz, mine.bandwidth_khz) == (other.radio, its.centre_khz, its.bandwidth_khz)
+        return same and self.start < other.start < self.end
+
+
 class JammingBursts:
-    """The bursts that are on. Deep-copyable."""
+    """The bursts that are on. Deep-copyable.
+
+    A radio makes one noise in a band: a new order there ends the one before.
+    """
 
     __slots__ = ("_bursts", "changed")
 
     def __init__(self) -> None:
-        self._bursts: list[tuple[int, Time, Time, noise_request.NoiseRequest]] = []
+        self._bursts: list[_Burst] = []
         self.changed = False
         """Whether the emitters have changed since they were last requested."""
 
-    def request(self, radio: int, at: Time, payload: bytes) -> bool:
-        """Take the request of a burst that reached a radio; `False` for any other payload, and for
+    def request(self, now: Time, radio: int, at: Time, payload: bytes) -> bool:
+        """Take, at `now`, the request of a burst that reached a radio at `at`; `False` for any other payload, and for
         one burst too many.
         """
         try:
-            burst = noise_request.unpack(payload)
+            request = noise_request.unpack(payload)
         except DecodeError:
             return False
-        if len(self._bursts) >= MAX_BURSTS or burst.power_cdbm > MAX_DBM * 100:
+        if len(self._bursts) >= MAX_BURSTS or request.power_cdbm > MAX_DBM * 100:
             return False
-        self._bursts.append((radio, at, at + burst.duration_us * NS_PER_US, burst))
+        length = request.duration_us * NS_PER_US
+        burst = _Burst(radio, at, at + length, now, now + length, request)
+        for one in self._bursts:
+            if one.replaced_by(burst):
+                one.end, one.known_end = burst.start, burst.known_start
+        self._bursts.append(burst)
         self.changed = True
         return True
 
     def bursts(self) -> list[NoiseBurst]:
-        """Every burst that `emitters` did not forget, those of reactive jammers too."""
+        """Every burst that `emitters` did not forget, those of reactive jammers too, at the times when it is known."""
         return [
             NoiseBurst(
-                radio, b.centre_khz / 1e3, b.bandwidth_khz / 1e3, b.power_cdbm / 100.0, start, end,
-                b.turnaround_us * NS_PER_US,
+                one.radio, one.request.centre_khz / 1e3, one.request.bandwidth_khz / 1e3,
+                one.request.power_cdbm / 100.0, one.known_start, one.known_end, one.request.turnaround_us * NS_PER_US,
             )
-            for radio, start, end, b in self._bursts
+            for one in self._bursts
         ]  # fmt: skip
 
     def emitters(self, now: Time) -> EmitterTable:
@@ -55,11 +83,12 @@ class JammingBursts:
         Reactive jammers are left out: they react to frames of control links, and a medium has none of these.
         """
         self.changed = False
-        self._bursts = [burst for burst in self._bursts if burst[2] > now]
-        steady = [burst for burst in self._bursts if not burst[3].turnaround_us]
-        numbers = np.array([[b.centre_khz, b.bandwidth_khz, b.power_cdbm] for *_, b in steady], dtype=np.float64)
+        self._bursts = [burst for burst in self._bursts if burst.known_end > now]
+        steady = [burst for burst in self._bursts if burst.end > now and not burst.request.turnaround_us]
+        orders = [burst.request for burst in steady]
+        numbers = np.array([[b.centre_khz, b.bandwidth_khz, b.power_cdbm] for b in orders], dtype=np.float64)
         numbers = numbers.reshape(-1, 3)
-        times = np.array([burst[:3] for burst in steady], dtype=np.int64).reshape(-1, 3)
+        times = np.array([(b.radio, b.start, b.end) for b in steady], dtype=np.int64).reshape(-1, 3)
         return EmitterTable(
             times[:, 0], numbers[:, 0] / 1e3, numbers[:, 1] / 1e3, numbers[:, 2] / 100.0, times[:, 1], times[:, 2]
         )

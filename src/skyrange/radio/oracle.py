@@ -176,7 +176,7 @@ class Oracle:
         fits = good & (size >= MIN_BODY_BYTES[kind]) & (size <= MAX_BODY_BYTES[kind])
         chosen = np.flatnonzero(fits)
         for row in np.flatnonzero(~fits).tolist():
-            if sender[row] >= 0 and self._take_request(sender.item(row), inbox.arrival(columns.order.item(row))):
+            if sender[row] >= 0 and self._take_request(now, sender.item(row), inbox.arrival(columns.order.item(row))):
                 continue
             why = "not a broadcast" if not rows.valid[row] else "not for the air" if not good[row] else "does not fit"
             self.refused[why] += 1
@@ -212,9 +212,9 @@ class Oracle:
             ),
         )
 
-    def _take_request(self, radio: int, arrival: Arrival) -> bool:
+    def _take_request(self, now: Time, radio: int, arrival: Arrival) -> bool:
         """Take an attacker's request for noise, or for a management frame; `False` for any other payload."""
-        if self._jamming.request(radio, arrival.at, arrival.payload):
+        if self._jamming.request(now, radio, arrival.at, arrival.payload):
             return True
         if self._spectrum is None:
             return False

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
     from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
     from skyrange.scenario.model.autopilots import Autopilots
     from skyrange.scenario.model.detectors import DetectorTable
@@ -29,6 +30,8 @@ __all__ = [
     "AttackTable",
     "Autopilots",
     "Avoidance",
+    "BaseStation",
+    "CellularParams",
     "City",
     "DetectorTable",
     "FaultTable",
@@ -50,6 +53,7 @@ __all__ = [
     "Start",
     "Vehicle",
     "When",
+    "WifiParams",
     "Wind",
     "json_schema",
     "load_scenario",

@@ -15,6 +15,8 @@ from skyrange.contracts.params import Enu, Number, Params
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
+OVERLAP_US = 100_000
+"""Continuous noise is ordered for this much longer than the next order needs to arrive, which replaces it."""
 SILENT_CDBM = -20_000
 """Power of a sham, −200 dBm: below the noise of every receiver."""
 
@@ -47,6 +49,8 @@ class BurstSchedule:
     """A burst of whole length; its centre is replaced."""
     period_ns: Time
     schedule: Schedule
+    continuous: bool = False
+    """Whether a burst lasts until the next one on the same centre, and so is ordered a little longer."""
     turn: int = 0
 
     @property
@@ -64,7 +68,8 @@ class BurstSchedule:
         if self.schedule.start_ns > now or left_us <= 0:
             return []
         centre_khz = self.centres_khz[number % len(self.centres_khz)]
-        duration_us = min(self.burst.duration_us, left_us)
+        overlap_us = min(self.burst.duration_us, OVERLAP_US) if self.continuous else 0
+        duration_us = min(self.burst.duration_us + overlap_us, left_us)
         return [pack(self.burst._replace(centre_khz=centre_khz, duration_us=duration_us, time_ns=now))]
 
 
@@ -85,7 +90,8 @@ def make_jammer(
         round(bandwidth_mhz * 1000),
         max(1, round(period_ns * duty) // NS_PER_US),
     )
-    bursts = BurstSchedule(tuple(round(centre * 1000) for centre in centres_mhz), burst, period_ns, context.schedule)
+    centres_khz = tuple(round(centre * 1000) for centre in centres_mhz)
+    bursts = BurstSchedule(centres_khz, burst, period_ns, context.schedule, duty == 1.0 and len(centres_mhz) == 1)
     agent = Broadcaster(context.radio, Port(context.radio, context.up), bursts)
     radio = transmitter(context, transmitter_m, power_dbm)
     return Attack(agents=[agent], links=[up_link(context)], radios=[radio])

@@ -50,6 +50,8 @@ class CellularDirection:
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
         link = self.link
+        if link.strengths_dbm is None:  # nothing is known before the first update, in the first instant of a run
+            return Fate.DELIVERED, now + link.latency_ns, None
         if link.serving == NO_CELL or now < link.interrupted_until:
             return Fate.LOST, now, None
         rate_bps = float(EFFICIENCY[self.quality]) * link.params.share * link.params.bandwidth_mhz * 1e6
@@ -75,6 +77,8 @@ class CellularLink:
         "_below_since",
         "_better_since",
         "_measured_ns",
+        "_power_mw",
+        "_samples",
         "aircraft_noise_dbm",
         "interrupted_until",
         "latency_ns",
@@ -106,7 +110,9 @@ class CellularLink:
         self.interrupted_until: Time = -(2**62)
         self.strengths_dbm: Floats | None = None
         """(cells,) filtered strength of each cell's signal."""
-        self._measured_ns: Time | None = None
+        self._measured_ns: Time = 0
+        self._power_mw: Floats = np.zeros(len(params.base_stations))
+        self._samples = 0
         self._better_since: dict[int, Time] = {}
         self._below_since: Time | None = None
 
@@ -126,16 +132,22 @@ class CellularLink:
     def measure(self, now: Time, powers_dbm: Floats) -> tuple[str, str] | None:
         """Measure the cells, (cells,) dBm, and hand over by the event A3; returns the cells before and after one.
 
+        A measurement is the mean power since the last one (TS 36.214, 5.1.1, averages over the measurement period).
         The event (TS 36.331, 5.5.4.4) begins when a neighbour less the hysteresis is better than the serving cell plus
         the offset, ends when it is not with the hysteresis added, and counts when it has held for the time to trigger.
         """
-        if self._measured_ns is not None and now - self._measured_ns < MEASUREMENT_NS:
-            return None
-        self._measured_ns = now
         if self.strengths_dbm is None:
+            self._measured_ns = now
             self.strengths_dbm = powers_dbm.copy()
             self.serving = int(np.argmax(powers_dbm))
             return "", self.cell
+        self._power_mw = self._power_mw + 10.0 ** (0.1 * powers_dbm)
+        self._samples += 1
+        if now - self._measured_ns < MEASUREMENT_NS:
+            return None
+        self._measured_ns = now
+        powers_dbm = 10.0 * np.log10(np.maximum(self._power_mw / self._samples, 1e-30))
+        self._power_mw, self._samples = np.zeros_like(powers_dbm), 0
         self.strengths_dbm = (1.0 - FILTER) * self.strengths_dbm + FILTER * powers_dbm
         if self.serving == NO_CELL:
             return None

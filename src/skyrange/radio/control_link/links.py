@@ -32,7 +32,8 @@ from skyrange.radio.phy.waveforms import OFDM
 from skyrange.radio.propagation.link_budget import max_range_m
 from skyrange.radio.spectrum import ManagementFrame, NoiseBurst, Spectrum, Transmission
 
-NAME: Final = "control links"
+NAME: Final = "radio links"
+"""It is later than the oracle in order of names, so that it learns in the same instant what the oracle knows."""
 STEP_NS: Final[Time] = 20 * NS_PER_MS
 _RATE_WEIGHT: Final = 1.0 - 0.75 ** (STEP_NS / (100 * NS_PER_MS))
 """Linux's Minstrel rate control gives a new interval of 100 ms a weight of 25 % (`EWMA_LEVEL`)."""

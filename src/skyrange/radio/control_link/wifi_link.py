@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from hashlib import blake2b
 from typing import Any, Final
@@ -11,7 +12,7 @@ import numpy as np
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
 from skyrange.contracts.medium import Floats
-from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.control_link.interference import Interference
 from skyrange.radio.control_link.params import WifiParams
 from skyrange.radio.control_link.wifi_rates import (
@@ -23,7 +24,6 @@ from skyrange.radio.control_link.wifi_rates import (
     LIFETIME_NS,
     MAX_RETRIES,
     OVERHEAD_BYTES,
-    RATES_MBPS,
     SIFS_NS,
     SLOT_NS,
     ack_rate,
@@ -50,7 +50,7 @@ def wifi_address(name: str) -> bytes:
 class Transmitter:
     """A radio that sends one frame at a time: an access point, or that of an aircraft."""
 
-    __slots__ = ("address", "airtime_ns", "busy_until", "name", "occupancy", "power_dbm", "row")
+    __slots__ = ("_queue", "address", "airtime_ns", "busy_until", "name", "occupancy", "power_dbm", "row")
 
     def __init__(self, name: str, power_dbm: float) -> None:
         self.name = name
@@ -63,6 +63,18 @@ class Transmitter:
         """What it has sent since this was last set to 0."""
         self.occupancy = 0.0
         """Share of time in which others keep its channel busy."""
+        self._queue: deque[tuple[Time, int]] = deque()
+
+    def queued_bytes(self, now: Time) -> int:
+        """Bytes of the frames that wait or are being sent."""
+        while self._queue and self._queue[0][0] <= now:
+            self._queue.popleft()
+        return sum(size for _, size in self._queue)
+
+    def hold(self, until: Time, size: int) -> None:
+        """Have a frame in the queue until it is sent or given up."""
+        self.busy_until = until
+        self._queue.append((until, size))
 
 
 class WifiDirection:
@@ -90,35 +102,45 @@ class WifiDirection:
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
         radio = self.transmitter
+        if self.link.successes is None:  # nothing is known before the first update, in the first instant of a run
+            return Fate.DELIVERED, now + self.latency_ns, None
         if not self.link.associated or now < self.link.down_until:
             return Fate.LOST, now, None
         start = max(now, radio.busy_until)
-        if (start - now) * RATES_MBPS[self.rate] * 1e6 / (8 * NS_PER_S) + size > self._queue_bytes:
+        if radio.queued_bytes(now) + size > self._queue_bytes:
             return Fate.OVERFLOW, now, None
         give_up = start + LIFETIME_NS
         length = airtime_ns(self.rate, size + OVERHEAD_BYTES)
         answer = ack_rate(self.rate)
         answer_ns = SIFS_NS + airtime_ns(answer, ACK_BYTES)
-        all_failed, window, turn = 1.0, CW_MIN, draws[1]
+        window, turn = CW_MIN, draws[1]
+        no_frame, no_answer = 1.0, 1.0
+        delivered: Time | None = None
         for _ in range(1 + MAX_RETRIES):
             backoff_ns = int(turn * (window + 1)) * SLOT_NS
             start += int((DIFS_NS + backoff_ns) / (1.0 - radio.occupancy))
             start = self.interference.idle_from(start, BUSY_DBM)
             if start > give_up:
-                radio.busy_until = give_up
-                return Fate.LOST, now, None
+                start = give_up
+                break
             end = start + length
             radio.airtime_ns += length + answer_ns
             arrives = self._success(start, end, self.rate, size + OVERHEAD_BYTES)
-            acknowledged = self.reverse._success(end + SIFS_NS, end + answer_ns, answer, ACK_BYTES)
-            all_failed *= 1.0 - arrives * acknowledged
+            answered = self.reverse._success(end + SIFS_NS, end + answer_ns, answer, ACK_BYTES)
             start = end + answer_ns
-            if draws[0] >= all_failed:
-                radio.busy_until = start
-                return Fate.DELIVERED, end + self.latency_ns, None
+            if delivered is None:
+                no_frame *= 1.0 - arrives
+                if draws[0] >= no_frame:
+                    delivered, arrives = end, 1.0
+            if delivered is not None:  # without an acknowledgement it is sent again, and the receiver drops the copy
+                no_answer *= 1.0 - arrives * answered
+                if draws[2] >= no_answer:
+                    break
             window, turn = min(2 * window + 1, CW_MAX), (turn + _GOLDEN) % 1.0
-        radio.busy_until = start
-        return Fate.LOST, now, None
+        radio.hold(start, size)
+        if delivered is None:
+            return Fate.LOST, now, None
+        return Fate.DELIVERED, delivered + self.latency_ns, None
 
     def _success(self, start: Time, end: Time, rate: int, size_bytes: int) -> float:
         """The probability that the receiver decodes a frame on the air from `start` to `end`."""

@@ -1,0 +1,1 @@
+"""Attacks on control links over the air."""
