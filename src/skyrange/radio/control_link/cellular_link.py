@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -37,7 +38,7 @@ class CellularDirection:
     def __init__(self, link: CellularLink, noise_dbm: float) -> None:
         self.link = link
         self.interference = Interference(noise_dbm)
-        self.signal_dbm = -np.inf
+        self.signal_dbm = -math.inf
         self.quality = 0
         """Channel quality in use, by its place in `EFFICIENCY`."""
         self._busy_until: Time = -(2**62)
@@ -45,7 +46,7 @@ class CellularDirection:
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant."""
-        return self.signal_dbm - 10.0 * float(np.log10(self.interference.steady_mw(at)))
+        return self.signal_dbm - 10.0 * math.log10(self.interference.steady_mw(at))
 
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""

@@ -77,7 +77,6 @@ class ControlLinks:
         self._spectrum = spectrum
         self._propagation = propagation
         self._chance = chance
-        self._city_busy = city_busy
         self._fixed = np.array(list(places.values()), dtype=np.float64).reshape(-1, 3)
         rows = {name: row for row, name in enumerate((*spectrum.radios, *places))}
         self._transmitters = list(
@@ -85,6 +84,21 @@ class ControlLinks:
         )
         for transmitter in self._transmitters:
             transmitter.row = rows[transmitter.name]
+        channel_of = {id(t): link.params.channel for link in self._wifi for t in (link.station, link.aircraft)}
+        self._rows = np.array([t.row for t in self._transmitters], dtype=np.int64)
+        self._channels = np.array([channel_of[id(t)] for t in self._transmitters], dtype=np.int64)
+        self._reach_m = np.array(
+            [
+                max_range_m(0.0, t.power_dbm, PREAMBLE_DBM, centre_mhz(OFDM, channel_of[id(t)]))
+                for t in self._transmitters
+            ]
+        )
+        self._background = np.array(
+            [
+                city_busy if min(abs(channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
+                for channel in self._channels.tolist()
+            ]
+        )
         for one in self._cellular:
             one.row = rows[one.vehicle]
         self._cells = {
@@ -164,23 +178,22 @@ class ControlLinks:
         """
         if not self._transmitters:
             return
-        channel_of = {id(t): link.params.channel for link in self._wifi for t in (link.station, link.aircraft)}
-        uses = [(t.row, channel_of[id(t)], t.airtime_ns) for t in self._transmitters if t.airtime_ns]
+        uses = [
+            (t.row, channel, t.airtime_ns)
+            for t, channel in zip(self._transmitters, self._channels.tolist(), strict=True)
+            if t.airtime_ns
+        ]
         uses += [(one.radio, one.channel, one.ended_ns - one.started_ns) for one in sent]
-        for transmitter in self._transmitters:
+        senders, channels, airtime = np.array(uses, dtype=np.int64).reshape(-1, 3).T
+        away = pos[self._rows][:, None, :] - pos[senders][None, :, :]
+        near = (away * away).sum(axis=2) <= self._reach_m[:, None] ** 2
+        near &= self._rows[:, None] != senders[None, :]
+        near &= np.abs(self._channels[:, None] - channels[None, :]) < _OVERLAP_CHANNELS
+        busy = np.minimum(near @ (airtime / STEP_NS), 1.0)
+        busy = np.minimum(1.0 - (1.0 - busy) * (1.0 - self._background), MAX_OCCUPANCY)
+        for transmitter, share in zip(self._transmitters, busy.tolist(), strict=True):
             transmitter.airtime_ns = 0
-        senders = np.array([use[0] for use in uses], dtype=np.int64)
-        channels = np.array([use[1] for use in uses], dtype=np.int64)
-        airtime = np.array([use[2] for use in uses], dtype=np.float64)
-        for transmitter in self._transmitters:
-            channel = channel_of[id(transmitter)]
-            reach = max_range_m(0.0, transmitter.power_dbm, PREAMBLE_DBM, centre_mhz(OFDM, channel))
-            near = np.linalg.norm(pos[senders] - pos[transmitter.row], axis=1) <= reach
-            near &= (senders != transmitter.row) & (np.abs(channels - channel) < _OVERLAP_CHANNELS)
-            busy = min(float(airtime[near].sum()) / STEP_NS, 1.0)
-            background = self._city_busy if min(abs(channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
-            busy = min(1.0 - (1.0 - busy) * (1.0 - background), MAX_OCCUPANCY)
-            transmitter.occupancy += _OCCUPANCY_WEIGHT * (busy - transmitter.occupancy)
+            transmitter.occupancy += _OCCUPANCY_WEIGHT * (share - transmitter.occupancy)
 
     def _receive(self, frame: ManagementFrame, pos: Floats, vel: Floats, out: Outbox) -> None:
         """Let the links that a management frame is about receive it, or not."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Mapping
 from hashlib import blake2b
 from typing import Any, Final
-
-import numpy as np
 
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
@@ -90,14 +89,14 @@ class WifiDirection:
         self.interference = Interference(noise_dbm)
         self.latency_ns = link.latency_ns
         self._queue_bytes = link.params.queue_bytes
-        self.signal_dbm = -np.inf
+        self.signal_dbm = -math.inf
         """Power of its frames at the receiver."""
         self.rate = 0
         """The rate in use, by its place in `RATES_MBPS`."""
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant, without reactive jammers."""
-        return self.signal_dbm - 10.0 * float(np.log10(self.interference.steady_mw(at)))
+        return self.signal_dbm - 10.0 * math.log10(self.interference.steady_mw(at))
 
     def carry(self, now: Time, size: int, draws: Uniforms) -> tuple[Fate, Time, Time | None]:
         """As `OpenChannel.carry`."""
@@ -146,7 +145,7 @@ class WifiDirection:
         """The probability that the receiver decodes a frame on the air from `start` to `end`."""
         found = 1.0
         for share, noise_mw in self.interference.pieces(start, end):
-            snir_db = self.signal_dbm - 10.0 * float(np.log10(noise_mw))
+            snir_db = self.signal_dbm - 10.0 * math.log10(noise_mw)
             found *= success_probability(rate, snir_db, 8.0 * size_bytes * share)
         return found
 
