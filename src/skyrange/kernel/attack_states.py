@@ -50,10 +50,10 @@ class AttackState:
         notes: list[Note] = []
         if self._phase == 0 and now >= self.start_ns:
             self._phase = 1
-            notes.append(self._note(f"event.{self._author}_start", self.start_ns))
+            notes.append(self._note(self._events[0], self.start_ns))
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
-            notes.append(self._note(f"event.{self._author}_stop", self.stop_ns))
+            notes.append(self._note(self._events[1], self.stop_ns))
         return [] if self.muted else notes
 
     @property
@@ -62,8 +62,12 @@ class AttackState:
         return self._phase == 2
 
     @property
-    def _author(self) -> str:
-        return "fault" if self.plan.fault else "honest" if self.plan.honest else "attack"
+    def _events(self) -> tuple[str, str]:
+        if self.plan.fault:
+            return "event.fault_start", "event.fault_stop"
+        if self.plan.honest:
+            return "event.honest_start", "event.honest_stop"
+        return "event.attack_start", "event.attack_stop"
 
     def _note(self, kind: str, at: Time) -> Note:
         data: dict[str, Scalar] = {"at_s": to_seconds(at), "triggered": self.plan.trigger is not None}
