@@ -29,6 +29,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER
 from skyrange.core.volumes import Volume4D
+from skyrange.scenario import AttackTable, load_scenario
 from skyrange.testing.checks.attacks import two_squares
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import DecisionBody, Request, decode_response, encode
@@ -196,3 +197,14 @@ def test_strangers_are_refused(kind: AttackPlugin, params: dict[str, Any], words
 def test_parameters_that_cannot_be_are_refused(kind: AttackPlugin, params: dict[str, Any], words: str) -> None:
     with pytest.raises(ValidationError, match=words):
         kind.params.model_validate(params)
+
+
+LATE: list[dict[str, Any]] = [{"start_s": 5.0}, {"when": {"vehicle": "blue/b1", "of": [0, 0, 0], "within_m": 5}}]
+
+
+@pytest.mark.parametrize("late", LATE)
+def test_a_plan_file_is_altered_from_the_start_or_not_at_all(late: dict[str, Any]) -> None:
+    scenario = load_scenario("ground.plan_file")
+    attack = AttackTable.model_validate({**scenario.attacks[0].model_dump(exclude_none=True), **late})
+    with pytest.raises(InputError, match=r"start_s.*loaded at the start"):
+        build(scenario.model_copy(update={"attacks": (attack,)}))

@@ -78,6 +78,10 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
         if found.body_faults and not is_fault:
             made.faults.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
             continue
+        if getattr(attack.plugin, "from_start", False) and (attack.start_s > 0 or attack.when is not None):
+            value = f"{attack.start_s:g}" if attack.when is None else "a trigger"
+            expected = f"0 without a trigger: {attack.kind} alters what is loaded at the start"
+            made.faults.append(Problem(f"{where}.start_s", value, expected))
         names = [*context.links, *(spec.name for spec in found.links)]
         for tap in found.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):

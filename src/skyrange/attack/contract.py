@@ -181,6 +181,8 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     (`Attack.claims`)."""
     places: Sequence[str] = ("at", "transmitter_m")
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""
+    from_start: bool = False
+    """Whether it has an effect only if it acts from 0 s on, such as one on what is loaded then."""
     surface: Sequence[str] = ()
     """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_up`), `medium`, or sensors (`gnss`, `baro`)."""
     effect: str = ""

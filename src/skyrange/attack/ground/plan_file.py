@@ -263,6 +263,7 @@ PLAN_FILE = AttackPlugin(
     make,
     "Alters a plan before the ground station submits and uploads it, so that all agree on the wrong plan.",
     technique="T0873",
+    from_start=True,
     surface=("gcs", "approval"),
     effect="approver, ground station and autopilot agree on a plan that is not the operator's, and signatures fit it",
     places=(),
