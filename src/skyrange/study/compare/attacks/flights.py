@@ -39,6 +39,7 @@ FOLDERS: Final = (
     "ground",
     "companion",
     "approval",
+    "control_link",
 )
 """The groups of kinds that are compared."""
 NOT_CARRIED: Final[Mapping[str, str]] = {
