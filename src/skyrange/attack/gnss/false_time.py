@@ -122,7 +122,7 @@ GNSS_TIME = AttackPlugin(
         "Nighswander et al., CCS 2012, where most receivers take it)",
         "position and velocity": "assumed: true, because all pseudoranges share the error",
         "fix type, satellites, claimed accuracy": "assumed: unaltered, a seamless capture",
-        "time of the measurement in the filter": "assumed: unaltered; ArduPilot takes fixes whose time falls back for "
-        "older ones",
+        "time of the fix in the estimator": "assumed: unaltered; after a jump back ArduPilot takes fixes for up to 2 s "
+        "older (cited: AP_GPS_MAV.cpp, JitterCorrection.cpp), and EKF3 limits that to its fusion horizon",
     },
 )
