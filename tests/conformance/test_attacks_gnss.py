@@ -9,6 +9,7 @@ import pytest
 
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.gnss.capture import CAPTURE
+from skyrange.attack.gnss.false_time import GNSS_TIME
 from skyrange.attack.gnss.jam import GNSS_JAM
 from skyrange.attack.gnss.meacon import MEACON
 from skyrange.attack.gnss.pull_off import PULL_OFF
@@ -25,6 +26,8 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Any]] = [
     (MEACON, {"at": PLACE, "reacquire_s": 2}, SENSOR),
     (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 1}, SENSOR),
     (PULL_OFF, {"vehicles": ["blue/b1"], "bearing_deg": 30, "aligned_s": 0, "distance_m": 5}, SENSOR),
+    (GNSS_TIME, {"vehicles": ["blue/b1"], "offset_s": 20}, SENSOR),
+    (GNSS_TIME, {"vehicles": ["blue/b1"], "offset_s": -5, "drift_s_per_s": 0.1}, SENSOR),
 ]
 
 

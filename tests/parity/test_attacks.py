@@ -22,6 +22,7 @@ ALIKE = {
     "telemetry.mode": "departs",
     "gnss.pull_off": "departs",
     "gnss.jam": "fails safe",
+    "gnss.time": "departs",
     "sensor.barometer": "departs",
     "remote_id.spoof": "departs",
 }

@@ -197,6 +197,7 @@ class Bodies:
             whole,
             whole,
             whole,
+            whole,
             height,
             height,
             np.zeros((n, 4)),

@@ -101,6 +101,7 @@ def test_every_field_is_there(tmp_path: Path, ending: str) -> None:
         "status": 2, "alt_geo_m": 17.5, "alt_baro_m": None, "height_m": 30.0, "height_type": 1,
         "up_m": pytest.approx(30.2),
         "speed_mps": 5.25, "vertical_mps": -1.5, "track_deg": 270.0, "timestamp_s": 1234.5, "timestamp_accuracy": 1,
+        "timestamp_age_s": None,
         "horizontal_accuracy": 11, "vertical_accuracy": 5, "baro_accuracy": 0, "speed_accuracy": 4,
         "operator_lat_deg": 40.7, "operator_lon_deg": -73.9, "operator_alt_geo_m": None, "operator_location_type": 1,
         "area_count": 2, "area_radius_m": 20.0, "area_ceiling_m": 120.0, "area_floor_m": 0.0, "classification": 1,
@@ -167,3 +168,21 @@ def test_a_frame_that_was_held_back_is_found_and_memory_is_bounded(tmp_path: Pat
     found = list(read_decoded_receptions(run.tables, ["mast"], batch_rows=1))
     assert sum(part.rows.num_rows for part in found) == 201
     assert list(read_decoded_receptions(run.tables, ["nobody"])) == []
+
+
+@pytest.mark.parametrize(
+    ("minute", "second", "told_s", "age_s"),
+    [(20, 34, 1234.4, 0.1), (20, 14, 1234.5, -20.0), (0, 10, 3595.5, 15.0), (59, 50, 2.5, -12.0), (0, 0, None, None)],
+)
+def test_the_age_of_a_claimed_position_is_that_in_the_nearest_hour(
+    tmp_path: Path, minute: int, second: int, told_s: float | None, age_s: float | None
+) -> None:
+    header = {**HEADER, "origin": ORIGIN, "start_unix_ns": (1_767_268_800 + 60 * minute + second) * NS_PER_S}
+    recorder = Recorder.open(tmp_path / "run", header)
+    recorder.on_frame(up("blue/b1", 7, 400 * MS, f3411.encode(f3411.Location(2, 40.0, -73.0, timestamp_s=told_s))))
+    recorder.flush()
+    row = {"time_ns": 500 * MS, "link": "rid_up:blue/b1", "serial": 7, "receiver": "mast"}
+    recorder.on_rows("receptions", receptions([row]))
+    recorder.close()
+    [seen] = load(tmp_path / "run").table("observations").to_pylist()
+    assert seen["timestamp_age_s"] == (age_s if age_s is None else pytest.approx(age_s))

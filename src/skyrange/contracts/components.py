@@ -119,6 +119,8 @@ class Sensors:
     """(n,) satellites used."""
     gnss_time_ns: Ints
     """(n,) when the position was measured: a new value is a new measurement, an old one is a repetition."""
+    gnss_utc_error_ns: Ints
+    """(n,) error of the UTC that the receiver reports, in nanoseconds: positive is ahead; 0 unless it is attacked."""
     battery_v: Floats
     """(n,) voltage at the terminals."""
     battery_a: Floats

@@ -128,3 +128,9 @@ def origin_of(manifest: Mapping[str, Any]) -> Origin | None:
         float(declared.get("alt_msl_m") or 0.0),
         float(declared.get("geoid_m") or 0.0),
     )
+
+
+def start_unix_ns_of(manifest: Mapping[str, Any]) -> int | None:
+    """UTC of a run's time 0 in ns since 1970, by its manifest; None if the manifest has none."""
+    found = manifest.get("start_unix_ns")
+    return found if isinstance(found, int) and not isinstance(found, bool) else None

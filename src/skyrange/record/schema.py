@@ -217,6 +217,9 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("vertical_mps", _F64, "m/s", "claimed climb rate", True),
         Column("track_deg", _F64, "deg", "claimed course over ground from true north", True),
         Column("timestamp_s", _F64, "s", "claimed time of the position, since the full hour of UTC", True),
+        Column(
+            "timestamp_age_s", _F64, "s", "time_ns less timestamp_s, modulo 1 h: -1800 to 1800; negative: ahead", True
+        ),
         Column("timestamp_accuracy", _I32, "0.1 s", "accuracy of timestamp_s; 0 unknown", True),
         Column("horizontal_accuracy", _I32, "", "code of F3411: 9 below 30 m, 10 below 10 m, 11 below 3 m …", True),
         Column("vertical_accuracy", _I32, "", "code of F3411 for alt_geo_m: 4 below 10 m, 5 below 3 m …", True),

@@ -55,6 +55,13 @@ class SignedConnections:
             if vehicle is None or one.vehicle == vehicle:
                 signer.start(now)
 
+    def set_clock(self, now: Time, vehicle: str, unix_ns: int) -> None:
+        """Advance the timestamps of one aircraft's connections to a clock that was set, never backwards."""
+        self._begin(now)
+        for one, signer in zip(self._connections, self._signers, strict=True):
+            if one.vehicle == vehicle:
+                signer.set_clock(unix_ns)
+
     @property
     def refused(self) -> int:
         """Number of frames that failed verification."""

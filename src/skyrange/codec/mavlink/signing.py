@@ -90,7 +90,7 @@ class Signer:
     """One end of a signed connection: signs what it sends and verifies what it receives. Deep-copyable.
 
     As in the C library the timestamp is one number. Each frame sent increments it; each frame accepted raises it to
-    that frame's timestamp; the clock advances it only at `start`.
+    that frame's timestamp; the clock advances it only at `start` and when it is set.
     """
 
     __slots__ = ("key", "link", "streams", "timestamp")
@@ -116,6 +116,13 @@ class Signer:
         self.streams.clear()
         stored = self.timestamp + MAX_LAG if self.timestamp else 0
         self.timestamp = min(max(stored, self.key.initial + max(now, 0) // UNIT_NS), LAST_TIMESTAMP)
+
+    def set_clock(self, unix_ns: int) -> None:
+        """Advance the timestamp to a clock that was set, in whole seconds and never backwards.
+
+        GCS_Signing.cpp `update_signing_timestamp`.
+        """
+        self.timestamp = max(self.timestamp, signing_timestamp(unix_ns // NS_PER_S * NS_PER_S))
 
     def sign(self, frame: bytes) -> bytes:
         """The signed form of a frame to send."""

@@ -20,6 +20,7 @@ from skyrange.codec.f3411.columns import CODES, NUMBERS
 from skyrange.codec.remote_id.link_payload import RidColumns, unpack_rows
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.geodesy import Origin
+from skyrange.core.time import NS_PER_S
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.transmissions import RADIO_LINK, DecodedReceptions, read_decoded_receptions
 from skyrange.record.schema import arrow_schema
@@ -35,19 +36,24 @@ _RECEIVED: Final = {
 _NAMES: Final = {int(kind): kind.name.lower() for kind in MessageType}
 
 
-def derive_observations(tables: Tables, origin: Origin | None) -> Iterator[pa.RecordBatch]:
+_HOUR_S: Final = 3600.0
+
+
+def derive_observations(
+    tables: Tables, origin: Origin | None, start_unix_ns: int | None = None
+) -> Iterator[pa.RecordBatch]:
     """The rows of `observations` in the order of `receptions`, batch by batch.
 
-    `origin` converts claimed positions to metres; without one, `east_m`, `north_m` and `up_m` are null. A reception
-    whose frame the record lacks has null in every decoded column.
+    `origin` converts claimed positions to metres; without one, `east_m`, `north_m` and `up_m` are null. Without the UTC
+    of time 0, `timestamp_age_s` is null. A reception whose frame the record lacks has null in every decoded column.
     """
     for received in read_decoded_receptions(tables):
-        yield _batch(received, origin)
+        yield _batch(received, origin, start_unix_ns)
 
 
-def observations_table(tables: Tables, origin: Origin | None) -> pa.Table:
+def observations_table(tables: Tables, origin: Origin | None, start_unix_ns: int | None = None) -> pa.Table:
     """The whole table, derived now, for a run that did not end."""
-    return pa.Table.from_batches(derive_observations(tables, origin), schema=_SCHEMA)
+    return pa.Table.from_batches(derive_observations(tables, origin, start_unix_ns), schema=_SCHEMA)
 
 
 def frame_ids(rows: pa.Table) -> pa.ChunkedArray:
@@ -58,7 +64,7 @@ def frame_ids(rows: pa.Table) -> pa.ChunkedArray:
     )
 
 
-def _batch(received: DecodedReceptions, origin: Origin | None) -> pa.RecordBatch:
+def _batch(received: DecodedReceptions, origin: Origin | None, start_unix_ns: int | None) -> pa.RecordBatch:
     rows = received.rows
     decoded = _decode(received.payloads, origin)
     places = pa.array(received.place, mask=received.place < 0)
@@ -67,6 +73,7 @@ def _batch(received: DecodedReceptions, origin: Origin | None) -> pa.RecordBatch
     columns["radio"] = pc.replace_substring(rows.column("link"), RADIO_LINK, "", max_replacements=1)
     for name, values in decoded.items():
         columns[name] = values.take(places)
+    columns["timestamp_age_s"] = _ages(rows.column("time_ns"), columns["timestamp_s"], start_unix_ns)
     table = pa.table({field.name: columns[field.name].cast(field.type) for field in _SCHEMA})
     return table.cast(_SCHEMA).combine_chunks().to_batches()[0]
 
@@ -121,6 +128,17 @@ def _local(said: BroadcastColumns, origin: Origin | None) -> dict[str, pa.Array]
     east_m, north_m = origin.to_enu(latitude, location.lon_deg)
     up_m = origin.msl_of(location.alt_geo_m) - origin.alt_msl_m
     return {"east_m": _floats(east_m), "north_m": _floats(north_m), "up_m": _floats(up_m)}
+
+
+def _ages(received_ns: pa.ChunkedArray, timestamp_s: pa.Array, start_unix_ns: int | None) -> pa.Array:
+    """How old a claimed position is when it is received. Of the hours that it may belong to, the nearest one counts."""
+    if start_unix_ns is None:
+        return pa.nulls(len(timestamp_s), pa.float64())
+    hour_ns = round(_HOUR_S) * NS_PER_S
+    now_s = (start_unix_ns % hour_ns + received_ns.to_numpy()) % hour_ns / NS_PER_S
+    told_s = timestamp_s.to_numpy(zero_copy_only=False).astype(np.float64)
+    age_s = (now_s - told_s + _HOUR_S / 2.0) % _HOUR_S - _HOUR_S / 2.0
+    return _floats(np.where(told_s <= _HOUR_S, age_s, np.nan))
 
 
 def _mac(head: RidColumns) -> pa.Array:

@@ -16,7 +16,7 @@ from skyrange.core.ids import FrameId
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
-from skyrange.record.manifest import RUNNING, origin_of, read_manifest
+from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
@@ -79,7 +79,7 @@ class RunRecord:
             table = (
                 derive_telemetry(self.tables)
                 if name == "telemetry"
-                else observations_table(self.tables, origin_of(self.manifest))
+                else observations_table(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
             )
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
@@ -88,7 +88,7 @@ class RunRecord:
         """The same rows in batches, for tables that are larger than memory."""
         _check(name)
         if name == "observations" and self._is_derived_now(name):
-            batches = derive_observations(self.tables, origin_of(self.manifest))
+            batches = derive_observations(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
             return batches if columns is None else (batch.select(list(columns)) for batch in batches)
         if self._is_derived_now(name):
             return iter(self.table(name, columns).to_batches())

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.time import Epoch
-from skyrange.record.manifest import origin_of
+from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.record.read.observations import derive_observations
 from skyrange.record.read.station_frames import read_station_frames, survey_messages
 from skyrange.record.read.tables import Tables, combine_batches, parquet_options
@@ -86,7 +86,7 @@ def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], gro
 
 def _write_observations(path: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
     """Write what the receivers decoded; no file if they decoded nothing."""
-    batches = derive_observations(tables, origin_of(manifest))
+    batches = derive_observations(tables, origin_of(manifest), start_unix_ns_of(manifest))
     first = next(batches, None)
     if first is None:
         return 0

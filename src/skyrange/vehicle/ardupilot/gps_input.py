@@ -55,7 +55,8 @@ class GnssReceivers:
         east_mps, north_mps, up_mps = sensors.gnss_vel_enu_mps[row].tolist()
         horizontal_m, vertical_m, speed_mps = sensors.gnss_accuracy[row].tolist()
         lat_deg, lon_deg = self._origin.geodetic_of(east_m, north_m)
-        gps_ns = self._epoch.unix_ns + int(sensors.gnss_time_ns[row]) + (GPS_LEAP_S - GPS_EPOCH_S) * NS_PER_S
+        shown_ns = int(sensors.gnss_time_ns[row]) + int(sensors.gnss_utc_error_ns[row])
+        gps_ns = max(self._epoch.unix_ns + shown_ns + (GPS_LEAP_S - GPS_EPOCH_S) * NS_PER_S, 0)
         week, within_ns = divmod(gps_ns, _WEEK_S * NS_PER_S)
         return dialect.MAVLink_gps_input_message(
             time_usec=0, gps_id=0, ignore_flags=0, time_week_ms=within_ns // NS_PER_MS, time_week=week,

@@ -23,7 +23,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port, endpoint, hash64, link_name
-from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time
+from skyrange.core.time import NEVER, NS_PER_S, NS_PER_US, Epoch, Time
 from skyrange.vehicle.builtin import commands, loop
 from skyrange.vehicle.builtin.arming import open_drone_id
 from skyrange.vehicle.builtin.arming.arming import auto_disarm_time, disarm
@@ -166,6 +166,8 @@ class BuiltinFleet(EngineBase):
             tick, dt_s, sensors, fleet.estimate, fleet.flight["armed"], gain_sets.set_index, gain_sets.parameter_sets
         ):
             resets.report_events(fleet, self._estimator.filters)
+        if tick % SERVICE_NS == 0:
+            self._set_clocks(tick, sensors)
         if len(inbox):
             mail = inbox.columns(self._rows_by_port)
             if self._signed is not None:
@@ -198,6 +200,14 @@ class BuiltinFleet(EngineBase):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Return motor commands (n, 4) and the messages of this tick. Never waits."""
         return Finished(self._actuators, self._fleet.outbox)
+
+    def _set_clocks(self, now: Time, sensors: Sensors) -> None:
+        """Set clocks by the receivers. A clock that is set sets the timestamps of signatures (`set_utc_usec`)."""
+        fleet, clocks = self._fleet, self._fleet.clocks
+        rows = clocks.update(sensors.gnss_utc_error_ns, fleet.estimate["gnss_fix"], fleet.flight["armed"])
+        if self._signed is not None and len(rows):
+            for row, utc_us in zip(rows.tolist(), clocks.utc_us(rows, now).tolist(), strict=True):
+                self._signed.set_clock(now, fleet.vehicles[row].id, utc_us * NS_PER_US)
 
     def _receive(self, arrival: Arrival) -> None:
         """Process one frame, by ArduPilot's routing rules (MAVLink_routing.cpp)."""

@@ -24,6 +24,7 @@ from skyrange.vehicle.builtin.check_layout import BATTERY_STATE, CHECK_STATE, FE
 from skyrange.vehicle.builtin.layout import LEGS, ControlMode, Records, new_records
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.builtin.parameters.table import INDEX, MAX_VALUES, MIN_VALUES, PARAMETERS
+from skyrange.vehicle.builtin.utc_clocks import UtcClocks
 
 Causes = tuple[FrameId, ...]
 COMPONENT_ID = 1
@@ -230,7 +231,7 @@ class Fleet:
     ) -> None:
         self.vehicles = vehicles
         self.origin = origin
-        self.epoch = epoch
+        self.clocks = UtcClocks(len(vehicles), epoch)
         self.estimate = estimate
         self.flight = flight
         self.settings = settings

@@ -32,6 +32,7 @@ def reboot(fleet: Fleet, schedule: Schedule, vehicle: Vehicle, causes: Causes) -
     vehicle.packer.sequence = 0
     fleet.system_ids[row] = vehicle.system_id
     fleet.boot_ns[row] = fleet.now
+    fleet.clocks.restart(row, int(fleet.estimate["gnss_fix"][row]))
     fleet.rebooted.append(vehicle.id)
     fleet.assign_mode(vehicle, Mode.STABILIZE)
     vehicle.paused, vehicle.suspended_targets, vehicle.resume_mission = False, (), False

@@ -71,6 +71,7 @@ class SensorSuite:
         self._fix: NDArray[np.int64] = np.full(n, sensor_errors.FIX_RTK, dtype=np.int64)
         self._satellites: NDArray[np.int64] = np.full(n, sensor_errors.GNSS_SATELLITES, dtype=np.int64)
         self._time: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
+        self._utc_error: NDArray[np.int64] = np.zeros(n, dtype=np.int64)
         self._error, self._bias = np.zeros((n, 6)), np.zeros((n, 6))
         self._gyro, self._force = np.zeros((n, 3)), np.zeros((n, 3))
         self._gnss, self._gnss_vel = np.zeros((n, 3)), np.zeros((n, 3))
@@ -92,7 +93,7 @@ class SensorSuite:
             shown: list[NDArray[Any]] = [rates, force, attitude, position, velocity, position[:, 2], height]
         else:
             shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
-        shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, *power]
+        shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, self._utc_error, *power]
         self._shown = tuple(_locked(array) for array in shown)
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 

@@ -11,6 +11,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+
 from skyrange.codec.mavlink import dialect
 from skyrange.core.time import NS_PER_MS, NS_PER_S, from_seconds
 from skyrange.vehicle.builtin.fence import fence
@@ -180,16 +182,26 @@ def _set_home(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     home.set_home(fleet, vehicle, fleet.position(vehicle) if place is None else place, item.causes, lock=False)
 
 
-def seconds_until_utc(fleet: Fleet, hour: float, minute: float, second: float) -> float:
-    """Return seconds until a time of day in UTC; a part of -1 matches any value (AP_RTC::get_time_utc)."""
-    today_s = fleet.epoch.utc_us(fleet.now) / 1e6 % 86_400.0
-    now = (int(today_s // 3600), int(today_s // 60 % 60), int(today_s % 60))
+def seconds_until_utc(fleet: Fleet, vehicle: Vehicle, hour: float, minute: float, second: float) -> float:
+    """Return seconds until a time of day by the autopilot's clock (AP_RTC::get_time_utc); 0 if that was never set.
+
+    The first part that is not -1 says how often the time comes: each day, each hour or each minute. A later -1 counts
+    as a number.
+    """
     asked = (int(hour), int(minute), int(second))
-    if all(part == -1 for part in asked):
+    first = next((place for place, part in enumerate(asked) if part != -1), None)
+    if first is None or not fleet.clocks.known[vehicle.row]:
         return 0.0
-    period = 86_400 if asked[0] != -1 else (3_600 if asked[1] != -1 else 60)
-    then = [ask if ask != -1 else part for ask, part in zip(asked, now, strict=True)]
-    return ((then[0] * 3600 + then[1] * 60 + then[2]) - int(today_s)) % period
+    now_ms = int(fleet.clocks.utc_us(np.array([vehicle.row]), fleet.now)[0]) // 1000
+    now = (now_ms // 3_600_000 % 24, now_ms // 60_000 % 60, now_ms // 1000 % 60)
+    left_ms = -(now_ms % 1000)
+    for part_ms, ask, part in list(zip(_PARTS_MS, asked, now, strict=True))[first:]:
+        left_ms += (ask - part) * part_ms
+    if left_ms < 0:
+        left_ms += _PERIODS_MS[first]
+    return (left_ms & 0xFFFFFFFF) / 1000.0
 
 
+_PARTS_MS: Final = (3_600_000, 60_000, 1000)
+_PERIODS_MS: Final = (86_400_000, 3_600_000, 60_000)
 MAX_WAIT_NS: Final = int(_WAIT_MAX_S) * NS_PER_S

@@ -246,7 +246,7 @@ def _do_nav_delay(fleet: Fleet, vehicle: Vehicle, item: MissionItem) -> None:
     wait_s = (
         item.param1
         if item.param1 > 0.0
-        else do_commands.seconds_until_utc(fleet, item.param2, item.param3, item.param4)
+        else do_commands.seconds_until_utc(fleet, vehicle, item.param2, item.param3, item.param4)
     )
     fleet.send_text(vehicle, dialect.MAV_SEVERITY_INFO, f"Delaying {int(wait_s)} sec")
     fleet.set_timer(vehicle, Timer.HOLD, fleet.now + min(from_seconds(min(wait_s, 1e8)), do_commands.MAX_WAIT_NS))

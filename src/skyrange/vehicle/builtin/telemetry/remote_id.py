@@ -60,7 +60,9 @@ def open_drone_id_location(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
         (("horizontal_accuracy", _HORIZONTAL), ("vertical_accuracy", _VERTICAL), ("speed_accuracy", _SPEED))
     ):
         out[name] = _accuracy_codes(limits, claims[:, column])
-    fix_ms = (fleet.epoch.unix_ns + fleet.now - (e["gnss_age_s"][rows] * NS_PER_S).astype(np.int64)) // NS_PER_MS
+    clocks = fleet.clocks  # the receiver's own time, not that of the autopilot's clock
+    shown_ns = clocks.epoch.unix_ns + fleet.now + clocks.receiver_error_ns[rows]
+    fix_ms = (shown_ns - (e["gnss_age_s"][rows] * NS_PER_S).astype(np.int64)) // NS_PER_MS
     out["timestamp"] = np.where(fixed, (fix_ms + GPS_LEAP_S * 1000) % _HOUR_MS * 1e-3, _NO_TIME_S)
     out["timestamp_accuracy"] = _ONE_SECOND
 

@@ -247,8 +247,8 @@ def meminfo(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 def system_time(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
-    """SYSTEM_TIME: the scenario's UTC."""
-    out["time_unix_usec"] = fleet.epoch.utc_us(fleet.now)
+    """SYSTEM_TIME: UTC by the autopilot's clock."""
+    out["time_unix_usec"] = fleet.clocks.utc_us(rows, fleet.now)
     out["time_boot_ms"] = columns.boot_ms(fleet, rows)
 
 
