@@ -108,7 +108,7 @@ def test_what_cannot_work_is_refused(change: dict[str, Any], where: str) -> None
     ("act", "where"),
     [
         ({"kind": "gnss.jmup"}, "gnss.jump"),
-        ({"kind": "campaign"}, "another kind"),
+        ({"kind": "campaign"}, "no campaign"),
         ({"kind": "gnss.jump", "params": {"vehicles": ["blue/b9"], "offset_m": [1, 0, 0]}}, "blue/b1"),
         ({"kind": "gnss.jump", "params": {"vehicles": ["blue/b1"]}}, "offset_m"),
     ],
