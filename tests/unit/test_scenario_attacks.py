@@ -176,11 +176,14 @@ receiver_m = [{x}, {y}, 2]
 acts.ghost = {{ kind = "remote_id.spoof", params = {{ at = [{x}, {y}, 20], transmitter_m = [{x}, {y}, 3] }} }}
 acts.pull = {{ kind = "gnss.capture", params = {{ at = [{x}, {y}, 9], transmitter_m = [{x}, {y}, 5] }} }}
 acts.lead = {{ kind = "mavlink.home", params = {{ vehicles = ["green/g1"], at = [{x}, {y}, 0] }} }}
-stages = [
-  {{ name = "see", timeout_s = 9,
-     until = {{ sighting = {{ vehicle = "green/g1", place = [{x}, {y}, 8], within_m = 5 }} }} }},
-  {{ name = "act", acts = ["ghost", "pull", "lead"], timeout_s = 5 }},
-]
+[[attacks.params.stages]]
+name = "see"
+until = {{ sighting = {{ vehicle = "green/g1", place = [{x}, {y}, 8], within_m = 5 }} }}
+timeout_s = 9
+[[attacks.params.stages]]
+name = "act"
+acts = ["ghost", "pull", "lead"]
+timeout_s = 5
 """
 
 
