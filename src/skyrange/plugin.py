@@ -11,6 +11,10 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from skyrange.attack.campaign.adversary import Adversary, CampaignStage, Observation
+    from skyrange.attack.campaign.knowledge import Knowledge
+    from skyrange.attack.campaign.params import CampaignParams
+    from skyrange.attack.campaign.python_class import campaign_plugin
     from skyrange.attack.contract import (
         Aircraft,
         AirLink,
@@ -21,6 +25,7 @@ if TYPE_CHECKING:
         ThreatModel,
         Transmitter,
     )
+    from skyrange.attack.exclusive import Exclusive
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
     from skyrange.codec.f3411 import BasicId, Location, MessagePack
@@ -135,6 +140,7 @@ __all__ = [
     "NS_PER_MS",
     "NS_PER_S",
     "NS_PER_US",
+    "Adversary",
     "Agent",
     "AirLink",
     "Aircraft",
@@ -164,6 +170,8 @@ __all__ = [
     "BodyAct",
     "BodyFault",
     "Broadcaster",
+    "CampaignParams",
+    "CampaignStage",
     "Chance",
     "Channel",
     "City",
@@ -183,6 +191,7 @@ __all__ = [
     "Enu",
     "Episode",
     "Epoch",
+    "Exclusive",
     "ExternalMedium",
     "Fate",
     "FaultContext",
@@ -198,6 +207,7 @@ __all__ = [
     "Inject",
     "InputError",
     "InstanceStatus",
+    "Knowledge",
     "Label",
     "LinkSpec",
     "Location",
@@ -212,6 +222,7 @@ __all__ = [
     "NoParams",
     "Note",
     "Number",
+    "Observation",
     "ObservedFrame",
     "ObservedFrames",
     "Observer",
@@ -259,6 +270,7 @@ __all__ = [
     "Waveform",
     "Whole",
     "World",
+    "campaign_plugin",
     "decode_approval_request",
     "decode_approval_response",
     "decode_mavlink",

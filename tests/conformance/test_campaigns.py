@@ -29,6 +29,7 @@ ARMED: dict[str, Any] = {
 }
 
 AGAIN = {"name": "again", "acts": ["jump"], "timeout_s": 1.0}
+PATIENT = {"after_s": 1.0, "messages": ["GLOBAL_POSITION_INT"]}
 BLIND = {"name": "a", "acts": ["ghost", "jump"], "until": {"broadcasts": 1}, "timeout_s": 1.0}
 
 
@@ -91,6 +92,7 @@ def test_it_acts_when_the_aircraft_is_where_telemetry_says() -> None:
     ("change", "where"),
     [
         ({"stages": [{"name": "watch", "acts": ["ghost", "jump"]}]}, "longest duration"),
+        ({"stages": [{"name": "watch", "acts": ["ghost", "jump"], "until": PATIENT}]}, "longest duration"),
         ({"stages": [{"name": "a", "acts": ["ghots", "jump", "ghost"], "timeout_s": 1.0}]}, "ghost"),
         ({"stages": [{"name": "a", "acts": ["ghost"], "timeout_s": 1.0}]}, "in no stage"),
         ({"stages": [BLIND]}, "receiver_m"),
@@ -108,7 +110,7 @@ def test_what_cannot_work_is_refused(change: dict[str, Any], where: str) -> None
     ("act", "where"),
     [
         ({"kind": "gnss.jmup"}, "gnss.jump"),
-        ({"kind": "campaign"}, "another kind"),
+        ({"kind": "campaign"}, "no campaign"),
         ({"kind": "gnss.jump", "params": {"vehicles": ["blue/b9"], "offset_m": [1, 0, 0]}}, "blue/b1"),
         ({"kind": "gnss.jump", "params": {"vehicles": ["blue/b1"]}}, "offset_m"),
     ],

@@ -152,6 +152,11 @@ NAN = math.nan
         ((TAKEOFF, item(177, param1=1, param2=-2), RTL), "-1 for ever"),
         ((item(93, param1=5), item(16, x=-35.36, y=149.16, z=5), TAKEOFF, RTL), "command 16"),
         ((TAKEOFF, item(177, param1=2, param2=30000), RTL), "come to an end"),
+        ((TAKEOFF, item(177, param1=2, param2=-1), RTL), "item 2 (command 177): jumps for ever to itself"),
+        ((TAKEOFF, item(178, param1=1, param2=5), item(177, param1=2, param2=-1), RTL), "item 3 (command 177): jumps"),
+        ((TAKEOFF, item(177, param1=3, param2=-1), item(177, param1=2, param2=-1), RTL), "item 2 (command 177): jumps"),
+        ((TAKEOFF, item(600, param1=7), item(601, param1=7, param2=-1), RTL), "item 3 (command 601): jumps for ever"),
+        ((TAKEOFF, item(177, param1=3, param2=2), item(177, param1=2, param2=-1), RTL), "item 3 (command 177): jumps"),
     ],
 )
 def test_a_faulty_mission_is_told_apart(items: tuple[MissionItem, ...], says: str) -> None:
@@ -169,6 +174,9 @@ def test_a_faulty_mission_is_told_apart(items: tuple[MissionItem, ...], says: st
         ((item(84, z=10.0), RTL), False),
         ((TAKEOFF, item(16, x=-35.3633, y=149.1652, z=5), item(177, param1=2, param2=-1), RTL), True),
         ((TAKEOFF, item(17, x=-35.3633, y=149.1652, z=5)), True),
+        ((TAKEOFF, item(177, param1=1, param2=-1), RTL), True),
+        ((TAKEOFF, item(177, param1=2, param2=3), RTL), False),
+        ((TAKEOFF, item(177, param1=4, param2=-1), RTL, item(177, param1=3, param2=-1)), False),
         ((TAKEOFF, item(600, param1=7), item(93, param1=2), item(601, param1=7, param2=2), RTL), False),
     ],
 )

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from skyrange.assembly.build import build
+from skyrange.attack.campaign.parts import Controller
+from skyrange.attack.campaign.stages import StagedAdversary
 from skyrange.attack.remote_id.jam import JAM
 from skyrange.attack.remote_id.replay import REPLAY
 from skyrange.attack.remote_id.spoof import SPOOF
@@ -161,6 +163,48 @@ def test_a_radio_inside_a_building_is_named() -> None:
     with pytest.raises(InputError, match=r"attacks\.j\.params\.transmitter_m.*a place outside buildings"):
         build(load_text(text + jam.format(place.x, place.y)))
     build(load_text(text + jam.format(0, 0)))
+
+
+CAMPAIGN = """
+[[attacks]]
+id = "mallory"
+kind = "campaign"
+{anchor}
+[attacks.params]
+taps = ["gcs:green/g1"]
+receiver_m = [{x}, {y}, 2]
+acts.ghost = {{ kind = "remote_id.spoof", params = {{ at = [{x}, {y}, 20], transmitter_m = [{x}, {y}, 3] }} }}
+acts.pull = {{ kind = "gnss.capture", params = {{ at = [{x}, {y}, 9], transmitter_m = [{x}, {y}, 5] }} }}
+acts.lead = {{ kind = "mavlink.home", params = {{ vehicles = ["green/g1"], at = [{x}, {y}, 0] }} }}
+[[attacks.params.stages]]
+name = "see"
+until = {{ sighting = {{ vehicle = "green/g1", place = [{x}, {y}, 8], within_m = 5 }} }}
+timeout_s = 9
+[[attacks.params.stages]]
+name = "act"
+acts = ["ghost", "pull", "lead"]
+timeout_s = 5
+"""
+
+
+def test_places_in_acts_of_a_campaign_count_from_its_anchor() -> None:
+    fleet = FLEET.replace('id = "g1"', 'id = "g1"\n  start = [100, -20]')
+    anchored = build(load_text(fleet + CAMPAIGN.format(anchor='anchor = "green/g1"', x=1, y=2)))
+    placed = build(load_text(fleet + CAMPAIGN.format(anchor="", x=101, y=-18)))
+    (row,), (other,) = anchored.header["attacks"], placed.header["attacks"]
+    assert row["shown"] == other["shown"]
+    assert row["radios"] == other["radios"]
+    assert len(row["radios"]) == 2
+    (one,), (two,) = anchored.wiring.attacks, placed.wiring.attacks
+    assert isinstance(one.agents[0], Controller)
+    assert isinstance(two.agents[0], Controller)
+    mine, others = one.agents[0].course.adversary, two.agents[0].course.adversary
+    assert isinstance(mine, StagedAdversary)
+    assert isinstance(others, StagedAdversary)
+    assert mine.stages == others.stages
+    wrong = CAMPAIGN.replace("mavlink.home", "mavlink.hoem").format(anchor='anchor = "green/g1"', x=1, y=2)
+    with pytest.raises(InputError, match=r"acts\.lead\.kind: mavlink.hoem"):
+        build(load_text(fleet + wrong))
 
 
 def test_places_count_from_an_anchor() -> None:

@@ -8,10 +8,21 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.assembly.control_links import describe_to_attackers
+from skyrange.assembly.exclusions import Acting, find_exclusions
 from skyrange.assembly.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
-from skyrange.attack.contract import Aircraft, Attack, AttackContext, Place, Transmitter
+from skyrange.attack.contract import (
+    Aircraft,
+    Attack,
+    AttackContext,
+    AttackPlugin,
+    Place,
+    Transmitter,
+    move_place,
+    move_places,
+    moved,
+)
 from skyrange.city.city import City
 from skyrange.contracts.links import AttackPlan, LinkSpec, Schedule, TapPlacement
 from skyrange.contracts.params import Params
@@ -66,6 +77,7 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
     `context` is that of all of them; id, schedule and sham are filled in for each.
     """
     made = MadeAttacks()
+    exclusive: list[Acting] = []
     for attack in scenario.acts:
         is_fault = isinstance(attack, FaultTable)
         own = replace(context, id=attack.id, schedule=Schedule(), sham=_is_sham(attack), honest=is_honest(attack))
@@ -87,6 +99,7 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
                 made.faults.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
+        exclusive.append((where, attack, found.exclusive))
         made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
@@ -95,6 +108,7 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
             made.aircraft += aircraft_of(attack, found, own.schedule)
         made.radios += carried(found.radios, found.claims) if own.honest else found.radios
         (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
+    made.faults += find_exclusions(exclusive, context.duration_ns)
     return made
 
 
@@ -107,22 +121,19 @@ def _anchor(attack: ActTable, context: AttackContext) -> Place:
     return (0.0, 0.0, 0.0) if attack.anchor is None else context.vehicles[attack.anchor].start_enu_m
 
 
-def _from(anchor: Place, place: Place) -> Place:
-    return (anchor[0] + place[0], anchor[1] + place[1], anchor[2] + place[2])
-
-
 def _anchored(attack: ActTable, context: AttackContext) -> Params:
     """Its parameters with places in metres from the origin."""
-    settings, anchor = attack.settings, _anchor(attack, context)
-    places = {name: getattr(settings, name, None) for name in attack.plugin.places}
-    moved = {name: _from(anchor, place) for name, place in places.items() if place is not None}
-    return settings.model_copy(update=moved)
+    settings, plugin = attack.settings, attack.plugin
+    if attack.anchor is None:
+        return settings
+    by = _anchor(attack, context)
+    return moved(plugin, settings, by) if isinstance(plugin, AttackPlugin) else move_places(plugin.places, settings, by)
 
 
 def _plan(attack: ActTable, made: Attack, schedule: Schedule, anchor: Place) -> AttackPlan:
     trigger = attack.when.trigger if attack.when is not None else None
     if trigger is not None and trigger.place_enu_m is not None:
-        trigger = replace(trigger, place_enu_m=_from(anchor, trigger.place_enu_m))
+        trigger = replace(trigger, place_enu_m=move_place(trigger.place_enu_m, anchor))
     return AttackPlan(
         attack.id,
         start_ns=from_seconds(attack.start_s),

@@ -10,16 +10,18 @@ So an attack can be muted, and a muted run is the nominal twin of the attacked r
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from skyrange.attack.techniques import NO_FIT
+from skyrange.contracts.params import Params
 from skyrange.contracts.plugins import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
 
 if TYPE_CHECKING:
+    from skyrange.attack.exclusive import Exclusive
     from skyrange.city.city import City
     from skyrange.contracts.claims import ClaimedTrack
     from skyrange.contracts.components import Agent, BodyFault, SensorFault
@@ -150,6 +152,9 @@ class Attack:
     """Whether its parts share state, so that a live range must have all of them in one process."""
     body_faults: Sequence[BodyFault] = ()
     """What it does to bodies: of benign faults alone."""
+    exclusive: Sequence[Exclusive] = ()
+    """What it alters as the only one. Another attack that alters the same at the same time is an error before the run.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +188,8 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     """Names of parameters that are places, which `anchor` of an attack moves. The kind need not have all of them."""
     from_start: bool = False
     """Whether it has an effect only if it acts from 0 s on, such as one on what is loaded then."""
+    move: Callable[[Any, Place], Params] | None = None
+    """Moves places within other parameters, in metres east, north and up: `move(params, by)` returns the new ones."""
     surface: Sequence[str] = ()
     """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_up`), `medium`, or sensors (`gnss`, `baro`)."""
     effect: str = ""
@@ -191,3 +198,20 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     controls: Controls | None = None
     realism: Mapping[str, str] = field(default_factory=dict)
     """What a sensor or receiver reports under attack → "simulated", "cited: …" or "assumed: …"."""
+
+
+def moved(plugin: AttackPlugin, params: Params, by: Place) -> Params:
+    """The parameters of an attack with all their places moved, in metres east, north and up."""
+    found = move_places(plugin.places, params, by)
+    return found if plugin.move is None else plugin.move(found, by)
+
+
+def move_places(names: Sequence[str], params: Params, by: Place) -> Params:
+    """The parameters with the places of these names moved; a name that they lack or leave empty is passed over."""
+    places = {name: getattr(params, name, None) for name in names}
+    return params.model_copy(update={name: move_place(at, by) for name, at in places.items() if at is not None})
+
+
+def move_place(place: Place, by: Place) -> Place:
+    """A place moved in metres east, north and up."""
+    return (place[0] + by[0], place[1] + by[1], place[2] + by[2])

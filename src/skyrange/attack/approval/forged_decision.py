@@ -13,6 +13,7 @@ from pydantic import Field
 
 from skyrange.attack.approval.approval_links import approval_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import TapMaker
 from skyrange.attack.victims import Victims
 from skyrange.contracts.frames.frame import Frame
@@ -82,7 +83,8 @@ def make(params: ForgedDecision, context: AttackContext) -> Attack:
     accepted = params.decision == "Accepted"
     decision = ApprovalDecision(accepted, "" if accepted else params.reason, ovn=_OVN if accepted else "")
     arguments = (frozenset(params.vehicles), decision, context.epoch, context.schedule, context.sham)
-    return Attack(taps=approval_taps(params.vehicles, context, TapMaker(ForgingTap, arguments)))
+    taps = approval_taps(params.vehicles, context, TapMaker(ForgingTap, arguments))
+    return Attack(taps=taps, exclusive=[Exclusive(f"decision on {vehicle}") for vehicle in params.vehicles])
 
 
 FORGED_DECISION = AttackPlugin(

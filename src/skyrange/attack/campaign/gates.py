@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from skyrange.attack.campaign.adversary import Adversary
+from skyrange.attack.campaign.course import Course
 from skyrange.contracts.components import Agent, SensorAct, SensorFault, Sensors, Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -25,12 +25,12 @@ class GatedTap:
 
     inner: Tap
     act: str
-    adversary: Adversary
+    course: Course
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """The verdicts of the act's tap, or none."""
         verdicts = self.inner.on_frame(now, frame)
-        return verdicts if self.adversary.acts_now(self.act) else ()
+        return verdicts if self.course.acts_now(self.act) else ()
 
     def next_wakeup(self) -> Time | None:
         """When the act's tap is to act."""
@@ -39,7 +39,7 @@ class GatedTap:
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
         """What the act's tap injects, or nothing."""
         verdicts = self.inner.on_wakeup(now)
-        return verdicts if self.adversary.acts_now(self.act) else ()
+        return verdicts if self.course.acts_now(self.act) else ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,11 +48,11 @@ class GatedTapMaker:
 
     make: Callable[[str], Tap]
     act: str
-    adversary: Adversary
+    course: Course
 
     def __call__(self, link: str) -> GatedTap:
         """The tap of a link."""
-        return GatedTap(self.make(link), self.act, self.adversary)
+        return GatedTap(self.make(link), self.act, self.course)
 
 
 @dataclass(slots=True)
@@ -61,7 +61,7 @@ class GatedAgent:
 
     inner: Agent
     act: str
-    adversary: Adversary
+    course: Course
     name: str = field(init=False)
     service_ns: Time = field(init=False)
     ports: Sequence[Port] = field(init=False)
@@ -72,7 +72,7 @@ class GatedAgent:
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Step the act's agent; what it sends, or nothing."""
         outbox = self.inner.step(now, inbox)
-        return outbox if self.adversary.acts_now(self.act) else Outbox()
+        return outbox if self.course.acts_now(self.act) else Outbox()
 
     def next_wakeup(self) -> Time | None:
         """When the act's agent is to be stepped."""
@@ -85,7 +85,7 @@ class GatedFault:
 
     inner: SensorFault
     act: str
-    adversary: Adversary
+    course: Course
     name: str = field(init=False)
     vehicles: Sequence[str] = field(init=False)
 
@@ -94,7 +94,7 @@ class GatedFault:
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
         """Alter the readings or copies of them; the acts to be labelled."""
-        if self.adversary.acts_now(self.act):
+        if self.course.acts_now(self.act):
             return self.inner.on_sensors(now, sensors)
         copies = Sensors(*(np.array(getattr(sensors, one.name)) for one in fields(Sensors)))
         self.inner.on_sensors(now, copies)

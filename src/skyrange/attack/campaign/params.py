@@ -1,4 +1,4 @@
-"""Parameters of a campaign: acts, stages, and the conditions on observations that end a stage."""
+"""Parameters of campaigns: acts, means of observation, stages, and the conditions on observations that end a stage."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from skyrange.attack.campaign.course import MAX_STAGES
 from skyrange.attack.on_path import Messages, Names
 from skyrange.contracts.params import Enu, Number, Params, Whole, items, refuse
 from skyrange.core.errors import Problem, nearest
@@ -32,7 +33,8 @@ class Act(Params):
 
     kind: str = Field(description="Kind of attack, a plugin of skyrange.attacks other than campaign.")
     params: dict[str, Any] = Field(
-        default_factory=dict, description="Parameters of the kind; places count from the origin."
+        default_factory=dict,
+        description="Parameters of the kind; places count from the origin or the campaign's anchor.",
     )
 
 
@@ -46,7 +48,7 @@ class Sighting(Params):
         default=None,
         description="UAS ID in received Remote ID broadcasts; default with a receiver and no vehicle: any aircraft.",
     )
-    place: Enu = Field(description="Place, [east_m, north_m, up_m] in metres from the origin.")
+    place: Enu = Field(description="Place, [east_m, north_m, up_m] in metres from the origin or the campaign's anchor.")
     within_m: Number = Field(gt=0, le=100_000, description="Largest distance in metres.")
 
 
@@ -80,28 +82,55 @@ class Stage(Params):
         default="next", description="What follows a timeout. next: the next stage; end: the campaign ends."
     )
 
+    @property
+    def bounded(self) -> bool:
+        """Whether it ends whatever the adversary observes: by its timeout, or because `after_s` alone ends it."""
+        return self.timeout_s is not None or (
+            self.until is not None and self.until.model_dump(exclude_defaults=True).keys() == {"after_s"}
+        )
 
-class Campaign(Params):
-    """A sequence of stages; the adversary goes from one to the next by what it observes, and never back."""
+
+class Means(Params):
+    """What an adversary can do and observe, however it decides."""
 
     acts: dict[str, Act] = Field(description="Acts by name; a name is part of the names of radios and links.")
-    stages: Annotated[tuple[Stage, ...], BeforeValidator(items), Field(min_length=1)] = Field(
-        description="Stages in their order."
-    )
     taps: Names = Field(
         default=(), description="Links that the adversary reads from the start, such as ['gcs:blue/b1']."
     )
     receiver_m: Enu | None = Field(
         default=None,
-        description="Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin.",
+        description="Position of a radio that receives Remote ID, [east_m, north_m, up_m] in metres from the origin or "
+        "the campaign's anchor.",
     )
     threat: Statement = Field(default=Statement(), description="The adversary's threat model, in words.")
 
     @model_validator(mode="after")
+    def _acts(self) -> Means:
+        if not self.acts:
+            raise refuse(Problem("acts", "{}", "one act or more"))
+        return self
+
+
+class CampaignParams(Means):
+    """Parameters that each campaign has whose adversary is a Python class. A kind adds its own."""
+
+    longest_s: Number = Field(
+        gt=0,
+        le=31_536_000,
+        description="Longest duration of the campaign in seconds: then it ends, whatever the adversary decides.",
+    )
+
+
+class Campaign(Means):
+    """A sequence of stages; the adversary goes from one to the next by what it observes, and never back."""
+
+    stages: Annotated[tuple[Stage, ...], BeforeValidator(items), Field(min_length=1, max_length=MAX_STAGES)] = Field(
+        description="Stages in their order."
+    )
+
+    @model_validator(mode="after")
     def _is_whole(self) -> Campaign:
         problems = []
-        if not self.acts:
-            problems.append(Problem("acts", "{}", "one act or more"))
         names = [stage.name for stage in self.stages]
         for place, stage in enumerate(self.stages):
             where = f"stages.{place}"
@@ -112,8 +141,7 @@ class Campaign(Params):
                 for act in stage.acts
                 if act not in self.acts
             ]
-            bounded = stage.timeout_s is not None or (stage.until is not None and stage.until.after_s is not None)
-            if not bounded:
+            if not stage.bounded:
                 problems.append(
                     Problem(f"{where}.timeout_s", "missing", "a longest duration", "Without one it may never end.")
                 )

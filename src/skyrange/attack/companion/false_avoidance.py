@@ -9,7 +9,7 @@ from typing import Final, Literal
 
 from pydantic import Field, model_validator
 
-from skyrange.attack.companion.own_commands import companion_taps
+from skyrange.attack.companion.own_commands import compromise_companions
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.mavlink.injection import Sender, mode_order, read
 from skyrange.attack.on_path import Repetition
@@ -126,7 +126,7 @@ def make(params: FalseAvoidance, context: AttackContext) -> Attack:
     arguments = (
         context.schedule, context.origin, from_seconds(params.every_s), from_seconds(params.hold_s), params.aside_m,
     )  # fmt: skip
-    return Attack(taps=companion_taps(params.vehicles, context, source=Evasions, arguments=arguments))
+    return compromise_companions(params.vehicles, context, source=Evasions, arguments=arguments)
 
 
 FALSE_AVOIDANCE = AttackPlugin(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from skyrange.attack.companion.own_commands import companion_taps
+from skyrange.attack.companion.own_commands import compromise_companions
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.victims import Victims
 from skyrange.contracts.params import Params
@@ -18,7 +18,7 @@ class DisabledAvoidance(Params):
 
 def make(params: DisabledAvoidance, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    return Attack(taps=companion_taps(params.vehicles, context, holds_back="companion"))
+    return compromise_companions(params.vehicles, context, holds_back="companion")
 
 
 NO_AVOIDANCE = AttackPlugin(

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from skyrange.attack.compromised_sender import SenderStream, redirect_order
-from skyrange.attack.contract import AttackContext
+from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.mavlink.injection import NOBODY, Sender
 from skyrange.attack.on_path import InjectionSource, ends_of
 from skyrange.attack.victims import check_vehicles
@@ -97,18 +98,21 @@ class _MakeTap:
         )  # fmt: skip
 
 
-def companion_taps(
+def compromise_companions(
     vehicles: Sequence[str],
     context: AttackContext,
     *,
     holds_back: str = "",
     source: Callable[..., InjectionSource] | None = None,
     arguments: tuple[Any, ...] = (),
-) -> list[TapPlacement]:
-    """A tap in the companion of each aircraft, which injects what `source(sender, *arguments)` makes.
+) -> Attack:
+    """The attack by a tap in the companion of each aircraft, which injects what `source(sender, *arguments)` makes.
 
     Raises `InputError` for aircraft that are not in the scenario.
     """
     check_vehicles(context, vehicles)
     maker = _MakeTap(context, holds_back, source, arguments)
-    return [TapPlacement(link_name("log", vehicle), "companion", maker) for vehicle in vehicles]
+    return Attack(
+        taps=[TapPlacement(link_name("log", vehicle), "companion", maker) for vehicle in vehicles],
+        exclusive=[Exclusive(f"companion of {vehicle}") for vehicle in vehicles],
+    )

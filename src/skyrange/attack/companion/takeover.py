@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from pydantic import Field
 
-from skyrange.attack.companion.own_commands import companion_taps
+from skyrange.attack.companion.own_commands import compromise_companions
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.mavlink.guided import Leader, Track
 from skyrange.attack.victims import Victims
@@ -30,8 +32,8 @@ def make(params: Takeover, context: AttackContext) -> Attack:
     arguments = (
         context.schedule, context.origin, params.track, params.within_m, from_seconds(params.every_s), False,
     )  # fmt: skip
-    taps = companion_taps(params.vehicles, context, holds_back="station", source=Leader, arguments=arguments)
-    return Attack(taps=taps, shown={"end of the track": params.track[-1]})
+    made = compromise_companions(params.vehicles, context, holds_back="station", source=Leader, arguments=arguments)
+    return replace(made, shown={"end of the track": params.track[-1]})
 
 
 TAKEOVER = AttackPlugin(

@@ -69,7 +69,8 @@ def make(params: Capture, context: AttackContext) -> Attack:
         context.schedule,
         context.sham,
     )
-    return Attack(faults=[fault], shown={"GNSS spoofer": params.transmitter_m, "simulated place": params.at})
+    shown = {"GNSS spoofer": params.transmitter_m, "simulated place": params.at}
+    return Attack(faults=[fault], shown=shown, exclusive=fault.exclusive)
 
 
 CAPTURE = AttackPlugin(

@@ -51,6 +51,11 @@ class Emitter:
             power = power - self.wall_loss_db * np.array(hidden, dtype=np.float64)
         return np.asarray(power, dtype=np.float64)
 
+    @property
+    def reach_m(self) -> float:
+        """Distance in free space at which its signals are as strong as the authentic ones, in metres."""
+        return float(10.0 ** ((self.power_dbm - _FREE_SPACE_1M_DB - AUTHENTIC_DBM) / 20.0))
+
 
 def _in_parts(start: Place, end: Sequence[float]) -> list[Place]:
     """A straight path in parts so flat that the highest point of each stands for the part."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator
 
 from skyrange.attack.contract import Attack, AttackContext
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.victims import check_vehicles
 from skyrange.contracts.components import Floats, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
@@ -106,4 +107,10 @@ def falsify_fixes(vehicles: Sequence[str], track: Track, context: AttackContext)
     """The attack on these vehicles' receivers, or its sham. Raises `InputError` for one that is not in the scenario."""
     check_vehicles(context, vehicles)
     used = ShamTrack(track) if context.sham else track
-    return Attack(faults=[FalseFixes(f"{context.id}.gnss", vehicles, used, context.schedule)])
+    fault = FalseFixes(f"{context.id}.gnss", vehicles, used, context.schedule)
+    return Attack(faults=[fault], exclusive=[Exclusive(fixes_of(vehicle)) for vehicle in vehicles])
+
+
+def fixes_of(vehicle: str) -> str:
+    """The fixes of an aircraft as something that one attack alone may falsify: see `Exclusive.what`."""
+    return f"GNSS fixes of {vehicle}"

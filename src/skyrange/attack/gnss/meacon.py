@@ -55,7 +55,8 @@ def make(params: Meacon, context: AttackContext) -> Attack:
         context.schedule,
         context.sham,
     )
-    return Attack(faults=[fault], shown={"GNSS repeater": place, "its receiving antenna": params.at})
+    shown = {"GNSS repeater": place, "its receiving antenna": params.at}
+    return Attack(faults=[fault], shown=shown, exclusive=fault.exclusive)
 
 
 MEACON = AttackPlugin(

@@ -20,7 +20,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from skyrange.attack.contract import Place
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.gnss.emitter import AUTHENTIC_DBM, FIX_2D, FIX_3D, FIX_NONE, Emitter
+from skyrange.attack.gnss.false_fixes import fixes_of
 from skyrange.contracts.components import Floats, Ints, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number, Params
@@ -138,6 +140,12 @@ class CapturedReceivers:
             sensors.gnss_vel_enu_mps[row] = self.signals.velocity_mps
             sensors.gnss_fix[row] = FIX_3D
         return acts
+
+    @property
+    def exclusive(self) -> list[Exclusive]:
+        """The fixes of all receivers, as far as the signals reach."""
+        area = (self.emitter.place_enu_m, self.emitter.reach_m)
+        return [Exclusive(fixes_of(vehicle), area=area) for vehicle in self.vehicles]
 
     def _receive(self, rows: NDArray[np.int64], sensors: Sensors) -> list[SensorAct]:
         """Decide on receivers with new fixes."""

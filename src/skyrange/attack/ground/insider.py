@@ -15,11 +15,12 @@ from pydantic import Field
 
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.ground.shown_flight import ShownFlight
 from skyrange.attack.mavlink.guided import Leader
 from skyrange.attack.mavlink.injection import NOBODY, STATION, Sender
 from skyrange.attack.on_path import ends_of
-from skyrange.attack.telemetry.alteration import read_fields, write_fields
+from skyrange.attack.telemetry.alteration import exclusive_messages, read_fields, write_fields
 from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signing import range_passphrase, secret_from_passphrase
@@ -152,7 +153,10 @@ def make(params: Insider, context: AttackContext) -> Attack:
         raise InputError.one(context.id, "operator", params.operator, "an operator of the scenario", hint)
     maker = _MakeTap(params, context)
     taps = [TapPlacement(link_name("gcs", vehicle), "gcs", maker) for vehicle in fleet]
-    return Attack(taps=taps, shown={"meeting point": params.at})
+    shown = ShownFlight(context.origin, (0.0, 0.0, 0.0)).messages
+    exclusive = [Exclusive(f"ground station of {params.operator}")]
+    exclusive += [exclusive_messages(link_name("gcs", vehicle), "rev", shown) for vehicle in fleet]
+    return Attack(taps=taps, shown={"meeting point": params.at}, exclusive=exclusive)
 
 
 INSIDER = AttackPlugin(

@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 from skyrange.attack.approval.approval_links import approval_taps
 from skyrange.attack.compromised_sender import SenderStream, without_signature
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import TapMaker
 from skyrange.attack.telemetry.alteration import put, read_fields, write_fields
 from skyrange.attack.victims import Victims
@@ -255,7 +256,7 @@ def make(params: PlanFile, context: AttackContext) -> Attack:
     taps = approval_taps(params.vehicles, context, TapMaker(IntentTap, arguments))
     maker = _MakeUploadTap(alteration, context)
     taps += [TapPlacement(link_name("gcs", vehicle), "gcs", maker) for vehicle in params.vehicles]
-    return Attack(taps=taps)
+    return Attack(taps=taps, exclusive=[Exclusive(f"plan of {vehicle}") for vehicle in params.vehicles])
 
 
 PLAN_FILE = AttackPlugin(

@@ -13,6 +13,7 @@ from typing import Any, Final, Literal
 from pydantic import Field, model_validator
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.mavlink.injection import geodetic, read, rewrite
 from skyrange.attack.on_path import TapMaker, place_taps
 from skyrange.attack.victims import Victims, check_vehicles
@@ -245,7 +246,8 @@ def make(params: MissionAlteration, context: AttackContext) -> Attack:
     maker = TapMaker(MissionTap, (plan, context.schedule, context.sham))
     links = [link_name(params.on, vehicle) for vehicle in params.vehicles]
     shown = {} if params.at is None else {"inserted waypoint": params.at}
-    return Attack(taps=place_taps(links, context, maker), shown=shown)
+    exclusive = [Exclusive(f"plan of {vehicle}") for vehicle in params.vehicles]
+    return Attack(taps=place_taps(links, context, maker), shown=shown, exclusive=exclusive)
 
 
 MISSION_ALTER = AttackPlugin(

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.mavlink.injection import NOBODY, Injection, Sender, inject, read, rewrite
 from skyrange.attack.on_path import InjectingTap, Repetition
 from skyrange.codec.mavlink import dialect as mav
@@ -131,7 +132,10 @@ def make(params: ParameterTampering, context: AttackContext) -> Attack:
         context.schedule, tuple(params.values.items()), tuple(params.shown.items()), from_seconds(params.every_s),
         params.times,
     )  # fmt: skip
-    return Attack(taps=inject(params, context, ParameterSource, *arguments, tap=ParameterTap))
+    taps = inject(params, context, ParameterSource, *arguments, tap=ParameterTap)
+    shown = frozenset(params.shown)
+    exclusive = [Exclusive(f"PARAM_VALUE on {tap.match}", shown) for tap in taps] if shown else []
+    return Attack(taps=taps, exclusive=exclusive)
 
 
 PARAMETER = AttackPlugin(

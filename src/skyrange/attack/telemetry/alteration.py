@@ -7,7 +7,7 @@ signed frame keeps its signature, which no longer fits, so receivers with a key 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -17,7 +17,8 @@ from typing import Annotated, Any, Final, Protocol
 import numpy as np
 from pydantic import Field
 
-from skyrange.attack.contract import AttackContext, Controls, ThreatModel
+from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
+from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import SIDES, Names
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
@@ -178,8 +179,8 @@ def telemetry_links(patterns: Sequence[str], context: AttackContext, roles: Sequ
     return list(dict.fromkeys(chosen))
 
 
-def alter_telemetry(patterns: Sequence[str], context: AttackContext, alteration: Alteration) -> list[TapPlacement]:
-    """A tap with a copy of the alteration on each link that matches.
+def alter_telemetry(patterns: Sequence[str], context: AttackContext, alteration: Alteration) -> Attack:
+    """The attack by a tap with a copy of the alteration on each link that matches.
 
     Raises `InputError` as `telemetry_links` does, and for two links that the same frame passes: it would be altered
     twice.
@@ -194,7 +195,17 @@ def alter_telemetry(patterns: Sequence[str], context: AttackContext, alteration:
             if role == first and second in links:
                 expected = f"{name} or {second}, not both"
                 raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
-    return [TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in links]
+    return Attack(
+        taps=[TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in links],
+        exclusive=[
+            exclusive_messages(name, FROM_AIRCRAFT[name.partition(":")[0]], alteration.messages) for name in links
+        ],
+    )
+
+
+def exclusive_messages(link: str, direction: Direction, numbers: Collection[int]) -> Exclusive:
+    """Messages of one direction of a link, by number, as something that one attack alone may alter."""
+    return Exclusive(f"{link} ({direction})", frozenset(mav.mavlink_map[number].msgname for number in numbers))
 
 
 def threat(knowledge: str) -> ThreatModel:

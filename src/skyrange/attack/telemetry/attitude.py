@@ -101,7 +101,7 @@ def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, fl
 def make(params: FalseAttitude, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
     alteration = AttitudeAlteration(radians(params.roll_deg), radians(params.pitch_deg), params.yaw_deg)
-    return Attack(taps=alter_telemetry(params.links, context, alteration))
+    return alter_telemetry(params.links, context, alteration)
 
 
 ATTITUDE = AttackPlugin(

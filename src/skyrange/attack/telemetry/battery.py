@@ -108,7 +108,7 @@ def _set_cells(fields: Any, millivolts: float) -> None:
 def make(params: FalseBattery, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
     alteration = BatteryAlteration(params.remaining_percent, params.rate_percent_per_s, params.voltage_v)
-    return Attack(taps=alter_telemetry(params.links, context, alteration))
+    return alter_telemetry(params.links, context, alteration)
 
 
 BATTERY = AttackPlugin(

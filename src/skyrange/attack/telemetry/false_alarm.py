@@ -87,9 +87,7 @@ def make(params: FalseAlarm, context: AttackContext) -> Attack:
     failed = 0
     for name in params.sensors:
         failed |= SENSORS[name]
-    return Attack(
-        taps=alter_telemetry(params.links, context, AlarmingReports(_STATES[params.state], failed, params.estimator))
-    )
+    return alter_telemetry(params.links, context, AlarmingReports(_STATES[params.state], failed, params.estimator))
 
 
 FALSE_ALARM = AttackPlugin(

@@ -68,7 +68,7 @@ class HealthyReports:
 
 def make(params: HiddenFailures, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    return Attack(taps=alter_telemetry(params.links, context, HealthyReports()))
+    return alter_telemetry(params.links, context, HealthyReports())
 
 
 HIDE_FAILURES = AttackPlugin(

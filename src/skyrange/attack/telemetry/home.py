@@ -47,7 +47,7 @@ class HomeAlteration:
 
 def make(params: FalseHome, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    return Attack(taps=alter_telemetry(params.links, context, HomeAlteration(context.origin, params.offset_m)))
+    return alter_telemetry(params.links, context, HomeAlteration(context.origin, params.offset_m))
 
 
 HOME = AttackPlugin(

@@ -116,7 +116,7 @@ def make(params: FalseMode, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
     mode = None if params.mode is None else MODES[params.mode]
     alteration = ModeAlteration(mode, params.armed, params.mission, from_seconds(params.item_s))
-    return Attack(taps=alter_telemetry(params.links, context, alteration))
+    return alter_telemetry(params.links, context, alteration)
 
 
 MODE = AttackPlugin(

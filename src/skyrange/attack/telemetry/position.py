@@ -7,7 +7,7 @@ stay true: a receiver that compares them can find the lie.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import atan2, degrees, hypot
 from typing import Any, Final, Literal
 
@@ -178,7 +178,7 @@ def make(params: FalsePosition, context: AttackContext) -> Attack:
     rate = params.velocity_mps if params.form == "track" else params.drift_mps
     alteration = PositionAlteration(context.origin, params.offset_m, rate, params.at)
     shown = {} if params.at is None else {"false position": params.at}
-    return Attack(taps=alter_telemetry(params.links, context, alteration), shown=shown)
+    return replace(alter_telemetry(params.links, context, alteration), shown=shown)
 
 
 POSITION = AttackPlugin(

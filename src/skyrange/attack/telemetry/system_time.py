@@ -65,7 +65,7 @@ class TimeAlteration:
 
 def make(params: FalseTime, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    return Attack(taps=alter_telemetry(params.links, context, TimeAlteration(params.offset_s, params.drift_s_per_s)))
+    return alter_telemetry(params.links, context, TimeAlteration(params.offset_s, params.drift_s_per_s))
 
 
 SYSTEM_TIME = AttackPlugin(

@@ -10,7 +10,7 @@ from skyrange.codec.mission import MissionItem
 from skyrange.core.errors import Problem
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import GLOBAL_FRAMES, LANDINGS, LOCATED, TAKEOFFS, FlightPlan, is_navigation
-from skyrange.gcs.plan.routes import MAX_LEGS, climb_top_m, is_bounded, place
+from skyrange.gcs.plan.routes import MAX_LEGS, climb_top_m, is_bounded, never_leaves, place
 
 MAX_ITEMS = 649
 """Mission items besides home that ArduCopter holds in 16 KiB of storage.
@@ -30,8 +30,9 @@ def check(plan: FlightPlan, where: str) -> list[Problem]:
     """All problems of `plan`; `where` is the key or file that they name. A plan without problems can be flown.
 
     It finds: no items or too many, NaN and infinity, invalid coordinates, positions far from home, points below the
-    ground, a mission that does not begin with a take-off, jumps that are out of range or repeat too often, and speeds
-    and radii that are not positive. A mission that repeats for ever or waits for ever is none of these.
+    ground, a mission that does not begin with a take-off, jumps that are out of range, repeat too often or never leave
+    themselves, and speeds and radii that are not positive. A mission that repeats for ever or waits for ever is none of
+    these.
     """
     faults = list(_check_numbers(plan, where))
     faults += _check_guided(plan, where) if plan.kind == "guided" else _check_mission(plan, where)
@@ -84,7 +85,11 @@ def _check_mission(plan: FlightPlan, where: str) -> Iterator[Problem]:
         at = f"{where}: item {seq} (command {item.command})"
         yield from _check_params(at, item)
         if item.command in (mav.MAV_CMD_DO_JUMP, mav.MAV_CMD_DO_JUMP_TAG):
-            yield from _check_jump(at, item, len(items))
+            faults = [*_check_jump(at, item, len(items))]
+            yield from faults
+            if not faults and item.param2 == FOR_EVER and math.isfinite(item.param1) and never_leaves(items, seq):
+                expected = "a navigation command between the target of the jump and the jump"
+                yield Problem(at, "jumps for ever to itself", expected, "Autopilots end the mission there.")
         elif item.command in LOCATED:
             fault = _check_place(at, item)
             if fault is not None:

@@ -13,7 +13,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
 from skyrange.gcs.plan import paths
 from skyrange.gcs.plan.paths import Leg, Point, leg
-from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan
+from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan, is_navigation
 
 RTL_ALT_M = 15.0
 """ArduCopter RTL_ALT, default 1500 cm above home (ArduCopter/config.h)."""
@@ -179,6 +179,24 @@ def _jump_target(items: Sequence[MissionItem], jump: MissionItem) -> int:
         if item.command == mav.MAV_CMD_JUMP_TAG and item.param1 == jump.param1
     )
     return next(tagged, len(items) + 1)
+
+
+def never_leaves(items: Sequence[MissionItem], jump_seq: int) -> bool:
+    """Whether a jump for ever comes back to itself without a navigation command in between.
+
+    Jumps that are repeated a number of times are over at some time, so they are passed. Autopilots stop following such
+    a loop after 64 jumps, or 255 commands, and end the mission (AP_Mission.cpp, `get_next_cmd`,
+    `advance_current_nav_cmd`).
+    """
+    at = jump_seq
+    for _ in items:
+        item = items[at - 1]
+        at = _jump_target(items, item) if item.command in _JUMPS and item.param2 < 0.0 else at + 1
+        if at > len(items) or is_navigation(items[at - 1].command):
+            return False
+        if at == jump_seq:
+            return True
+    return False
 
 
 def _wait_s(item: MissionItem, speed_mps: float) -> float:

@@ -1,0 +1,188 @@
+"""Parts of a campaign: those of its acts behind gates, the adversary's taps and radio, and the agent that asks it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Final, TypeVar
+
+from pydantic import ValidationError
+
+from skyrange.attack.campaign.adversary import Adversary, Observation
+from skyrange.attack.campaign.course import Course
+from skyrange.attack.campaign.gates import GatedAgent, GatedFault, GatedTapMaker
+from skyrange.attack.campaign.params import Act, Means
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Place, ThreatModel, moved
+from skyrange.attack.exclusive import common
+from skyrange.attack.on_path import TapMaker, place_taps
+from skyrange.attack.radio import down_link, transmitter, up_link
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.params import Params
+from skyrange.contracts.verdicts import Verdict
+from skyrange.core.errors import InputError, Problem
+from skyrange.core.ids import Port
+from skyrange.core.time import NEVER, NS_PER_MS, Time
+
+MeansT = TypeVar("MeansT", bound=Means)
+POLL_NS: Final = 50 * NS_PER_MS
+"""How often the adversary looks at the clock; an observation moves it on at once."""
+_RECEIVER: Final = "receiver"
+_LISTENING_DBM: Final = -30.0
+"""Power of a radio that never sends."""
+
+
+@dataclass(slots=True)
+class Reader:
+    """A passive tap of the adversary."""
+
+    link: str
+    course: Course
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Read the frame, and let it pass."""
+        self.course.observe(now, Observation(frame.payload, self.link, frame.direction))
+        self.course.update(now)
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """Never."""
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Nothing."""
+        return ()
+
+
+@dataclass(slots=True)
+class Controller:
+    """The agent of the adversary: it receives broadcasts, looks at the clock, and notes each stage that it enters."""
+
+    name: str
+    course: Course
+    ports: Sequence[Port] = ()
+    service_ns: Time = NS_PER_MS
+    due: Time | None = 0
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Observe, and go on to the next stage if it is time."""
+        for arrival in inbox:
+            self.course.observe(now, Observation(arrival.payload))
+        self.course.update(now)
+        self.due = None if self.course.over else now - now % POLL_NS + POLL_NS
+        out = Outbox()
+        for stage in self.course.entered:
+            out.note("event.campaign_stage", self.course.campaign, {"stage": stage})
+        self.course.entered.clear()
+        return out
+
+    def next_wakeup(self) -> Time | None:
+        """When to look at the clock."""
+        return self.due
+
+
+def make_parts(
+    params: Means,
+    context: AttackContext,
+    adversary: Adversary,
+    *,
+    longest_ns: Time = NEVER,
+    together: Sequence[Sequence[str]] = (),
+) -> Attack:
+    """The campaign of an adversary.
+
+    `together` are the acts of each stage, as far as they are known. Raises `InputError` for acts whose kind or
+    parameters are wrong, and for two that exclude each other in one stage.
+    """
+    schedules = {name: Schedule() for name in params.acts}
+    made = {name: _make_act(name, act, replace(context, id=f"{context.id}.{name}", schedule=schedules[name]))
+            for name, act in params.acts.items()}  # fmt: skip
+    excluded = _excluded(made)
+    for place, acts in enumerate(together):
+        _check_together(context.id, f"stages.{place}.acts", acts, excluded)
+    course = Course(context.id, adversary, context.schedule, schedules, longest_ns, excluded)
+    controller, links, radios = Controller(context.id, course), [], []
+    if params.receiver_m is not None:
+        own = replace(context, id=f"{context.id}.{_RECEIVER}")
+        controller = Controller(own.radio, course, [Port(own.radio, own.down), Port(own.radio, own.up)])
+        links = [down_link(own), up_link(own)]
+        radios = [transmitter(own, params.receiver_m, _LISTENING_DBM, listens=True)]
+    readers = place_taps(params.taps, context, TapMaker(Reader, (course,)))
+    return Attack(
+        agents=[controller, *(GatedAgent(agent, name, course) for name, act in made.items() for agent in act.agents)],
+        taps=[
+            *readers,
+            *(
+                replace(tap, make=GatedTapMaker(tap.make, name, course))
+                for name, act in made.items()
+                for tap in act.taps
+            ),
+        ],
+        faults=[GatedFault(fault, name, course) for name, act in made.items() for fault in act.faults],
+        links=[*links, *(one for act in made.values() for one in act.links)],
+        radios=[*radios, *(radio for act in made.values() for radio in act.radios)],
+        threat=ThreatModel(**params.threat.model_dump()) if params.threat.stated else None,
+        one_process=True,
+        shown={f"{name}: {label}": at for name, act in made.items() for label, at in act.shown.items()},
+        exclusive=[one for act in made.values() for one in act.exclusive],
+    )  # fmt: skip
+
+
+def move_acts(params: MeansT, by: Place) -> MeansT:
+    """The parameters of a campaign with the places of its acts moved; an act that is wrong stays as it is."""
+    return params.model_copy(update={"acts": {name: _moved_act(act, by) for name, act in params.acts.items()}})
+
+
+def _moved_act(act: Act, by: Place) -> Act:
+    try:
+        plugin = AttackPlugin.find(act.kind)
+        settings: Params = moved(plugin, plugin.params.model_validate(act.params), by)
+    except (ValidationError, InputError):
+        return act  # named when it is made
+    return act.model_copy(update={"params": settings.model_dump(exclude_none=True)})
+
+
+def _excluded(made: Mapping[str, Attack]) -> dict[tuple[str, str], str]:
+    """What two acts would both alter, by the sorted names of the acts."""
+    found = {}
+    for a, b in combinations(sorted(made), 2):
+        said = common(made[a].exclusive, made[b].exclusive)
+        if said:
+            found[a, b] = said
+    return found
+
+
+def _check_together(who: str, where: str, acts: Sequence[str], excluded: Mapping[tuple[str, str], str]) -> None:
+    for a, b in combinations(sorted(acts), 2):
+        if (a, b) in excluded:
+            expected = f"one of them, because both alter {excluded[a, b]}"
+            raise InputError.one(who, where, f"{a}, {b}", expected, "Let them act in different stages.")
+
+
+def _make_act(name: str, act: Act, context: AttackContext) -> Attack:
+    where = f"acts.{name}"
+    plugin = _find(where, act.kind, context.id)
+    if issubclass(plugin.params, Means) or name == _RECEIVER:
+        expected = f"a kind that is no campaign, and another name than {_RECEIVER}"
+        raise InputError.one(context.id, where, act.kind, expected)
+    try:
+        return plugin(plugin.params.model_validate(act.params), context)
+    except ValidationError as error:
+        found = [
+            Problem(".".join((where, "params", *map(str, one["loc"]))), repr(one["input"]), one["msg"])
+            for one in error.errors()
+        ]
+        raise InputError(context.id, found) from None
+    except InputError as error:
+        raise InputError(
+            context.id, [replace(one, where=f"{where}.params.{one.where}") for one in error.problems]
+        ) from None
+
+
+def _find(where: str, kind: str, who: str) -> AttackPlugin:
+    try:
+        return AttackPlugin.find(kind)
+    except InputError as error:
+        raise InputError(who, [replace(one, where=f"{where}.kind") for one in error.problems]) from None
