@@ -33,7 +33,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorFault SensorAct
-            Schedule AttackPlan ThreatModel Controls""",
+            Schedule AttackPlan ThreatModel Controls Exclusive""",
+        "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
         "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
