@@ -219,7 +219,9 @@ def decode_manifest(evidence: bytes) -> Manifest:
     """The hashes in a Manifest; raises `DecodeError` (section 4.4.1). Whether they are right, the caller checks."""
     count, rest = divmod(len(evidence), HASH_BYTES)
     if rest or not 3 <= count <= 3 + MAX_HASHES:
-        raise DecodeError(f"{len(evidence)} bytes of evidence, a Manifest has 3…{3 + MAX_HASHES} hashes of {HASH_BYTES}")
+        raise DecodeError(
+            f"{len(evidence)} bytes of evidence, a Manifest has 3…{3 + MAX_HASHES} hashes of {HASH_BYTES}"
+        )
     previous, current, link, *messages = (evidence[at : at + HASH_BYTES] for at in range(0, len(evidence), HASH_BYTES))
     return Manifest(previous, current, link, tuple(messages))
 

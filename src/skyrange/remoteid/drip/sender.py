@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import ceil
 from typing import Final
 
 from skyrange.codec.drip import (
@@ -100,7 +101,7 @@ class Sender:
         return self._signed(SamType.MANIFEST, manifest_evidence(manifest), now_s)
 
     def _signed(self, sam_type: SamType, evidence: bytes, now_s: float) -> Evidence:
-        who, vnb_s = self.registration.identity, int(now_s)
+        who, vnb_s = self.registration.identity, ceil(now_s)  # never before the signature is made (section 3.2.4.3)
         draft = Evidence(sam_type, vnb_s, vnb_s + self.validity_s, evidence, who.tag)
         return draft._replace(signature=sign(who.secret, draft.signed()))
 
