@@ -183,7 +183,7 @@ def decode_sam(data: bytes) -> SamMessage:
 
 def encode_wrapped(bodies: Sequence[bytes]) -> bytes:
     """The evidence of a Wrapper: up to four messages, put in the order of their types."""
-    evidence = b"".join(sorted(bodies, key=lambda body: body[0] >> 4))
+    evidence = b"".join(sorted(bodies, key=_type_of))
     try:
         decode_wrapped(evidence)
     except DecodeError as error:
@@ -206,7 +206,7 @@ def decode_wrapped(evidence: bytes) -> tuple[bytes, ...]:
 
 
 def encode_manifest(previous: bytes, link: bytes, messages: Sequence[bytes]) -> Manifest:
-    """A Manifest with its own hash filled in; raises `ValueError` for more than eleven hashes or one of another size."""
+    """A Manifest with its own hash filled in; raises `ValueError` for more than eleven hashes or a wrong size."""
     if len(messages) > MAX_HASHES:
         raise ValueError(f"{len(messages)} hashes in a Manifest, at most {MAX_HASHES}")
     for hash_ in (previous, link, *messages):
@@ -229,6 +229,10 @@ def decode_manifest(evidence: bytes) -> Manifest:
 def manifest_evidence(manifest: Manifest) -> bytes:
     """The bytes of a Manifest's hashes."""
     return b"".join((manifest.previous, manifest.current, manifest.link, *manifest.messages))
+
+
+def _type_of(body: bytes) -> int:
+    return body[0] >> 4
 
 
 def _times(vnb_s: int, vna_s: int) -> bytes:

@@ -175,8 +175,26 @@ class _TrackState:
     """Mutable part of a track."""
 
     __slots__ = (
-        "bad_s", "claimed", "confirmed_s", "counts", "covered", "first_s", "good_s", "heard", "last_s", "manifest",
-        "manifest_s", "pages", "older_s", "replayed_s", "signed_off", "tag", "unsupported", "verified", "verified_at_s", "waiting",
+        "bad_s",
+        "claimed",
+        "confirmed_s",
+        "counts",
+        "covered",
+        "first_s",
+        "good_s",
+        "heard",
+        "last_s",
+        "manifest",
+        "manifest_s",
+        "older_s",
+        "pages",
+        "replayed_s",
+        "signed_off",
+        "tag",
+        "unsupported",
+        "verified",
+        "verified_at_s",
+        "waiting",
     )  # fmt: skip
 
     def __init__(self, now_s: float) -> None:
@@ -232,7 +250,7 @@ class Observer:
         """Signatures verified."""
 
     def receive(self, address: int, counter: int, body: bytes, now_s: float) -> tuple[Verified, ...]:
-        """Take a received message or pack, with its sender address and message counter; returns what is verified by it."""
+        """Take a received message or pack, with its sender address and counter; returns what is verified by it."""
         track = self._track(address, now_s)
         found: list[Verified] = []
         try:
@@ -360,7 +378,7 @@ class Observer:
         except DecodeError:
             self._count(track, Refusal.MALFORMED)
             return
-        signed = b"".join(sorted(beside, key=lambda part: part[0] >> 4))
+        signed = b"".join(sorted(beside, key=_type_of))
         self._sam(address, track, data, signed, now_s, found)
 
     def _sam(
@@ -545,6 +563,10 @@ class Observer:
                 self._bad(track, Refusal.UNSIGNED, now_s)
             else:
                 self._count(track, Refusal.UNSIGNED)
+
+
+def _type_of(body: bytes) -> int:
+    return body[0] >> 4
 
 
 def _bound(held: dict[bytes, Any], limit: int) -> None:

@@ -48,8 +48,8 @@ class Registration(NamedTuple):
 def child_level(level: Level, parent: EntityTag, child: EntityTag) -> Level | None:
     """The level of a key that a key of `level` endorses; `None` if it may not.
 
-    RFC 9575 (note in section 1.1) demands the immediate parent in the hierarchy, and the bytes of a Link do not say what
-    the child is. So the place in the chain decides: an aircraft, whose tag has the numbers of its HDA, endorses nobody.
+    RFC 9575 (note in section 1.1) demands the immediate parent in the hierarchy, and a Link does not say what the
+    child is. So the place in the chain decides: an aircraft, whose tag has the numbers of its HDA, endorses nobody.
     """
     if level == Level.APEX:
         return Level.RAA if child.is_authority and (child.raa, child.hda) != APEX_HID else None

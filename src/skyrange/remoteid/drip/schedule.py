@@ -1,4 +1,4 @@
-"""Times of DRIP's messages: what an aircraft has to send at least, and the full schedule that the standard recommends."""
+"""Times of DRIP's messages: what an aircraft has to send at least, and the recommended schedule."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ CYCLE_PAGES: Final = 8
 
 
 def cycle_page(second: int) -> tuple[Kind, int]:
-    """Which page of which message goes out in a second of the schedule of appendix B.2, beside the Manifest of that second.
+    """Which page of which message goes out in a second of the schedule of appendix B.2, beside a Manifest.
 
     After `CYCLE_PAGES` × 17 = 136 s it starts again.
     """
