@@ -183,7 +183,8 @@ def decode_sam(data: bytes) -> SamMessage:
 
 def encode_wrapped(bodies: Sequence[bytes]) -> bytes:
     """The evidence of a Wrapper: up to four messages, put in the order of their types."""
-    evidence = b"".join(sorted(bodies, key=_type_of))
+    ordered: list[bytes] = sorted(bodies, key=_type_of)
+    evidence = b"".join(ordered)
     try:
         decode_wrapped(evidence)
     except DecodeError as error:

@@ -378,8 +378,8 @@ class Observer:
         except DecodeError:
             self._count(track, Refusal.MALFORMED)
             return
-        signed = b"".join(sorted(beside, key=_type_of))
-        self._sam(address, track, data, signed, now_s, found)
+        beside.sort(key=_type_of)
+        self._sam(address, track, data, b"".join(beside), now_s, found)
 
     def _sam(
         self, address: int, track: _TrackState, data: bytes, beside: bytes, now_s: float, found: list[Verified]

@@ -58,7 +58,7 @@ class Sender:
         return len(self._pending)
 
     def sent(self, body: bytes) -> None:
-        """A message of 25 bytes, or a pack, was broadcast. Authentication pages carry signatures and are not covered."""
+        """A message of 25 bytes or a pack was broadcast. Authentication pages carry signatures and are not covered."""
         if body[0] >> 4 != MessageType.AUTHENTICATION:
             self._pending[message_hash(body)] = None
             while len(self._pending) > MAX_PENDING:
