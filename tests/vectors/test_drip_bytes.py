@@ -1,6 +1,6 @@
 """DRIP against the examples of the standards, byte for byte.
 
-RFC 9575, appendix B.2.1, as draft-ietf-drip-auth-49 prints it; RFC 9374, sections 4.2 and 5; RFC 9886, appendix A;
+RFC 9575, appendix B.2.1, as draft-ietf-drip-auth-49 prints it; RFC 9374, section 5; RFC 9886, appendix A;
 RFC 8032, section 7.1; NIST SP 800-185, sample 1 of cSHAKE.
 """
 
