@@ -1,0 +1,374 @@
+"""DRIP in a range: what an observer makes of honest, lossy, forged and replayed broadcasts."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import pytest
+
+from skyrange.codec.drip import EntityTag, Evidence, SamType, decode_sam, encode_sam, session_id, split_with_parity
+from skyrange.codec.drip.messages import encode_manifest, manifest_evidence
+from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, encode
+from skyrange.codec.f3411.authentication import join_pages
+from skyrange.remoteid.drip.keys import Identity, range_secret, sign
+from skyrange.remoteid.drip.observer import Observer, Policy, Refusal, Trust
+from skyrange.remoteid.drip.registry import Level, Registration, Registry, child_level, endorse
+from skyrange.remoteid.drip.schedule import (
+    CYCLE,
+    CYCLE_PAGES,
+    REQUIRED,
+    Kind,
+    Rates,
+    Schedule,
+    cycle_page,
+)
+from skyrange.remoteid.drip.sender import Sender
+
+T0 = 220_000_000.0
+REGISTRY = Registry.of_seed(7, int(T0) - 10, int(T0) + 86_400)
+OWN, OTHER = 0xC0FFEE, 0xBAD
+
+
+def location(step: int, east: float = 0.0) -> bytes:
+    return encode(Location(2, 47.0 + step * 1e-5, 8.0 + east, 100.0, speed_mps=5.0, timestamp_s=step / 10))
+
+
+def identity(tag: bytes) -> bytes:
+    return encode(BasicId(IdType.SPECIFIC_SESSION, 2, session_id(tag)))
+
+
+class Air:
+    """One aircraft at 1 Hz that sends what is due, and an observer; frames can be lost or added."""
+
+    def __init__(
+        self, registration: Registration | None = None, *, rates: Rates = REQUIRED, policy: Policy | None = None,
+        observer: Observer | None = None,
+    ) -> None:  # fmt: skip
+        self.registration = registration or REGISTRY.register("alpha")
+        self.tag = self.registration.identity.tag
+        self.sender = Sender(self.registration, legacy=True, rates=rates, start_s=T0)
+        self.observer = observer or Observer(REGISTRY.anchors, policy or Policy())
+        self.counter = 0
+        self.sent: list[tuple[float, int, bytes]] = []
+
+    def second(self, step: int, *, lose: frozenset[Kind] = frozenset(), address: int = OWN) -> None:
+        now_s = T0 + step
+        for body in (identity(self.tag), location(step)):
+            self.sender.sent(body)
+            self.frame(body, now_s, address)
+        for kind in self.sender.due(now_s + 0.5):
+            pages = self.sender.make(kind, now_s + 0.5)
+            if kind not in lose:
+                self.counter = (self.counter + 1) % 256
+                for page in pages:
+                    self.frame(encode(page), now_s + 0.6, address, self.counter)
+
+    def frame(self, body: bytes, now_s: float, address: int = OWN, counter: int = 0) -> None:
+        self.sent.append((now_s, counter, body))
+        self.observer.receive(address, counter, body, now_s)
+
+    def state(self, step: float, address: int = OWN) -> Trust:
+        track = self.observer.track(address, T0 + step)
+        assert track is not None
+        return track.state
+
+
+def test_an_honest_aircraft_is_verified() -> None:
+    air = Air()
+    air.second(0)
+    assert air.observer.trusts(air.tag, T0 + 1)
+    for step in range(1, 31):
+        air.second(step)
+        assert air.state(step + 0.9) == Trust.VERIFIED
+    track = air.observer.track(OWN, T0 + 31)
+    assert track is not None
+    assert track.tag == air.tag
+    assert track.time_to_trust_s == pytest.approx(0.6)
+    assert track.counts == {}
+    assert track.verified_messages >= 31
+    assert air.state(31 + 15) == Trust.STALE
+    assert air.observer.addresses_of(air.tag) == (OWN,)
+
+
+def test_waits_for_the_root_link() -> None:
+    """What was signed before the chain was complete is verified when it is."""
+    air = Air(rates=REQUIRED._replace(apex_raa_s=math.inf))
+    for step in range(20):
+        air.second(step)
+        assert air.state(step + 0.9) == Trust.UNVERIFIED
+    root = split_with_parity(encode_sam(air.registration.apex_raa), int(T0), parity=True)
+    for page in root:
+        air.frame(encode(page), T0 + 20, counter=200)
+    assert air.state(20) == Trust.VERIFIED
+    track = air.observer.track(OWN, T0 + 20)
+    assert track is not None
+    assert track.time_to_trust_s == 20.0
+    assert not track.counts
+
+
+def test_endorsed_key_without_evidence() -> None:
+    air = Air(rates=REQUIRED._replace(evidence_s=math.inf))
+    air.second(0)
+    assert air.state(1) == Trust.TRUSTED_KEY
+
+
+def test_ignored_pages_and_other_methods() -> None:
+    observer = Observer(REGISTRY.anchors)
+    pages = split_with_parity(encode_sam(REGISTRY.register("a").hda_ua), 0, parity=True)
+    observer.receive(OWN, 1, encode(pages[0]), T0)
+    track = observer.track(OWN, T0)
+    assert track is not None
+    assert track.state == Trust.PARTIAL
+    observer.receive(OTHER, 1, encode(pages[0]._replace(auth_type=1)), T0)
+    track = observer.track(OTHER, T0)
+    assert track is not None
+    assert track.state == Trust.UNSUPPORTED
+    assert observer.track(3, T0) is None
+    assert len(observer.tracks(T0)) == 2
+
+
+def test_lost_manifests_are_no_contradiction() -> None:
+    air = Air(rates=REQUIRED._replace(evidence_s=1.0))
+    for step in range(40):
+        lost = {Kind.MANIFEST} if step % 5 == 3 else set()
+        air.second(step, lose=frozenset(lost))
+    assert air.state(40) == Trust.VERIFIED
+    assert not air.observer.counts
+
+
+def test_forged_location_under_the_same_address() -> None:
+    air = Air()
+    for step in range(22):
+        air.second(step)
+        if step == 8:
+            air.frame(location(8, east=0.01), T0 + 8.2)
+    assert air.state(22) == Trust.CONTRADICTED
+    assert air.observer.counts == {Refusal.UNSIGNED: 1}
+    for step in range(22, 100):
+        air.second(step)
+    assert air.state(100) == Trust.VERIFIED
+
+
+def test_relayed_signatures_do_not_verify_forged_locations() -> None:
+    """Another sender repeats an aircraft's signed pages beside locations of its own."""
+    air = Air()
+    for step in range(30):
+        before = len(air.sent)
+        air.second(step)
+        for now_s, counter, body in air.sent[before:]:
+            if body[0] >> 4 != 1:
+                air.observer.receive(OTHER, counter, body, now_s + 0.1)
+        air.observer.receive(OTHER, 0, location(step, east=0.02), T0 + step)
+    assert air.state(30) == Trust.VERIFIED
+    assert air.state(30, OTHER) == Trust.CONTRADICTED
+    track = air.observer.track(OTHER, T0 + 30)
+    assert track is not None
+    assert track.verified_at_s is None
+
+
+def test_replay_is_told_from_the_original() -> None:
+    air = Air()
+    for step in range(60):
+        air.second(step)
+        for now_s, counter, body in air.sent:
+            if now_s + 20.0 > T0 + step >= now_s + 19.0:
+                air.observer.receive(OTHER, counter, body, T0 + step + 0.9)
+    assert air.state(60) == Trust.VERIFIED
+    assert air.state(60, OTHER) == Trust.REPLAYED
+    assert set(air.observer.counts) == {Refusal.REPLAYED}
+
+
+def test_replay_after_the_validity() -> None:
+    air, later = Air(), 121.0 + 60.0
+    for step in range(60):
+        air.second(step)
+    for now_s, counter, body in air.sent:
+        air.observer.receive(OTHER, counter, body, now_s + later)
+    assert air.state(60 + later, OTHER) == Trust.REPLAYED
+    assert set(air.observer.counts) == {Refusal.OUT_OF_TIME}
+
+
+def test_replay_within_the_validity_of_an_aircraft_that_left() -> None:
+    """A known limit: nothing newer was heard, and the validity has not ended. A shorter age ends it."""
+    for policy, expected in ((Policy(), Trust.VERIFIED), (Policy(max_age_s=10.0), Trust.REPLAYED)):
+        air, other = Air(), Observer(REGISTRY.anchors, policy)
+        for step in range(10):
+            air.second(step)
+        for now_s, counter, body in air.sent:
+            other.receive(OTHER, counter, body, now_s + 60)
+        track = other.track(OTHER, T0 + 70)
+        assert track is not None
+        assert track.state == expected
+
+
+def test_keys_of_another_registry_are_not_trusted() -> None:
+    strange = Registry.of_seed(7, int(T0), int(T0) + 1000, name="forged")
+    air = Air(strange.register("ghost"))
+    for step in range(10):
+        air.second(step)
+    assert air.state(10) == Trust.UNVERIFIED
+    assert air.observer.work == 0
+
+
+def test_forged_endorsement() -> None:
+    """A Link that names the true HDA and is signed by another key."""
+    true = REGISTRY.register("alpha")
+    tag = EntityTag.parse(REGISTRY.hda.tag)
+    ghost = Identity.of_secret(range_secret(7, "ghost"), tag.raa, tag.hda)
+    false_hda = REGISTRY.hda._replace(secret=ghost.secret)
+    air = Air(Registration(ghost, endorse(false_hda, ghost, int(T0), int(T0) + 500), true.raa_hda, true.apex_raa))
+    for step in range(10):
+        air.second(step)
+    assert air.state(10) == Trust.REFUSED
+    assert air.observer.counts[Refusal.WRONG_SIGNATURE] == 1
+
+
+def test_an_aircraft_endorses_nobody() -> None:
+    """An insider's key has the numbers of its HDA, but not its place in the chain."""
+    insider = REGISTRY.register("insider")
+    tag = EntityTag.parse(insider.identity.tag)
+    ghost = Identity.of_secret(range_secret(7, "ghost"), tag.raa, tag.hda)
+    air = Air(insider)
+    air.second(0)
+    forged = endorse(insider.identity, ghost, int(T0), int(T0) + 500)
+    for page in split_with_parity(encode_sam(forged), int(T0), parity=True):
+        air.frame(encode(page), T0 + 1, OTHER, 9)
+    assert not air.observer.trusts(ghost.tag, T0 + 2)
+    assert air.observer.counts == {Refusal.NO_AUTHORITY: 1}
+
+
+def test_levels() -> None:
+    apex, raa, hda, ua = (EntityTag(r, h, 5, bytes(8)) for r, h in ((0, 0), (15360, 0), (15360, 1), (15360, 1)))
+    assert child_level(Level.APEX, apex, raa) == Level.RAA
+    assert child_level(Level.APEX, apex, hda) is None
+    assert child_level(Level.APEX, apex, apex) is None
+    assert child_level(Level.RAA, raa, hda) == Level.HDA
+    assert child_level(Level.RAA, raa, raa) is None
+    assert child_level(Level.RAA, raa, EntityTag(15361, 1, 5, bytes(8))) is None
+    assert child_level(Level.HDA, hda, ua) == Level.AIRCRAFT
+    assert child_level(Level.HDA, hda, EntityTag(15360, 2, 5, bytes(8))) is None
+    assert child_level(Level.AIRCRAFT, ua, ua) is None
+
+
+def test_own_key_under_the_claim_of_another() -> None:
+    """An insider signs with its own key and claims the tag of somebody else."""
+    air = Air(REGISTRY.register("insider"))
+    air.tag = REGISTRY.register("victim").identity.tag
+    for step in range(10):
+        air.second(step)
+    assert air.state(10) == Trust.REFUSED
+    assert air.observer.counts[Refusal.WRONG_TAG] >= 1
+
+
+def test_altered_manifest_and_long_validity() -> None:
+    registration = REGISTRY.register("alpha")
+    who, now = registration.identity, int(T0) + 1
+    honest = encode_manifest(bytes(8), bytes(8), [bytes(8)])
+    for manifest, validity_s, why in (
+        (honest._replace(current=bytes(8)), 120, Refusal.WRONG_HASH),
+        (honest, 100_000, Refusal.TOO_LONG),
+        (honest, 120, Refusal.OTHER_LINK),
+    ):
+        air = Air(registration)
+        air.second(0)
+        draft = Evidence(SamType.MANIFEST, now, now + validity_s, manifest_evidence(manifest), who.tag)
+        signed = draft._replace(signature=sign(who.secret, draft.signed()))
+        for page in split_with_parity(encode_sam(signed), now, parity=True):
+            air.frame(encode(page), T0 + 1.2, counter=77)
+        assert air.observer.counts == {why: 1}
+
+
+def test_every_single_page_may_be_lost() -> None:
+    pages = Sender(REGISTRY.register("alpha"), legacy=True).make(Kind.HDA_UA, T0)
+    for lost in range(len(pages)):
+        observer = Observer(REGISTRY.known)
+        for page in pages:
+            if page.page != lost:
+                observer.receive(OWN, 5, encode(page), T0)
+        assert observer.trusts(REGISTRY.register("alpha").identity.tag, T0)
+        assert observer.work == 1
+
+
+def test_wrapper_and_pack() -> None:
+    registration = REGISTRY.register("alpha")
+    sender = Sender(registration, legacy=False)
+    observer = Observer(REGISTRY.known)
+    link = sender.make(Kind.HDA_UA, T0)
+    observer.receive(OWN, 1, encode(MessagePack(link)), T0)
+    said = (BasicId(4, 2, session_id(registration.identity.tag)), Location(2, 47.0, 8.0, 90.0))
+    pages = sender.pack_wrapper([encode(part) for part in said], T0)
+    assert len(pages) == 5
+    (basic_id, place), wrapper = said, pages
+    found = observer.receive(OWN, 2, encode(MessagePack((basic_id, place, *wrapper))), T0 + 0.1)
+    assert {item.body for item in found} == {encode(part) for part in said}
+    forged = Location(2, 47.1, 8.0, 90.0)
+    observer.receive(OTHER, 3, encode(MessagePack((basic_id, forged, *wrapper))), T0 + 0.2)
+    assert observer.counts == {Refusal.WRONG_SIGNATURE: 1}
+    legacy = Sender(registration, legacy=True).wrapper([encode(place)], T0)
+    for page in legacy:
+        found = observer.receive(OWN, 4, encode(page), T0 + 0.3)
+    assert [item.body for item in found] == [] or found[0].body == encode(place)
+    track = observer.track(OWN, T0 + 1)
+    assert track is not None
+    assert track.state == Trust.VERIFIED
+
+
+def test_budget() -> None:
+    air = Air(policy=Policy(verifications_per_s=0.001, verification_burst=2))
+    for step in range(10):
+        air.second(step)
+    assert air.observer.work == 2
+    assert air.observer.counts[Refusal.OVER_BUDGET] > 0
+
+
+def test_nothing_is_verified_twice() -> None:
+    air = Air()
+    for step in range(5):
+        air.second(step)
+    work = air.observer.work
+    for now_s, counter, body in list(air.sent):
+        air.observer.receive(OWN, counter + 50, body, now_s + 5)
+    assert air.observer.work == work
+
+
+def test_copies_go_on_alike() -> None:
+    air = Air()
+    for step in range(7):
+        air.second(step)
+    twin = copy.deepcopy(air)
+    for step in range(7, 20):
+        air.second(step)
+        twin.second(step)
+    assert air.sent == twin.sent
+    assert air.observer.tracks(T0 + 20) == twin.observer.tracks(T0 + 20)
+
+
+def test_required_rates() -> None:
+    """RFC 9575, section 6.3."""
+    schedule, sent = Schedule(REQUIRED), dict.fromkeys(Kind, 0)
+    for now in range(600):
+        for kind in schedule.due(now, 1):
+            sent[kind] += 1
+            schedule.done(kind, now)
+    assert sent == {Kind.HDA_UA: 10, Kind.MANIFEST: 120, Kind.RAA_HDA: 2, Kind.APEX_RAA: 2, Kind.WRAPPER: 0}
+    assert schedule.next_s() == 600
+    assert Kind.MANIFEST not in schedule.due(1000, 0)
+    schedule.done(Kind.MANIFEST, 1000)
+    assert Kind.MANIFEST not in schedule.due(1001, 9)
+    assert Kind.MANIFEST in schedule.due(1001, 10)
+    with pytest.raises(ValueError, match="wrapper"):
+        Sender(REGISTRY.register("a"), legacy=True).make(Kind.WRAPPER, 0)
+
+
+def test_recommended_cycle() -> None:
+    """RFC 9575, appendix B.2: the chain within 136 s, with Wrappers in between."""
+    assert len(CYCLE) * CYCLE_PAGES == 136
+    assert [cycle_page(second) for second in (0, 7, 8, 136)] == [
+        (Kind.HDA_UA, 0), (Kind.HDA_UA, 7), (Kind.RAA_HDA, 0), (Kind.HDA_UA, 0),
+    ]  # fmt: skip
+    sender = Sender(REGISTRY.register("alpha"), legacy=True)
+    wrapper = sender.wrapper([location(0), location(1)], T0)
+    assert len(sender.make(Kind.RAA_HDA, T0)) == len(wrapper) == CYCLE_PAGES
+    data = join_pages(wrapper)
+    assert decode_sam(data).vnb_s == int(T0)
