@@ -1,7 +1,8 @@
 """Measured effects of the kinds of attacks and faults: their examples flown beside their twins, over ten seeds each.
 
-`python docs/measure_attacks.py [KIND …]` flies the examples (all of them unless named), and rewrites their sections of
-`docs/reference/attack-effects.md` or `fault-effects.md` and their figures in `docs/images/attacks` or `faults`.
+`python docs/measure_attacks.py [NAME …]` flies the examples (all of them unless named), and rewrites their sections of
+`docs/reference/attack-effects.md` or `fault-effects.md` and their figures in `docs/images/attacks` or `faults`. Of a
+scenario in `NAMED` it rewrites the table on its own page; `docs/pictures.py` draws its figure.
 Differences are those of the attacked run from its baseline: the sham of an attack that lies, and the nominal run of one
 that works by load and of a fault.
 """
@@ -31,16 +32,21 @@ ROOT: Final = Path(__file__).parents[1]
 PAGE: Final = ROOT / "docs" / "reference" / "attack-effects.md"
 FAULT_PAGE: Final = ROOT / "docs" / "reference" / "fault-effects.md"
 PUBLISHED_PAGE: Final = ROOT / "docs" / "reference" / "published-attacks.md"
+SCENARIO_PAGES: Final = ROOT / "docs" / "reference" / "scenarios"
+NAMED: Final = (
+    "falsified-log", "gcs-flood", "gnss-pull-off", "hijack", "insider", "jammed-corridor", "mitm-mission",
+)  # fmt: skip
+"""Shipped scenarios whose pages have a measured table."""
 PUBLISHED: Final[Mapping[str, tuple[str, Sequence[str]]]] = {
-    "denial of service": ("`gcs`", ("link.flood", "link.drop")),
+    "denial of service": ("`gcs`", ("gcs-flood", "link.flood", "link.drop")),
     "Remote ID spoofing": ("`rid_up`", ("remote_id.spoof",)),
-    "man in the middle": ("`gcs`", ("link.delay", "mavlink.mission_alter", "link.reorder")),
-    "GPS or position spoofing": ("`log`", ("telemetry.position",)),
+    "man in the middle": ("`gcs`", ("mitm-mission", "link.delay", "mavlink.mission_alter", "link.reorder")),
+    "GPS or position spoofing": ("`log`", ("falsified-log", "telemetry.position")),
     "jamming": ("`gcs`", ("link.drop", "link.delay", "link.corrupt")),
-    "arbitrary control injection": ("`gcs`", ("mavlink.command", "mavlink.mode", "mavlink.guided")),
+    "arbitrary control injection": ("`gcs`", ("hijack", "mavlink.command", "mavlink.mode", "mavlink.guided")),
     "malicious input": ("`gcs`, `log`", ("mavlink.malformed", "mavlink.mission_replace")),
 }
-"""By name in the publication: the links that it names, and the kinds."""
+"""By name in the publication: the links that it names, and the named scenarios and kinds."""
 IMAGES: Final = ROOT / "docs" / "images"
 SEEDS: Final = 10
 FEWEST: Final = 0.5
@@ -60,7 +66,12 @@ MEASURES: Final[Mapping[str, tuple[str, str, float]]] = {
 
 def main(names: Sequence[str]) -> None:
     """Fly, measure, and renew the pages."""
-    for kind in names or [*sorted(EXAMPLES), *sorted(FAULT_EXAMPLES)]:
+    for kind in names or [*sorted(EXAMPLES), *sorted(FAULT_EXAMPLES), *NAMED]:
+        if kind in NAMED:
+            write_named(kind)
+            write_published(dict(SECTION.findall(PAGE.read_text(encoding="utf-8"))))
+            print(kind, flush=True)
+            continue
         page, examples = (FAULT_PAGE, FAULT_EXAMPLES) if kind in FAULT_EXAMPLES else (PAGE, EXAMPLES)
         with tempfile.TemporaryDirectory() as folder:
             section = measure(kind, Path(folder) / kind)
@@ -79,14 +90,25 @@ def write(page: Path, sections: Mapping[str, str]) -> None:
     page.write_text(f"{head.rstrip()}\n\n{body}", encoding="utf-8")
 
 
+def write_named(name: str) -> None:
+    """Fly a named scenario and renew the table on its page."""
+    with tempfile.TemporaryDirectory() as folder:
+        flown = pair(load(name), Path(folder) / name, seeds=SEEDS)
+        table = "\n".join(_table(flown, "attacked"))
+    page = SCENARIO_PAGES / f"{name}.md"
+    block = f"<!-- measured: {name} -->\n{table}\n<!-- end: {name} -->\n"
+    page.write_text(SECTION.sub(lambda _: block, page.read_text(encoding="utf-8")), encoding="utf-8")
+
+
 def write_published(sections: Mapping[str, str]) -> None:
     """Renew the table of the published attacks from the sections of the kinds."""
-    rows = ["| published attack | link | kind and scenario | measured effect |", "|---|---|---|---|"]
+    pages = [(SCENARIO_PAGES / f"{name}.md").read_text(encoding="utf-8") for name in NAMED]
+    sections = {**sections, **dict(found for page in pages for found in SECTION.findall(page))}
+    rows = ["| published attack | link | kind or scenario | measured effect |", "|---|---|---|---|"]
     for attack, (link, kinds) in PUBLISHED.items():
         for kind in kinds:
-            rows.append(
-                f"| {attack} | {link} | [`{kind}`](attacks.md#{kind.replace('.', '')}) | {_first(sections, kind)} |"
-            )
+            target = f"scenarios/{kind}.md" if kind in NAMED else f"attacks.md#{kind.replace('.', '')}"
+            rows.append(f"| {attack} | {link} | [`{kind}`]({target}) | {_first(sections, kind)} |")
             attack = link = ""
     table = "\n".join(rows)
     text = PUBLISHED_PAGE.read_text(encoding="utf-8")
@@ -106,7 +128,6 @@ def measure(kind: str, folder: Path) -> str:
     scenario = load(kind)
     is_fault = kind in FAULT_EXAMPLES
     flown = pair(scenario, folder, seeds=SEEDS)
-    baseline = flown.baseline or "nominal"
     images = IMAGES / ("faults" if is_fault else "attacks")
     images.mkdir(parents=True, exist_ok=True)
     draw_pair_plan(flown).save(images / f"{kind}.svg")
@@ -117,16 +138,18 @@ def measure(kind: str, folder: Path) -> str:
         technique = describe_technique(AttackPlugin.find(kind).technique)
         lines += [f"Technique: {technique}.", ""]
         lines += [f"![Plan view: attacked and nominal flight](../images/attacks/{kind}.svg)", ""]
-    rows = _effects(flown, baseline) + _counts(flown, baseline)
-    if rows:
-        lines += [
-            f"| {'with the fault' if is_fault else 'attacked'} minus {baseline} | mean of {SEEDS} seeds | 95 % |",
-            "|---|---|---|",
-        ]
-        lines += [f"| {what} | {mean} | {bounds} |" for what, mean, bounds in rows]
-    else:
-        lines += [f"No difference from the {baseline} run in motion, events or delivered frames."]
+    lines += _table(flown, "with the fault" if is_fault else "attacked")
     return "\n".join(lines) + "\n"
+
+
+def _table(flown: Pair, arm: str) -> list[str]:
+    """The differences of the attacked run from its baseline, as lines of Markdown."""
+    baseline = flown.baseline or "nominal"
+    rows = _effects(flown, baseline) + _counts(flown, baseline)
+    if not rows:
+        return [f"No difference from the {baseline} run in motion, events or delivered frames."]
+    head = [f"| {arm} minus {baseline} | mean of {SEEDS} seeds | 95 % |", "|---|---|---|"]
+    return head + [f"| {what} | {mean} | {bounds} |" for what, mean, bounds in rows]
 
 
 def _story(kind: str) -> str:

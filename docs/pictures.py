@@ -34,7 +34,10 @@ FIGURES: Final[dict[str, Callable[[RunRecord], figures.Figure]]] = {
 }
 """The figure that shows each."""
 
-PAIRS: Final = ("chain", "gnss-drift", "rid-city", "rid-spoofing")
+PAIRS: Final = (
+    "chain", "falsified-log", "gcs-flood", "gnss-drift", "gnss-pull-off", "hijack", "insider", "jammed-corridor",
+    "mitm-mission", "rid-city", "rid-spoofing",
+)  # fmt: skip
 """Of these both flights are drawn."""
 
 CAUSAL_PATHS: Final = ("chain",)

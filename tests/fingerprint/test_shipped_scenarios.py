@@ -17,15 +17,28 @@ EVENTS = {
     "chain": "3eebf910faa0bed6f397499af57a25f5",
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
+    "falsified-log": "709805673ba7cfd87307d589f73ccc7b",
+    "gcs-flood": "ae53ccfa45d80dc0d72c6d8ef497c7d0",
     "gnss-drift": "ba5dd4ec3e7d9d9822a4ed97f89450ae",
+    "gnss-pull-off": "a9a4c6098b5ccc95a6f90f3b16498fef",
     "head-on": "9189e8a79e36527fdae280a6245b710f",
+    "hijack": "d48a15bf59f0fa6a2485906c5cf235d1",
+    "insider": "8a593c45611742238dc1ff893fd9b510",
+    "jammed-corridor": "b80ce8aa6bcde02eabd5468fa8210116",
+    "mitm-mission": "f02e0210c25681681913428654f0368a",
     "rid-city": "d5b61b4fd4f5277c9428c1d866d88760",
     "rid-spoofing": "6c114192b4d74a2b0dfe80c61702d1ba",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",
     "wind": "2898e76c3ee8c572c45ebb10544036ce",
 }
-ENDS = {name: {"complete"} for name in EVENTS} | {"gnss-drift": {"failed"}, "head-on": {"failed", "unfinished"}}
+ENDS = {name: {"complete"} for name in EVENTS} | {
+    "gcs-flood": {"complete", "failed"},
+    "gnss-drift": {"failed"},
+    "head-on": {"failed", "unfinished"},
+    "hijack": {"complete", "failed"},
+    "insider": {"complete", "unfinished"},
+}
 """How the mission of every aircraft ends."""
 
 

@@ -64,6 +64,15 @@ FLIGHTS: Final[Mapping[str, Flight]] = {
     "rid-city": Flight(300.0, group="operator", only_outcomes=True),
     "rid-spoofing": Flight(155.0),
     "wind": Flight(160.0),
+    "mitm-mission": Flight(130.0),
+    "falsified-log": Flight(145.0, off_m=4.0),
+    # which heartbeats a full queue loses is chance of microseconds, and so is when the failsafe acts
+    "gcs-flood": Flight(150.0, only_outcomes=True),
+    "hijack": Flight(130.0, group="one"),
+    # when either hears the other over Bluetooth is chance, addressed by the time of sending
+    "jammed-corridor": Flight(125.0, only_outcomes=True),
+    "gnss-pull-off": Flight(130.0),
+    "insider": Flight(60.0, group="operator"),
 }
 
 
