@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final, Protocol
 
-from skyrange.attack.contract import ORACLE, AttackContext, Place, Transmitter
+from skyrange.attack.contract import ORACLE, Attack, AttackContext, Place, Transmitter
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import InputError, nearest
@@ -70,6 +70,12 @@ def down_link(context: AttackContext) -> LinkSpec:
 def transmitter(context: AttackContext, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
     """The attacker's node in the medium."""
     return Transmitter(context.radio, at_enu_m, power_dbm, listens)
+
+
+def make_sender(context: AttackContext, at_enu_m: Place, power_dbm: float, source: PayloadSource) -> Attack:
+    """An attack that is one transmitter, which sends the payloads of `source`."""
+    agent = Broadcaster(context.radio, Port(context.radio, context.up), source)
+    return Attack(agents=[agent], links=[up_link(context)], radios=[transmitter(context, at_enu_m, power_dbm)])
 
 
 def check_vehicle(context: AttackContext, parameter: str, vehicle: str) -> None:

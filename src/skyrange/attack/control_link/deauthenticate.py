@@ -10,10 +10,9 @@ from pydantic import Field
 
 from skyrange.attack.contract import AirLink, Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.control_link.wifi_links import find_wifi_links
-from skyrange.attack.radio import Broadcaster, transmitter, up_link
+from skyrange.attack.radio import make_sender
 from skyrange.codec.wifi_management import FrameRequest, encode_deauthentication, pack_request
 from skyrange.contracts.params import Enu, Number, Params
-from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
 
 NOBODY = b"\x02\x00\x00\x00\x00\x00"
@@ -85,9 +84,7 @@ def make(params: Deauthenticate, context: AttackContext) -> Attack:
         round(params.period_ms * NS_PER_MS),
         context.sham,
     )
-    agent = Broadcaster(context.radio, Port(context.radio, context.up), rounds)
-    radio = transmitter(context, params.transmitter_m, params.power_dbm)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
+    return make_sender(context, params.transmitter_m, params.power_dbm, rounds)
 
 
 DEAUTHENTICATE = AttackPlugin(

@@ -8,12 +8,11 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.control_link.wifi_links import find_wifi_links
-from skyrange.attack.radio import Broadcaster, transmitter, up_link
+from skyrange.attack.radio import make_sender
 from skyrange.attack.remote_id.jam import SILENT_CDBM
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, Number, Params, Whole
-from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 PERIOD_NS: Time = 100 * NS_PER_MS
@@ -77,9 +76,7 @@ def make(params: ReactiveJam, context: AttackContext) -> Attack:
         params.turnaround_us,
         context.schedule,
     )
-    agent = Broadcaster(context.radio, Port(context.radio, context.up), orders)
-    radio = transmitter(context, params.transmitter_m, params.power_dbm)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
+    return make_sender(context, params.transmitter_m, params.power_dbm, orders)
 
 
 REACTIVE_JAM = AttackPlugin(

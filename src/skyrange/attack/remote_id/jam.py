@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.radio import Broadcaster, transmitter, up_link
+from skyrange.attack.radio import make_sender
 from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, Number, Params
-from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
 OVERLAP_US = 100_000
@@ -92,9 +91,7 @@ def make_jammer(
     )
     centres_khz = tuple(round(centre * 1000) for centre in centres_mhz)
     bursts = BurstSchedule(centres_khz, burst, period_ns, context.schedule, duty == 1.0 and len(centres_mhz) == 1)
-    agent = Broadcaster(context.radio, Port(context.radio, context.up), bursts)
-    radio = transmitter(context, transmitter_m, power_dbm)
-    return Attack(agents=[agent], links=[up_link(context)], radios=[radio])
+    return make_sender(context, transmitter_m, power_dbm, bursts)
 
 
 def make(params: Jam, context: AttackContext) -> Attack:
