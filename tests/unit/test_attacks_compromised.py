@@ -208,3 +208,12 @@ def test_a_plan_file_is_altered_from_the_start_or_not_at_all(late: dict[str, Any
     attack = AttackTable.model_validate({**scenario.attacks[0].model_dump(exclude_none=True), **late})
     with pytest.raises(InputError, match=r"start_s.*loaded at the start"):
         build(scenario.model_copy(update={"attacks": (attack,)}))
+
+
+def test_a_campaign_cannot_alter_a_plan_file() -> None:
+    scenario = load_scenario("campaign")
+    table = scenario.attacks[0].model_dump(exclude_none=True)
+    acts = table["params"]["acts"]
+    acts[next(iter(acts))] = {"kind": "ground.plan_file", "params": {"vehicles": ["blue/b1"], "form": "scale"}}
+    with pytest.raises(InputError, match=r"ground\.plan_file.*can begin later"):
+        build(scenario.model_copy(update={"attacks": (AttackTable.model_validate(table),)}))

@@ -90,7 +90,11 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
         if found.body_faults and not is_fault:
             made.faults.append(Problem(where, "parts that act on bodies", "a fault: no attack acts on bodies"))
             continue
-        if getattr(attack.plugin, "from_start", False) and (attack.start_s > 0 or attack.when is not None):
+        if (
+            isinstance(attack, AttackTable)
+            and attack.plugin.from_start
+            and (attack.start_s > 0 or attack.when is not None)
+        ):
             value = f"{attack.start_s:g}" if attack.when is None else "a trigger"
             expected = f"0 without a trigger: {attack.kind} alters what is loaded at the start"
             made.faults.append(Problem(f"{where}.start_s", value, expected))

@@ -78,7 +78,8 @@ def build_control_links(
         return None
     names = [*made.spectrum.radios, *made.fixed]
     antennas = [("dipole" if name in made.dipoles else "isotropic", 0.0) for name in names]
-    table = read_loss_table(Path(scenario.radio.table)).table if scenario.radio.table is not None else NO_TABLE
+    file = scenario.radio.table
+    table = read_loss_table(Path(file)).table if made.wifi and file is not None else NO_TABLE
     propagation = {}
     for wifi in made.wifi:
         centre = centre_mhz(OFDM, wifi.params.channel)

@@ -9,17 +9,19 @@ import numpy as np
 from skyrange.codec.remote_id import noise_request
 from skyrange.contracts.medium import EmitterTable
 from skyrange.core.errors import DecodeError
-from skyrange.core.time import NS_PER_US, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 from skyrange.radio.spectrum import NoiseBurst
 
 MAX_BURSTS = 1_000
 """Bursts at once; further ones are not radiated."""
 MAX_DBM = 90.0
+RENEWAL_NS: Time = 100 * NS_PER_MS
+"""Noise that the next order continues is expected to last this much longer; the order comes with a delay."""
 
 
 @dataclass(slots=True)
 class _Burst:
-    """One burst, when it is on the air, and when those know of it who cannot go back to the time of the request."""
+    """One burst, when it is on the air, and when it is for those who cannot go back to the time of the request."""
 
     radio: int
     start: Time
@@ -28,18 +30,20 @@ class _Burst:
     known_end: Time
     request: noise_request.NoiseRequest
 
-    def replaced_by(self, other: _Burst) -> bool:
-        """Whether `other` is later noise of the same radio in the same band that begins before this ends."""
+    @property
+    def reactive(self) -> bool:
+        """Whether it is noise only while a frame is on the air."""
+        return self.request.turnaround_us not in (0, noise_request.CONTINUED)
+
+    def continued_by(self, other: _Burst) -> bool:
+        """Whether `other` is a later order of the same radio for the same band, which ends this one if it is known."""
         mine, its = self.request, other.request
         same = (self.radio, mine.centre_khz, mine.bandwidth_khz) == (other.radio, its.centre_khz, its.bandwidth_khz)
-        return same and self.start < other.start < self.end
+        return same and bool(mine.turnaround_us) and self.start < other.start
 
 
 class JammingBursts:
-    """The bursts that are on. Deep-copyable.
-
-    A radio makes one noise in a band: a new order there ends the one before.
-    """
+    """The bursts that are on. Deep-copyable."""
 
     __slots__ = ("_bursts", "changed")
 
@@ -59,10 +63,11 @@ class JammingBursts:
         if len(self._bursts) >= MAX_BURSTS or request.power_cdbm > MAX_DBM * 100:
             return False
         length = request.duration_us * NS_PER_US
-        burst = _Burst(radio, at, at + length, now, now + length, request)
+        expected = RENEWAL_NS if request.turnaround_us == noise_request.CONTINUED else 0
+        burst = _Burst(radio, at, at + length, now, now + length + expected, request)
         for one in self._bursts:
-            if one.replaced_by(burst):
-                one.end, one.known_end = burst.start, burst.known_start
+            if one.continued_by(burst):
+                one.known_end = min(one.known_end, burst.known_start)
         self._bursts.append(burst)
         self.changed = True
         return True
@@ -72,7 +77,8 @@ class JammingBursts:
         return [
             NoiseBurst(
                 one.radio, one.request.centre_khz / 1e3, one.request.bandwidth_khz / 1e3,
-                one.request.power_cdbm / 100.0, one.known_start, one.known_end, one.request.turnaround_us * NS_PER_US,
+                one.request.power_cdbm / 100.0, one.known_start, one.known_end,
+                one.request.turnaround_us * NS_PER_US if one.reactive else 0,
             )
             for one in self._bursts
         ]  # fmt: skip
@@ -84,7 +90,7 @@ class JammingBursts:
         """
         self.changed = False
         self._bursts = [burst for burst in self._bursts if burst.known_end > now]
-        steady = [burst for burst in self._bursts if burst.end > now and not burst.request.turnaround_us]
+        steady = [burst for burst in self._bursts if burst.end > now and not burst.reactive]
         orders = [burst.request for burst in steady]
         numbers = np.array([[b.centre_khz, b.bandwidth_khz, b.power_cdbm] for b in orders], dtype=np.float64)
         numbers = numbers.reshape(-1, 3)

@@ -167,6 +167,9 @@ def _make_act(name: str, act: Act, context: AttackContext) -> Attack:
     if issubclass(plugin.params, Means) or name == _RECEIVER:
         expected = f"a kind that is no campaign, and another name than {_RECEIVER}"
         raise InputError.one(context.id, where, act.kind, expected)
+    if plugin.from_start:
+        expected = "a kind that can begin later: it alters what is loaded at the start, before the campaign begins"
+        raise InputError.one(context.id, where, act.kind, expected)
     try:
         return plugin(plugin.params.model_validate(act.params), context)
     except ValidationError as error:

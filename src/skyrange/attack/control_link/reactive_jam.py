@@ -32,7 +32,7 @@ class ReactiveJam(Params):
     turnaround_us: Whole = Field(
         default=20,
         ge=1,
-        le=255,
+        le=254,
         description="Time from the start of a frame to that of the noise, in microseconds; 20 is the preamble's end.",
     )
 

@@ -9,13 +9,11 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.radio import make_sender
-from skyrange.codec.remote_id.noise_request import NoiseRequest, pack
+from skyrange.codec.remote_id.noise_request import CONTINUED, NoiseRequest, pack
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, Number, Params
 from skyrange.core.time import NS_PER_MS, NS_PER_US, Time
 
-OVERLAP_US = 100_000
-"""Continuous noise is ordered for this much longer than the next order needs to arrive, which replaces it."""
 SILENT_CDBM = -20_000
 """Power of a sham, −200 dBm: below the noise of every receiver."""
 
@@ -49,7 +47,7 @@ class BurstSchedule:
     period_ns: Time
     schedule: Schedule
     continuous: bool = False
-    """Whether a burst lasts until the next one on the same centre, and so is ordered a little longer."""
+    """Whether each burst lasts until the next one in the same band."""
     turn: int = 0
 
     @property
@@ -67,9 +65,12 @@ class BurstSchedule:
         if self.schedule.start_ns > now or left_us <= 0:
             return []
         centre_khz = self.centres_khz[number % len(self.centres_khz)]
-        overlap_us = min(self.burst.duration_us, OVERLAP_US) if self.continuous else 0
-        duration_us = min(self.burst.duration_us + overlap_us, left_us)
-        return [pack(self.burst._replace(centre_khz=centre_khz, duration_us=duration_us, time_ns=now))]
+        duration_us = min(self.burst.duration_us, left_us)
+        continued = CONTINUED if self.continuous and left_us > duration_us else 0
+        order = self.burst._replace(
+            centre_khz=centre_khz, duration_us=duration_us, time_ns=now, turnaround_us=continued
+        )
+        return [pack(order)]
 
 
 def make_jammer(

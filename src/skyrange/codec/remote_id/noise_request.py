@@ -7,14 +7,15 @@ burst ends by itself, so a jammer that is muted stops transmitting.
 | bytes | field | meaning |
 |---|---|---|
 | 0 | magic | 0x1E |
-| 1 | turnaround | µs after the start of a frame at which a reactive jammer begins; 0 for noise all the time |
+| 1 | turnaround | µs from the start of a frame to the noise of a reactive jammer; 0: noise all the time; 255: below |
 | 2–3 | power | radiated power (EIRP) in 0.01 dBm, signed |
 | 4–7 | centre | centre frequency in kHz |
 | 8–11 | bandwidth | bandwidth in kHz, over which the power is spread evenly |
 | 12–15 | duration | µs |
 | 16–23 | time | ns of range time at which the burst was ordered, signed |
 
-A reactive jammer transmits only while it hears a frame in the band, and stops at the frame's end.
+A reactive jammer transmits only while it hears a frame in the band, and stops at the frame's end. With 255 there is
+noise all the time, and the next order continues it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ from typing import Final, NamedTuple
 from skyrange.core.errors import DecodeError
 
 MAGIC: Final = 0x1E
+CONTINUED: Final = 255
+"""In `NoiseRequest.turnaround_us`: noise all the time, which the next order of the same band continues."""
 _BURST: Final = struct.Struct("<BBhIIIq")
 SIZE: Final = _BURST.size
 

@@ -101,10 +101,18 @@ class ControlLinks:
         )
         for one in self._cellular:
             one.row = rows[one.vehicle]
-        self._cells = {
-            (link.name, station.id): rows[cell_name(link, place)]
+        self._cells = [
+            (
+                np.array([rows[cell_name(link, place)] for place in range(len(link.params.base_stations))]),
+                np.array([station.power_dbm for station in link.params.base_stations]),
+                np.array([station.load for station in link.params.base_stations]),
+            )
             for link in self._cellular
-            for place, station in enumerate(link.params.base_stations)
+        ]
+        """Of each cellular link: rows, powers and loads of its cells."""
+        self._by_channel = {
+            channel: [link for link in self._wifi if link.params.channel == channel]
+            for channel in sorted(set(channel_of.values()))
         }
         self._due: Time = -(2**62)
         self._refused: Counter[str] = Counter()
@@ -133,8 +141,7 @@ class ControlLinks:
     # ---------------------------------------------------------------- Wi-Fi
 
     def _update_wifi(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
-        for channel in sorted({link.params.channel for link in self._wifi}):
-            links = [link for link in self._wifi if link.params.channel == channel]
+        for channel, links in self._by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
             one = np.array([link.station.row for link in links])
@@ -247,22 +254,20 @@ class ControlLinks:
     # ---------------------------------------------------------------- cellular
 
     def _update_cellular(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
-        for link in self._cellular:
+        for link, (rows, cell_dbm, cell_loads) in zip(self._cellular, self._cells, strict=True):
             params = link.params
             centre = params.frequency_mhz
             propagation = self._propagation[centre]
-            rows = np.array([self._cells[link.name, station.id] for station in params.base_stations])
             gains = propagation.gains_db(pos, vel, rows, np.full(len(rows), link.row), centre, now)
-            powers = np.array([station.power_dbm for station in params.base_stations]) + gains
+            powers = cell_dbm + gains
             was = link.serving
             change = link.measure(now, powers)
             if change is not None and was != NO_CELL:
                 out.note("event.handover", link.name, {"from": change[0], "to": change[1]})
             candidate = link.serving if link.serving != NO_CELL else int(np.argmax(powers))
-            loads = np.array([station.load for station in params.base_stations])
-            loads[candidate] = 0.0
             width = params.bandwidth_mhz
-            others_mw = float((loads * 10.0 ** (0.1 * powers)).sum())
+            cells_mw = cell_loads * 10.0 ** (0.1 * powers)
+            others_mw = float(cells_mw.sum() - cells_mw[candidate])
             ends = [link.row, int(rows[candidate])]
             met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, ends, centre, width, now)
             down, up = link.to_aircraft.interference, link.to_station.interference
