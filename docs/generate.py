@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 DOCS = Path(__file__).parent
+if str(DOCS) not in sys.path:
+    sys.path.insert(0, str(DOCS))
+
+from markdown_tables import keys, table  # noqa: E402
+from plugin_kinds import attacks, defences, faults  # noqa: E402
+from public_api import described as describe_api  # noqa: E402
+
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
-
-
-def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A Markdown table; bars in cells are escaped."""
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
-    lines += [f"| {' | '.join(str(cell).replace('|', chr(92) + '|') for cell in row)} |" for row in rows]
-    return "\n".join(lines) + "\n"
 
 
 # ---------------------------------------------------------------- the command line
@@ -106,8 +106,10 @@ _SECTIONS = (
     ("WifiParams", "`links.wifi`"),
     ("CellularParams", "`links.cellular`"),
     ("BaseStation", "`links.cellular.base_stations`"),
+    ("Processing", "`[[processing]]`"),
     ("AttackTable", "`[[attacks]]`"),
     ("FaultTable", "`[[faults]]`"),
+    ("DefenceTable", "`[[defences]]`"),
     ("When", "`when` of an attack or a fault"),
     ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),
@@ -115,6 +117,7 @@ _SECTIONS = (
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
     ("RemoteId", "`remote_id`"),
+    ("Verify", "`verify` of `remote_id` and of `[[radio.receivers]]`"),
     ("Avoidance", "`avoidance`"),
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
@@ -135,137 +138,8 @@ def scenario() -> str:
     for name, where in _SECTIONS:
         model = models[name]
         parts.append(f"### {where}\n\n{(model.get('description') or '').strip()}\n")
-        parts.append(_keys(model, getattr(described, name).model_fields))
+        parts.append(keys(model, getattr(described, name).model_fields))
     return "\n".join(parts)
-
-
-def _keys(model: Mapping[str, Any], fields: Mapping[str, Any]) -> str:
-    """The keys of one model as a table."""
-    required = set(model.get("required", ()))
-    rows = [
-        (f"`{key}`", _kind(value), _range(fields[key]), _filled(key, value, required), value.get("description", ""))
-        for key, value in model["properties"].items()
-    ]
-    return table(("key", "type", "range", "default", "meaning"), rows)
-
-
-def _attack_kinds() -> list[tuple[str, Any]]:
-    """Every kind of attack that this project ships, by name."""
-    from skyrange.attack.contract import AttackPlugin
-    from skyrange.contracts.plugins import ATTACKS, kinds
-
-    found = [(name, AttackPlugin.find(name)) for name in kinds(ATTACKS)]
-    return [(name, kind) for name, kind in found if kind.make.__module__.startswith("skyrange.")]
-
-
-def attacks() -> str:
-    """Every kind of attack with its parameters."""
-    parts = []
-    for name, kind in _attack_kinds():
-        parts.append(f"### `{name}`\n\n{kind.about}\n")
-        parts.append(_facts(kind))
-        parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
-
-
-def _facts(kind: Any) -> str:
-    """What is declared of a kind of attack, as a table."""
-    from skyrange.attack.techniques import describe_technique
-
-    threat, controls = kind.threat, kind.controls
-    rows = [
-        ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
-        ("effect", kind.effect),
-        ("technique", describe_technique(kind.technique)),
-        ("knowledge", threat.knowledge),
-        ("position", threat.position),
-        ("equipment", threat.equipment),
-        ("budget", threat.budget),
-        ("counterfactual", "its sham" if kind.counterfactual == "sham" else "muted"),
-        ("load control", controls.load),
-        ("content control", controls.content),
-        ("placement control", controls.placement),
-        *((f"{what} under attack", how) for what, how in kind.realism.items()),
-    ]
-    return table(("", ""), rows)
-
-
-def faults() -> str:
-    """Every kind of benign fault with its parameters."""
-    from skyrange.contracts.plugins import FAULTS, kinds
-    from skyrange.fault.contract import FaultPlugin
-
-    parts = []
-    for name in kinds(FAULTS):
-        kind = FaultPlugin.find(name)
-        if not kind.make.__module__.startswith("skyrange."):
-            continue
-        rows = [
-            ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
-            ("cause", kind.cause),
-            ("effect", kind.effect),
-            ("not modelled", kind.not_modelled),
-            *kind.realism.items(),
-        ]
-        parts.append(f"### `{name}`\n\n{kind.about}\n")
-        parts.append(table(("", ""), rows))
-        parts.append(_keys(kind.params.model_json_schema(), kind.params.model_fields))
-    return "\n".join(parts)
-
-
-def _choices(value: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The alternatives of a value but for null."""
-    return [one for one in value.get("anyOf", [value]) if one.get("type") != "null"]
-
-
-def _kind(value: Mapping[str, Any]) -> str:
-    return " or ".join(dict.fromkeys(_one_kind(one) for one in _choices(value)))
-
-
-def _one_kind(value: Mapping[str, Any]) -> str:
-    if "$ref" in value:
-        return "table"
-    if "enum" in value:
-        return " or ".join(f'"{one}"' for one in value["enum"])
-    kind = value.get("type")
-    if kind == "array":
-        below = value.get("items") or {}
-        if "$ref" in below:
-            return "array of tables"
-        if "enum" in below or below.get("type") == "string":
-            return "list of texts"
-        return "list of lists of numbers" if below.get("type") == "array" else "list of numbers"
-    if kind == "string":
-        return "date and time" if value.get("format") == "date-time" else "text"
-    return {"number": "number", "integer": "whole number", "object": "table", "boolean": "true or false"}[str(kind)]
-
-
-def _range(field: Any) -> str:
-    """A field's bounds; those of a list's elements where only they have some."""
-    found = _bounds(field.metadata)
-    if not found:
-        elements = [part for part in getattr(field.annotation, "__args__", ()) if hasattr(part, "__metadata__")]
-        inner = [each for part in elements for data in part.__metadata__ for each in getattr(data, "metadata", ())]
-        found = list(dict.fromkeys(_bounds(inner)))
-    return " ".join(found)
-
-
-def _bounds(metadata: Iterable[Any]) -> list[str]:
-    words = (("gt", "above"), ("ge", "from"), ("lt", "below"), ("le", "to"), ("pattern", ""))
-    return [_bound(word, getattr(one, key)) for one in metadata for key, word in words if hasattr(one, key)]
-
-
-def _bound(word: str, value: object) -> str:
-    return f"{word} {value}" if word else f"`{value}`"
-
-
-def _filled(key: str, value: Mapping[str, Any], required: set[str]) -> str:
-    if key in required:
-        return "required"
-    default = value.get("default")
-    if default is None or default in ({}, []):
-        return ""
-    return f'"{default}"' if isinstance(default, str) else str(default)
 
 
 # ---------------------------------------------------------------- run folder, links
@@ -496,11 +370,7 @@ def avoidance() -> str:
 
 def python_api() -> str:
     """Every public name with its signature and docstring."""
-    if str(DOCS) not in sys.path:
-        sys.path.insert(0, str(DOCS))
-    from public_api import described
-
-    return described()
+    return describe_api()
 
 
 # ---------------------------------------------------------------- the packages
@@ -532,6 +402,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "scenario": scenario,
     "attacks": attacks,
     "faults": faults,
+    "defences": defences,
     "tables": tables,
     "pair-tables": pair_tables,
     "links": links,

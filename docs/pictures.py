@@ -36,7 +36,7 @@ FIGURES: Final[dict[str, Callable[[RunRecord], figures.Figure]]] = {
 
 PAIRS: Final = (
     "chain", "falsified-log", "gcs-flood", "gnss-drift", "gnss-pull-off", "hijack", "insider", "jammed-corridor",
-    "mitm-mission", "rid-city", "rid-spoofing",
+    "mitm-mission", "rid-city", "rid-spoofing", "unsigned-ghost",
 )  # fmt: skip
 """Of these both flights are drawn."""
 

@@ -24,10 +24,10 @@ TOPICS: dict[str, dict[str, str]] = {
     "skyrange.scenario": {
         "Scenarios": "Scenario SHIPPED load_scenario load_toml to_toml json_schema",
         "Surroundings": "Origin City Grid Wind Radio Receiver",
-        "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Avoidance Autopilots",
+        "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Verify Avoidance Autopilots",
         "Plans": "Plan Square Path square path mission_file",
-        "Links, attacks, faults, detectors, recording": """Link WifiParams CellularParams BaseStation
-            AttackTable FaultTable When DetectorTable Record Live""",
+        "Links, processing, attacks, faults, defences, detectors, recording": """Link WifiParams CellularParams
+            BaseStation Processing AttackTable FaultTable When DefenceTable DetectorTable Record Live""",
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
@@ -35,6 +35,7 @@ TOPICS: dict[str, dict[str, str]] = {
             AirLink ClaimedTrack SensorFault SensorAct
             Schedule AttackPlan ThreatModel Controls Exclusive""",
         "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
+        "Defences": "DefencePlugin DefenceContext Defence",
         "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
@@ -63,8 +64,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Runs": "load RunRecord summary write_report",
         "Comparison": """load_pair Pair Interval compare_runs Difference compare_outcomes Agreement compare_autopilots
             compare_rates Parity""",
-        "Remote ID": """received_broadcasts reception_summaries summarise_receptions receivers_of decode_remote_id
-            find_remote_id_deviations""",
+        "Remote ID": """received_broadcasts reception_summaries remote_id_trust TrustSummary TrustPair
+            summarise_receptions receivers_of decode_remote_id find_remote_id_deviations""",
         "MAVLink": "decode_mavlink name_mavlink",
         "Detectors": "replay_monitor",
         "Figures": "trajectories_3d plan_view altitude track_deviation",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import shutil
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -22,7 +24,17 @@ def needs(program: str, hint: str = "") -> pytest.MarkDecorator:
     return pytest.mark.external(missing=missing)
 
 
+def needs_folder(variable: str, file: str, hint: str) -> pytest.MarkDecorator:
+    """The mark of tests that need a folder with a `file`, named by an environment variable; external as `needs`."""
+    folder = os.environ.get(variable, "")
+    missing = "" if folder and (Path(folder) / file).is_file() else f"{variable} names no folder with {file} ({hint})"
+    return pytest.mark.external(missing=missing)
+
+
 needs_tshark = needs("tshark", "apt-get install tshark")
+needs_opendroneid = needs_folder(
+    "OPENDRONEID", "libopendroneid/opendroneid.c", "git clone https://github.com/opendroneid/opendroneid-core-c"
+)
 needs_mavproxy = needs("mavproxy.py", "pip install MAVProxy")
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from skyrange.study.compare.exact import diff as compare_runs
     from skyrange.study.figures import altitude, plan_view, track_deviation, trajectories_3d
     from skyrange.study.measures.receptions import reception_summaries, summarise_receptions
+    from skyrange.study.measures.trust import TrustPair, TrustSummary, remote_id_trust
     from skyrange.study.report import write_report
     from skyrange.study.summary import summary
     from skyrange.study.twins.confidence import Interval
@@ -40,6 +41,8 @@ __all__ = [
     "Pair",
     "Parity",
     "RunRecord",
+    "TrustPair",
+    "TrustSummary",
     "altitude",
     "compare_autopilots",
     "compare_outcomes",
@@ -57,6 +60,7 @@ __all__ = [
     "received_broadcasts",
     "receivers_of",
     "reception_summaries",
+    "remote_id_trust",
     "replay_monitor",
     "summarise_receptions",
     "summary",

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from skyrange.codec.mavlink import decode as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
+    from skyrange.contracts.alerts import Alert
     from skyrange.contracts.claims import ClaimedTrack
     from skyrange.contracts.components import (
         Agent,
@@ -88,7 +89,7 @@ if TYPE_CHECKING:
         TxBatch,
         Waveform,
     )
-    from skyrange.contracts.monitors import Alert, Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
+    from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
     from skyrange.contracts.plugins import NoParams, Plugin, register
     from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
@@ -98,6 +99,7 @@ if TYPE_CHECKING:
     from skyrange.core.ids import FrameId, Port, endpoint, hash64, link_name, operator_of, owner_of, vehicle_id
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
+    from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.telemetry import read_messages
     from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
@@ -179,6 +181,9 @@ __all__ = [
     "ComponentError",
     "Controls",
     "DecodeError",
+    "Defence",
+    "DefenceContext",
+    "DefencePlugin",
     "Delay",
     "Departure",
     "DetectorContext",

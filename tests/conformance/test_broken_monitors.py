@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts.monitors import Alert, ObservedFrame, ObservedFrames
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.monitors import ObservedFrame, ObservedFrames
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.detect.heartbeat_gap import HeartbeatGap, HeartbeatGapParams
 from skyrange.testing import NonConformance, check_monitor

@@ -30,6 +30,7 @@ EVENTS = {
     "rid-spoofing": "6c114192b4d74a2b0dfe80c61702d1ba",
     "squares": "251f547cda3ae7a47c8e499da8c9c776",
     "survey": "5910fd9e32396594720b1e73f215d556",
+    "unsigned-ghost": "db6df99cb7e55ff40b16402903b75ef7",
     "wind": "2898e76c3ee8c572c45ebb10544036ce",
 }
 ENDS = {name: {"complete"} for name in EVENTS} | {

@@ -63,6 +63,8 @@ FLIGHTS: Final[Mapping[str, Flight]] = {
     # forty that evade each other: which broadcast comes through is chance, addressed by the time at which it was sent
     "rid-city": Flight(300.0, group="operator", only_outcomes=True),
     "rid-spoofing": Flight(155.0),
+    # when either receives the other's Links is chance, addressed by the time of sending
+    "unsigned-ghost": Flight(200.0, only_outcomes=True),
     "wind": Flight(160.0),
     "mitm-mission": Flight(130.0),
     "falsified-log": Flight(145.0, off_m=4.0),

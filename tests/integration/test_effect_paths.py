@@ -21,6 +21,7 @@ NO_PATH: dict[str, set[str]] = {
     "mitm-mission": set(),
     "rid-spoofing": set(),
     "rid-city": set(),
+    "unsigned-ghost": set(),
 }
 """By scenario, the aircraft whose departure is confirmed and to which the record does not lead from its author."""
 

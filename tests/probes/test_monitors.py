@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
-from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrame, ObservedFrames
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NS_PER_S, Time

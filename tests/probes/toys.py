@@ -9,12 +9,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Sensors, Source, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import Channel, LinkSpec, Route
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time

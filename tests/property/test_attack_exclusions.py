@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyrange.assembly.acts.exclusions import find_exclusions, window_of
 from skyrange.assembly.build import build
-from skyrange.assembly.exclusions import find_exclusions, window_of
 from skyrange.attack.exclusive import Exclusive, common
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
 from skyrange.scenario.model.operators import COLORS
-from skyrange.scenario.model.scenario import Fleet, Link, Operator, Path, Plan, Scenario, Vehicle, square
+from skyrange.scenario.model.scenario import Fleet, Link, Operator, Path, Plan, Processing, Scenario, Vehicle, square
 from skyrange.scenario.overrides import apply_overrides, parse_value
 from skyrange.scenario.toml_reader import load_data, load_text
 from skyrange.scenario.toml_writer import to_toml
@@ -61,6 +61,12 @@ LINKS = st.builds(
     st.sampled_from(["gcs", "log", "autopilot", "rid_data", "approval"]),
     some({"loss": SHARE, "latency_ms": st.floats(0.001, 1e5), "queue_bytes": st.integers(1, 10**6)}),
 )
+PROCESSING = st.builds(
+    Processing,
+    match=st.sampled_from(["*.autopilot", "*.gcs", "approval"]),
+    frames_per_s=st.floats(0.001, 1e6),
+    queue_frames=st.integers(1, 10**6),
+)
 SCENARIOS = st.builds(
     lambda operators, keys: Scenario(operators=operators, duration_s=60, **keys),
     st.lists(
@@ -94,6 +100,7 @@ SCENARIOS = st.builds(
             "sensors": some({"noise": st.floats(0, 10)}),
             "city": st.builds(lambda a, b: {"grid": {"blocks": (a, b)}}, st.integers(1, 9), st.integers(1, 9)),
             "links": st.lists(LINKS, max_size=3),
+            "processing": st.lists(PROCESSING, max_size=3, unique_by=lambda table: table.match),
         },
     ),
 )
@@ -113,6 +120,7 @@ KEYS = [
     "file",
     "id",
     "links",
+    "processing",
     "match",
     "city",
     "grid",

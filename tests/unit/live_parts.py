@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring

@@ -10,8 +10,9 @@ from typing import Any
 
 import pytest
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.links import Channel
-from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrames
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring

@@ -206,9 +206,11 @@ def test_a_jammer_orders_bursts_that_end_with_it() -> None:
 
 def test_bursts_survive_any_bytes() -> None:
     whole = noise_request.pack(noise_request.NoiseRequest(-100, 2_437_000, 20_000, 100_000, -5))
-    assert noise_request.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5, 0)
+    assert noise_request.unpack(whole) == (-100, 2_437_000, 20_000, 100_000, -5, 0, b"", 0)
     reactive = noise_request.NoiseRequest(-100, 2_437_000, 20_000, 100_000, -5, 15)
-    assert noise_request.unpack(noise_request.pack(reactive)) == reactive
+    following = reactive._replace(bssid=b"\x02access"[:6], follow_ms=1300)
+    for each in (reactive, following):
+        assert noise_request.unpack(noise_request.pack(each)) == each
     for size in range(len(whole)):
         with pytest.raises(DecodeError):
             noise_request.unpack(whole[:size])

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyrange.assembly.attacks import make_attack_context
+from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyrange.assembly.attacks import make_attack_context
+from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
 from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE

@@ -10,9 +10,10 @@ import pytest
 
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.codec.remote_id import link_payload
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.monitors import Alert, MonitorPlacement, ObservedFrame
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.ids import Port

@@ -1,7 +1,7 @@
 """Are the documents true? Links lead somewhere, examples run, commands exist, references are what the code says.
 
 Examples are fenced blocks whose first line says more than the language: `toml scenario NAME` is a whole scenario and is
-written to NAME, `json file NAME` and `python file NAME` are files, `python run` and `console run` are executed, in
+written to NAME; `json`, `toml` and `python file NAME` are files, `python run` and `console run` are executed, in
 order, each page in a folder of its own that holds the run `runs/squares`.
 """
 
@@ -120,6 +120,7 @@ def test_blocks_are_closed_and_known(page: Path) -> None:
         "sh",
         "text",
         "toml",
+        "toml file",
         "toml scenario",
     }
     assert {" ".join(block.words[:2]) for block in blocks(page)} <= known

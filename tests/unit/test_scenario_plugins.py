@@ -15,10 +15,11 @@ from pydantic import Field
 
 from skyrange.assembly.build import build
 from skyrange.contracts import plugins
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.monitors import Alert, ObservedFrames
+from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, Params
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port

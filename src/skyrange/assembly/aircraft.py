@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from skyrange.assembly.honest_arm import HonestAircraft, mount, park
+from skyrange.assembly.acts.honest_arm import HonestAircraft, mount, park
 from skyrange.assembly.signing import derive_keys
 from skyrange.city.city import City
 from skyrange.core.chance import Chance

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from skyrange.assembly.acts.attacks import check_transmitters, make_attack_context, make_attacks
+from skyrange.assembly.acts.defences import make_defences
+from skyrange.assembly.acts.honest_arm import describe_aircraft
 from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
-from skyrange.assembly.attacks import check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import build_control_links, check_links_over_air, make_links_over_air
 from skyrange.assembly.detectors import build_detectors, describe_monitor
-from skyrange.assembly.honest_arm import describe_aircraft
-from skyrange.assembly.network import build_network
+from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.assembly.placement.start_checks import check_starts
@@ -85,10 +86,13 @@ def build(
     scenario = apply_placing(scenario, city)
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
-    made = make_attacks(scenario, make_attack_context(scenario, links, city))
+    context = make_attack_context(scenario, links, city)
+    made = make_attacks(scenario, context)
+    defences = make_defences(scenario.defences, context, over_air)
     faults = [
         *check_starts(scenario, city),
         *made.faults,
+        *defences.problems,
         *check_signing(scenario),
         *check_radios(scenario, made.radios, city),
         *check_links_over_air(scenario, city),
@@ -134,15 +138,17 @@ def build(
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None
     if control_links is not None:
         agents.append(control_links)
+    processing = list_processing_limits(scenario)
     wiring = Wiring(
         seed=scenario.seed,
         links=links,
         routes=[route for route in all_routes if route.endpoint in here],
         agents=[*agents, *air.agents],
         truth_subscribers=air.truth_subscribers,
-        taps=[*made.taps, *taps],
-        attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks)],
+        taps=[*defences.taps, *made.taps, *taps],
+        attacks=[plan if whole else _elsewhere(plan) for plan in (*made.plans, *attacks, *defences.plans)],
         monitors=[*detectors, *monitors],
+        processing=processing,
         world=world,
         engines=engines,
         local=local,
@@ -157,8 +163,10 @@ def build(
         from_seconds(scenario.duration_s),
         make_header(scenario, city, links, plans)
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
+        | ({"processing": [asdict(limit) for limit in processing]} if processing else {})
         | ({"faults": made.fault_rows} if made.fault_rows else {})
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
+        | ({"defences": defences.rows} if defences.rows else {})
         | ({"detectors": rows} if rows else {}),
         make_attachments(scenario, plans, city),
         air.oracle,

@@ -9,17 +9,20 @@ from pathlib import Path
 from skyrange.assembly.radio_checks import check_place
 from skyrange.attack.contract import AirLink
 from skyrange.city.city import City
+from skyrange.contracts.channel_orders import End
+from skyrange.contracts.channel_plans import ChannelPlan, ChannelPolicy
 from skyrange.contracts.links import LinkSpec, VariableChannel
 from skyrange.core.chance import Chance
 from skyrange.core.errors import Problem
 from skyrange.core.ids import link_name, vehicle_id
 from skyrange.radio.control_link.cellular_link import CellularLink
+from skyrange.radio.control_link.channel_changes import ChannelPolicies
 from skyrange.radio.control_link.links import ControlLinks, cell_name
 from skyrange.radio.control_link.params import CellularParams, WifiParams
 from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.control_link.wifi_link import Transmitter, WifiLink
 from skyrange.radio.control_link.wifi_rates import WIDTH_MHZ
-from skyrange.radio.phy.channels import centre_mhz
+from skyrange.radio.phy.channels import WIFI_CHANNELS, centre_mhz
 from skyrange.radio.phy.waveforms import OFDM
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.loss_table_file import read_loss_table
@@ -85,13 +88,29 @@ def build_control_links(
         centre = centre_mhz(OFDM, wifi.params.channel)
         if centre not in propagation:
             propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance, table)
+    wifi_propagation = next(iter(propagation.values()), None)
     for cellular in made.cellular:
         centre = cellular.params.frequency_mhz
         if centre not in propagation:
             propagation[centre] = Propagation(names, antennas, chance, city, scenario.radio.chance)
+    if wifi_propagation is not None:  # links may change to any channel
+        for channel in WIFI_CHANNELS:
+            propagation.setdefault(centre_mhz(OFDM, channel), wifi_propagation)
     return ControlLinks(
         made.wifi, made.cellular, made.spectrum, made.fixed, propagation, chance, scenario.radio.city_busy
     )
+
+
+def make_channel_agent(defence: str, plans: Sequence[ChannelPlan], made: LinksOverAir) -> ChannelPolicies:
+    """The agent of a defence that asks the policies of its channel plans; their links are watched from now on."""
+    links = {link.name: link for link in made.wifi}
+    policies: list[tuple[End, Sequence[str], ChannelPolicy]] = []
+    for plan in plans:
+        policies.append(("station", plan.links, plan.make_station(plan.links)))
+        policies += [("aircraft", [name], plan.make_aircraft(name)) for name in plan.links]
+        for name in plan.links:
+            links[name].watch()
+    return ChannelPolicies(defence, policies, links)
 
 
 def describe_to_attackers(links: Sequence[LinkSpec]) -> dict[str, AirLink]:
@@ -142,12 +161,13 @@ def _add_wifi(
     if station is None:
         number = sum(owner == operator.id for owner, _ in stations)
         ap_name = f"{operator.id} access point" + (f" {number + 1}" if number else "")
-        station = stations[operator.id, params] = Transmitter(ap_name, params.power_dbm)
+        station = stations[operator.id, params] = Transmitter(ap_name, params.power_dbm, params.channel)
         first = operator.vehicles[0].start
         east_m, north_m = operator.station or (first.east_m, first.north_m)
         made.fixed[ap_name] = params.place or (east_m, north_m, ANTENNA_M)
         made.dipoles.add(ap_name)
-    made.wifi.append(WifiLink(name, params, station, Transmitter(vehicle, params.aircraft_dbm), noise))
+    aircraft = Transmitter(vehicle, params.aircraft_dbm, params.channel)
+    made.wifi.append(WifiLink(name, params, station, aircraft, noise))
 
 
 def _add_cellular(made: LinksOverAir, name: str, vehicle: str, params: CellularParams) -> None:

@@ -1,13 +1,14 @@
-"""Links and routes of a scenario: what every operator, aircraft and radio has, with the channels of its rules."""
+"""Links, routes and processing limits of a scenario: what every operator, aircraft and radio has, by its rules."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from skyrange.contracts.links import Channel, LinkSpec, Route, VariableChannel
+from skyrange.contracts.links import Channel, LinkSpec, ProcessingLimit, Route, VariableChannel
 from skyrange.core.ids import APPROVAL, endpoint, link_name, vehicle_id
 from skyrange.core.time import NS_PER_MS
 from skyrange.radio.oracle import ENDPOINT
+from skyrange.scenario.model.processing import endpoint_names, find_matches
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.vehicle.onboard_network import onboard_links, onboard_routes, oracle_links
 
@@ -36,6 +37,16 @@ def build_network(scenario: Scenario, over_air: Mapping[str, VariableChannel]) -
                 )
             all_routes += onboard_routes(key)
     return [*links, *_air_links(scenario)], all_routes
+
+
+def list_processing_limits(scenario: Scenario) -> list[ProcessingLimit]:
+    """The limit of each endpoint that has one."""
+    names = list(endpoint_names(scenario.operators))
+    return [
+        ProcessingLimit(name, table.frames_per_s, table.queue_frames)
+        for table in scenario.processing
+        for name in find_matches(table, names)
+    ]
 
 
 def apply_link_rules(scenario: Scenario, spec: LinkSpec) -> LinkSpec:

@@ -9,9 +9,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from skyrange.assembly.remote_id_keys import aircraft_credentials, aircraft_session_id, make_verification
 from skyrange.assembly.signing import derive_keys
 from skyrange.attack.contract import Transmitter
 from skyrange.city.city import City
+from skyrange.codec.f3411 import IdType
 from skyrange.contracts.components import Agent, TruthSubscriber
 from skyrange.contracts.medium import RadioSpec, ScanSchedule
 from skyrange.core.chance import Chance
@@ -55,9 +57,14 @@ class LiveMedium(NamedTuple):
     deadline_s: float = math.inf
 
 
-def uas_id_of(name: str, vehicle: Vehicle) -> str:
-    """The identifier that the vehicle `name` broadcasts: the scenario's, or the serial number that its name gives."""
-    return (vehicle.remote_id or RemoteId()).uas_id or serial_number(name)
+def uas_id_of(name: str, vehicle: Vehicle, scenario: Scenario) -> str:
+    """The identifier that the vehicle `name` broadcasts: the scenario's, the session id of its DRIP entity tag, or the
+    serial number that its name gives.
+    """
+    remote_id = vehicle.remote_id or RemoteId()
+    if remote_id.auth == "drip":
+        return aircraft_session_id(name, remote_id, scenario)
+    return remote_id.uas_id or serial_number(name)
 
 
 def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> Broadcast:
@@ -66,23 +73,32 @@ def make_broadcast(operator: Operator, vehicle: Vehicle, scenario: Scenario) -> 
     origin = scenario.origin.datum
     east_m, north_m = operator.station or (operator.vehicles[0].start.east_m, operator.vehicles[0].start.north_m)
     station = (*origin.geodetic_of(east_m, north_m), origin.ellipsoid_of(origin.alt_msl_m))
+    name = vehicle_id(operator.id, vehicle.id)
+    signs = remote_id.auth == "drip"
     return Broadcast(
-        vehicle_id(operator.id, vehicle.id),
-        uas_id=remote_id.uas_id,
+        name,
+        uas_id=uas_id_of(name, vehicle, scenario) if signs else remote_id.uas_id,
+        id_type=IdType.SPECIFIC_SESSION if signs else IdType.SERIAL_NUMBER,
         profile=remote_id.profile,
         transports=remote_id.transports,
         operator_place=station,
         operator_id=remote_id.operator_id,
         text=remote_id.text,
         autopilot_location=abs(vehicle.params.get("DID_ENABLE", 0.0)) >= 1.0,
+        credentials=aircraft_credentials(name, remote_id, scenario) if signs else None,
     )
 
 
 def make_lookout(operator: str, scenario: Scenario) -> TrafficPicture | None:
     """What an operator's ground receivers tell its ground station; `None` without any."""
     receivers = scenario.radio.receivers if scenario.radio is not None else ()
-    names = [receiver.id for receiver in receivers if receiver.operator == operator]
-    return TrafficPicture(operator, names, scenario.origin.datum) if names else None
+    own = [receiver for receiver in receivers if receiver.operator == operator]
+    if not own:
+        return None
+    verifications = [make_verification(receiver.verify, scenario) for receiver in own]
+    return TrafficPicture(
+        operator, [receiver.id for receiver in own], scenario.origin.datum, verifications, scenario.epoch
+    )
 
 
 def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]:
@@ -173,6 +189,7 @@ def _companions(scenario: Scenario, city: City | None, chance: Chance, here: Con
                 avoidance,
                 vehicle.plan.speed_mps or CRUISE_MPS,
                 derive_keys(scenario, operator).aircraft,
+                make_verification((vehicle.remote_id or RemoteId()).verify, scenario),
             )
         )
     return Companion(COMPANIONS, aboard, scenario.origin.datum, chance) if aboard else None

@@ -11,6 +11,7 @@ from skyrange.assembly.radio import uas_id_of
 from skyrange.city.building_files import files_of
 from skyrange.city.city import City
 from skyrange.city.geojson import MAX_FILE_BYTES as MAX_CITY_BYTES
+from skyrange.codec.f3411 import printable_id
 from skyrange.codec.mission import format_waypoints
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
@@ -49,7 +50,7 @@ def make_header(
             {
                 "id": vehicle_id(operator.id, vehicle.id),
                 "operator": operator.id,
-                "uas_id": uas_id_of(vehicle_id(operator.id, vehicle.id), vehicle),
+                "uas_id": printable_id(uas_id_of(vehicle_id(operator.id, vehicle.id), vehicle, scenario)),
                 "color": colors[operator.id],
                 "autopilot": vehicle.autopilot,
                 "airframe": vehicle.airframe,

@@ -64,6 +64,15 @@ class AirLink:
 
 
 @dataclass(frozen=True, slots=True)
+class GroundReceiver:
+    """A receiver of Remote ID on the ground."""
+
+    operator: str
+    """Whose ground station gets its reports."""
+    place: Place
+
+
+@dataclass(frozen=True, slots=True)
 class AttackContext:
     """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
 
@@ -85,9 +94,13 @@ class AttackContext:
     """The buildings, if there are any."""
     over_air: Mapping[str, AirLink] = field(default_factory=dict)
     """The control links that are on the air, by name."""
+    receivers: Mapping[str, GroundReceiver] = field(default_factory=dict)
+    """The receivers of Remote ID on the ground, by name: what their operators know of them."""
     honest: bool = False
     """Whether to make the honest arm: a real aircraft flies on each of `Attack.claims` and carries its radio, so the
     attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""
+    signed: Sequence[str] = ()
+    """The operators whose station and aircraft sign their MAVLink, as a flag in each frame tells."""
 
     @property
     def radio(self) -> str:

@@ -18,12 +18,11 @@ def _each_once(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-Victims = Annotated[
-    tuple[str, ...],
-    BeforeValidator(items, json_schema_input_type=list[str]),
-    AfterValidator(_each_once),
-    Field(min_length=1),
+Vehicles = Annotated[
+    tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_each_once)
 ]
+"""Vehicle ids, each once."""
+Victims = Annotated[Vehicles, Field(min_length=1)]
 """Vehicle ids, one or more, each once."""
 
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli import live_app
-from skyrange.cli.handlers import installation, runs
+from skyrange.cli.handlers import installation, matrices, runs
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
     Arms,
@@ -225,6 +225,41 @@ def diff(
     runs.diff(a, b, tolerance, as_json)
 
 
+@app.command(epilog="Example: skyrange matrix --column firewall --seeds 2 --out runs/firewall")
+def matrix(
+    file: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="Matrix file. Default: the shipped matrix.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the matrix, empty or new. Default: runs/NAME, then -2 …"),
+    ] = None,
+    row: Annotated[
+        list[str] | None, typer.Option(metavar="ID", help="Fly this row alone. May be repeated.", show_default=False)
+    ] = None,
+    column: Annotated[
+        list[str] | None, typer.Option(metavar="ID", help="Fly this column alone. May be repeated.", show_default=False)
+    ] = None,
+    seeds: Annotated[
+        int | None, typer.Option(metavar="K", min=1, help="Number of seeds of each cell; overrides the file's.")
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Number of cells flown at once. Default: one per core."),
+    ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the page in Markdown here too, and its figure beside it."),
+    ] = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly every attack against every defence: effects, times to alarm, false alarms, costs. Each cell is a pair."""
+    runs.load_plugins(plugin)
+    matrices.matrix(file, out, row or [], column or [], seeds, jobs, page, as_json)
+
+
 @app.command(epilog="Example: skyrange verify runs/squares")
 def verify(run: RunFolder, as_json: AsJson = False) -> None:
     """Compare a run's files and tables with its manifest: hashes, counts, digests. The exit code is 3 if any differ."""
@@ -249,6 +284,13 @@ def faults(plugin: Plugins = None, as_json: AsJson = False) -> None:
     """List the installed kinds of benign faults with a description of each."""
     runs.load_plugins(plugin)
     runs.faults(as_json)
+
+
+@app.command(epilog="Example: skyrange defences --json")
+def defences(plugin: Plugins = None, as_json: AsJson = False) -> None:
+    """List the installed kinds of defences with a description of each."""
+    runs.load_plugins(plugin)
+    runs.defences(as_json)
 
 
 @app.command(epilog="Example: skyrange schema > scenario.schema.json")

@@ -15,10 +15,10 @@ from typing import Any, Literal, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -75,7 +75,10 @@ class Tap(Protocol):
     """A component on one side of one link, which sees the frames of both directions and decides on each."""
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus Injects and Notes; empty is Pass."""
+        """At most one of Pass, Drop, Replace and Delay-with-Replace combined, plus Injects, Notes and Alerts.
+
+        An empty answer is Pass.
+        """
         ...
 
     def next_wakeup(self) -> Time | None:
@@ -83,7 +86,7 @@ class Tap(Protocol):
         ...
 
     def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Act on its own initiative: Injects only."""
+        """Act on its own initiative: Injects, and Alerts of a defence."""
         ...
 
 
@@ -142,6 +145,9 @@ class SensorFault(Protocol):
 
     It is called once a tick, muted or not; while its attack does not act, on copies that are discarded. It is
     deep-copyable and pure: what it does depends on what it was handed and on the time alone.
+
+    That of a defence is a sensor check: it gets the readings as all attacks and faults have left them, it may raise
+    alerts, and the true `attitude` in them is not a number, because no aircraft can read it.
     """
 
     name: str
@@ -149,11 +155,12 @@ class SensorFault(Protocol):
     vehicles: Sequence[str]
     """The vehicles whose sensors it alters: the rows of what it is handed, in this order."""
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
         """Write into `sensors`, which are writable copies of its vehicles' rows, as other sensor faults left them.
 
         An autopilot takes a fix for a new one by its `gnss_time_ns`: an invented fix needs a time of its own. Returns
-        the acts to be labelled: one where an alteration begins or changes in kind, not one at every tick.
+        the acts to be labelled: one where an alteration begins or changes in kind, not one at every tick; and the
+        alerts of a defence.
         """
         ...
 

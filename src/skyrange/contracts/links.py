@@ -138,6 +138,22 @@ class Route:
 
 
 @dataclass(frozen=True, slots=True)
+class ProcessingLimit:
+    """How many frames an endpoint processes in a second, and how many more may wait there.
+
+    It takes the frames of all links that end there, one after another, in the order in which they arrive, and each for
+    the same time. What finds the queue full is lost by overflow. A frame is delivered, and forwarded, when it has been
+    processed. What the endpoint sends is not limited.
+    """
+
+    endpoint: str
+    frames_per_s: float
+    """Over 0 and up to 1e6."""
+    queue_frames: int
+    """Frames that may wait, at least 1; the one that is being processed is not among them."""
+
+
+@dataclass(frozen=True, slots=True)
 class TapPlacement:
     """Taps on the `side` end (an endpoint's role such as "gcs" or "companion") of every link that matches.
 
@@ -196,6 +212,9 @@ class AttackPlan:
     `event.fault_start` and `event.fault_stop`."""
     body_faults: Sequence[BodyFault] = ()
     """What a fault does to bodies; an attack has none."""
+    defence: bool = False
+    """Whether it is a defence: its acts are then events named `event.defence_act` and no labels, its taps and sensor
+    checks may raise alerts in its name, and its sensor checks come after the sensor faults of all others."""
 
     @property
     def benign(self) -> bool:

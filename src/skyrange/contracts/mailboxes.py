@@ -12,15 +12,16 @@ from typing import NamedTuple, overload
 
 import numpy as np
 
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
 _SERIAL_BITS = 40
 """Bound of a sender's serials: a million frames a second for twelve days."""
-
-Scalar = str | int | float | bool | None
 
 
 class Arrival(NamedTuple):
@@ -198,14 +199,16 @@ EMPTY_INBOX = Inbox()
 
 
 class Outbox:
-    """Frames and notes of an agent in one step, in order; blocks leave after single frames."""
+    """Frames, notes and acts of an agent in one step, in order; blocks leave after single frames."""
 
-    __slots__ = ("blocks", "departures", "notes")
+    __slots__ = ("acts", "blocks", "departures", "notes")
 
     def __init__(self) -> None:
         self.departures: list[Departure] = []
         self.blocks: list[Block] = []
         self.notes: list[Note] = []
+        self.acts: list[ChannelOrder | Alert] = []
+        """Of a defence's agent only: orders to radios, and alerts."""
 
     def send(self, port: Port, payload: bytes, causes: tuple[FrameId, ...] = ()) -> None:
         """Send `payload` from `port`."""

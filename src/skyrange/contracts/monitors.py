@@ -7,8 +7,7 @@ truly sent a frame, nor what becomes of it elsewhere, nor what it was made of, n
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -17,8 +16,8 @@ from typing import NamedTuple, Protocol, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.contracts.alerts import Alert, find_problem
 from skyrange.contracts.frames.payloads import Ints, Payloads
-from skyrange.contracts.mailboxes import Scalar
 from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -113,21 +112,6 @@ class ObservedFrames(Sequence[ObservedFrame]):
         ]
 
 
-class Alert(NamedTuple):
-    """What a monitor reports."""
-
-    at: Time
-    """The moment that it is about, not after the service time at which it is raised."""
-    subject: str
-    """The subject: a vehicle, an operator, an endpoint or a link."""
-    kind: str
-    """What was found: lower-case words, dotted, such as `heartbeat.gap`."""
-    score: float
-    """How strong the evidence is, finite; what 1 means is for the detector to say."""
-    data: Mapping[str, Scalar] = {}
-    """Details: scalars by name."""
-
-
 class Monitor(Protocol):
     """A passive subscriber: same inputs, same alerts; no clock, no socket, no thread.
 
@@ -218,19 +202,3 @@ def serve_monitor(detector: str, monitor: Monitor, now: Time, frames: ObservedFr
         if problem:
             raise ComponentError(who, problem)
     return alerts
-
-
-def find_problem(now: Time, alert: object) -> str:
-    """What is wrong with an alert raised at `now`, as the end of a sentence that begins with its detector; or ""."""
-    if not isinstance(alert, Alert):
-        return f"raised {alert!r:.160}; an Alert was expected"
-    for name, text in (("subject", alert.subject), ("kind", alert.kind)):
-        if not isinstance(text, str) or not text:
-            return f"raised an alert with the {name} {text!r:.160}; text was expected"
-    if isinstance(alert.at, bool) or not isinstance(alert.at, int) or alert.at > now:
-        return f"raised {alert.kind} at {now} about {alert.at!r:.160}; a whole number of ns, not later, was expected"
-    if not isinstance(alert.score, (int, float)) or not math.isfinite(alert.score):
-        return f"raised {alert.kind} with the score {alert.score!r:.160}; a finite number was expected"
-    if not isinstance(alert.data, Mapping):
-        return f"raised {alert.kind} with the data {alert.data!r:.160}; a mapping was expected"
-    return ""

@@ -27,10 +27,11 @@ APPROVALS = "skyrange.approvals"
 ATTACKS = "skyrange.attacks"
 AUTOPILOTS = "skyrange.autopilots"
 AVOIDANCE = "skyrange.avoidance"
+DEFENCES = "skyrange.defences"
 DETECTORS = "skyrange.detectors"
 FAULTS = "skyrange.faults"
 MEDIA = "skyrange.media"
-GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, FAULTS, MEDIA)
+GROUPS = (APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DEFENCES, DETECTORS, FAULTS, MEDIA)
 
 KIND_PATTERN = re.compile(r"[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*(?:\.[a-z][a-z0-9]*(?:[-_][a-z0-9]+)*)*")
 """Lower-case words joined by `-` or `_`, in parts joined by dots."""

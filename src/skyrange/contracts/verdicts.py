@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
@@ -50,8 +51,9 @@ class Inject:
     parent: FrameId | None = None
 
 
-Verdict = Pass | Drop | Delay | Replace | Inject | Note
-"""What a tap answers. A `Note` records what it has learnt; that of an attack's tap only while the attack acts."""
+Verdict = Pass | Drop | Delay | Replace | Inject | Note | Alert
+"""What a tap answers. A `Note` records what it has learnt; that of an attack's tap only while the attack acts. An
+`Alert` is the alarm of a defence, which no other tap may raise."""
 
 
 class Label(NamedTuple):

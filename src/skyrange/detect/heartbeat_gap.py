@@ -17,8 +17,9 @@ from collections.abc import Sequence
 import numpy as np
 from pydantic import Field
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Alert, Monitor, ObservedFrames
+from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.contracts.params import Number, Params, Whole
 from skyrange.core.time import NEVER, NS_PER_MS, Time, from_seconds, to_seconds
 from skyrange.detect.telemetry import read_messages

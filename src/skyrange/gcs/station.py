@@ -19,7 +19,8 @@ from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.codec.mavlink.signing import SigningKey
-from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox, Scalar
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time

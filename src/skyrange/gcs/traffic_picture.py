@@ -7,22 +7,28 @@ failure and counted, and the number of notes about new and lost tracks is bounde
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints, Payloads
-from skyrange.contracts.mailboxes import Inbox, Outbox, Scalar
+from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NEVER, NS_PER_S, Time, to_seconds
+from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, to_seconds
 from skyrange.radio import ground_receptions
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
+
+if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.remoteid.drip.policy import Verification
+    from skyrange.remoteid.drip.verifier import Verifier
 
 UPDATE_PERIOD_NS: Final[Time] = NS_PER_S
 """How often new and lost tracks are determined."""
@@ -44,7 +50,15 @@ class _Known(NamedTuple):
 class TrafficPicture:
     """The tracks of one operator's ground receivers: one row of `tracks` for each of `receivers`. Deep-copyable."""
 
-    def __init__(self, operator: str, receivers: Sequence[str], origin: Origin) -> None:
+    def __init__(
+        self,
+        operator: str,
+        receivers: Sequence[str],
+        origin: Origin,
+        verifications: Sequence[Verification | None] = (),
+        epoch: Epoch | None = None,
+    ) -> None:
+        """`verifications`: how each receiver verifies, if any does; their clocks follow `epoch`."""
         self.operator = operator
         self.receivers = tuple(receivers)
         self.tracks = TrackTable(len(self.receivers), origin)
@@ -54,6 +68,8 @@ class TrafficPicture:
         """Number of broadcasts that cannot be an F3411 message."""
         self.due: Time = NEVER
         """When new and lost tracks are determined next; `NEVER` while there are no tracks."""
+        self.verifier = _verifier(verifications, epoch)
+        """Verdicts on senders; None if no receiver verifies."""
         self._row_of = {name: row for row, name in enumerate(self.receivers)}
         self._refs = FrameRefTable()
         self._known: dict[_Claim, _Known] = {}
@@ -89,6 +105,8 @@ class TrafficPicture:
         if not rows:
             return
         rid = link_payload.unpack_rows(Payloads.of(frames))
+        if self.verifier is not None:
+            self._verify(self.verifier, frames, rows)
         receiver, at_ns, ref, serial_of = np.array(rows, dtype=np.int64).T
         locations = decode_locations(rid.bodies)
         self.bad_bodies += int(np.count_nonzero(~locations.valid))
@@ -96,13 +114,25 @@ class TrafficPicture:
         if self.due == NEVER:
             self.due = now - now % UPDATE_PERIOD_NS + UPDATE_PERIOD_NS
 
+    def _verify(self, verifier: Verifier, frames: Sequence[bytes], rows: Sequence[tuple[int, int, int, int]]) -> None:
+        for payload, (receiver, at_ns, number, serial) in zip(frames, rows, strict=True):
+            header, body = link_payload.unpack(payload)
+            verifier.receive(receiver, at_ns, header.address, header.counter, body, self._refs.id(number, serial))
+
     def note_changes(self, now: Time, out: Outbox) -> None:
-        """Note new tracks and lost tracks, and changed counters."""
+        """Note new tracks and lost tracks, changed verdicts, and changed counters."""
+        if self.verifier is not None:
+            self.verifier.review(now)
+            for change in self.verifier.changes():
+                causes = () if change.cause is None else (change.cause,)
+                told = {"receiver": self.receivers[change.row], **change.data}
+                out.note("event.remote_id_trust", self.operator, told, causes)
         strongest = self._strongest(now)
         rows = self.tracks.rows
         for claim, (receiver, slot) in strongest.items():
             row = rows[receiver, slot]
-            uas_id = np.array(claim[1:], dtype=np.uint64).tobytes().rstrip(b"\0").decode("latin-1")
+            raw = np.array(claim[1:], dtype=np.uint64).tobytes().rstrip(b"\0")
+            uas_id = printable_id(raw.decode("latin-1"))
             if claim not in self._known:
                 located = row["located_ns"] >= 0
                 ref = self._refs.id(int(row["ref"]), int(row["serial"])) if located else None
@@ -148,3 +178,14 @@ class TrafficPicture:
         self.bad_reports += 1
         if self.bad_reports & (self.bad_reports - 1) == 0:
             out.note("event.bad_report", self.operator, {"count": self.bad_reports, "reason": reason}, (ref,))
+
+
+def _verifier(verifications: Sequence[Verification | None], epoch: Epoch | None) -> Verifier | None:
+    if epoch is None or all(one is None for one in verifications):
+        return None
+    from skyrange.remoteid.drip.verifier import Verifier
+
+    verifier = Verifier(verifications)
+    for row in verifier.rows:
+        verifier.set_clock(row, 0, epoch.utc_us(0))
+    return verifier

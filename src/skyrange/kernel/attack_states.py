@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 
 from skyrange.contracts.components import Trigger, World
 from skyrange.contracts.links import AttackPlan
-from skyrange.contracts.mailboxes import Note, Scalar
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import InputError, Problem, attribute_error, nearest
 from skyrange.core.time import NEVER, NS_PER_MS, Time, to_seconds
 
@@ -65,6 +66,8 @@ class AttackState:
     def _events(self) -> tuple[str, str]:
         if self.plan.fault:
             return "event.fault_start", "event.fault_stop"
+        if self.plan.defence:
+            return "event.defence_start", "event.defence_stop"
         if self.plan.honest:
             return "event.honest_start", "event.honest_stop"
         return "event.attack_start", "event.attack_stop"
@@ -79,12 +82,17 @@ def takes_effect(attack: AttackState | None, now: Time) -> bool:
     return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 
 
+def _order_of(plan: AttackPlan) -> tuple[bool, str]:
+    """Attacks and faults by id, then defences as they were given."""
+    return (True, "") if plan.defence else (False, plan.id)
+
+
 class AttackStates:
     """All attacks of one kernel."""
 
     def __init__(self, plans: Sequence[AttackPlan], world: World | None) -> None:
         """Raises `InputError` for a trigger without a world, or on a vehicle that the world does not have."""
-        self.each = [AttackState(plan) for plan in sorted(plans, key=lambda plan: plan.id)]
+        self.each = [AttackState(plan) for plan in sorted(plans, key=_order_of)]
         vehicles = list(world.vehicles) if world is not None else []
         _check_triggers(plans, vehicles, world)
         self._rows = {

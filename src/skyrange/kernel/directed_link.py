@@ -18,6 +18,7 @@ from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
 from skyrange.kernel.attack_states import AttackState
 from skyrange.kernel.channel import NOT_RANDOM, open_channel
+from skyrange.kernel.processing_queue import ProcessingQueue
 
 
 class TapSlot:
@@ -61,6 +62,7 @@ class DirectedLink:
         "name",
         "number",
         "port",
+        "processing",
         "receiver_taps",
         "routes",
         "send_monitors",
@@ -86,6 +88,8 @@ class DirectedLink:
         """The same routes where they may be followed at sending time; `None` where they may not."""
         self.staged: list[RouteHop] | None = None
         """The same routes where they may be followed once the frames have arrived; `None` where they may not."""
+        self.processing: ProcessingQueue | None = None
+        """The queue of its destination, which all links to it share; `None` where frames are processed at once."""
         self.mailbox: Mailbox | None = None
         """Of the agent or engine that owns the receiving end, if there is one."""
         self.send_monitors: Sequence[FrameMonitor] = ()

@@ -227,7 +227,9 @@ def _select_rows(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
 
 def _path_shape(link: DirectedLink) -> Any:
     """What two directed links must have in common to share a path; `None` where blocks cannot travel."""
-    if not link.local or link.sender_taps or link.receiver_taps or not link.channel.steady:
+    if not link.local or link.sender_taps or link.receiver_taps or link.processing is not None:
+        return None
+    if not link.channel.steady:
         return None
     latency_ns = link.channel.latency_ns
     if not link.routes:

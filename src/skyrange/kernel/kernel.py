@@ -17,6 +17,9 @@ from typing import cast
 
 import numpy as np
 
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.channel_orders import ChannelOrder
+from skyrange.contracts.channel_plans import TunableChannel
 from skyrange.contracts.components import (
     Agent,
     Engine,
@@ -102,6 +105,7 @@ class Kernel:
         self._observers = ObserverList(observers)
         self._network = Network(links, self._observers, index_by_sender(links), originators)
         self._world = wiring.world
+        self._tunable = {spec.name: spec.channel for spec in wiring.links if isinstance(spec.channel, TunableChannel)}
         self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
         moved = [vehicle for mount in wiring.engines for vehicle in mount.engine.moves]
@@ -270,7 +274,10 @@ class Kernel:
         faults = self._sensor_faults
         if faults.present:
             for attack, fault, act in faults.apply(now, world):
-                self._observers.label_fault_act(now, attack, fault.name, "sensor", act)
+                if isinstance(act, Alert):
+                    self._observers.raise_alarm(now, attack, f"sensor check {fault.name}", act)
+                else:
+                    self._observers.label_fault_act(now, attack, fault.name, "sensor", act)
         if self._body_faults.present:
             for attack, cause, act in self._body_faults.apply(now, world):
                 self._observers.label_fault_act(now, attack, cause.name, "body", act)
@@ -378,7 +385,24 @@ class Kernel:
         if outbox.notes and takes_effect(sender.attack, now):  # a muted attack leaves no trace
             for note in outbox.notes:
                 self._observers.report_note(now, sender.name, note)
+        if outbox.acts and takes_effect(sender.attack, now):
+            self._carry_out(now, sender, outbox.acts)
         self._network.send(now, sender, outbox)
+
+    def _carry_out(self, now: Time, sender: Sender, acts: Sequence[ChannelOrder | Alert]) -> None:
+        """Pass on the orders and alerts of a defence's agent."""
+        who = f"agent {sender.name}"
+        for act in acts:
+            if isinstance(act, Alert):
+                self._observers.raise_alarm(now, sender.attack, who, act)
+                continue
+            if sender.attack is None or not sender.attack.plan.defence:
+                raise ComponentError(who, f"ordered {act!r:.160}; only a defence gives orders to radios")
+            channel = self._tunable.get(act.link)
+            if channel is None:
+                raise ComponentError(who, f"ordered {act!r:.160}; the link has no channel that can be changed")
+            channel.retune(act)
+            self._observers.report_order(now, sender.attack, sender.name, act)
 
 
 def _format_reason(engine: Engine, vehicle: str) -> str:

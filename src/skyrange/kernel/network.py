@@ -1,7 +1,8 @@
 """The network of links: frames sent, tapped, carried and forwarded along declared routes to their recorded fate.
 
-Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver; an injected frame meets only the taps
-after its own. Everything that takes time becomes an event in `heap`.
+Order on a link: sender, sender-side taps, channel, receiver-side taps, the receiver's queue if its processing is
+limited, receiver; an injected frame meets only the taps after its own. Everything that takes time becomes an event in
+`heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
 this module; blocks go through `skyrange.kernel.block_forwarder` where their links allow it. The record is the same
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.links import MIN_LATENCY_NS
@@ -44,6 +46,10 @@ from skyrange.kernel.event_heap import (
 )
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
+from skyrange.kernel.processing_queue import ProcessingQueue
+
+_PROCESSED = 1 << 30
+"""Position of a frame that its receiving end has processed: behind all taps."""
 
 
 def _number_of(link: DirectedLink) -> int:
@@ -218,6 +224,8 @@ class Network:
                 drop = True
             elif isinstance(verdict, Note):
                 self._observers.report_note(now, slot.name, verdict)
+            elif isinstance(verdict, Alert):
+                self._observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
             elif not isinstance(verdict, Pass):
                 raise ComponentError(f"tap {slot.name}", f"answered a frame with {verdict!r}, which is no verdict")
         if drop:
@@ -263,10 +271,15 @@ class Network:
         except Exception as error:
             raise attribute_error(f"tap {slot.name}", now, error) from error
         for verdict in verdicts:
-            if not isinstance(verdict, Inject):
-                raise ComponentError(f"tap {slot.name}", f"answered a wake-up with {verdict!r}; only Inject fits there")
-            if effective:
+            if not isinstance(verdict, (Inject, Alert)):
+                problem = f"answered a wake-up with {verdict!r}; only Inject and Alert fit there"
+                raise ComponentError(f"tap {slot.name}", problem)
+            if not effective:
+                continue
+            if isinstance(verdict, Inject):
                 self._inject(now, slot, verdict)
+            else:
+                self._observers.raise_alarm(now, slot.attack, f"tap {slot.name}", verdict)
         self.schedule_tap(slot, now)
 
     def schedule_tap(self, slot: TapSlot, now: Time) -> None:
@@ -376,7 +389,7 @@ class Network:
             self._duplicate(sent, twin, link, frame)
 
     def _arrive(self, now: Time, link: DirectedLink, frame: Frame, position: int, trail: list[Frame] | None) -> None:
-        """Receiver-side taps from `position` on, then mailbox and routes."""
+        """Receiver-side taps from `position` on, then the receiver's queue if it has one, then mailbox and routes."""
         if trail:
             self._observers.report_frames(trail)
         if link.receiver_taps:
@@ -384,6 +397,9 @@ class Network:
             if passed is None:
                 return
             frame = passed
+        if link.processing is not None and position != _PROCESSED:
+            self._wait_for_processing(now, link, link.processing, frame)
+            return
         frame.arrived_ns = now
         frame.fate = Fate.DELIVERED
         self._observers.report_frames([frame])
@@ -397,6 +413,18 @@ class Network:
             route = hop.route
             if route.select is None or route.select(frame.payload):
                 self._queue_for_route(now, hop, frame)
+
+    def _wait_for_processing(self, now: Time, link: DirectedLink, queue: ProcessingQueue, frame: Frame) -> None:
+        """Have a frame arrive again when its receiver has processed it; end it here where the queue is full."""
+        processed = queue.admit(now)
+        if processed is not None:
+            self._push(processed, link.name, frame, ARRIVE, (link, frame, _PROCESSED, None))
+            return
+        frame.fate = Fate.OVERFLOW
+        self._observers.report_frames([frame])
+        note = queue.count_overflow(frame.id)
+        if note is not None:
+            self._observers.report_note(now, "kernel", note)
 
     def _queue_for_route(self, now: Time, hop: RouteHop, frame: Frame) -> None:
         name = hop.name

@@ -1,20 +1,24 @@
 """Reports to the observers of a kernel: frames at their fate, notes, alerts, truth, and labels of hostile acts.
 
-Every label is written here, whether a tap, an attack's agent, a sensor fault or a body fault acted.
+Every label is written here, whether a tap, an attack's agent, a sensor fault or a body fault acted, and so are the acts
+and alarms of defences.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+from skyrange.contracts.alerts import Alert, find_problem
+from skyrange.contracts.channel_orders import ChannelOrder
 from skyrange.contracts.components import Observer, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.monitors import Alert
+from skyrange.contracts.scalars import Scalar
 from skyrange.contracts.verdicts import Label
+from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
-from skyrange.core.time import Time
+from skyrange.core.time import Time, to_seconds
 from skyrange.kernel.attack_states import AttackState
 from skyrange.kernel.directed_link import TapSlot
 
@@ -58,8 +62,8 @@ class ObserverList:
 
     def label_sending(self, now: Time, attack: AttackState, agent: str, frame: FrameId) -> None:
         """Label a frame that an attack's own agent sent."""
-        self._report_label(
-            Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.fault)
+        self._report_act(
+            attack, Label(now, attack.id, agent, "send", frame, benign=attack.plan.benign, fault=attack.plan.fault)
         )
 
     def label_tap_act(
@@ -74,13 +78,45 @@ class ObserverList:
         """Label what a tap did to a frame, or that it injected one; a tap of no attack is not labelled."""
         if slot.attack is not None:
             plan = slot.attack.plan
-            self._report_label(Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.fault))
+            label = Label(now, plan.id, slot.name, action, frame, child, until, plan.benign, plan.fault)
+            self._report_act(slot.attack, label)
 
     def label_fault_act(self, now: Time, attack: AttackState, fault: str, action: str, act: FrameId) -> None:
         """Label what a sensor or body fault did to a vehicle; `act` names the sensor or part of the body as a link."""
         plan = attack.plan
-        self._report_label(Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.fault))
+        self._report_act(attack, Label(now, plan.id, fault, action, act, benign=plan.benign, fault=plan.fault))
 
-    def _report_label(self, label: Label) -> None:
+    def _report_act(self, attack: AttackState, act: Label) -> None:
+        """Report an act: as a label, but as an event where it is that of a defence, which harms nobody."""
+        if attack.plan.defence:
+            data: dict[str, Scalar] = {"action": act.action, "frame": str(act.frame)}
+            if act.child is not None:
+                data["child"] = str(act.child)
+            if act.until_ns is not None:
+                data["until_s"] = to_seconds(act.until_ns)
+            self.report_note(act.at_ns, act.actor, Note("event.defence_act", attack.id, data))
+            return
         for observer in self.members:
-            observer.on_label(label)
+            observer.on_label(act)
+
+    def report_order(self, now: Time, attack: AttackState, agent: str, order: ChannelOrder) -> None:
+        """Report that a defence ordered a radio to change its channel."""
+        data: dict[str, Scalar] = {
+            "action": order.action,
+            "link": order.link,
+            "end": order.end,
+            "channel": order.channel,
+            "announcements": order.announcements,
+        }
+        self.report_note(now, agent, Note("event.defence_act", attack.id, data))
+
+    # ---------------------------------------------------------------- alarms
+
+    def raise_alarm(self, now: Time, attack: AttackState | None, who: str, alert: Alert) -> None:
+        """Report the alarm of a defence. `ComponentError` for one that is no alert, or not that of a defence."""
+        if attack is None or not attack.plan.defence:
+            raise ComponentError(who, f"raised {alert!r:.160}; only a defence raises alerts")
+        problem = find_problem(now, alert)
+        if problem:
+            raise ComponentError(who, problem)
+        self.report_alert(now, attack.id, alert)

@@ -1,8 +1,8 @@
 """Wiring of a kernel: links become pairs of directed links, taps get their places, routes become fused hops.
 
 A hop is fused, which means followed at sending time instead of by an event of its own, only where the record cannot
-tell: no tap on either hop, no agent that receives in between, one route as the only source of the next hop, no agent
-that sends beside what is forwarded, and a channel that keeps frames in order.
+tell: no tap on either hop, no agent that receives and no queue in between, one route as the only source of the next
+hop, no agent that sends beside what is forwarded, and a channel that keeps frames in order.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import ENGINE_MEMBERS, Agent, Engine, TruthSubscriber, World
-from skyrange.contracts.links import AttackPlan, LinkSpec, Route, TapPlacement
+from skyrange.contracts.links import AttackPlan, LinkSpec, ProcessingLimit, Route, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
@@ -23,7 +23,10 @@ from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S
 from skyrange.kernel.attack_states import AttackState
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, TapSlot
+from skyrange.kernel.processing_queue import ProcessingQueue
 
+MAX_FRAMES_PER_S = 1e6
+"""Most frames that a limited endpoint processes in a second: one in 1 µs."""
 _NO_ATTACK = "tap"
 """Stands for the attack's id in the name of a tap that belongs to no attack."""
 
@@ -38,7 +41,7 @@ class EngineMount:
 
 @dataclass(slots=True)
 class Wiring:
-    """All that a kernel runs. The order of the sequences does not matter, but for taps on one side of one link."""
+    """All that a kernel runs. The order of sequences matters for taps on one side of one link, and for defences."""
 
     seed: int
     links: Sequence[LinkSpec]
@@ -46,6 +49,8 @@ class Wiring:
     routes: Sequence[Route] = ()
     taps: Sequence[TapPlacement] = ()
     attacks: Sequence[AttackPlan] = ()
+    processing: Sequence[ProcessingLimit] = ()
+    """Endpoints that take time for each frame; all others process frames at once."""
     world: World | None = None
     engines: Sequence[EngineMount] = ()
     truth_subscribers: Sequence[TruthSubscriber] = ()
@@ -67,12 +72,14 @@ class Wiring:
 def build_links(wiring: Wiring, chance: Chance) -> dict[str, DirectedLink]:
     """Both directions of every link, by `link:direction`, numbered in order of these names."""
     links: dict[str, DirectedLink] = {}
+    queues = {limit.endpoint: ProcessingQueue(limit) for limit in wiring.processing}
     for spec in wiring.links:
         for direction in ("fwd", "rev"):
             link = DirectedLink(spec, direction, chance)
             if link.name in links:
                 raise InputError.one("wiring", "links", spec.name, "link names that differ")
             link.local = wiring.local is None or link.dst in wiring.local
+            link.processing = queues.get(link.dst)
             links[link.name] = link
     sent_counts = np.zeros(len(links), dtype=np.int64)
     for number, name in enumerate(sorted(links)):
@@ -173,7 +180,7 @@ def attach_routes(
     for link in links.values():
         if not link.routes or link.sender_taps or link.receiver_taps or not link.channel.in_order or not link.local:
             continue
-        if Port(link.dst, link.link_name) in owned:  # an agent receives in between
+        if Port(link.dst, link.link_name) in owned or link.processing is not None:  # not forwarded as it arrives
             continue
         if all(
             sources[hop.link.name] == 1
@@ -202,7 +209,7 @@ def check_wiring(wiring: Wiring) -> None:
     ]
     if incomplete:
         raise InputError("wiring", incomplete)
-    problems = [*_find_name_problems(wiring), *_find_world_problems(wiring)]
+    problems = [*_find_name_problems(wiring), *_find_processing_problems(wiring), *_find_world_problems(wiring)]
     if problems:
         raise InputError("wiring", problems)
 
@@ -228,6 +235,20 @@ def _find_name_problems(wiring: Wiring) -> Iterator[Problem]:
     for id_ in monitors:
         if not ID_PATTERN.match(id_):
             yield Problem("monitors", repr(id_), "letters, digits, '-' or '_', at most 32")
+
+
+def _find_processing_problems(wiring: Wiring) -> Iterator[Problem]:
+    ends = sorted({end for spec in wiring.links for end in (spec.a, spec.b)}) if wiring.processing else []
+    names = [limit.endpoint for limit in wiring.processing]
+    yield from (Problem("processing", name, "one limit for each endpoint") for name in _repeated(names))
+    for limit in wiring.processing:
+        if limit.endpoint not in ends:
+            yield Problem("processing", limit.endpoint, "an end of a link", nearest(limit.endpoint, ends))
+        if not 0.0 < limit.frames_per_s <= MAX_FRAMES_PER_S:
+            expected = f"over 0 and at most {MAX_FRAMES_PER_S:g}"
+            yield Problem(f"processing.{limit.endpoint}.frames_per_s", repr(limit.frames_per_s), expected)
+        if limit.queue_frames < 1:
+            yield Problem(f"processing.{limit.endpoint}.queue_frames", repr(limit.queue_frames), "at least 1")
 
 
 def _find_world_problems(wiring: Wiring) -> Iterator[Problem]:

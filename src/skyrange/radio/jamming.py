@@ -38,7 +38,8 @@ class _Burst:
     def continued_by(self, other: _Burst) -> bool:
         """Whether `other` is a later order of the same radio for the same band, which ends this one if it is known."""
         mine, its = self.request, other.request
-        same = (self.radio, mine.centre_khz, mine.bandwidth_khz) == (other.radio, its.centre_khz, its.bandwidth_khz)
+        same = self.radio == other.radio and mine.bssid == its.bssid
+        same &= (mine.centre_khz, mine.bandwidth_khz) == (its.centre_khz, its.bandwidth_khz)
         return same and bool(mine.turnaround_us) and self.start < other.start
 
 
@@ -79,6 +80,7 @@ class JammingBursts:
                 one.radio, one.request.centre_khz / 1e3, one.request.bandwidth_khz / 1e3,
                 one.request.power_cdbm / 100.0, one.known_start, one.known_end,
                 one.request.turnaround_us * NS_PER_US if one.reactive else 0,
+                one.request.bssid if one.reactive else b"", one.request.follow_ms * NS_PER_MS,
             )
             for one in self._bursts
         ]  # fmt: skip

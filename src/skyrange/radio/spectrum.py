@@ -24,6 +24,10 @@ class NoiseBurst(NamedTuple):
     turnaround_ns: Time = 0
     """0: the noise lasts all the time. Otherwise a reactive jammer: it makes noise only while it hears a frame in its
     band, from this long after the frame's start until its end."""
+    bssid: bytes = b""
+    """The access point that a reactive jammer follows to other channels; empty for none."""
+    follow_ns: Time = 0
+    """How long the access point has been on a channel when the jammer finds it there."""
 
 
 class Transmission(NamedTuple):

@@ -37,6 +37,22 @@ def check_folder_name(folder: Path, who: str = "output") -> None:
         raise InputError.one(who, "folder", named, "a name in UTF-8", "Rename it, or choose another.") from None
 
 
+def make_new_folder(folder: Path) -> Path:
+    """Create the folder of a comparison and its parents; raises `InputError` if it holds anything."""
+    check_folder_name(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        taken = next(folder.iterdir(), None)
+    except OSError as error:
+        raise InputError.one(
+            "output", str(folder), error.strerror or str(error), "a folder that can be created"
+        ) from None
+    if taken is not None:
+        hint = "Choose another folder, or move that one away."
+        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
+    return folder
+
+
 def make_folder(folder: Path) -> list[Path]:
     """Create the folder, its parents and its spool; returns the folders that did not exist before, innermost first.
 

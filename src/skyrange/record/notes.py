@@ -9,8 +9,9 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.contracts.mailboxes import Note, Scalar
-from skyrange.contracts.monitors import Alert
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.scalars import Scalar
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import Time, to_seconds

@@ -167,6 +167,13 @@ def utc_us(table: Any, boot_ms: Ints) -> Ints:
     return np.where(known, table["boot_utc_us"] + boot_ms * (NS_PER_MS // NS_PER_US), -1)
 
 
+def clock_us(table: Any, now: Time) -> Ints:
+    """(n,) UTC in µs since 1970 now, by the last time that each autopilot told; -1 if it told none."""
+    known = (table["boot_utc_us"] >= 0) & (table["time_ns"] >= 0)
+    told = table["boot_utc_us"] + table["time_boot_ms"] * (NS_PER_MS // NS_PER_US)
+    return np.where(known, told + (now - table["time_ns"]) // NS_PER_US, -1)
+
+
 def is_fresh(told_ns: Ints, now: Time, within_ns: Time) -> NDArray[np.bool_]:
     """(n,) whether each was received, and no longer ago than `within_ns`."""
     lately: NDArray[np.bool_] = (told_ns >= 0) & (now - told_ns <= within_ns)

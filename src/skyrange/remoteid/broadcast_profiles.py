@@ -8,13 +8,16 @@ Bluetooth 4 carries one message at a time, spread evenly.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from skyrange.codec.f3411 import IdType, MessageType, UaType, is_serial_number
 from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+
+if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts need them
+    from skyrange.remoteid.drip.credentials import Credentials
 
 PROFILES: Final = ("us", "astm")
 TRANSPORTS: Final = {
@@ -59,6 +62,8 @@ class Broadcast:
     text: str = ""
     autopilot_location: bool = False
     """Whether the autopilot makes the Location itself (Open Drone ID, DID_ENABLE), as this transmitter then says it."""
+    credentials: Credentials | None = None
+    """Key and endorsements with which it signs; `uas_id` is then the session id of its DRIP entity tag."""
 
     def __post_init__(self) -> None:
         faults = []
@@ -76,7 +81,8 @@ class Broadcast:
             faults.append(Problem("uas_id", self.uas_id, "a serial number by ANSI/CTA-2063-A", "Or set id_type."))
         for name, length in (("uas_id", 20), ("operator_id", 20), ("text", 23)):
             value = getattr(self, name)
-            if len(value) > length or not value.isascii():
+            readable = value.isascii() or (name == "uas_id" and self.id_type == IdType.SPECIFIC_SESSION)
+            if len(value) > length or not readable:
                 faults.append(Problem(name, value, f"at most {length} ASCII characters"))
         if faults:
             raise InputError(f"Remote ID of {self.vehicle}", faults)

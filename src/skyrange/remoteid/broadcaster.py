@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,11 @@ from skyrange.core.chance import Chance
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
-from skyrange.remoteid.autopilot_belief import Beliefs, is_fresh, utc_us
+from skyrange.remoteid.autopilot_belief import Beliefs, clock_us, is_fresh, utc_us
 from skyrange.remoteid.broadcast_profiles import Broadcast, BroadcastCycle, broadcast_cycle, sender_address
+
+if TYPE_CHECKING:  # its imports are slow, and only authenticated broadcasts need them
+    from skyrange.remoteid.drip.broadcasts import AuthenticationPages
 
 PHASE_STREAM: Final = "remoteid.phase"
 LEAD_NS: Final[Time] = 50 * NS_PER_MS
@@ -121,10 +124,13 @@ class Broadcaster:
         location and status."""
         self._takeoff = np.zeros((count, 4))
         """Latitude, longitude and height of the take-off in the System message; the last column is 1 once it is set."""
+        self._pages = _authentication(self.broadcasts)
 
     def next_due(self) -> Time | None:
         """When `send` has to be called next."""
         due = int(self.due_ns.min(initial=NEVER))
+        if self._pages is not None:
+            due = min(due, self._pages.next_ns)
         return None if due == NEVER else due - LEAD_NS
 
     def send(self, now: Time, beliefs: Beliefs) -> tuple[Ints, Payloads] | None:
@@ -153,7 +159,25 @@ class Broadcaster:
                     places.append(rows)
                     payloads.append(self._frames(rows, at_ns, transport, messages, now, table))
             due = np.flatnonzero(self.due_ns < until)
+        if self._pages is not None:
+            self._send_pages(self._pages, now, clock_us(table, now), places, payloads)
         return (np.concatenate(places), Payloads.join(payloads)) if places else None
+
+    def _send_pages(
+        self, pages: AuthenticationPages, now: Time, clocks_us: Ints, places: list[Ints], payloads: list[Payloads]
+    ) -> None:
+        """Sign what was sent, and send the authentication pages that are due."""
+        pages.sign(now, clocks_us)
+        for row, at_ns, transport, counter, body in pages.take(now, now + LEAD_NS):
+            if transport != Transport.BT4:
+                counter = self._counters.item(row, transport)
+                self._counters[row, transport] += 1
+            places.append(np.array([row], dtype=np.int64))
+            payloads.append(
+                link_rows(
+                    transport, ANY_CHANNEL, counter, self.addresses[row : row + 1], NO_RSSI, at_ns, Payloads.of([body])
+                )
+            )
 
     def _advance(self, rows: Ints, each: BroadcastCycle, now: Time) -> None:
         """Move aircraft that have just sent to their next slot; one that is late by a period skips the missed
@@ -175,6 +199,9 @@ class Broadcaster:
         column = _KINDS + messages[0] if single else transport
         counter = self._counters[rows, column].copy()
         self._counters[rows, column] += 1
+        if self._pages is not None:
+            for place, row in enumerate(rows.tolist()):
+                self._pages.sent(row, bodies[place])
         return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, at_ns, bodies)
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:
@@ -248,6 +275,15 @@ ARM_STATUS_TEXTS: Final = (
     "OP_LOC: no operator location",
 )
 """The texts of OPEN_DRONE_ID_ARM_STATUS, the first that applies."""
+
+
+def _authentication(broadcasts: Sequence[Broadcast]) -> AuthenticationPages | None:
+    """The senders of authentication pages; `None` if no aircraft has a key."""
+    if all(broadcast.credentials is None for broadcast in broadcasts):
+        return None
+    from skyrange.remoteid.drip.broadcasts import AuthenticationPages
+
+    return AuthenticationPages(broadcasts)
 
 
 def _system(broadcast: Broadcast) -> System:

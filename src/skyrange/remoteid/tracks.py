@@ -9,6 +9,7 @@ avoidance.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -41,6 +42,7 @@ TRACK_DTYPE: Final = np.dtype(
         ("rssi_dbm", "f8"),  # NaN unknown
         ("status", "i8"), ("transport", "i8"),
         ("is_impossible", "i8"),  # 1: the last Location held an impossible value
+        ("is_ignored", "i8"),  # 1: the receiver's policy is not to believe this sender (`ignore`)
         ("ref", "i8"), ("serial", "i8"),  # the frame of that Location (`contracts.refs`)
     ]
 )  # fmt: skip
@@ -149,6 +151,7 @@ def _update_tracks(
             row.address = address[i]
             row.id_a = row.id_b = row.id_c = 0
             row.is_impossible = 0
+            row.is_ignored = 0
         if named[i]:
             row.id_a, row.id_b, row.id_c = ids[i, 0], ids[i, 1], ids[i, 2]
         row.heard_ns = at_ns[i]
@@ -225,10 +228,16 @@ class TrackTable:
         held: NDArray[np.bool_] = (heard >= 0) & (now - heard <= self.stale_ns)
         return held
 
+    def ignore(self, receiver: int, ignored: Callable[[int], bool]) -> None:
+        """Mark the tracks of a receiver whose sender address (48 bits) is to be ignored, and no others."""
+        rows = self.rows[receiver, : self.used[receiver]]
+        rows["is_ignored"] = [ignored(address) for address in rows["address"].tolist()]
+
     def snapshot(
         self, receiver: int, now: Time, include_impossible: bool = False, grounded: bool = True
     ) -> TrackSnapshot:
-        """The tracks whose position is known; with `include_impossible`, also those with impossible values.
+        """The tracks whose position is known; with `include_impossible`, also those with impossible values and those
+        that are ignored.
 
         Without `grounded`, tracks with the status "on the ground" are left out.
         """
@@ -236,7 +245,7 @@ class TrackTable:
         good = self.is_live(receiver, now) & (rows["located_ns"] >= 0) & (now - rows["located_ns"] <= self.stale_ns)
         good &= ~np.isnan(rows["east"])
         if not include_impossible:
-            good &= rows["is_impossible"] == 0
+            good &= (rows["is_impossible"] == 0) & (rows["is_ignored"] == 0)
         if not grounded:
             good &= rows["status"] != Status.GROUND
         slot = np.flatnonzero(good)

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Final, NamedTuple, Self
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import link_name
 from skyrange.core.time import NEVER, Time

@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
     from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
     from skyrange.scenario.model.autopilots import Autopilots
+    from skyrange.scenario.model.defences import DefenceTable
     from skyrange.scenario.model.detectors import DetectorTable
     from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
     from skyrange.scenario.model.links import Link
     from skyrange.scenario.model.operators import Operator
     from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
-    from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId
+    from skyrange.scenario.model.processing import Processing
+    from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
     from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
     from skyrange.scenario.shipped import SHIPPED
     from skyrange.scenario.shipped import load as load_scenario
@@ -33,6 +35,7 @@ __all__ = [
     "BaseStation",
     "CellularParams",
     "City",
+    "DefenceTable",
     "DetectorTable",
     "FaultTable",
     "Fleet",
@@ -43,6 +46,7 @@ __all__ = [
     "Origin",
     "Path",
     "Plan",
+    "Processing",
     "Radio",
     "Receiver",
     "Record",
@@ -52,6 +56,7 @@ __all__ = [
     "Square",
     "Start",
     "Vehicle",
+    "Verify",
     "When",
     "WifiParams",
     "Wind",

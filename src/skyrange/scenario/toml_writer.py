@@ -26,7 +26,7 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:
                 del vehicle["params"]
-    for key in ("links", "attacks", "detectors", "approvals", "hosts"):
+    for key in ("links", "processing", "attacks", "detectors", "approvals", "hosts"):
         if not data[key]:
             del data[key]
     if "radio" in data and not data["radio"]["params"]:

@@ -22,7 +22,7 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import expand_user
-from skyrange.record.folder import check_folder_name
+from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
@@ -113,7 +113,7 @@ def pair(
     build(scenario)  # raises errors in the scenario before a folder is created
     if honest:
         build(scenario_of(scenario, Arm(HONEST), scenario.seed))
-    folder = _make_folder(expand_user(out) if out is not None else free_folder(f"{scenario.name}-pair"))
+    folder = make_new_folder(expand_user(out) if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in planned]
     flown = run_all(
@@ -157,21 +157,6 @@ def pair(
     result = Pair(folder, manifest)
     _write_comparison(result, planned, near_m, threshold_m)
     return result
-
-
-def _make_folder(folder: Path) -> Path:
-    check_folder_name(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        taken = next(folder.iterdir(), None)
-    except OSError as error:
-        raise InputError.one(
-            "output", str(folder), error.strerror or str(error), "a folder that can be created"
-        ) from None
-    if taken is not None:
-        hint = "Choose another folder, or move that one away."
-        raise InputError.one("output", "folder", f"{folder} (holds {taken.name})", "a new or empty folder", hint)
-    return folder
 
 
 def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshold_m: float) -> None:

@@ -12,6 +12,7 @@ from skyrange.record import RunRecord
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.mishaps import describe_mishap, distinct_mishaps, first_mishaps, mishap_kind
 from skyrange.study.measures.time_series import EMPTY_TRACK, read_notes, truth_tracks
+from skyrange.study.measures.trust import remote_id_trust
 
 
 def summary(record: RunRecord) -> dict[str, Any]:
@@ -24,7 +25,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
     records what arrives: `frames_received` are then those that were handed to its socket. `frames_from_station` are the
     frames of the ground station that arrived at the aircraft. `mishaps` are collisions (once for both aircraft),
     crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
-    entry: the buildings, and what was kept and dropped of their file; `None` without a city.
+    entry: the buildings, and what was kept and dropped of their file; `None` without a city. `trust` says how long
+    receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
@@ -72,6 +74,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         }
         for row in distinct_mishaps(events)
     ]
+    trust = remote_id_trust(record)
     digests = manifest.get("digests") or {}
     report = record.path / "report.html"
     return {
@@ -86,6 +89,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "timings": manifest.get("timings") or {},
         "city": manifest.get("city"),
         "radio": describe_radio_engine(manifest),
+        "trust": trust.facts() if trust.pairs else None,
         "vehicles": vehicles,
         "mishaps": mishaps,
         "path": str(record.path),

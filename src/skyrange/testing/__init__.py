@@ -1,4 +1,4 @@
-"""Conformance checks for plugin authors: agents, taps, engines, approvals, attacks, faults, avoidance, monitors, media.
+"""Conformance checks for plugin authors: of agents, taps, engines, approvals, attacks, faults, defences and more.
 
 Each `check_…` makes fresh components, drives them alone as a kernel would, and raises `NonConformance`
 at the first rule that is broken. `python -m skyrange.testing` prints the rules.
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from skyrange.testing.checks.approval_services import check_approval
     from skyrange.testing.checks.attacks import check_attack, check_fault
     from skyrange.testing.checks.avoidance import check_avoidance
+    from skyrange.testing.checks.defences import check_defence
     from skyrange.testing.checks.engines import check_engine
     from skyrange.testing.checks.media import check_medium
     from skyrange.testing.checks.monitors import check_monitor
@@ -32,6 +33,7 @@ __all__ = [
     "check_approval",
     "check_attack",
     "check_avoidance",
+    "check_defence",
     "check_engine",
     "check_fault",
     "check_medium",

@@ -9,6 +9,7 @@ from skyrange.testing.checks.approval_policies import APPROVAL
 from skyrange.testing.checks.approval_services import SERVICE
 from skyrange.testing.checks.attacks import ATTACK, FAULT
 from skyrange.testing.checks.avoidance import AVOIDANCE
+from skyrange.testing.checks.defences import DEFENCE
 from skyrange.testing.checks.engines import ENGINE
 from skyrange.testing.checks.media import MEDIUM
 from skyrange.testing.checks.monitors import MONITOR
@@ -23,6 +24,7 @@ BOOKS: dict[str, RuleBook[Any]] = {
     "Approval services: `check_approval`": SERVICE,
     "Attacks: `check_attack`": ATTACK,
     "Faults: `check_fault`": FAULT,
+    "Defences: `check_defence`": DEFENCE,
     "Radio media: `check_medium`": MEDIUM,
     "Avoidance: `check_avoidance`": AVOIDANCE,
     "Monitors: `check_monitor`": MONITOR,

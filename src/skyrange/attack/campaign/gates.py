@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from skyrange.attack.campaign.course import Course
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, SensorAct, SensorFault, Sensors, Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -92,7 +93,7 @@ class GatedFault:
     def __post_init__(self) -> None:
         self.name, self.vehicles = self.inner.name, self.inner.vehicles
 
-    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
         """Alter the readings or copies of them; the acts to be labelled."""
         if self.course.acts_now(self.act):
             return self.inner.on_sensors(now, sensors)

@@ -29,6 +29,13 @@ class ReactiveJam(Params):
         default=("gcs:*",), min_length=1, description="Control links over Wi-Fi by name or pattern."
     )
     power_dbm: Number = Field(default=30.0, ge=-30, le=60, description="Radiated power (EIRP) in dBm.")
+    follow_s: Number | None = Field(
+        default=None,
+        ge=0.001,
+        le=65,
+        description="Time in seconds after which it finds an access point that has changed its channel, and follows; "
+        "default: it stays. A scan of 13 channels, each for a beacon interval, takes 1.3 s at most.",
+    )
     turnaround_us: Whole = Field(
         default=20,
         ge=1,
@@ -39,9 +46,11 @@ class ReactiveJam(Params):
 
 @dataclass(slots=True)
 class ReactiveOrders:
-    """One order per period and channel; the last one ends when the attack stops."""
+    """One order per period and channel, or access point; the last one ends when the attack stops."""
 
-    centres_khz: tuple[int, ...]
+    targets: tuple[tuple[int, bytes], ...]
+    """Centre in kHz and the access point to be followed, if any."""
+    follow_ms: int
     power_cdbm: int
     turnaround_us: int
     schedule: Schedule
@@ -61,8 +70,8 @@ class ReactiveOrders:
         if self.schedule.start_ns > now or left_us <= 0:
             return []
         orders = (
-            NoiseRequest(self.power_cdbm, centre, 20_000, left_us, now, self.turnaround_us)
-            for centre in self.centres_khz
+            NoiseRequest(self.power_cdbm, centre, 20_000, left_us, now, self.turnaround_us, bssid, self.follow_ms)
+            for centre, bssid in self.targets
         )
         return [pack(order) for order in orders]
 
@@ -70,8 +79,11 @@ class ReactiveOrders:
 def make(params: ReactiveJam, context: AttackContext) -> Attack:
     """The attack."""
     links = find_wifi_links(context, params.links)
+    follow_ms = 0 if params.follow_s is None else max(1, round(params.follow_s * 1000))
+    targets = {(round(link.centre_mhz * 1000), link.station_address if follow_ms else b"") for link in links.values()}
     orders = ReactiveOrders(
-        tuple(sorted({round(link.centre_mhz * 1000) for link in links.values()})),
+        tuple(sorted(targets)),
+        follow_ms,
         SILENT_CDBM if context.sham else round(params.power_dbm * 100),
         params.turnaround_us,
         context.schedule,
@@ -88,10 +100,10 @@ REACTIVE_JAM = AttackPlugin(
     surface=("gcs", "medium"),
     effect="frames of the control link are repeated and lost, while the channel seems free between them",
     threat=ThreatModel(
-        knowledge="the channel of the control link",
+        knowledge="the channel of the control link; to follow it, the address of its access point",
         position="where it hears the senders, and is heard by the receivers",
         equipment="a software-defined radio that reacts within a preamble",
-        budget="noise for the time of the frames alone, up to 60 dBm",
+        budget="noise for the time of the frames alone, up to 60 dBm, in one channel for each access point",
     ),
     controls=Controls(
         load="none, because the noise is the attack; the sham has the same orders at −200 dBm",
@@ -100,6 +112,7 @@ REACTIVE_JAM = AttackPlugin(
     ),
     realism={
         "lost frames": "simulated: power of signal and noise over the part of a frame that the noise covers",
+        "following": "assumed: an access point whose beacons reach it with -82 dBm is found after follow_s",
         "reaction time": "assumed: 20 µs by default, one preamble; software-defined radios have done so",
     },
 )

@@ -14,8 +14,9 @@ from skyrange.attack.on_path import LEARNED, OnPath, TapMaker, place_taps
 from skyrange.codec.mavlink import Message, decode, dialect, message_id, sender_system
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.mailboxes import Note, Scalar
+from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Number
+from skyrange.contracts.scalars import Scalar
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NEVER, Time, from_seconds

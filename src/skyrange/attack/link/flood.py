@@ -1,4 +1,4 @@
-"""Flood of a link: useless frames towards one end, which take their share of its rate and queue."""
+"""Flood of a link: useless frames towards one end, which take their share of rates and queues."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _ALL_COMPONENTS: Final = 0
 
 class Flood(Params):
     """Frames of one kind at a constant rate. They enter the link before its channel, so they take their share of its
-    `rate_bps` and `queue_bytes` if the scenario declares them. The time that a receiver takes to process a frame is not
-    modelled: without a rate limit, frames do not wait for each other.
+    `rate_bps` and `queue_bytes`, and of the `frames_per_s` and `queue_frames` of the endpoints that process them, if
+    the scenario declares those. Without any limit, frames do not wait for each other.
     """
 
     links: Names = Field(
@@ -182,7 +182,7 @@ FLOOD = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=ROLES,
-    effect="frames wait behind useless ones, and are lost where the link's queue is full",
+    effect="frames wait behind useless ones, and are lost where the queue of the link or of a receiver is full",
     threat=ThreatModel(
         knowledge="the addresses of the link's ends, and the system id of the aircraft",
         position="in the network of the sending end; it need not be on the path",
@@ -196,6 +196,6 @@ FLOOD = AttackPlugin(
     ),
     realism={
         "queueing": "simulated: the rate and queue that the scenario declares for the link",
-        "processing time": "assumed: none, receivers process a frame at once",
+        "processing time": "simulated: the same for each frame, as the scenario declares for the receiver; else none",
     },
 )

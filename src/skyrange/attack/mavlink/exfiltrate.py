@@ -15,8 +15,9 @@ from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
-from skyrange.contracts.mailboxes import Note, Scalar
+from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Number, items
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
 
 Subject = Literal["parameters", "mission", "fence", "rally", "logs"]

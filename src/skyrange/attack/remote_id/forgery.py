@@ -11,6 +11,7 @@ from math import atan2, degrees, hypot
 from typing import NamedTuple
 
 from skyrange.attack.contract import Place
+from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import (
     EPOCH_2019_S,
     BasicId,
@@ -126,5 +127,7 @@ class Forger:
             operator_alt_geo_m=ground_m,
             timestamp_s=unix_ns // NS_PER_S - EPOCH_2019_S,
         )
-        who = BasicId(IdType.SERIAL_NUMBER, UaType.HELICOPTER_OR_MULTIROTOR, self.identities[number].uas_id)
+        uas_id = self.identities[number].uas_id
+        kind = IdType.SERIAL_NUMBER if parse_session_id(uas_id) is None else IdType.SPECIFIC_SESSION
+        who = BasicId(kind, UaType.HELICOPTER_OR_MULTIROTOR, uas_id)
         return who, location, system

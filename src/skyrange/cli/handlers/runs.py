@@ -14,6 +14,7 @@ from skyrange.core.input_files import expand_user
 
 if TYPE_CHECKING:
     from skyrange.attack.contract import AttackPlugin
+    from skyrange.defence.contract import DefencePlugin
     from skyrange.fault.contract import FaultPlugin
     from skyrange.study.attribution.arms import Selection
     from skyrange.study.twins.pair_folder import Pair
@@ -291,6 +292,27 @@ def _describe_fault(name: str, kind: FaultPlugin) -> dict[str, Any]:
         "not_modelled": kind.not_modelled,
         "realism": dict(kind.realism),
     }
+
+
+def defences(as_json: bool) -> None:
+    """`skyrange defences`."""
+    from skyrange.contracts.plugins import DEFENCES, kinds
+    from skyrange.defence.contract import DefencePlugin
+
+    found = {name: DefencePlugin.find(name) for name in kinds(DEFENCES)}
+    if as_json:
+        print_json([_describe_defence(name, one) for name, one in found.items()])
+        return
+    width = max(map(len, found), default=0)
+    for name, one in found.items():
+        print_text(f"{name:<{width}}  {', '.join(one.surface):<14}  {one.about}")
+
+
+def _describe_defence(name: str, kind: DefencePlugin) -> dict[str, Any]:
+    """A kind of defence as `skyrange defences --json` prints it."""
+    texts = {key: getattr(kind, key) for key in ("about", "place", "effect", "evasion", "cost")}
+    lists = {key: list(getattr(kind, key)) for key in ("surface", "alerts", "against", "nominal")}
+    return {"kind": name, **texts, **lists, "realism": dict(kind.realism)}
 
 
 def schema() -> None:

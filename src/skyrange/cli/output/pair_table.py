@@ -62,6 +62,7 @@ def print_pair(result: Pair) -> None:
     unknown = unknown_subsets(result.manifest.get("active", {}))
     if unknown:
         console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
+    _print_defences(console, result)
     print_city(console, result.run(result.reference, result.seeds[0]).manifest.get("city"))
     acts = [row for row in result.propagation.to_pylist() if row["phase"] in ("onset", "act")]
     of_faults = sum(bool(row.get("fault")) for row in acts)  # older folders have no such column
@@ -72,6 +73,19 @@ def print_pair(result: Pair) -> None:
         console.print(f"{of_faults:,} acts of faults {where}")
     console.print(f"pair   {result.path}", soft_wrap=True)
     console.print(f"report {result.report}", soft_wrap=True)
+
+
+def _print_defences(console: Console, result: Pair) -> None:
+    """Print what each defence did in the attacked run of the first seed, and its alarms in the nominal one."""
+    from skyrange.study.measures.defence_acts import read_defences
+
+    seed = result.seeds[0]
+    false_alarms = {one.id: one.alarms for one in read_defences(result.run("nominal", seed))}
+    for one in read_defences(result.run("attacked", seed)):
+        acts = ", ".join(f"{count} {action}" for action, count in sorted(one.acts.items())) or "no act"
+        first = "" if one.first_alarm_s is None else f", the first at {one.first_alarm_s:.2f} s"
+        twin = f"{false_alarms.get(one.id, 0)} in the nominal run"
+        console.print(f"defence {one.id}: {acts}; {one.alarms} alarms{first}; {twin}", markup=False)
 
 
 def _print_lie_and_truth(console: Console, result: Pair) -> None:

@@ -49,6 +49,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     print_city(console, facts.get("city"))
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
+    _print_trust(console, facts.get("trust"))
     timings = facts["timings"]
     factor = timings.get("real_time_factor")
     wall_s = timings.get("wall_s")
@@ -59,6 +60,20 @@ def print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True)
+
+
+def _print_trust(console: Console, trust: Mapping[str, Any] | None) -> None:
+    """Print how many aircraft sign their Remote ID, and how long receivers took until they trusted them."""
+    if not trust:
+        return
+    times = "" if trust["median_s"] is None else f", after {trust['median_s']:.1f} s (median)"
+    console.print(
+        f"trust  {trust['adopters']} of {trust['aircraft']} aircraft sign; receivers that verify trusted "
+        f"{trust['trusted']} of {trust['signed']} signing senders{times}, {trust['within_look_ahead']} within "
+        f"{trust['look_ahead_s']:g} s",
+        soft_wrap=True,
+        highlight=False,
+    )
 
 
 def _frames_text(row: Mapping[str, Any]) -> str:

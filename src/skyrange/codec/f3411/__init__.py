@@ -29,6 +29,7 @@ from skyrange.codec.f3411.messages import (
     Status,
     System,
     UaType,
+    printable_id,
 )
 from skyrange.core.errors import DecodeError
 
@@ -61,4 +62,5 @@ __all__ = [
     "deviations",
     "encode",
     "is_serial_number",
+    "printable_id",
 ]

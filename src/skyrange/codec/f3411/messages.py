@@ -132,6 +132,11 @@ class BasicId(NamedTuple):
         return self.uas_id
 
 
+def printable_id(uas_id: str) -> str:
+    """An identifier of unknown type in print: as it is, or as a session id if it has bytes that cannot be printed."""
+    return uas_id if uas_id.isprintable() and uas_id.isascii() else BasicId(IdType.SPECIFIC_SESSION, 0, uas_id).label
+
+
 class Location(NamedTuple):
     """Position, velocity and status of an aircraft, with their accuracies."""
 

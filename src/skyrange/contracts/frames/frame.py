@@ -15,7 +15,7 @@ class Fate(StrEnum):
 
     DELIVERED = "delivered"
     LOST = "lost"  # the channel's loss took it (datagram links only)
-    OVERFLOW = "overflow"  # the channel's bounded queue was full
+    OVERFLOW = "overflow"  # the bounded queue of the channel, or of the receiver, was full
     DROPPED = "dropped"  # a tap's verdict
     REPLACED = "replaced"  # a tap sent another frame, its child, in its place
     IN_FLIGHT = "in_flight"  # the run ended first

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skyrange.contracts.mailboxes import Scalar
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
 from skyrange.gcs.flight.flight import Flight

@@ -14,6 +14,11 @@ from typing import Literal
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import Mission, MissionItem, read_mission
+from skyrange.codec.mission.differences import GLOBAL_FRAMES as GLOBAL_FRAMES
+from skyrange.codec.mission.differences import HOME_FRAMES as HOME_FRAMES
+from skyrange.codec.mission.differences import LOCATED as LOCATED
+from skyrange.codec.mission.differences import MSL_FRAMES as MSL_FRAMES
+from skyrange.codec.mission.differences import TERRAIN_FRAMES as TERRAIN_FRAMES
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.gcs.plan import paths
@@ -28,34 +33,6 @@ WPNAV_SPEED_MPS = 10.0
 """ArduCopter WPNAV_SPEED, default 1000 cm/s: the speed of a mission that sets none."""
 ACCEPTANCE_M = 1.0
 """Distance in space at which a guided target counts as reached."""
-
-MSL_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL, mav.MAV_FRAME_GLOBAL_INT})
-HOME_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_RELATIVE_ALT, mav.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
-TERRAIN_FRAMES = frozenset({mav.MAV_FRAME_GLOBAL_TERRAIN_ALT, mav.MAV_FRAME_GLOBAL_TERRAIN_ALT_INT})
-GLOBAL_FRAMES = MSL_FRAMES | HOME_FRAMES | TERRAIN_FRAMES
-"""Frames whose x and y are latitude and longitude."""
-
-LOCATED = frozenset(
-    {
-        mav.MAV_CMD_NAV_WAYPOINT,
-        mav.MAV_CMD_NAV_LOITER_UNLIM,
-        mav.MAV_CMD_NAV_LOITER_TURNS,
-        mav.MAV_CMD_NAV_LOITER_TIME,
-        mav.MAV_CMD_NAV_LAND,
-        mav.MAV_CMD_NAV_TAKEOFF,
-        mav.MAV_CMD_NAV_VTOL_TAKEOFF,
-        mav.MAV_CMD_NAV_VTOL_LAND,
-        mav.MAV_CMD_NAV_LOITER_TO_ALT,
-        mav.MAV_CMD_NAV_SPLINE_WAYPOINT,
-        mav.MAV_CMD_DO_SET_HOME,
-        mav.MAV_CMD_DO_RETURN_PATH_START,
-        mav.MAV_CMD_DO_LAND_START,
-        mav.MAV_CMD_DO_SET_ROI_LOCATION,
-        mav.MAV_CMD_DO_SET_ROI,
-        mav.MAV_CMD_NAV_PAYLOAD_PLACE,
-    }
-)
-"""Commands whose position ArduCopter stores (`AP_Mission::stored_in_location`); it drops x, y, z of the others."""
 
 TAKEOFFS = frozenset({mav.MAV_CMD_NAV_TAKEOFF, mav.MAV_CMD_NAV_VTOL_TAKEOFF})
 LANDINGS = frozenset({mav.MAV_CMD_NAV_LAND, mav.MAV_CMD_NAV_VTOL_LAND})

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mission.differences import describe_difference
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 from skyrange.gcs.protocols.commands import enum_name
-from skyrange.gcs.protocols.mission_items import MissionItemInt, describe_difference
+from skyrange.gcs.protocols.mission_items import MissionItemInt
 
 TIMEOUT_NS = 1_500 * NS_PER_MS
 """mavlink.io "Timeouts and retries": default."""

@@ -17,10 +17,19 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, hash64
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.radio.control_link.cellular_link import NO_CELL, CellularLink
+from skyrange.radio.control_link.channel_changes import ChannelChanges
+from skyrange.radio.control_link.following_jammers import FollowingJammers
 from skyrange.radio.control_link.interference import BurstAtReceiver
 from skyrange.radio.control_link.propagation import Propagation
-from skyrange.radio.control_link.wifi_link import MAX_OCCUPANCY, Transmitter, WifiDirection, WifiLink
+from skyrange.radio.control_link.wifi_link import (
+    BEACON_BYTES,
+    MAX_OCCUPANCY,
+    Transmitter,
+    WifiDirection,
+    WifiLink,
+)
 from skyrange.radio.control_link.wifi_rates import (
+    MIN_SNIR_DB,
     PREAMBLE_DBM,
     RATES_MBPS,
     WIDTH_MHZ,
@@ -41,7 +50,7 @@ _OCCUPANCY_WEIGHT: Final = STEP_NS / (100 * NS_PER_MS)
 """Occupancy is an average over about 100 ms (assumed)."""
 _PROBE_BITS: Final = 8.0 * 200
 """Length of the frame for which rates are compared, 200 bytes: most MAVLink frames with their overhead are shorter."""
-_BEACON_BITS: Final = 8.0 * 100
+_BEACON_BITS: Final = 8.0 * BEACON_BYTES
 _TRAFFIC_CHANNELS: Final = (1, 6, 11)
 """The channels of the city's background traffic."""
 _OVERLAP_CHANNELS: Final = 4
@@ -84,21 +93,11 @@ class ControlLinks:
         )
         for transmitter in self._transmitters:
             transmitter.row = rows[transmitter.name]
-        channel_of = {id(t): link.params.channel for link in self._wifi for t in (link.station, link.aircraft)}
         self._rows = np.array([t.row for t in self._transmitters], dtype=np.int64)
-        self._channels = np.array([channel_of[id(t)] for t in self._transmitters], dtype=np.int64)
-        self._reach_m = np.array(
-            [
-                max_range_m(0.0, t.power_dbm, PREAMBLE_DBM, centre_mhz(OFDM, channel_of[id(t)]))
-                for t in self._transmitters
-            ]
-        )
-        self._background = np.array(
-            [
-                city_busy if min(abs(channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
-                for channel in self._channels.tolist()
-            ]
-        )
+        self._city_busy = city_busy
+        self._changes = ChannelChanges(self._wifi, chance)
+        self._jammers = FollowingJammers([link.station for link in self._wifi])
+        self._read_channels()
         for one in self._cellular:
             one.row = rows[one.vehicle]
         self._cells = [
@@ -110,12 +109,26 @@ class ControlLinks:
             for link in self._cellular
         ]
         """Of each cellular link: rows, powers and loads of its cells."""
-        self._by_channel = {
-            channel: [link for link in self._wifi if link.params.channel == channel]
-            for channel in sorted(set(channel_of.values()))
-        }
         self._due: Time = -(2**62)
         self._refused: Counter[str] = Counter()
+
+    def _read_channels(self) -> None:
+        """Take the channels of the radios as they are."""
+        self._channels = np.array([t.channel for t in self._transmitters], dtype=np.int64)
+        self._reach_m = np.array(
+            [max_range_m(0.0, t.power_dbm, PREAMBLE_DBM, centre_mhz(OFDM, t.channel)) for t in self._transmitters]
+        )
+        self._background = np.array(
+            [
+                self._city_busy if min(abs(t.channel - one) for one in _TRAFFIC_CHANNELS) < 2 else 0.0
+                for t in self._transmitters
+            ]
+        )
+        self._by_channel = {
+            channel: [link for link in self._wifi if link.station.channel == channel]
+            for channel in sorted({link.station.channel for link in self._wifi})
+        }
+        """Links by the channel of their access point."""
 
     def next_wakeup(self) -> Time | None:
         """The next update."""
@@ -132,6 +145,8 @@ class ControlLinks:
         pos = np.concatenate([table.pos_enu_m, self._fixed])
         vel = np.concatenate([table.vel_enu_mps, np.zeros_like(self._fixed)])
         self._update_occupancy(pos, sent)
+        if self._changes.carry_out(now, out):
+            self._read_channels()
         self._update_wifi(now, pos, vel, out)
         for frame in frames:
             self._receive(frame, pos, vel, out)
@@ -141,6 +156,7 @@ class ControlLinks:
     # ---------------------------------------------------------------- Wi-Fi
 
     def _update_wifi(self, now: Time, pos: Floats, vel: Floats, out: Outbox) -> None:
+        bursts = self._jammers.tune(now, self._spectrum.bursts, self._propagation, pos, vel)
         for channel, links in self._by_channel.items():
             centre = centre_mhz(OFDM, channel)
             propagation = self._propagation[centre]
@@ -148,15 +164,20 @@ class ControlLinks:
             other = np.array([link.aircraft.row for link in links])
             gains = propagation.gains_db(pos, vel, one, other, centre, now).tolist()
             for link, gain in zip(links, gains, strict=True):
+                if link.aircraft.channel != channel:
+                    gain = -math.inf
                 link.to_aircraft.signal_dbm = link.station.power_dbm + gain
                 link.to_station.signal_dbm = link.aircraft.power_dbm + gain
             ends = {transmitter.row for link in links for transmitter in (link.station, link.aircraft)}
-            met = _NoiseAt(self._spectrum.bursts, propagation, pos, vel, sorted(ends), centre, WIDTH_MHZ, now)
+            met = _NoiseAt(bursts, propagation, pos, vel, sorted(ends), centre, WIDTH_MHZ, now)
             for link in links:
                 link.to_aircraft.interference.bursts = met.between(link.station, link.aircraft)
                 link.to_station.interference.bursts = met.between(link.aircraft, link.station)
             self._choose_rates(now, links)
             for link in links:
+                for direction in (link.to_aircraft, link.to_station):
+                    if direction.outcomes is not None and direction.snir_db(now) >= MIN_SNIR_DB[0]:
+                        direction.heard_dbm = direction.signal_dbm
                 both = min(link.to_aircraft.snir_db(now), link.to_station.snir_db(now))
                 change = link.update_association(now, success_probability(0, both, _BEACON_BITS) >= 0.5)
                 if change:
@@ -211,12 +232,12 @@ class ControlLinks:
         if decoded.subtype != DEAUTHENTICATION:
             return
         for link in self._wifi:
-            if link.params.channel != frame.channel:
-                continue
             for direction, sender, receiver in (
                 (link.to_aircraft, link.station, link.aircraft),
                 (link.to_station, link.aircraft, link.station),
             ):
+                if receiver.channel != frame.channel:
+                    continue
                 if decoded.source == sender.address and decoded.is_for(receiver.address):
                     self._deauthenticate(frame, link, direction, receiver, pos, vel, out)
 

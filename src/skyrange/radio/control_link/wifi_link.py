@@ -6,8 +6,10 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from hashlib import blake2b
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
+from skyrange.contracts.channel_orders import ChannelOrder, End
+from skyrange.contracts.channel_plans import EndReport, FrameOutcome
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.links import OpenChannel, Uniforms
 from skyrange.contracts.medium import Floats
@@ -22,6 +24,7 @@ from skyrange.radio.control_link.wifi_rates import (
     DIFS_NS,
     LIFETIME_NS,
     MAX_RETRIES,
+    MIN_SNIR_DB,
     OVERHEAD_BYTES,
     SIFS_NS,
     SLOT_NS,
@@ -34,7 +37,10 @@ BEACON_NS: Final[Time] = 100 * 1024 * NS_PER_US
 """Beacon interval of 100 time units, as access points have it by default."""
 BEACON_LOSS_COUNT: Final = 7
 """Beacons in a row without which a client gives up its association, as in Linux's mac80211 (`beacon_loss_count`)."""
+BEACON_BYTES: Final = 100
 MAX_OCCUPANCY: Final = 0.95
+_OUTCOMES: Final = 256
+"""Outcomes of frames that are kept; a policy reads them every 20 ms."""
 _GOLDEN: Final = 0.6180339887498949
 """One uniform number serves the backoffs of all attempts: each is the last one turned by the golden ratio."""
 
@@ -46,13 +52,40 @@ def wifi_address(name: str) -> bytes:
     return bytes(digest)
 
 
+class AnnouncedChange(NamedTuple):
+    """A change of channel that an access point announces in its beacons."""
+
+    order: ChannelOrder
+    at: Time
+    """When it changes."""
+
+
 class Transmitter:
     """A radio that sends one frame at a time: an access point, or that of an aircraft."""
 
-    __slots__ = ("_queue", "address", "airtime_ns", "busy_until", "name", "occupancy", "power_dbm", "row")
+    __slots__ = (
+        "_queue",
+        "address",
+        "airtime_ns",
+        "announced",
+        "busy_until",
+        "channel",
+        "channel_since",
+        "name",
+        "occupancy",
+        "order",
+        "power_dbm",
+        "row",
+    )
 
-    def __init__(self, name: str, power_dbm: float) -> None:
+    def __init__(self, name: str, power_dbm: float, channel: int = 1) -> None:
         self.name = name
+        self.channel = channel
+        self.channel_since: Time = -(2**62)
+        """When it came to its channel."""
+        self.order: ChannelOrder | None = None
+        """The last order to change the channel, not yet carried out."""
+        self.announced: AnnouncedChange | None = None
         self.address = wifi_address(name)
         self.power_dbm = power_dbm
         self.row = -1
@@ -76,10 +109,35 @@ class Transmitter:
         self._queue.append((until, size))
 
 
+class SentFrame(NamedTuple):
+    """What became of a frame that a radio sent, as both ends can know it."""
+
+    at: Time
+    """When it had been acknowledged or given up."""
+    acknowledged: bool
+    delivered: bool
+    failures: int
+    """Transmissions that failed their check although their preamble had the SNIR that their rate needs."""
+    other_heard: bool
+    """Whether the sender heard the receiver's own frames with that SNIR."""
+
+
 class WifiDirection:
     """One direction of a Wi-Fi link (`skyrange.contracts.links.OpenChannel`)."""
 
-    __slots__ = ("_queue_bytes", "interference", "latency_ns", "link", "rate", "reverse", "signal_dbm", "transmitter")
+    __slots__ = (
+        "_queue_bytes",
+        "heard_dbm",
+        "interference",
+        "latency_ns",
+        "link",
+        "outcomes",
+        "rate",
+        "reverse",
+        "signal_dbm",
+        "thermal_dbm",
+        "transmitter",
+    )
 
     reverse: WifiDirection
 
@@ -93,6 +151,11 @@ class WifiDirection:
         """Power of its frames at the receiver."""
         self.rate = 0
         """The rate in use, by its place in `RATES_MBPS`."""
+        self.thermal_dbm = noise_dbm
+        self.heard_dbm = -math.inf
+        """Power of the last frame whose preamble the receiver decoded."""
+        self.outcomes: deque[SentFrame] | None = None
+        """Of the last frames, in order of time; `None` if nobody reads them."""
 
     def snir_db(self, at: Time) -> float:
         """Signal-to-noise-and-interference ratio at an instant, without reactive jammers."""
@@ -115,6 +178,7 @@ class WifiDirection:
         window, turn = CW_MIN, draws[1]
         no_frame, no_answer = 1.0, 1.0
         delivered: Time | None = None
+        failures, answered_at_last = 0, False
         for _ in range(1 + MAX_RETRIES):
             backoff_ns = int(turn * (window + 1)) * SLOT_NS
             start += int((DIFS_NS + backoff_ns) / (1.0 - radio.occupancy))
@@ -131,15 +195,34 @@ class WifiDirection:
                 no_frame *= 1.0 - arrives
                 if draws[0] >= no_frame:
                     delivered, arrives = end, 1.0
+                else:
+                    failures += 1
             if delivered is not None:  # without an acknowledgement it is sent again, and the receiver drops the copy
                 no_answer *= 1.0 - arrives * answered
                 if draws[2] >= no_answer:
+                    answered_at_last = True
                     break
             window, turn = min(2 * window + 1, CW_MAX), (turn + _GOLDEN) % 1.0
         radio.hold(start, size)
+        if self.outcomes is not None:
+            strong = self.snir_db(now) >= MIN_SNIR_DB[self.rate]
+            returned = self.reverse.snir_db(now) >= MIN_SNIR_DB[self.rate]
+            self.outcomes.append(
+                SentFrame(start, answered_at_last, delivered is not None, failures if strong else 0, returned)
+            )
         if delivered is None:
             return Fate.LOST, now, None
         return Fate.DELIVERED, delivered + self.latency_ns, None
+
+    def beacon_success(self, at: Time) -> float:
+        """The probability that the receiver decodes a beacon that is due at an instant, on the channel of both.
+
+        It is not sent if noise keeps the sender's channel busy until the next one is due.
+        """
+        start = self.interference.idle_from(at, BUSY_DBM)
+        if start - at >= BEACON_NS:
+            return 0.0
+        return self._success(start, start + airtime_ns(0, BEACON_BYTES), 0, BEACON_BYTES)
 
     def _success(self, start: Time, end: Time, rate: int, size_bytes: int) -> float:
         """The probability that the receiver decodes a frame on the air from `start` to `end`."""
@@ -165,6 +248,7 @@ class WifiLink:
         "successes",
         "to_aircraft",
         "to_station",
+        "told",
     )
 
     def __init__(self, name: str, params: WifiParams, station: Transmitter, aircraft: Transmitter, noise_dbm: float):
@@ -178,6 +262,8 @@ class WifiLink:
         self.to_station = WifiDirection(self, aircraft, noise_dbm)
         self.to_aircraft.reverse, self.to_station.reverse = self.to_station, self.to_aircraft
         self.associated = True
+        self.told = False
+        """Whether the aircraft has heard of the change of channel that its access point announces."""
         self.down_until: Time = -(2**62)
         """Until when the association takes that was lost last."""
         self._beacon_ns: Time | None = None
@@ -192,6 +278,33 @@ class WifiLink:
     def describe(self) -> Mapping[str, Any]:
         """What the manifest says of it."""
         return {"kind": "wifi", "access_point": self.station.name, **self.params.model_dump(mode="json")}
+
+    def watch(self) -> None:
+        """Keep what becomes of frames, for `report`."""
+        for direction in (self.to_aircraft, self.to_station):
+            direction.outcomes = deque(maxlen=_OUTCOMES)
+
+    def report(self, end: End, since: Time, now: Time) -> EndReport:
+        """What an end knows at `now`, with the outcomes that it has known since `since`. It changes nothing."""
+        aircraft = end == "aircraft"
+        sends, receives = (self.to_station, self.to_aircraft) if aircraft else (self.to_aircraft, self.to_station)
+        found = [
+            FrameOutcome(frame.at, own, frame.acknowledged if own else frame.delivered, 0 if own else frame.failures)
+            for own, frames in ((True, sends.outcomes), (False, receives.outcomes))
+            for frame in frames or ()
+            if since < frame.at <= now and (not own or frame.acknowledged or frame.other_heard)
+        ]
+        return EndReport(
+            self.name,
+            (self.aircraft if aircraft else self.station).channel,
+            self.associated,
+            receives.heard_dbm - receives.thermal_dbm,
+            sorted(found),
+        )
+
+    def retune(self, order: ChannelOrder) -> None:
+        """As `TunableChannel.retune`."""
+        (self.aircraft if order.end == "aircraft" else self.station).order = order
 
     def update_association(self, now: Time, beacons_heard: bool) -> str:
         """Give up the association after too many lost beacons, and find it again; returns why, if it has changed."""

@@ -14,9 +14,9 @@ from typing import Any
 
 import pyarrow as pa
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.ids import FrameId

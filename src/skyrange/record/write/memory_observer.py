@@ -8,11 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests

@@ -18,11 +18,11 @@ from typing import Any, Self
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user

@@ -69,15 +69,21 @@ class Sender:
         return self.schedule.due(now_s, self.pending)
 
     def make(self, kind: Kind, now_s: float) -> Pages:
-        """The pages of a Link or of the next Manifest, and the note that they are sent.
+        """The pages of a Link or of the next Manifest, and the note that they are sent (`message`)."""
+        return self._pages(self.message(kind, now_s, now_s), now_s)
 
-        A Manifest takes the ten oldest messages that none has covered. For Wrappers there is `wrapper`.
+    def message(self, kind: Kind, now_s: float, clock_s: float) -> SamMessage:
+        """A Link or the next Manifest, and the note that it is sent.
+
+        `now_s` is the time of the schedule, `clock_s` the UTC that is signed, in seconds since 2019: a clock that jumps
+        does not stop the schedule. A Manifest takes the ten oldest messages that none has covered. For Wrappers
+        there is `wrapper`.
         """
         if kind == Kind.WRAPPER:
             raise ValueError("a Wrapper needs the messages that it wraps: call `wrapper`")
-        message: SamMessage = self._manifest(now_s) if kind == Kind.MANIFEST else self._endorsement(kind)
+        message: SamMessage = self._manifest(clock_s) if kind == Kind.MANIFEST else self._endorsement(kind)
         self.schedule.done(kind, now_s)
-        return self._pages(message, now_s)
+        return message
 
     def wrapper(self, bodies: Iterable[bytes], now_s: float) -> Pages:
         """A Wrapper of up to four messages. They have to be sent in the clear as well (RFC 9575, section 6.4.1)."""

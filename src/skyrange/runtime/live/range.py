@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.links import Channel
-from skyrange.core.errors import InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.zeromq.curve_keys import Keys
@@ -144,6 +144,7 @@ def prepare_range(
     planned = assign_components(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     _check_shared_state(built, planned)
     _check_links_over_air(built, planned)
+    _check_processing(built, planned)
     places = crossings(links, planned, port_offset)
     if planned.others and keys is None and spaces is None:
         hint = "Make some with `skyrange keys FOLDER`, and give FOLDER with --keys."
@@ -174,6 +175,22 @@ def _check_links_over_air(built: BuiltScenario, planned: Deployment) -> None:
                 f"both ends in the process {planned.nodes[0].name}, which knows where the aircraft are",
                 "Choose --group one.",
             )
+
+
+def _check_processing(built: BuiltScenario, planned: Deployment) -> None:
+    """Raises `InputError` for limits of endpoints outside the range, where no process of the range has their queue."""
+    away = [
+        Problem(
+            f"processing of {limit.endpoint}",
+            f"a component outside the range, {component_of(limit.endpoint)}",
+            "an endpoint of a process of the range",
+            "Leave it out of the limits: the program outside has limits of its own.",
+        )
+        for limit in built.wiring.processing
+        if not planned.home(limit.endpoint)
+    ]
+    if away:
+        raise InputError("live", away)
 
 
 def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:

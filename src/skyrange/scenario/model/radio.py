@@ -11,12 +11,58 @@ from skyrange.contracts.plugins import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
-from skyrange.scenario.model.base import FileName, Id, Model, Number, wrong
+from skyrange.scenario.model.base import FileName, Id, Model, Number, Whole, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
 
 ReceiverKind = Literal["companion", "sniffer", "hopper", "phone", "phone-idle"]
 """Kinds of receiver: keys of `radio.builtin.listening.PROFILES`."""
+
+
+Policy = Literal["accept", "ignore-forged", "ignore-unsigned", "ignore-unverified"]
+
+
+class Verify(Model):
+    """How a receiver verifies Remote ID, and which senders it believes."""
+
+    method: Literal["drip"] = Field(
+        default="drip", description="Method of authentication. drip: signatures after RFC 9575."
+    )
+    authorities: Literal["apex", "all"] = Field(
+        default="apex",
+        description="Keys that the receiver holds before the flight. apex: the root alone, so that it has to receive "
+        "the Links of all authorities; all: those of all authorities of the range.",
+    )
+    policy: Policy = Field(
+        default="accept",
+        description="Senders that avoidance ignores. accept: none; ignore-forged: those that were refused, replayed or "
+        "contradicted; ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a "
+        "signed Location or System message that was verified in the last 15 s.",
+    )
+    clock_error_s: Number = Field(
+        default=0.0,
+        ge=-2,
+        le=120,
+        description="Error of the receiver's clock in seconds, positive when it is ahead. Outside these limits, every "
+        "signature would be out of its time: it holds for 120 s, and clocks may differ by 2 s.",
+    )
+    verifications_per_s: Number | None = Field(
+        default=None,
+        ge=1,
+        le=100_000,
+        description="Signatures that the receiver can verify per second; what exceeds that is dropped. Default: no "
+        "limit.",
+    )
+
+
+def _method_alone(value: Any) -> Any:
+    return {"method": value} if isinstance(value, str) else value
+
+
+Verifies = Annotated[
+    Annotated[Verify, BeforeValidator(_method_alone, json_schema_input_type=Verify | str)] | None,
+    Field(description="Verification of the Remote ID that it receives; short form: the method. Default: none."),
+]
 
 
 class Receiver(Model):
@@ -36,6 +82,7 @@ class Receiver(Model):
         "scan every 30 s; phone-idle (phone in a pocket): Bluetooth for 10 % of the time.",
     )
     antenna: Literal["isotropic", "dipole"] = Field(default="isotropic", description="Pattern of its antenna.")
+    verify: Verifies = None
 
 
 class Radio(Model):
@@ -142,6 +189,38 @@ class RemoteId(Model):
     text: str = Field(default="", max_length=23, description="Self-ID text to broadcast; default: none.")
     wifi_dbm: Number = Field(default=15.0, ge=-60, le=60, description="Wi-Fi power into the antenna, in dBm.")
     ble_dbm: Number = Field(default=8.0, ge=-60, le=60, description="Bluetooth power into the antenna, in dBm.")
+    auth: Literal["none", "drip"] = Field(
+        default="none",
+        description="Authentication of its broadcasts. drip: its identifier is a DRIP entity tag (RFC 9374), and it "
+        "sends signatures after RFC 9575.",
+    )
+    auth_rates: Literal["required", "recommended"] = Field(
+        default="required",
+        description="How often it sends authentication messages. required: as seldom as RFC 9575 allows, a Manifest "
+        "every 5 s, its own Link every minute, the Links of authorities every 5 minutes; recommended: a Manifest every "
+        "second and Links every 16, 32 and 64 s.",
+    )
+    auth_repeats: Whole = Field(
+        default=1,
+        ge=1,
+        le=3,
+        description="How often it sends each authentication message over Bluetooth 4. A receiver that divides its time "
+        "misses half of the pages.",
+    )
+    registry: Literal["range", "unknown"] = Field(
+        default="range",
+        description="Registry that endorses its key. unknown: one whose keys no receiver holds.",
+    )
+    verify: Verifies = None
+
+    @model_validator(mode="after")
+    def _can_be_signed(self) -> RemoteId:
+        if self.auth == "drip" and self.uas_id:
+            hint = "Omit uas_id: it is derived from the key."
+            raise wrong(self.uas_id, 'no uas_id with auth = "drip"', hint, where="uas_id")
+        if self.auth == "drip" and not self.transports:
+            raise wrong("drip", "a transport that carries the authentication pages", "Add transports.", where="auth")
+        return self
 
 
 class Avoidance(Model):

@@ -11,7 +11,17 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_valid
 
 from skyrange.contracts.links import Channel
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import APPROVALS, ATTACKS, AUTOPILOTS, AVOIDANCE, DETECTORS, FAULTS, MEDIA, kinds
+from skyrange.contracts.plugins import (
+    APPROVALS,
+    ATTACKS,
+    AUTOPILOTS,
+    AVOIDANCE,
+    DEFENCES,
+    DETECTORS,
+    FAULTS,
+    MEDIA,
+    kinds,
+)
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.geodesy import Origin as Datum
 from skyrange.core.time import Epoch
@@ -19,13 +29,15 @@ from skyrange.radio.control_link.params import BaseStation, CellularParams, Wifi
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, name_operators
 from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
-from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId
+from skyrange.scenario.model.processing import Processing
+from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
 from skyrange.scenario.validation.plugin_params import checked, describe, describe_by_kind, normalized, params_of
 from skyrange.utm.contract import ApprovalPlugin
@@ -37,6 +49,7 @@ __all__ = [
     "BaseStation",
     "CellularParams",
     "City",
+    "DefenceTable",
     "DetectorTable",
     "FaultTable",
     "Fleet",
@@ -46,6 +59,7 @@ __all__ = [
     "Origin",
     "Path",
     "Plan",
+    "Processing",
     "Radio",
     "Receiver",
     "Record",
@@ -55,6 +69,7 @@ __all__ = [
     "Square",
     "Start",
     "Vehicle",
+    "Verify",
     "When",
     "WifiParams",
     "Wind",
@@ -259,6 +274,9 @@ class Scenario(Model):
     links: tuple[Link, ...] = Field(
         default=(), description="Changes to channels of links; a later rule overrides an earlier one."
     )
+    processing: tuple[Processing, ...] = Field(
+        default=(), description="Limits of what endpoints process; default: none."
+    )
     hosts: Hosts = Field(default_factory=dict)
     live: Live = Field(default_factory=Live, description="Settings of a live range.")
     operators: tuple[Operator, ...] = Field(description="Operators, at least one.")
@@ -269,6 +287,7 @@ class Scenario(Model):
     )
     attacks: tuple[AttackTable, ...] = Field(default=(), description="Attacks; default: none.")
     faults: tuple[FaultTable, ...] = Field(default=(), description="Benign faults; default: none.")
+    defences: tuple[DefenceTable, ...] = Field(default=(), description="Defences, in order; default: none.")
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors; default: none.")
 
     @field_validator("approvals")
@@ -345,6 +364,7 @@ def json_schema() -> dict[str, Any]:
     models = schema["$defs"]
     describe_by_kind(schema, models["AttackTable"], ATTACKS)
     describe_by_kind(schema, models["FaultTable"], FAULTS)
+    describe_by_kind(schema, models["DefenceTable"], DEFENCES)
     describe_by_kind(schema, models["DetectorTable"], DETECTORS)
     describe_by_kind(schema, models["Avoidance"], AVOIDANCE)
     describe_by_kind(schema, models["Radio"], MEDIA, "engine")

@@ -34,6 +34,7 @@ SHIPPED: dict[str, str] = {
     "gnss-drift": "A spoofer makes the GNSS fixes of an aircraft drift, and the aircraft leaves its street.",
     "rid-city": "40 aircraft of four operators avoid each other over a downtown, and avoid a forged swarm.",
     "rid-spoofing": "A forged Remote ID blocks a street, and an aircraft flies around the block.",
+    "unsigned-ghost": "A forged Remote ID stops an aircraft that believes everybody, and not one that verifies.",
     "wind": "Six aircraft of three airframes hold their tracks in gusty wind.",
 }
 """One-line descriptions by name; the file is `shipped/NAME.toml`."""
@@ -43,6 +44,9 @@ EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "at
 
 FAULT_EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "faults").glob("*.toml"))}
 """Files of the examples by kind of fault."""
+
+DEFENCE_EXAMPLES: Mapping[str, Path] = {file.stem: file for file in sorted((FOLDER / "defences").glob("*.toml"))}
+"""Files of the examples by kind of defence."""
 
 
 def source_of(name_or_file: str | Path) -> Path:
@@ -57,6 +61,8 @@ def source_of(name_or_file: str | Path) -> Path:
         return EXAMPLES[text]
     if text in FAULT_EXAMPLES:
         return FAULT_EXAMPLES[text]
+    if text in DEFENCE_EXAMPLES:
+        return DEFENCE_EXAMPLES[text]
     path = expand_user(text)
     if path.suffix == ".toml" or os.path.exists(path) or "/" in text or "\\" in text:
         return path

@@ -1,4 +1,4 @@
-"""Cross-checks of a scenario: there are aircraft, names are unique, and every link rule matches a link.
+"""Cross-checks of a scenario: there are aircraft, names are unique, and every rule matches a link or an endpoint.
 
 The checks accept models and raw tables, so that they also work on a file in which other values are invalid.
 """
@@ -6,6 +6,7 @@ The checks accept models and raw tables, so that they also work on a file in whi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -15,6 +16,7 @@ from skyrange.scenario.model.attacks import check_act_vehicles
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID
 from skyrange.scenario.model.links import link_names
 from skyrange.scenario.model.operators import Operator
+from skyrange.scenario.model.processing import endpoint_names, find_matches
 
 _NONE: tuple[Any, ...] = (None, (), [])
 
@@ -35,10 +37,14 @@ def cross_check(scenario: Any) -> list[Problem]:
     attacks = _list(scenario, "attacks") or ()
     faults += _twice("attacks", attacks, "id", "an id that no other attack has")
     faults += _fault_ids(attacks, _list(scenario, "faults") or ())
-    faults += _twice("detectors", _list(scenario, "detectors") or (), "id", "an id that no other detector has")
+    detectors = _list(scenario, "detectors") or ()
+    faults += _twice("detectors", detectors, "id", "an id that no other detector has")
+    faults += _defence_ids(scenario, detectors)
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
+        faults += _processing_faults(scenario)
         faults += _approval_faults(scenario)
+        faults += _authentication_faults(scenario)
         vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
         faults += check_act_vehicles("attacks", scenario.attacks, vehicles)
         faults += check_act_vehicles("faults", scenario.faults, vehicles)
@@ -54,6 +60,20 @@ def _fault_ids(attacks: Sequence[Any], declared: Sequence[Any]) -> Iterator[Prob
         if isinstance(id_, str) and id_ and id_ in taken:
             hint = f"attacks.{taken.index(id_)} already has it."
             yield Problem(f"faults.{index}.id", id_, "an id that no attack has", hint)
+
+
+def _defence_ids(scenario: Any, detectors: Sequence[Any]) -> Iterator[Problem]:
+    """Ids of defences that another defence, an attack, a fault or a detector has: all of them share tables."""
+    declared = _list(scenario, "defences") or ()
+    yield from _twice("defences", declared, "id", "an id that no other defence has")
+    others = {"attacks": _list(scenario, "attacks") or (), "faults": _list(scenario, "faults") or ()}
+    for where, parts in (*others.items(), ("detectors", detectors)):
+        taken = [_get(part, "id") for part in parts]
+        for index, defence in enumerate(declared):
+            id_ = _get(defence, "id")
+            if isinstance(id_, str) and id_ and id_ in taken:
+                expected = "an id that no attack, fault or detector has"
+                yield Problem(f"defences.{index}.id", id_, expected, f"{where}.{taken.index(id_)} already has it.")
 
 
 def _fleet_faults(where: str, operator: Any) -> Iterator[Problem]:
@@ -111,12 +131,54 @@ def _rule_faults(scenario: Any) -> Iterator[Problem]:
             )
 
 
+def _processing_faults(scenario: Any) -> Iterator[Problem]:
+    """Tables that match no endpoint, and endpoints that two tables match."""
+    names = list(endpoint_names(scenario.operators)) if scenario.processing else []
+    taken: dict[str, int] = {}
+    for index, table in enumerate(scenario.processing):
+        where, found = f"processing.{index}.match", find_matches(table, names)
+        if not found:
+            hint = nearest(table.match, names) or f"An example of an endpoint is {names[-1]!r}."
+            yield Problem(where, table.match, "the name of an endpoint, or a pattern that matches an endpoint", hint)
+        twice = next((name for name in found if name in taken), None)
+        if twice is not None:
+            hint = f"processing.{taken[twice]} already limits {twice}."
+            yield Problem(where, table.match, "endpoints that no other table matches", hint)
+        for name in found:
+            taken.setdefault(name, index)
+
+
 def _approval_faults(scenario: Any) -> Iterator[Problem]:
     """A problem for each approval service that has parameters and is not used."""
     used = sorted({operator.approval for operator in scenario.operators})
     for kind in scenario.approvals:
         if kind not in used:
             yield Problem(f"approvals.{kind}", kind, "an approval service that an operator uses", nearest(kind, used))
+
+
+_FIRST_SIGNING = datetime(2019, 1, 2, tzinfo=UTC)
+_LAST_SIGNING = datetime(2154, 1, 1, tzinfo=UTC)
+"""Times in signatures count seconds from 2019 in 32 bits; endorsements begin an hour before the run."""
+
+
+def _authentication_faults(scenario: Any) -> Iterator[Problem]:
+    """Aircraft that sign or verify Remote ID without a radio medium, or at a time that signatures cannot have."""
+    needs = False
+    for row, operator in enumerate(scenario.operators):
+        for place, vehicle in enumerate(operator.vehicles):
+            remote_id = vehicle.remote_id
+            if remote_id is None or (remote_id.auth == "none" and remote_id.verify is None):
+                continue
+            needs = True
+            if scenario.radio is None:
+                key, given = ("auth", remote_id.auth) if remote_id.auth != "none" else ("verify", "drip")
+                where = f"operators.{row}.vehicles.{place}.remote_id.{key}"
+                yield Problem(where, given, "a radio medium, which carries Remote ID", "Add a table [radio].")
+    if scenario.radio is not None:
+        needs |= any(receiver.verify is not None for receiver in scenario.radio.receivers)
+    if needs and not _FIRST_SIGNING <= scenario.start_utc <= _LAST_SIGNING:
+        found = scenario.start_utc.isoformat()
+        yield Problem("start_utc", found, "a time from 2019-01-02 to 2154, because DRIP's times start in 2019")
 
 
 def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Problem]:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from skyrange.assembly.attacks import make_attack_context
+from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackPlugin
 from skyrange.contracts.links import AttackPlan, Schedule

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Arrival, Note
-from skyrange.contracts.monitors import Alert
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, Time

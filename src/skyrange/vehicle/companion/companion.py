@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from functools import partial
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.codec.f3411 import printable_id
 from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
@@ -21,13 +23,14 @@ from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedCo
 from skyrange.codec.remote_id.link_payload import unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.contracts.mailboxes import Columns, Inbox, Outbox, Scalar
+from skyrange.contracts.mailboxes import Columns, Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
+from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, Port, endpoint, link_name
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.remoteid.autopilot_belief import Beliefs, is_fresh
+from skyrange.remoteid.autopilot_belief import Beliefs, clock_us, is_fresh
 from skyrange.remoteid.broadcaster import (
     ARM_STATUS_TEXTS,
     HEARTBEAT_TIMEOUT_NS,
@@ -43,6 +46,9 @@ from skyrange.vehicle.companion.conflict_detection import detect_conflicts
 from skyrange.vehicle.companion.control_handover import CompanionCommand, ControlHandover, ControlState
 from skyrange.vehicle.companion.message_requests import MessageRequests
 from skyrange.vehicle.companion.spec import CompanionSpec
+
+if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.remoteid.drip.verifier import Verifier
 
 SERVICE_NS: Final[Time] = LEAD_NS
 """Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
@@ -91,6 +97,8 @@ class Companion:
         self._broadcaster = Broadcaster([spec.broadcast for spec in self.specs], chance)
         self.tracks = TrackTable(count, origin)
         self._refs = FrameRefTable()
+        self.verifier = _verifier(self.specs)
+        """Verdicts on senders; None if no aircraft verifies."""
         avoids = [spec.avoidance is not None and not isinstance(spec.avoidance, NoAvoidance) for spec in self.specs]
         self._avoids = np.array(avoids, dtype=np.bool_)
         self._limits = np.array(
@@ -133,6 +141,10 @@ class Companion:
         if now >= self._second_ns:
             self._second_ns = now - now % NS_PER_S + NS_PER_S
             self._each_second(now, out)
+        if self.verifier is not None:
+            for change in self.verifier.changes():
+                causes = () if change.cause is None else (change.cause,)
+                out.note("event.remote_id_trust", self.specs[change.row].vehicle, change.data, causes)
         sent = self._broadcaster.send(now, self._beliefs)
         if sent is not None:
             out.send_block(sent[0] * _SIDES + 1, sent[1])
@@ -159,7 +171,23 @@ class Companion:
         said = decode_locations(rid.bodies)
         ref, serial = self._refs.read(inbox, mail.order[heard])
         np.add.at(self._bad, vehicle[heard[~said.valid]], 1)  # a payload that is no frame has no valid body either
-        self.tracks.update(ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial))
+        received = ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial)
+        self.tracks.update(received)
+        if self.verifier is not None:
+            self._verify(self.verifier, received)
+
+    def _verify(self, verifier: Verifier, heard: ReceivedBroadcasts) -> None:
+        """Verify what aircraft heard that do so."""
+        rid = heard.rid
+        for place in np.flatnonzero(np.isin(heard.receiver, verifier.rows) & rid.valid).tolist():
+            verifier.receive(
+                heard.receiver.item(place),
+                heard.at_ns.item(place),
+                rid.address[place].tobytes(),
+                rid.counter.item(place),
+                rid.bodies[place],
+                self._refs.id(heard.ref.item(place), heard.serial.item(place)),
+            )
 
     # --- detect and avoid ------------------------------------------------------------------------
 
@@ -178,6 +206,9 @@ class Companion:
         )
         free &= table["above_home_m"] >= MIN_HEIGHT_M
         places, velocities = self._own_motion(now)
+        if self.verifier is not None:
+            for row in filter(self.verifier.filters, self.verifier.rows):
+                self.tracks.ignore(row, partial(self.verifier.disbelieves, row, now))
         found = detect_conflicts(self.tracks, now, places, velocities, self._limits, free)
         for row in sorted({*np.flatnonzero(found).tolist(), *self._handovers}):
             handover = self._handovers.get(row) or ControlHandover()
@@ -270,7 +301,7 @@ class Companion:
                 data = {"action": str(decision.action), "tracks": len(decision.tracks)}
                 if decision.tracks:
                     first = decision.tracks[0]
-                    data["track"] = bytes(seen.uas_id[first]).decode("latin-1")
+                    data["track"] = printable_id(bytes(seen.uas_id[first]).decode("latin-1"))
                     data["address"] = f"{int(seen.address[first]):012x}"
                 if decision.waypoint_enu_m is not None:
                     data |= dict(zip(("east_m", "north_m", "up_m"), decision.waypoint_enu_m, strict=True))
@@ -291,6 +322,11 @@ class Companion:
     def _each_second(self, now: Time, out: Outbox) -> None:
         """Request what is missing, report the status of Remote ID, and note counters."""
         table = self._beliefs.table
+        if self.verifier is not None:
+            clocks_us = clock_us(table, now)
+            for row in self.verifier.rows:
+                self.verifier.set_clock(row, now, clocks_us.item(row))
+            self.verifier.review(now)
         for row, request in self._requests.due(now, table, autopilot_commands.AUTO):
             interval_us = request.interval_ns // 1000
             self._send_command(
@@ -326,3 +362,11 @@ class Companion:
 
     def _send_command(self, row: int, message: Message, causes: tuple[FrameId, ...], out: Outbox) -> None:
         out.send(self.originates[row], self._packers[row].pack(message), causes)
+
+
+def _verifier(specs: Sequence[CompanionSpec]) -> Verifier | None:
+    if all(spec.verification is None for spec in specs):
+        return None
+    from skyrange.remoteid.drip.verifier import Verifier
+
+    return Verifier([spec.verification for spec in specs])

@@ -30,7 +30,13 @@ def _screen(
             continue
         for k in range(used[r]):
             row = rows[r, k]
-            if row.heard_ns < 0 or row.is_impossible != 0 or row.located_ns < 0 or now - row.located_ns > stale_ns:
+            if (
+                row.heard_ns < 0
+                or row.is_impossible != 0
+                or row.is_ignored != 0
+                or row.located_ns < 0
+                or now - row.located_ns > stale_ns
+            ):
                 continue
             if math.isnan(row.east) or row.status == _GROUND:
                 continue

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.vehicle.avoidance.contract import Avoidance
+
+if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
+    from skyrange.remoteid.drip.policy import Verification
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,3 +25,5 @@ class CompanionSpec:
     """The mission's ground speed, kept during and after avoidance."""
     signing_key: SigningKey | None = field(default=None, repr=False)
     """The autopilot's key, if its MAVLink is signed: the companion signs its commands and verifies what it receives."""
+    verification: Verification | None = None
+    """How it verifies the Remote ID of others; None: not at all."""

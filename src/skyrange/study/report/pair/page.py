@@ -18,6 +18,7 @@ from skyrange.study.figures.subject import Subject, subject_of
 from skyrange.study.figures.svg import Figure
 from skyrange.study.figures.symbols import Place
 from skyrange.study.figures.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.measures.defence_acts import read_defences
 from skyrange.study.measures.mishaps import find_mishaps
 from skyrange.study.measures.receptions import read_receptions, summarise_receptions
 from skyrange.study.measures.time_series import RecordedNote, Track, read_notes, truth_tracks
@@ -74,6 +75,7 @@ def render_comparison(pair: Pair) -> str:
         ],
         numbers=_numbers(propagation, own),
         tables=_tables(attacked, propagation, spans),
+        defences=_defences(attacked, twin),
         plan=draw_pair_plan(pair),
         heights=draw_twin_heights(subject, tracks, twins, shown, spans),
         departures=draw_departures(subject, tracks, twins, shown, spans),
@@ -93,6 +95,23 @@ def render_comparison(pair: Pair) -> str:
         receptions=_receptions(attacked, subject, places),
         folder=str(pair.path),
     )
+
+
+def _defences(attacked: RunRecord, twin: RunRecord) -> list[dict[str, Any]]:
+    """Rows of the defences: what each did in the attacked run, and its alarms in the twin."""
+    alarms = {one.id: one.alarms for one in read_defences(twin)}
+    return [
+        {
+            "id": one.id,
+            "kind": one.kind,
+            "params": one.params,
+            "touches": one.touches,
+            "acts": ", ".join(f"{count} {action}" for action, count in sorted(one.acts.items())) or "none",
+            "first": "none" if one.first_alarm_s is None else f"{one.first_alarm_s:.2f} s",
+            "numbers": [str(one.alarms), str(alarms.get(one.id, 0))],
+        }
+        for one in read_defences(attacked)
+    ]
 
 
 def draw_pair_plan(pair: Pair) -> Figure:

@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
+from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.control_links import describe_to_attackers
-from skyrange.assembly.exclusions import Acting, find_exclusions
-from skyrange.assembly.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
 from skyrange.attack.contract import (
@@ -17,6 +17,7 @@ from skyrange.attack.contract import (
     Attack,
     AttackContext,
     AttackPlugin,
+    GroundReceiver,
     Place,
     Transmitter,
     move_place,
@@ -56,7 +57,10 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     vehicles = {}
     for operator, vehicle in scenario.fleet:
         key, start = vehicle_id(operator.id, vehicle.id), vehicle.start
-        vehicles[key] = Aircraft((start.east_m, start.north_m, 0.0), uas_id_of(key, vehicle), vehicle.system_id)
+        vehicles[key] = Aircraft(
+            (start.east_m, start.north_m, 0.0), uas_id_of(key, vehicle, scenario), vehicle.system_id
+        )
+    receivers = scenario.radio.receivers if scenario.radio is not None else ()
     return AttackContext(
         id="",
         vehicles=vehicles,
@@ -68,6 +72,8 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         schedule=Schedule(),
         city=city,
         over_air=describe_to_attackers(links),
+        receivers={one.id: GroundReceiver(one.operator, one.place) for one in receivers},
+        signed=[operator.id for operator in scenario.operators if operator.signing != "off"],
     )
 
 
@@ -103,7 +109,8 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
             if not any(fnmatchcase(name, tap.match) for name in names):
                 hint = nearest(tap.match, names)
                 made.faults.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
-        exclusive.append((where, attack, found.exclusive))
+        if not attack.muted:
+            exclusive.append((where, window_of(attack, context.duration_ns), found.exclusive))
         made.plans.append(_plan(attack, found, own.schedule, _anchor(attack, context)))
         made.taps += [replace(tap, attack=attack.id) for tap in found.taps]
         made.links += found.links
@@ -112,7 +119,7 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
             made.aircraft += aircraft_of(attack, found, own.schedule)
         made.radios += carried(found.radios, found.claims) if own.honest else found.radios
         (made.fault_rows if is_fault else made.rows).append(_row(attack, found))
-    made.faults += find_exclusions(exclusive, context.duration_ns)
+    made.faults += find_exclusions(exclusive)
     return made
 
 

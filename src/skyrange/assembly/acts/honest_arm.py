@@ -95,7 +95,7 @@ def _find_unflyable(
 def airframe_of(claim: ClaimedTrack, scenario: Scenario) -> str:
     """The airframe of the aircraft whose UAS ID is claimed, or `AIRFRAME`."""
     for operator, vehicle in scenario.fleet:
-        if uas_id_of(vehicle_id(operator.id, vehicle.id), vehicle) == claim.uas_id:
+        if uas_id_of(vehicle_id(operator.id, vehicle.id), vehicle, scenario) == claim.uas_id:
             return vehicle.airframe
     return AIRFRAME
 

@@ -1,0 +1,1 @@
+"""Attacks, faults and defences of a scenario made, and what is wrong with them."""

@@ -1,0 +1,85 @@
+"""Defences of a scenario made: taps, sensor checks, and what is wrong with them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from fnmatch import fnmatchcase
+from typing import Any
+
+from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
+from skyrange.attack.contract import AttackContext
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import AttackPlan, Schedule, TapPlacement
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.time import NEVER, from_seconds
+from skyrange.defence.contract import Defence
+from skyrange.scenario.model.defences import DefenceTable
+
+
+@dataclass(slots=True)
+class MadeDefences:
+    """All defences of a scenario, made: what is added to its wiring and its manifest."""
+
+    plans: list[AttackPlan] = field(default_factory=list)
+    taps: list[TapPlacement] = field(default_factory=list)
+    """In the order of the wiring: the last declared defence is nearest to the endpoint."""
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    """What the manifest says of each."""
+    problems: list[Problem] = field(default_factory=list)
+
+
+def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir) -> MadeDefences:
+    """Make every defence; what is wrong with them is in `problems`.
+
+    `over_air` has the control links that their channel plans are about. `context` is that of all attacks, faults and
+    defences; id and schedule are filled in for each.
+    """
+    made = MadeDefences()
+    exclusive: list[Acting] = []
+    for table in tables:
+        own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False)
+        where = f"defences.{table.id}"
+        try:
+            found = table.plugin(table.settings, own)
+        except InputError as error:
+            made.problems += [
+                Problem(f"{where}.params.{one.where}", one.value, one.expected, one.hint) for one in error.problems
+            ]
+            continue
+        for tap in found.taps:
+            if not any(fnmatchcase(name, tap.match) for name in context.links):
+                hint = nearest(tap.match, context.links)
+                made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
+        if not table.muted:
+            exclusive.append((where, window_of(table, context.duration_ns), found.exclusive))
+        agents = [make_channel_agent(table.id, found.channel_plans, over_air)] if found.channel_plans else []
+        made.plans.append(plan_of(table, found, own.schedule, agents))
+        made.taps = [*(replace(tap, attack=table.id) for tap in found.taps), *made.taps]
+        made.rows.append(_row(table, found))
+    made.problems += find_exclusions(exclusive, "a defence", "decide")
+    return made
+
+
+def plan_of(table: DefenceTable, made: Defence, schedule: Schedule, agents: Sequence[Agent] = ()) -> AttackPlan:
+    """A defence as a kernel runs it."""
+    return AttackPlan(
+        table.id,
+        start_ns=from_seconds(table.start_s),
+        stop_ns=NEVER if table.stop_s is None else from_seconds(table.stop_s),
+        muted=table.muted,
+        defence=True,
+        agents=agents,
+        faults=made.checks,
+        one_process=made.one_process,
+        schedule=schedule,
+    )
+
+
+def _row(table: DefenceTable, made: Defence) -> dict[str, Any]:
+    """A defence in the manifest: as declared, and where it is."""
+    touches = list(dict.fromkeys(f"{tap.match} at {tap.side}" for tap in made.taps))
+    touches += [f"channel of {link}" for plan in made.channel_plans for link in plan.links]
+    touches += [f"sensors of {vehicle}" for check in made.checks for vehicle in check.vehicles]
+    return {**table.model_dump(exclude_none=True, mode="json"), "touches": touches}

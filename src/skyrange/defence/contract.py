@@ -1,0 +1,77 @@
+"""Defences as plugins: the parts that a defence consists of, and what a kind says of itself.
+
+A kind of defence is one file, as a kind of attack is: a model of its parameters, and a function that makes the parts
+from parameters and context. It is registered as a `DefencePlugin` under a dotted name, in the entry point group
+`skyrange.defences`.
+
+A defence is at the ends of links, as a tap, between sensors and autopilot, as a sensor check, or in the radios of
+control links over Wi-Fi, as a policy for their channel. It acts by verdicts on frames, by writing into readings or by
+orders to its radio, and raises alarms as alerts in its own name. It knows what its place knows: the frames at its ends,
+the readings of its aircraft after every attack and fault, and what its radio measures. No label, true sender or true
+state is among them. The kernel runs it muted or not, and discards what a muted one does, so a run with it muted is the
+undefended one, to the byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+from skyrange.attack.contract import AttackContext
+from skyrange.contracts.plugins import DEFENCES, Plugin
+
+if TYPE_CHECKING:
+    from skyrange.attack.exclusive import Exclusive
+    from skyrange.contracts.channel_plans import ChannelPlan
+    from skyrange.contracts.components import SensorFault
+    from skyrange.contracts.links import TapPlacement
+
+DefenceContext = AttackContext
+"""The context of a defence: that of an attack. Its `id` and `schedule` are the defence's own; it has no radio, and
+`sham` and `honest` are false."""
+
+
+@dataclass(frozen=True, slots=True)
+class Defence:
+    """The parts of a defence. Their acts are events, their alarms are alerts, both under the defence's id."""
+
+    taps: Sequence[TapPlacement] = ()
+    """They are nearer to the endpoint than those of every attack. Where defences share an end, a frame that arrives
+    there meets the first declared one first."""
+    checks: Sequence[SensorFault] = ()
+    """Sensor checks. They get readings as all attacks and faults have left them, in the order of the defences."""
+    channel_plans: Sequence[ChannelPlan] = ()
+    """Policies for the channels of Wi-Fi control links."""
+    exclusive: Sequence[Exclusive] = ()
+    """What it decides as the only one. Two defences that decide the same at the same time are an error before the run.
+    """
+    one_process: bool = False
+    """Whether its parts share state, so that a live range must have all of them in one process."""
+
+
+@dataclass(frozen=True, slots=True)
+class DefencePlugin(Plugin[AttackContext, Defence]):
+    """A kind of defence."""
+
+    group: ClassVar[str] = DEFENCES
+
+    surface: Sequence[str] = ()
+    """What it protects: roles of links (`gcs`, `log`, `autopilot`, `rid_data`) or sensors (`gnss`, `baro`)."""
+    place: str = ""
+    """Where it is and what it knows there, as a phrase: "the companion's end of gcs links"."""
+    effect: str = ""
+    """What it does about an attack that it notices, as a phrase: "drops commands that are not on its list"."""
+    alerts: Sequence[str] = ()
+    """The kinds of its alerts, such as `firewall.command`."""
+    against: Sequence[str] = ()
+    """The kinds of attacks that it is made for, by name or pattern: `mavlink.*`."""
+    evasion: str = ""
+    """What an adversary who knows it does, as a phrase: "commands what is on the list"."""
+    cost: str = ""
+    """What it costs while nobody attacks, as a phrase: frames, delay, computing."""
+    nominal: Sequence[str] = ()
+    """What it does while nobody attacks: some of drop, replace, delay, inject, sensor, channel, scan and hop; empty for
+    nothing."""
+    realism: Mapping[str, str] = field(default_factory=dict)
+    """What of it is "simulated", "cited: …" or "assumed: …"."""

@@ -1,0 +1,1 @@
+"""Defences of control links over the air."""

@@ -1,0 +1,1 @@
+"""Plausibility checks of GNSS fixes, between an aircraft's sensors and its autopilot."""

@@ -1,0 +1,237 @@
+"""GNSS barometer check: height and climb rate of fixes against the height of the barometer."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import exp, isfinite, sqrt
+from typing import Final, NamedTuple
+
+from pydantic import Field
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import SensorAct, Sensors
+from skyrange.contracts.params import Number
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.gnss.fix_guard import CheckParams, FixGuard, NewFixes, guard_of
+from skyrange.defence.gnss.gates import normal_gate
+from skyrange.defence.placement import find_protected
+from skyrange.world.sensing import sensor_errors as errors
+
+WINDOWS: Final = (1, 25, 100)
+"""Intervals of fixes over which changes of height are compared: 0.2, 5 and 20 s."""
+_TESTS: Final = 2 * len(WINDOWS) + 1
+_SAMPLES: Final = 64
+"""Barometer readings that are kept: 6 s at 10 Hz, 0.6 s of a sensor that is read at 100 Hz."""
+_READ_NS: Final = 10_000_000
+_LEAST_STEP_S: Final = 0.15
+_GAP_S: Final = 5.0
+
+
+class BarometerParams(CheckParams):
+    """Errors of the two heights."""
+
+    pressure_error_m: Number = Field(
+        default=0.5,
+        ge=0,
+        le=100,
+        description="Change of the barometer's error by the flow of air around the airframe, one sigma, in metres; 0.5 "
+        "is 6 Pa, 40 % of the dynamic pressure at 5 m/s (ArduPilot corrects it by BARO1_WCF_FWD and others).",
+    )
+    baro_noise_m: Number = Field(
+        default=errors.BARO_NOISE_M,
+        gt=0,
+        le=10,
+        description="Noise of a reading of the barometer, one sigma, in metres.",
+    )
+    weather_m: Number = Field(
+        default=errors.BARO_DRIFT_M,
+        ge=0,
+        le=100,
+        description="Drift of the barometer by weather, one sigma, in metres.",
+    )
+    wander_up_m: Number = Field(
+        default=errors.GNSS_WANDER_UP_M,
+        gt=0,
+        le=100,
+        description="Slow error of the height of a fix under an open sky, one sigma, in metres.",
+    )
+    speed_mps: Number = Field(
+        default=errors.GNSS_SPEED_MPS, gt=0, le=10, description="Error of the receiver's climb rate, one sigma, in m/s."
+    )
+
+
+class Sample(NamedTuple):
+    """One fix, and what the barometer read at its time."""
+
+    time_ns: Time
+    gnss_up_m: float
+    climbed_m: float
+    """Integral of the climb rate of the fixes."""
+    baro_up_m: float
+    climb_mps: float
+    accuracy: float
+    """Accuracies that the receiver claims over those under an open sky, the worse one; at least 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeightErrors:
+    """Standard deviations of the differences between the two heights."""
+
+    params: BarometerParams
+
+    def of_barometer(self, seconds: float) -> float:
+        """Variance of the change of the barometer's error in so many seconds, m²."""
+        one = self.params
+        weather = 2.0 * one.weather_m**2 * (1.0 - exp(-seconds / errors.BARO_DRIFT_S))
+        return 2.0 * one.baro_noise_m**2 + weather + one.pressure_error_m**2
+
+    def of_height(self, seconds: float, accuracy: float) -> float:
+        """One sigma of the change of GNSS height minus barometer, metres."""
+        wander = 2.0 * self.params.wander_up_m**2 * (1.0 - exp(-seconds / errors.GNSS_WANDER_S))
+        white = 2.0 * errors.GNSS_WHITE_M**2
+        worse = 2.0 * (accuracy**2 - 1.0) * errors.GNSS_ACCURACY[1] ** 2
+        return sqrt(wander + white + worse + self.of_barometer(seconds))
+
+    def of_climb(self, seconds: float, accuracy: float) -> float:
+        """One sigma of the integral of the climb rate minus the change of the barometer, metres."""
+        interval_s = errors.GNSS_PERIOD_NS / NS_PER_S
+        integral = (accuracy * self.params.speed_mps) ** 2 * interval_s * max(seconds, interval_s)
+        return sqrt(integral + self.of_barometer(seconds))
+
+
+@dataclass(slots=True)
+class Heights:
+    """The recent heights of one aircraft."""
+
+    errors: HeightErrors
+    gate: float
+    """In standard deviations."""
+    _baro: deque[tuple[Time, float]] = field(init=False)
+    _past: deque[Sample] = field(init=False)
+    _first: Sample | None = None
+
+    def __post_init__(self) -> None:
+        self._baro, self._past = deque(maxlen=_SAMPLES), deque(maxlen=WINDOWS[-1] + 1)
+
+    def read_barometer(self, now: Time, up_m: float) -> None:
+        """Keep a reading; the sensor is read at 10 Hz, so an unchanged value is not a new one."""
+        if not isfinite(up_m) or (self._baro and (up_m == self._baro[-1][1] or now < self._baro[-1][0] + _READ_NS)):
+            return
+        self._baro.append((now, up_m))
+
+    def height_at(self, time: Time) -> float | None:
+        """Barometer at the time of a fix, between its two readings; `None` for one that is older than they are."""
+        later: tuple[Time, float] | None = None
+        for when, up_m in reversed(self._baro):
+            if when <= time:
+                if later is None:
+                    return up_m
+                share = (time - when) / (later[0] - when)
+                return up_m + share * (later[1] - up_m)
+            later = when, up_m
+        return None
+
+    def compare(self, time: Time, up_m: float, climb_mps: float, accuracy: float) -> tuple[str, float, float]:
+        """Test a fix: the test that it fails most, by how many gates (plausible up to 1), and the metres."""
+        baro_m = self.height_at(time)
+        if baro_m is None:
+            return "", 0.0, 0.0
+        last = self._past[-1] if self._past else None
+        climbed_m = 0.0
+        if last is not None:
+            dt_s = (time - last.time_ns) / NS_PER_S
+            if not 0.0 < dt_s < _GAP_S:
+                self._past.clear()
+            climbed_m = last.climbed_m + 0.5 * (climb_mps + last.climb_mps) * dt_s
+        one = Sample(time, up_m, climbed_m, baro_m, climb_mps, accuracy)
+        self._first = self._first or one
+        worst = self._test_height(self._first, one, "barometer.height")
+        for window in WINDOWS:
+            if window > len(self._past):
+                break
+            then = self._past[-window]
+            worst = max(worst, self._test_height(then, one, "barometer.jump"), self._test_climb(then, one), key=_score)
+        self._past.append(one)
+        return worst
+
+    def _test_height(self, then: Sample, one: Sample, kind: str) -> tuple[str, float, float]:
+        seconds = max((one.time_ns - then.time_ns) / NS_PER_S, 0.0)
+        off_m = one.gnss_up_m - then.gnss_up_m - (one.baro_up_m - then.baro_up_m)
+        sigma = self.errors.of_height(seconds, max(one.accuracy, then.accuracy))
+        return kind, abs(off_m) / sigma / self.gate, off_m
+
+    def _test_climb(self, then: Sample, one: Sample) -> tuple[str, float, float]:
+        seconds = max((one.time_ns - then.time_ns) / NS_PER_S, 0.0)
+        off_m = one.climbed_m - then.climbed_m - (one.baro_up_m - then.baro_up_m)
+        sigma = self.errors.of_climb(seconds, max(one.accuracy, then.accuracy))
+        return "barometer.climb", abs(off_m) / sigma / self.gate, off_m
+
+
+def _score(found: tuple[str, float, float]) -> float:
+    return found[1]
+
+
+@dataclass(slots=True)
+class BarometerCheck:
+    """A sensor check that compares heights and climb rates at every fix."""
+
+    name: str
+    vehicles: Sequence[str]
+    guard: FixGuard
+    fixes: NewFixes
+    heights: list[Heights]
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
+        for one, up_m in zip(self.heights, sensors.baro_up_m.tolist(), strict=True):
+            one.read_barometer(now, up_m)
+        found: list[SensorAct | Alert] = []
+        for row in self.fixes.rows(sensors):
+            accuracy = claimed_over_usual(sensors, row)
+            kind, score, off_m = self.heights[row].compare(
+                int(sensors.gnss_time_ns[row]), float(sensors.gnss_enu_m[row, 2]),
+                float(sensors.gnss_vel_enu_mps[row, 2]), accuracy,
+            )  # fmt: skip
+            if score > 1.0:
+                found += self.guard.find(row, now, kind, score, off_m=off_m)
+            else:
+                self.guard.clear(row, now)
+        return [*found, *self.guard.apply(sensors)]
+
+
+def claimed_over_usual(sensors: Sensors, row: int) -> float:
+    """By how much the receiver claims to be worse than under an open sky, in height or speed; at least 1."""
+    _, height_m, speed_mps = sensors.gnss_accuracy[row].tolist()
+    ratios = (height_m / errors.GNSS_ACCURACY[1], speed_mps / errors.GNSS_ACCURACY[2])
+    return max([1.0, *(float(ratio) for ratio in ratios if isfinite(ratio))])
+
+
+def make(params: BarometerParams, context: DefenceContext) -> Defence:
+    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
+    vehicles = find_protected(params, context)
+    gate = normal_gate(params.chance(_TESTS))
+    heights = [Heights(HeightErrors(params), gate) for _ in vehicles]
+    guard = guard_of(params, vehicles)
+    check = BarometerCheck(f"{context.id}.gnss", tuple(vehicles), guard, NewFixes(len(vehicles)), heights)
+    return Defence(checks=[check])
+
+
+BAROMETER = DefencePlugin(
+    BarometerParams,
+    make,
+    "Compares height and climb rate of GNSS fixes with the barometer, at once and over 5 and 20 s.",
+    surface=("gnss", "baro"),
+    place="between sensors and autopilot; knows the readings of receiver and barometer, and not which of them is false",
+    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
+    alerts=("barometer.height", "barometer.jump", "barometer.climb"),
+    against=("gnss.jump", "gnss.drift", "gnss.capture", "gnss.meacon", "sensor.barometer"),
+    evasion="falsifies the level position only, or lets the false height grow slower than the weather may",
+    cost="some sums for each fix; a false alarm with action = 'reject' lands the aircraft",
+    realism={
+        "pressure error by airflow": "assumed: none in the range; pressure_error_m allows for one",
+        "barometer's weather drift": "assumed: 1 m in half an hour",
+    },
+)

@@ -1,0 +1,349 @@
+"""GNSS innovation check: fixes against inertial dead reckoning, by a filter of the error of the dead reckoning.
+
+The filter is the loosely coupled integration of Groves, Principles of GNSS, Inertial, and Multisensor Integrated
+Navigation Systems (2nd ed., 2013, ch. 14): errors of position, velocity, attitude and accelerometers, and the slow
+error of the receiver. Its noises are those of the sensors, not the larger ones with which an estimator is made robust;
+so it finds what passes the gates of EKF3. It corrects nothing that the autopilot uses.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import exp
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import Floats, SensorAct, Sensors
+from skyrange.contracts.params import Number
+from skyrange.core.time import NS_PER_S, Time, from_seconds
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
+from skyrange.defence.gnss.fix_guard import FIXES_PER_H, CheckParams, FixGuard, NewFixes, guard_of
+from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
+from skyrange.defence.placement import find_protected
+from skyrange.world.sensing import sensor_errors as errors
+from skyrange.world.sensing.geomagnetism import magnetic_field_at
+
+_GRAVITY: Final = 9.80665
+_AXES: Final = 6
+"""Components of an innovation: velocity and position."""
+_WINDOW: Final = 25
+"""Fixes in the window of the second test: 5 s."""
+_SHIFT: Final = 0.5
+"""The shift of the mean that the CUSUM is made for, in standard deviations of an innovation."""
+_TESTS: Final = 3
+_IMU_S: Final = errors.IMU_PERIOD_NS / NS_PER_S
+_GYRO_NOISE: Final = (errors.GYRO_FLOOR_RADPS + errors.GYRO_MOTORS_RADPS) ** 2 * _IMU_S
+"""rad²/s at full throttle."""
+_GYRO_REST: Final = errors.GYRO_FLOOR_RADPS**2 / ALIGN_STEPS * 60.0
+"""rad²/s: what the calibration at rest leaves of a bias, as a random walk that reaches the same in a minute."""
+_YAW_RAD: Final = 0.05
+"""One sigma of the heading at rest: 5 mgauss over a level field of 0.2 gauss, and a degree of declination."""
+P, V, A, B, W = (slice(first, first + 3) for first in (0, 3, 6, 9, 12))
+"""States: position m, velocity m/s, attitude rad, accelerometer bias m/s², slow error of the receiver m."""
+
+
+class InnovationParams(CheckParams):
+    """Noises of the sensors, and how long dead reckoning is trusted."""
+
+    coast_s: Number = Field(
+        default=10.0,
+        gt=0,
+        le=600,
+        description="Time in seconds for which dead reckoning without fixes can clear a receiver after an alarm; "
+        "later fixes stay rejected until the aircraft stands still. A bias of 0.05 m/s² makes 2.5 m in 10 s.",
+    )
+    wander_m: Number = Field(
+        default=errors.GNSS_WANDER_M,
+        gt=0,
+        le=100,
+        description="Slow error of a fix under an open sky along a level axis, one sigma, in metres; 1.27 is 1.5 m "
+        "circular error probable (data sheet of the u-blox SAM-M10Q). 1.5 times that in height.",
+    )
+    wander_s: Number = Field(
+        default=errors.GNSS_WANDER_S, gt=0, le=3_600, description="Correlation time of that error in seconds."
+    )
+    speed_mps: Number = Field(
+        default=errors.GNSS_SPEED_MPS,
+        gt=0,
+        le=10,
+        description="Error of the receiver's velocity along an axis, one sigma, in m/s (same data sheet).",
+    )
+    accel_bias_mps2: Number = Field(
+        default=errors.ACCEL_BIAS_MPS2,
+        gt=0,
+        le=5,
+        description="Bias of an accelerometer after calibration, one sigma, in m/s²; 0.05 is 5 mg.",
+    )
+    accel_noise_mps2: Number = Field(
+        default=errors.ACCEL_FLOOR_MPS2 + errors.ACCEL_MOTORS_MPS2,
+        gt=0,
+        le=50,
+        description="Noise of an accelerometer at 100 Hz and full throttle, one sigma, in m/s².",
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """Gates of the three tests."""
+
+    fix: float
+    window: float
+    drift: float
+
+
+def gates_of(params: InnovationParams) -> Gates:
+    """Gates that noise alone passes once in `false_alarm_h`, shared by the tests."""
+    chance = params.chance(_TESTS)
+    sums = 2 * _AXES
+    samples = params.false_alarm_h * FIXES_PER_H * _TESTS * sums
+    return Gates(
+        chi_square_gate(_AXES, chance),
+        chi_square_gate(_AXES * _WINDOW, chance),
+        cusum_gate(_SHIFT / 2.0, samples),
+    )
+
+
+@dataclass(slots=True, eq=False)
+class ErrorFilter:
+    """The error of one aircraft's dead reckoning, and the statistics of the innovations of its fixes."""
+
+    params: InnovationParams
+    state: Floats = field(init=False)
+    covariance: Floats = field(init=False)
+    time_ns: Time = -1
+    """When the last fix was measured; -1 before the first."""
+    base_m: Floats = field(init=False)
+    """Position of the first fix: where dead reckoning began."""
+    force: Floats = field(init=False)
+    rotation: Floats = field(init=False)
+    _squares: deque[float] = field(init=False)
+    _sums: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.base_m, self.force, self.rotation = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+        self.state, self.covariance = np.zeros(15), np.zeros((15, 15))
+        self._squares, self._sums = deque(maxlen=_WINDOW), np.zeros(2 * _AXES)
+
+    @property
+    def _wander(self) -> Floats:
+        return self.params.wander_m * np.array([1.0, 1.0, errors.GNSS_WANDER_UP_M / errors.GNSS_WANDER_M])
+
+    def start(self, time: Time, position: Floats, force: Floats, rotation: Floats, attitude: Floats) -> None:
+        """Begin at rest with a fix: its slow error is that of the place at which dead reckoning begins.
+
+        `attitude` (3, 3) is the rotation from body to local.
+        """
+        self.time_ns, self.base_m = time, position
+        self.force, self.rotation = force, rotation
+        self.state, self.covariance = np.zeros(15), np.zeros((15, 15))
+        self._place()
+        # levelling by a biased accelerometer makes no error until the aircraft turns: the tilt hides the bias
+        level = self.params.accel_bias_mps2 * attitude[:, :2]
+        source = np.zeros((15, 2))
+        source[A.start], source[A.start + 1] = -level[1] / _GRAVITY, level[0] / _GRAVITY
+        source[B.start : B.start + 2] = self.params.accel_bias_mps2 * np.eye(2)
+        self.covariance += source @ source.T
+        self.covariance[8, 8] = _YAW_RAD**2
+        self.forget()
+
+    def restart(self, position: Floats, velocity: Floats, reckoned_m: Floats, reckoned_mps: Floats) -> None:
+        """Take position and velocity from a fix; attitude and biases stay."""
+        for part in (P, V, W):
+            self.state[part] = 0.0
+            self.covariance[part, :], self.covariance[:, part] = 0.0, 0.0
+        self.state[P], self.state[V] = position - self.base_m - reckoned_m, velocity - reckoned_mps
+        self._place()
+        self.covariance[V, V] = self.params.speed_mps**2 * np.eye(3)
+        self.forget()
+
+    def _place(self) -> None:
+        """The error of a place that was taken from a fix is that of the fix, with the other sign."""
+        variance = np.diag(self._wander**2)
+        self.covariance[P, P], self.covariance[W, W] = variance, variance
+        self.covariance[P, W], self.covariance[W, P] = -variance, -variance
+
+    def forget(self) -> None:
+        """Forget the innovations so far."""
+        self._squares.clear()
+        self._sums[:] = 0.0
+
+    def predict(self, time: Time, force: Floats, rotation: Floats, resting: bool) -> None:
+        """Go on to the time of a fix; `force` and `rotation` are the integrals since the start."""
+        dt_s = max((time - self.time_ns) / NS_PER_S, 0.0)
+        push, turned = force - self.force, rotation - self.rotation
+        self.time_ns, self.force, self.rotation = time, force, rotation
+        keep = exp(-dt_s / self.params.wander_s)
+        move, noise = np.eye(15), np.zeros(15)
+        move[W, W] *= keep
+        noise[W] = (1.0 - keep**2) * self._wander**2
+        if not resting:
+            cross = np.array([[0, push[2], -push[1]], [-push[2], 0, push[0]], [push[1], -push[0], 0]])
+            move[V, A], move[V, B] = cross, -turned
+            move[P, V], move[P, A], move[P, B] = dt_s * np.eye(3), 0.5 * dt_s * cross, -0.5 * dt_s * turned
+            noise[V] = self.params.accel_noise_mps2**2 * _IMU_S * dt_s
+            noise[A] = (_GYRO_NOISE + _GYRO_REST) * dt_s
+        self.state = move @ self.state
+        self.covariance = move @ self.covariance @ move.T + np.diag(noise)
+
+    def innovate(self, offset_m: Floats, offset_mps: Floats, accuracy: Floats) -> tuple[Floats, Floats, Floats]:
+        """Innovation (6,) velocity first, its covariance, and its whitened form, for a fix minus dead reckoning.
+
+        Where the receiver claims a worse accuracy than under an open sky, its noise is so much larger.
+        """
+        usual = np.array(errors.GNSS_ACCURACY)
+        claimed = np.clip(np.nan_to_num(accuracy, nan=np.inf), usual, _WORST * usual) / usual
+        worse = (claimed[:2] ** 2 - 1.0) * np.array(errors.GNSS_ACCURACY[:2]) ** 2
+        position = errors.GNSS_WHITE_M**2 + np.array([worse[0], worse[0], worse[1]])
+        velocity = np.full(3, (self.params.speed_mps * claimed[2]) ** 2)
+        seen = _OBSERVED
+        spread = seen @ self.covariance @ seen.T + np.diag(np.concatenate([velocity, position]))
+        innovation = np.concatenate([offset_mps, offset_m - self.base_m]) - seen @ self.state
+        white = np.linalg.solve(np.linalg.cholesky(spread), innovation)
+        return innovation, spread, white
+
+    def fuse(self, innovation: Floats, spread: Floats) -> None:
+        """Correct the error by a fix."""
+        gain = np.linalg.solve(spread, _OBSERVED @ self.covariance).T
+        self.state = self.state + gain @ innovation
+        after = self.covariance - gain @ spread @ gain.T
+        self.covariance = 0.5 * (after + after.T)
+
+    def judge(self, white: Floats) -> tuple[float, float, float]:
+        """Sum of squares of this fix and of the window, and the largest of the cumulative sums."""
+        square = float(white @ white)
+        self._squares.append(square)
+        both = np.concatenate([white, -white])
+        self._sums = np.maximum(self._sums + np.clip(both, -_CLIP, _CLIP) - _SHIFT / 2.0, 0.0)
+        return square, sum(self._squares), float(self._sums.max())
+
+
+_WORST: Final = 50.0
+"""Most by which a claimed accuracy widens the gates: about 100 m, as EKF3 limits it."""
+_CLIP: Final = 5.0
+"""Most that one fix adds to a cumulative sum: an outlier alone is for the other tests."""
+_OBSERVED: Final = np.zeros((_AXES, 15))
+_OBSERVED[:3, V] = _OBSERVED[3:, P] = _OBSERVED[3:, W] = np.eye(3)
+
+
+@dataclass(slots=True, eq=False)
+class InnovationCheck:
+    """A sensor check that tests every fix against dead reckoning."""
+
+    name: str
+    vehicles: Sequence[str]
+    gates: Gates
+    coast_ns: Time
+    guard: FixGuard
+    reckoning: DeadReckoning
+    fixes: NewFixes
+    filters: list[ErrorFilter]
+    _fused_ns: list[Time] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._fused_ns = [0] * len(self.vehicles)
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        """Test the new fixes; take away those of aircraft about which an alarm lasts."""
+        self.reckoning.update(now, sensors)
+        found: list[SensorAct | Alert] = []
+        for row in self.fixes.rows(sensors):
+            found += self._test(row, now, sensors)
+        return [*found, *self.guard.apply(sensors)]
+
+    def _test(self, row: int, now: Time, sensors: Sensors) -> list[Alert]:
+        time = int(sensors.gnss_time_ns[row])
+        one, reckoning = self.filters[row], self.reckoning
+        reckoned = reckoning.at(row, time)
+        if reckoned is None or time < reckoning.since_ns[row] or not reckoning.aligned[row]:
+            return []
+        position, velocity, force, rotation = reckoned
+        resting = bool(reckoning.resting[row])
+        fix_m, fix_mps = sensors.gnss_enu_m[row].copy(), sensors.gnss_vel_enu_mps[row].copy()
+        if one.time_ns < reckoning.since_ns[row]:  # it has just come to rest
+            one.start(time, fix_m, force, rotation, reckoning.attitude(row))
+            self.guard.release(row)
+            self._fused_ns[row] = now
+            return []
+        one.predict(time, force, rotation, resting)
+        innovation, spread, white = one.innovate(fix_m - position, fix_mps - velocity, sensors.gnss_accuracy[row])
+        closed = self.guard.closed(row)
+        if closed:
+            return self._coast(row, now, white, innovation, spread, (fix_m, fix_mps, position, velocity))
+        square, window, drift = one.judge(white)
+        off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+        if square > self.gates.fix:
+            return self.guard.find(row, now, "innovation.fix", square / self.gates.fix, off_m=off_m, off_mps=off_mps)
+        if window > self.gates.window or drift > self.gates.drift:
+            score = max(window / self.gates.window, drift / self.gates.drift)
+            kind = "innovation.window" if window > self.gates.window else "innovation.drift"
+            return self.guard.find(row, now, kind, score, latch=True, off_m=off_m, off_mps=off_mps)
+        one.fuse(innovation, spread)
+        self._fused_ns[row] = now
+        return []
+
+    def _coast(
+        self, row: int, now: Time, white: Floats, innovation: Floats, spread: Floats, fix: tuple[Floats, ...]
+    ) -> list[Alert]:
+        """While an alarm lasts, no fix is fused: dead reckoning alone may clear the receiver, for as long as it can."""
+        square = float(white @ white)
+        one = self.filters[row]
+        if now > self._fused_ns[row] + self.coast_ns + self.guard.recover_ns:
+            if self.guard.rejects:
+                return []
+            one.restart(*fix)
+            self.guard.release(row)
+            self._fused_ns[row] = now
+            return []
+        if square > self.gates.fix:
+            latch = now > self._fused_ns[row] + self.coast_ns
+            off_m, off_mps = float(np.linalg.norm(innovation[3:])), float(np.linalg.norm(innovation[:3]))
+            score = square / self.gates.fix
+            return self.guard.find(row, now, "innovation.fix", score, latch=latch, off_m=off_m, off_mps=off_mps)
+        self.guard.clear(row, now)
+        if not self.guard.closed(row):
+            one.forget()
+            one.fuse(innovation, spread)
+            self._fused_ns[row] = now
+        return []
+
+
+def make(params: InnovationParams, context: DefenceContext) -> Defence:
+    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
+    vehicles = find_protected(params, context)
+    count = len(vehicles)
+    field_gauss = magnetic_field_at(context.origin)
+    check = InnovationCheck(
+        f"{context.id}.gnss",
+        tuple(vehicles),
+        gates_of(params),
+        from_seconds(params.coast_s),
+        guard_of(params, vehicles),
+        DeadReckoning(count, field_gauss),
+        NewFixes(count),
+        [ErrorFilter(params) for _ in vehicles],
+    )
+    return Defence(checks=[check])
+
+
+INNOVATION = DefencePlugin(
+    InnovationParams,
+    make,
+    "Tests every GNSS fix against inertial dead reckoning, for jumps by chi-square and for drifts by a cumulative sum.",
+    surface=("gnss",),
+    place="between sensors and autopilot; knows the readings of gyroscopes, accelerometers, compass and receiver",
+    effect="raises an alarm, and with action = 'reject' takes the fix away, so that the autopilot fails safe",
+    alerts=("innovation.fix", "innovation.window", "innovation.drift"),
+    against=("gnss.jump", "gnss.drift", "gnss.pull_off", "gnss.capture", "gnss.meacon"),
+    evasion="drifts at 0.25 m/s from the first false fix on, or lets the false velocity grow by 0.1 m/s in a second",
+    cost="a filter of 15 states for each fix; a false alarm with action = 'reject' lands the aircraft",
+    realism={
+        "inertial sensors": "simulated: noise and a bias that is constant during a run",
+        "bias by temperature and vibration": "assumed: none; with it the gates have to be wider",
+    },
+)

@@ -1,0 +1,1 @@
+"""Defences of MAVLink: what is let through to an autopilot."""

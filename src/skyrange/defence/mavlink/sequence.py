@@ -1,0 +1,169 @@
+"""MAVLink sequence check: frames of a second sender under one id, by their sequence numbers.
+
+Each component numbers its frames 0 to 255 and again from 0 (https://mavlink.io/en/guide/serialization.html,
+"seq: Used to detect packet loss"). Frames that get lost leave gaps, and a network may repeat a frame or deliver it a
+little late; but one number with two contents, or a number that was passed long ago, is that of another sender or of a
+recording. So the check needs no rate of losses and no threshold on it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal, NamedTuple
+
+from pydantic import Field
+
+from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.mavlink.injection import read
+from skyrange.attack.on_path import TapMaker
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.params import Number
+from skyrange.contracts.verdicts import Drop, Verdict
+from skyrange.core.ids import hash64, link_name
+from skyrange.core.time import Time, from_seconds
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
+
+NUMBERS: Final = 256
+BEHIND: Final = NUMBERS // 2
+"""A number that is at most this far behind the last is behind it; every other is ahead."""
+_MOST_SENDERS: Final = 64
+"""Senders that are followed; a flood of invented ones fills no memory."""
+Finding = Literal["", "conflict", "old"]
+
+
+class SequenceRules(Protected):
+    """What counts as late, and what becomes of the frames."""
+
+    late_s: Number = Field(
+        default=1.0,
+        gt=0,
+        le=60,
+        description="How late a network may deliver a frame or a copy of it, in seconds; a frame that is later is old. "
+        "The default is several times the round trip of a cellular link.",
+    )
+    silence_s: Number = Field(
+        default=5.0,
+        gt=0,
+        le=120,
+        description="Silence of a sender, in seconds, after which any number is taken, because it may have restarted; "
+        "the default is four or five missed heartbeats, as in the heartbeat protocol's timeout. Not longer than the "
+        "sender needs for 128 frames.",
+    )
+    drop: bool = Field(
+        default=False,
+        strict=True,
+        description="Whether to drop what is found. The first of two frames with one number has passed then, and it "
+        "may be the attacker's.",
+    )
+
+
+class Seen(NamedTuple):
+    """What is known of one number: when its frame came, or the gap was made, and the hash of its frame."""
+
+    at_ns: Time
+    content: int | None
+    """`None` for a frame that has not come."""
+
+
+@dataclass(slots=True)
+class Follower:
+    """The sequence numbers of one sender."""
+
+    late_ns: Time
+    silence_ns: Time
+    last: int = -1
+    last_ns: Time = 0
+    seen: dict[int, Seen] = field(default_factory=dict)
+
+    def take(self, now: Time, number: int, content: int) -> Finding:
+        """Follow a frame: "" for one in order, late or repeated, else what is wrong with it."""
+        behind = (self.last - number) % NUMBERS
+        if self.last < 0 or now - self.last_ns > self.silence_ns:
+            self.seen = {}
+        elif behind <= BEHIND:
+            known = self.seen.get(number)
+            if known is None:
+                return ""  # older than all that is known
+            late = now - known.at_ns > self.late_ns
+            if known.content is None and not late:
+                self.seen[number] = Seen(now, content)
+                return ""
+            if known.content == content and not late:
+                return ""
+            return "old" if known.content in (None, content) else "conflict"
+        else:
+            ahead = (number - self.last) % NUMBERS
+            for step in range(1, ahead):
+                self.seen[(self.last + step) % NUMBERS] = Seen(now, None)
+        self.seen[number] = Seen(now, content)
+        self.last, self.last_ns = number, now
+        return ""
+
+
+@dataclass(slots=True)
+class SequenceTap(DefenceTap):
+    """Follows every sender towards one aircraft."""
+
+    params: SequenceRules
+    alarm: Alarm
+    senders: dict[tuple[int, int], Follower] = field(default_factory=dict)
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Follow a frame towards the aircraft."""
+        if frame.direction == "rev":
+            return ()
+        message = read(frame.payload)
+        if message is None:
+            return ()
+        sender = message.get_srcSystem(), message.get_srcComponent()
+        follower = self.senders.get(sender)
+        if follower is None:
+            if len(self.senders) >= _MOST_SENDERS:
+                return ()
+            follower = Follower(from_seconds(self.params.late_s), from_seconds(self.params.silence_s))
+            self.senders[sender] = follower
+        finding = follower.take(now, message.get_seq(), hash64(frame.payload.hex()))
+        if not finding:
+            return ()
+        name = f"{sender[0]}/{sender[1]}"
+        alarm = self.alarm.raise_at(
+            now, f"sequence.{finding}", 1.0, sender=name, number=message.get_seq(), message=str(message.get_type())
+        )
+        return [Drop(), *alarm] if self.params.drop else alarm
+
+
+@dataclass(frozen=True, slots=True)
+class _Maker:
+    """Makes the tap of a link."""
+
+    params: SequenceRules
+    vehicles: tuple[tuple[str, str], ...]
+
+    def __call__(self, link: str) -> SequenceTap:
+        return SequenceTap(link, self.params, Alarm(dict(self.vehicles)[link]))
+
+
+def make(params: SequenceRules, context: DefenceContext) -> Defence:
+    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
+    vehicles = find_protected(params, context)
+    known = tuple((link_name("gcs", one), one) for one in vehicles)
+    taps = place_taps("gcs", "companion", vehicles, context, TapMaker(_Maker(params, known)))
+    return Defence(taps=taps, exclusive=[Exclusive(f"sequence check of {vehicle}") for vehicle in vehicles])
+
+
+SEQUENCE = DefencePlugin(
+    SequenceRules,
+    make,
+    "Notices a second sender under one MAVLink id, and recordings, by sequence numbers.",
+    surface=("gcs",),
+    place="the companion's end of the gcs link; knows the frames that arrive, and is declared before a defence that "
+    "holds some of them, such as mission.hash",
+    effect="raises an alarm; with `drop`, drops each frame whose number another frame has had, or that is old",
+    alerts=("sequence.conflict", "sequence.old"),
+    against=("mavlink.*", "link.replay", "identity.keep_alive"),
+    evasion="renumbers the frames of the true sender on the path, alters frames in place, or waits for silence",
+    cost="reads each frame once; no frame and no delay is added",
+    realism={"sequence numbers": "cited: https://mavlink.io/en/guide/serialization.html"},
+)

@@ -1,0 +1,249 @@
+"""Mission read-back in flight: missions are read back at intervals and compared with what the station has sent.
+
+A ground station reads a mission back once, after its upload. This goes on doing it while the aircraft flies, as a
+component of its own in the station's system, and takes the answers off the link, so the station never sees them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+from pydantic import Field
+
+from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.mavlink.injection import read
+from skyrange.attack.on_path import TapMaker, ends_of
+from skyrange.codec.mavlink import Message, Packer, message_id
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mission.differences import describe_difference
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import Schedule
+from skyrange.contracts.params import Number
+from skyrange.contracts.verdicts import Drop, Inject, Verdict
+from skyrange.core.ids import link_name
+from skyrange.core.time import NS_PER_MS, Time, from_seconds
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
+
+COMPONENT: Final = int(mav.MAV_COMP_ID_USER1)
+"""Component id that it reads as: answers to it are distinct from those to the station."""
+_STATION: Final = 255
+_AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
+_TIMEOUT_NS: Final = 1_500 * NS_PER_MS
+"""https://mavlink.io/en/services/mission.html, "Timeouts and retries": default, and number of retries."""
+_RETRIES: Final = 5
+_UNANSWERED: Final = 2
+"""Read-backs in a row without any answer that raise an alarm: one may fall into a burst of losses."""
+_KIND: Final = int(mav.MAV_MISSION_TYPE_MISSION)
+_ANSWERS: Final = frozenset((
+    mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_ACK,
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+))  # fmt: skip
+_COMMANDS: Final = {"rtl": mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, "land": mav.MAV_CMD_NAV_LAND}
+
+
+class MissionReadBack(Protected):
+    """How often a mission is read back, and what follows from a difference."""
+
+    every_s: Number = Field(
+        default=10.0,
+        ge=1,
+        le=3600,
+        description="Time in seconds from the end of one read-back to the begin of the next; at a cruise of 5 m/s the "
+        "default is 50 m of flight.",
+    )
+    action: Literal["rtl", "land", "alarm"] = Field(
+        default="rtl",
+        description="What an armed aircraft is commanded when its mission differs: rtl (NAV_RETURN_TO_LAUNCH), land "
+        "(NAV_LAND), or nothing but an alarm.",
+    )
+
+
+@dataclass(slots=True)
+class Sent:
+    """The mission that the station has sent."""
+
+    count: int = -1
+    """-1 until one was uploaded."""
+    items: dict[int, Message] = field(default_factory=dict)
+    accepted: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether all its items were sent."""
+        return self.count >= 0 and all(seq in self.items for seq in range(self.count))
+
+
+@dataclass(slots=True)
+class ReadBackTap(DefenceTap):
+    """Reads the mission back, and compares."""
+
+    system: int
+    packer: Packer
+    alarm: Alarm
+    schedule: Schedule
+    every_ns: Time
+    command: int | None
+    sent: Sent = field(default_factory=Sent)
+    armed: bool = False
+    due: Time | None = None
+    """When the next read-back begins, or the last request is sent again."""
+    asked: int = -2
+    """The item that was asked for; -1 the count; -2 while nothing is."""
+    retries: int = 0
+    unanswered: int = 0
+    """Read-backs in a row of which a request had no answer, and none came since."""
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Learn what the station uploads and whether the aircraft is armed; take the own answers off the link."""
+        number = message_id(frame.payload)
+        if frame.direction == "rev":
+            if number == mav.MAVLINK_MSG_ID_HEARTBEAT:
+                self._learn_armed(frame.payload)
+                return ()
+            return self._hear(now, frame.payload) if number in _ANSWERS else ()
+        if number in (mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT):
+            self._learn_mission(frame.payload)
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """When a read-back begins or a request is repeated."""
+        return self.due
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Ask for the count, or again for what has not come."""
+        if self.due is None or now < self.due:
+            return ()
+        if now < self.schedule.start_ns:
+            self.due = now + self.every_ns
+            return ()
+        if self.asked == -2:
+            self.retries = 0
+            return self._ask(now, -1)
+        self.retries += 1
+        if self.retries > _RETRIES:
+            self._end(now)
+            self.unanswered += 1
+            if self.unanswered < _UNANSWERED:
+                return ()
+            return self.alarm.raise_at(now, "mission.unanswered", 0.5)
+        return self._ask(now, self.asked)
+
+    def _learn_armed(self, payload: bytes) -> None:
+        message = read(payload)
+        if message is not None and message.autopilot != mav.MAV_AUTOPILOT_INVALID:
+            self.armed = bool(message.base_mode & mav.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def _learn_mission(self, payload: bytes) -> None:
+        message = read(payload)
+        if message is None or message.mission_type != _KIND:
+            return
+        if message.get_msgId() == mav.MAVLINK_MSG_ID_MISSION_COUNT:
+            self.sent = Sent(message.count)
+            self.asked, self.due = -2, None
+        else:
+            self.sent.items[message.seq] = message
+
+    def _hear(self, now: Time, payload: bytes) -> Sequence[Verdict]:
+        message = read(payload)
+        if message is None or message.target_system != self.packer.system or message.mission_type != _KIND:
+            return ()
+        number = message.get_msgId()
+        if message.target_component != COMPONENT:
+            done = number == mav.MAVLINK_MSG_ID_MISSION_ACK and message.type == mav.MAV_MISSION_ACCEPTED
+            if done and not self.sent.accepted and self.sent.complete:
+                self.sent.accepted = True
+                self.asked, self.due = -2, now + self.every_ns
+            return ()
+        return [Drop(), *self._compare(now, message, number)]
+
+    def _compare(self, now: Time, message: Message, number: int) -> Sequence[Verdict]:
+        self.unanswered = 0
+        if self.asked >= -1 and number == mav.MAVLINK_MSG_ID_MISSION_COUNT:
+            # it comes for an item too that the mission no longer has (MissionItemProtocol.cpp, handle_mission_request)
+            if message.count != self.sent.count:
+                return self._differ(now, f"{message.count} items, sent {self.sent.count}")
+            return self._next(now, 1) if self.asked == -1 else ()  # item 0 is the autopilot's own home
+        if number == mav.MAVLINK_MSG_ID_MISSION_ACK and message.type == mav.MAV_MISSION_DENIED and self.asked >= -1:
+            # what an autopilot answers while somebody uploads: there is no read-back while the station does
+            return self._differ(now, "an upload that is not the station's")
+        if number != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT or message.seq != self.asked:
+            return ()
+        problem = describe_difference(self.sent.items[message.seq], message)
+        if problem:
+            return self._differ(now, f"item {message.seq}: {problem}")
+        return self._next(now, message.seq + 1)
+
+    def _next(self, now: Time, seq: int) -> Sequence[Verdict]:
+        """Ask for an item, or end the read-back after the last."""
+        self.retries = 0
+        if seq < self.sent.count:
+            return self._ask(now, seq)
+        self._end(now)
+        ack = mav.MAVLink_mission_ack_message(self.system, _AUTOPILOT, mav.MAV_MISSION_ACCEPTED, _KIND)
+        return [self._say(ack)]
+
+    def _differ(self, now: Time, problem: str) -> Sequence[Verdict]:
+        self._end(now)
+        answer: list[Verdict] = []
+        acts = self.armed and self.command is not None
+        if acts:
+            command = mav.MAVLink_command_long_message(self.system, _AUTOPILOT, self.command, 0, *([0.0] * 7))
+            answer.append(self._say(command))
+        return [*answer, *self.alarm.raise_at(now, "mission.differs", 1.0, what=problem)]
+
+    def _end(self, now: Time) -> None:
+        self.asked, self.due = -2, now + self.every_ns
+
+    def _ask(self, now: Time, seq: int) -> list[Verdict]:
+        self.asked, self.due = seq, now + _TIMEOUT_NS
+        if seq < 0:
+            return [self._say(mav.MAVLink_mission_request_list_message(self.system, _AUTOPILOT, _KIND))]
+        return [self._say(mav.MAVLink_mission_request_int_message(self.system, _AUTOPILOT, seq, _KIND))]
+
+    def _say(self, message: Message) -> Inject:
+        return Inject(self.packer.pack(message), "fwd", *ends_of(self.link, "fwd"))
+
+
+@dataclass(frozen=True, slots=True)
+class _Maker:
+    """Makes the tap of a link."""
+
+    params: MissionReadBack
+    vehicles: tuple[tuple[str, str, int], ...]
+    schedule: Schedule
+
+    def __call__(self, link: str) -> ReadBackTap:
+        vehicle, system = next((one, number) for name, one, number in self.vehicles if name == link)
+        every_ns, command = from_seconds(self.params.every_s), _COMMANDS.get(self.params.action)
+        return ReadBackTap(link, system, Packer(_STATION, COMPONENT), Alarm(vehicle), self.schedule, every_ns, command)
+
+
+def make(params: MissionReadBack, context: DefenceContext) -> Defence:
+    """The parts. Raises `InputError` for aircraft that the scenario does not have."""
+    vehicles = find_protected(params, context)
+    known = tuple((link_name("gcs", one), one, context.vehicles[one].system_id) for one in vehicles)
+    taps = place_taps("gcs", "gcs", vehicles, context, TapMaker(_Maker(params, known, context.schedule)))
+    return Defence(taps=taps, exclusive=[Exclusive(f"mission read-back of {vehicle}") for vehicle in vehicles])
+
+
+READ_BACK = DefencePlugin(
+    MissionReadBack,
+    make,
+    "Reads missions back in flight at intervals and compares them with what the station has sent.",
+    surface=("gcs",),
+    place="the station's end of the gcs link; knows the uploads that leave, and the answers that arrive",
+    effect="commands an aircraft whose mission differs to return or to land",
+    alerts=("mission.differs", "mission.unanswered"),
+    against=("mavlink.mission_replace", "mavlink.mission_clear"),
+    evasion="alters the items that are read back too, as mavlink.mission_alter does, or starts and ends between two "
+    "read-backs",
+    cost="a request and an answer for each item of the mission, every `every_s`",
+    nominal=("inject", "drop"),
+    realism={
+        "the reading component": "assumed: a program beside the ground station, on its computer",
+        "the protocol and what an autopilot stores": "cited: mavlink.io, mission protocol; AP_Mission.cpp",
+    },
+)

@@ -1,0 +1,89 @@
+"""Places of defences: the aircraft that they protect, taps at the ends of their links, and limits of their alarms."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from pydantic import Field
+
+from skyrange.attack.on_path import TapMaker
+from skyrange.attack.victims import Vehicles, check_vehicles
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.params import Params
+from skyrange.contracts.verdicts import Verdict
+from skyrange.core.errors import InputError
+from skyrange.core.ids import link_name
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.contract import DefenceContext
+
+
+class Protected(Params):
+    """The aircraft that a defence protects."""
+
+    vehicles: Vehicles = Field(default=(), description="Aircraft that it protects, such as ['blue/b1']; default: all.")
+
+
+def find_protected(params: Protected, context: DefenceContext) -> list[str]:
+    """The aircraft that a defence protects. Raises `InputError` for those that are not in the scenario."""
+    check_vehicles(context, params.vehicles)
+    return list(params.vehicles or context.vehicles)
+
+
+def place_taps(
+    role: str, side: str, vehicles: Sequence[str], context: DefenceContext, make: TapMaker
+) -> list[TapPlacement]:
+    """A tap at the `side` end of the link of this role of each aircraft; `make` is called with the link's name.
+
+    Raises `InputError` where none of the aircraft has such a link, as without a radio medium for `rid_data`.
+    """
+    names = [name for name in (link_name(role, vehicle) for vehicle in vehicles) if name in context.links]
+    if not names:
+        hint = "Add a table [radio]." if role.startswith("rid") else ""
+        raise InputError.one(context.id, "vehicles", f"no link {role}:…", f"aircraft with a link of role {role}", hint)
+    return [TapPlacement(name, side, make) for name in names]
+
+
+@dataclass(slots=True)
+class DefenceTap:
+    """A tap of a defence that decides on frames, and never acts on its own."""
+
+    link: str
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Decide on a frame."""
+        raise NotImplementedError
+
+    def next_wakeup(self) -> Time | None:
+        """Never."""
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Nothing."""
+        return ()
+
+
+@dataclass(slots=True)
+class Alarm:
+    """Alerts of one place: of each kind the first at once, then at most one every `period_ns`, with a count."""
+
+    subject: str
+    """The vehicle or link that they are about."""
+    period_ns: Time = NS_PER_S
+    _last: dict[str, Time] = field(default_factory=dict)
+    _held: dict[str, int] = field(default_factory=dict)
+
+    def raise_at(self, now: Time, kind: str, score: float, **data: str | float | int | bool) -> list[Alert]:
+        """The alert, or none where one of its kind was raised less than a period ago.
+
+        `score` is at least 1 where the defence acts. `count` in the data is how many findings an alert stands for.
+        """
+        count = self._held.get(kind, 0) + 1
+        last = self._last.get(kind)
+        if last is not None and now < last + self.period_ns:
+            self._held[kind] = count
+            return []
+        self._last[kind], self._held[kind] = now, 0
+        return [Alert(now, self.subject, kind, score, {"count": count, **data})]

@@ -1,0 +1,1 @@
+"""Defences of receivers of Remote ID: broadcasts that cannot be true do not reach avoidance."""

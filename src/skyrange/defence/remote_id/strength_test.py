@@ -1,0 +1,181 @@
+"""Test of signal strengths against a claimed position: sequential, with a stated error rate at all times.
+
+The claim is the null hypothesis. A sender of constant radiated power P, within the legal limits, is where it says; the
+strength at a receiver in its sight is P − L(d) + S + F (dBm, dB). L is free space (ITU-R P.525-4, eq. 3). S is
+shadowing: normal with σ = max(5·exp(−0.01·h), 2) dB, h being the lower antenna's height in metres (3GPP TR 36.777
+table B-3, UMi-AV in sight), one value while both ends stay in cells of 10 m / 0.63 (decorrelation distance 10 m, TR
+38.901 table 7.5-6). F is Rician fading with K = 12 dB (Matolak & Sun 2017), one value for each broadcast; the standard
+deviation of its power in dB is (10/ln 10)·√(1 + 2K)/(1 + K) to first order.
+
+The alternative is a mixture, with equal weights, of transmitters that stand elsewhere, with powers of their own, and of
+claims that are right but sent with more than the legal power. E is the density of the strengths under the mixture over
+their largest density under the null hypothesis. Under any legal P the ratio of the mixture to the density at P is a
+martingale of mean 1, so by Ville's inequality E reaches 1/α at any time with a probability of at most α: the sequential
+test of Wald (1945) with the maximum over P (universal inference: Wasserman, Ramdas & Balakrishnan, PNAS 117/29, 2020).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import exp, floor, log, log10, pi, sqrt
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.defence.remote_id.receptions import Place
+from skyrange.radio.propagation.fading import LOS_DECORRELATION_M, RICIAN_K
+from skyrange.radio.propagation.path_loss import MIN_DISTANCE_M, wavelength_m
+
+Floats = NDArray[np.float64]
+CELL_M: Final = LOS_DECORRELATION_M / 0.63
+FADING_DB: Final = 10.0 / log(10.0) * sqrt(1.0 + 2.0 * RICIAN_K) / (1.0 + RICIAN_K)
+FREQUENCY_MHZ: Final = 2437.0
+"""Wi-Fi channel 6; Bluetooth at 2.402 to 2.480 GHz differs by 0.15 dB at most."""
+_CONSTANT_DB: Final = 20.0 * log10(4.0 * pi / wavelength_m(FREQUENCY_MHZ))
+_RADII_M: Final = (20.0, 40.0, 80.0, 160.0, 320.0, 640.0)
+_BEARINGS: Final = 12
+_HEIGHT_M: Final = 2.0
+"""Height of the transmitters of the alternative: held by hand."""
+_POWERS_DBM: Final = np.arange(0.0, 36.0, 5.0)
+_EXCESS_DB: Final = (10.0, 20.0)
+"""By how much a power exceeds the legal limit, in the alternative."""
+_COARSENESS_DB: Final = 2.0
+"""Standard deviation of a strength of the alternative beyond that of the channel, because its places and powers are
+coarse. It alters the power of the test, and not its error rate."""
+MAX_CELLS: Final = 256
+
+
+def free_space_loss_db(distance_m: float) -> float:
+    """Loss between isotropic antennas at 2437 MHz."""
+    return _CONSTANT_DB + 20.0 * log10(max(distance_m, MIN_DISTANCE_M))
+
+
+def shadowing_db(lower_m: float) -> float:
+    """Standard deviation of shadowing in sight, for the height of the lower antenna."""
+    return max(5.0 * exp(-0.01 * max(lower_m, 0.0)), 2.0)
+
+
+def distance_m(a: Place, b: Place) -> float:
+    """Distance of two places."""
+    return sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True)))
+
+
+@dataclass(slots=True)
+class _Cell:
+    """Means of the receptions of one receiver while both ends stay in their cells."""
+
+    count: int = 0
+    strength_dbm: float = 0.0
+    receiver: Place = (0.0, 0.0, 0.0)
+    claimed: Place = (0.0, 0.0, 0.0)
+
+    def add(self, strength_dbm: float, receiver: Place, claimed: Place) -> None:
+        self.count += 1
+        share = 1.0 / self.count
+        self.strength_dbm += (strength_dbm - self.strength_dbm) * share
+        self.receiver = _mix(self.receiver, receiver, share)
+        self.claimed = _mix(self.claimed, claimed, share)
+
+    @property
+    def power_dbm(self) -> float:
+        """Radiated power that the claim implies."""
+        return self.strength_dbm + free_space_loss_db(distance_m(self.receiver, self.claimed))
+
+    @property
+    def variance(self) -> float:
+        """Of the mean, in dB²."""
+        lower_m = min(self.receiver[2], self.claimed[2])
+        return shadowing_db(lower_m) ** 2 + FADING_DB**2 / self.count
+
+
+def _mix(mean: Place, new: Place, share: float) -> Place:
+    (a, b, c), (x, y, z) = mean, new
+    return (a + (x - a) * share, b + (y - b) * share, c + (z - c) * share)
+
+
+@dataclass(slots=True)
+class StrengthTest:
+    """The test of one sender. Deep-copyable."""
+
+    legal_dbm: tuple[float, float]
+    _cells: dict[tuple[str, int, int, int, int, int, int], _Cell] = field(default_factory=dict)
+    _places: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    _other: Floats = field(default_factory=lambda: np.zeros(0))
+    """Log density of the strengths under each part of the mixture."""
+    _sums: list[float] = field(default_factory=lambda: [0.0] * 4)
+    """Of 1/v, x/v, x²/v and ln v over the cells; x: implied power, v: its variance."""
+
+    def add(self, who: str, receiver: Place, claimed: Place, strength_dbm: float) -> None:
+        """Take in a reception by `who` at `receiver`."""
+        if not self._cells:
+            self._places = _grid(receiver)
+            self._other = np.zeros(len(self._places) * len(_POWERS_DBM) + len(_EXCESS_DB))
+        near, far = _cell_of(receiver), _cell_of(claimed)
+        key = (who, *near, *far)
+        cell = self._cells.get(key)
+        if cell is None:
+            if len(self._cells) >= MAX_CELLS:
+                return
+            cell = self._cells[key] = _Cell()
+        else:
+            self._count(cell, -1.0)
+        cell.add(strength_dbm, receiver, claimed)
+        self._count(cell, 1.0)
+
+    @property
+    def cells(self) -> int:
+        """Independent values so far."""
+        return len(self._cells)
+
+    @property
+    def log_evidence(self) -> float:
+        """Natural logarithm of E; minus infinity before the first reception."""
+        if not self._cells:
+            return -np.inf
+        low, high = self.legal_dbm
+        weight, mean, square, logs = self._sums
+        best = min(max(mean / weight, low), high)
+        null = -0.5 * (square - 2.0 * best * mean + best * best * weight + logs)
+        top = float(self._other.max())
+        return top + log(float(np.exp(self._other - top).mean())) - null
+
+    @property
+    def power_dbm(self) -> float:
+        """Radiated power that the claims imply, over all cells."""
+        return self._sums[1] / self._sums[0] if self._cells else float("nan")
+
+    @property
+    def likely_place(self) -> Place | None:
+        """The place of the most likely transmitter of the mixture; `None` for the claimed one."""
+        best = int(self._other.argmax()) - len(_EXCESS_DB)
+        if best < 0:
+            return None
+        east, north, up = self._places[best // len(_POWERS_DBM)].tolist()
+        return (east, north, up)
+
+    def _count(self, cell: _Cell, sign: float) -> None:
+        power, variance = cell.power_dbm, cell.variance
+        for place, term in enumerate((1.0 / variance, power / variance, power * power / variance, log(variance))):
+            self._sums[place] += sign * term
+        away = self._places - np.array(cell.receiver)
+        distance = np.maximum(np.sqrt((away * away).sum(axis=1)), MIN_DISTANCE_M)
+        implied = cell.strength_dbm + _CONSTANT_DB + 20.0 * np.log10(distance)
+        illegal = power - self.legal_dbm[1] - np.array(_EXCESS_DB)
+        error = np.concatenate((illegal, (implied[:, None] - _POWERS_DBM[None, :]).ravel()))
+        spread = variance + _COARSENESS_DB**2
+        self._other += sign * -0.5 * (error * error / spread + log(spread))
+
+
+def _grid(centre: Place) -> Floats:
+    """Places of transmitters: on circles around where the sender was first heard, and there."""
+    bearing = np.arange(_BEARINGS) * (2.0 * pi / _BEARINGS)
+    radius = np.array(_RADII_M)[:, None]
+    east = np.concatenate(([0.0], (radius * np.sin(bearing)).ravel())) + centre[0]
+    north = np.concatenate(([0.0], (radius * np.cos(bearing)).ravel())) + centre[1]
+    return np.column_stack((east, north, np.full(len(east), _HEIGHT_M)))
+
+
+def _cell_of(place: Place) -> tuple[int, int, int]:
+    x, y, z = (floor(v / CELL_M) for v in place)
+    return (x, y, z)

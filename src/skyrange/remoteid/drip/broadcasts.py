@@ -1,0 +1,131 @@
+"""Authentication pages of a fleet: signed, split and spread over time, beside the ordinary broadcasts.
+
+Pages are frames of their own and pay their airtime. Over Bluetooth 4 each page is an advertisement, with a parity page
+for each message; the other transports carry all pages of a message in one pack, without parity (RFC 9575, section 6.2).
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from skyrange.codec.drip import encode_sam, since_2019_s, split_with_parity
+from skyrange.codec.f3411 import Authentication, MessagePack, encode
+from skyrange.codec.remote_id.link_payload import Transport
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
+from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
+from skyrange.remoteid.drip.schedule import Kind
+from skyrange.remoteid.drip.sender import Sender
+
+PAGE_NS: Final[Time] = 35 * NS_PER_MS
+"""Time between two frames with authentication pages of one aircraft: three times the longest message, eleven pages,
+takes 1.2 s."""
+AHEAD_S: Final = 1.0
+"""A message that would become due before the next ordinary broadcast, at most a second later, is sent now. So the
+longest times of RFC 9575 are kept."""
+
+
+class DuePage(NamedTuple):
+    """A frame with one page, or with the pack of all pages of a message."""
+
+    row: int
+    at_ns: Time
+    transport: int
+    counter: int
+    """Message counter over Bluetooth 4; the counter of packs is that of the transport."""
+    body: bytes
+
+
+class _Queue:
+    """The frames of one aircraft that wait; those of Manifests first, because what they sign grows old."""
+
+    __slots__ = ("counter", "links", "manifests", "next_ns", "repeats", "sender")
+
+    def __init__(self, sender: Sender, repeats: int) -> None:
+        self.sender = sender
+        self.repeats = repeats
+        self.manifests: deque[tuple[int, int, bytes]] = deque()
+        self.links: deque[tuple[int, int, bytes]] = deque()
+        self.next_ns: Time = 0
+        self.counter = 0
+
+    @property
+    def is_empty(self) -> bool:
+        return not (self.manifests or self.links)
+
+
+class AuthenticationPages:
+    """The senders of all aircraft of a broadcaster that have keys. Deep-copyable."""
+
+    def __init__(self, broadcasts: Sequence[Broadcast]) -> None:
+        """Raises `ValueError` if none has a key."""
+        self._transports = [[int(kind) for name in one.transports for kind in TRANSPORTS[name]] for one in broadcasts]
+        self._queues = {
+            row: _Queue(
+                Sender(
+                    one.credentials.registration,
+                    legacy=Transport.BT4 in self._transports[row],
+                    rates=one.credentials.rates,
+                    seed=one.credentials.seed,
+                ),
+                one.credentials.repeats,
+            )
+            for row, one in enumerate(broadcasts)
+            if one.credentials is not None
+        }
+        if not self._queues:
+            raise ValueError("no aircraft has a key")
+        self._fresh: set[int] = set()
+
+    @property
+    def next_ns(self) -> Time:
+        """When the next page is due; `NEVER` if none waits."""
+        return min((queue.next_ns for queue in self._queues.values() if not queue.is_empty), default=NEVER)
+
+    def sent(self, row: int, body: bytes) -> None:
+        """An ordinary message or pack of an aircraft was broadcast."""
+        queue = self._queues.get(row)
+        if queue is not None:
+            queue.sender.sent(body)
+            self._fresh.add(row)
+
+    def sign(self, now: Time, clocks_us: Ints) -> None:
+        """Make the messages that are due for the aircraft that have just broadcast.
+
+        `clocks_us` (n,) is the UTC of each aircraft, in µs since 1970; without it (-1) an aircraft signs nothing.
+        """
+        for row in sorted(self._fresh):
+            clock_us = clocks_us.item(row)
+            if clock_us < 0:
+                continue
+            queue, clock_s = self._queues[row], max(0.0, since_2019_s(clock_us * 1000))
+            if queue.is_empty:
+                queue.next_ns = max(queue.next_ns, now + PAGE_NS)
+            for kind in queue.sender.due(now / NS_PER_S + AHEAD_S):
+                message = encode_sam(queue.sender.message(kind, now / NS_PER_S, clock_s))
+                waiting = queue.manifests if kind is Kind.MANIFEST else queue.links
+                for transport in self._transports[row]:
+                    legacy = transport == Transport.BT4
+                    pages = split_with_parity(message, int(clock_s), parity=legacy)
+                    times = queue.repeats if legacy else 1
+                    waiting.extend((transport, queue.counter, body) for body in _bodies(pages, legacy) * times)
+                    if legacy:
+                        queue.counter = (queue.counter + 1) % 256
+        self._fresh.clear()
+
+    def take(self, now: Time, until: Time) -> list[DuePage]:
+        """The frames that are due before `until`, in the order of the aircraft."""
+        found: list[DuePage] = []
+        for row, queue in self._queues.items():
+            while not queue.is_empty and queue.next_ns < until:
+                at_ns = max(queue.next_ns, now)
+                waiting = queue.manifests or queue.links
+                found.append(DuePage(row, at_ns, *waiting.popleft()))
+                queue.next_ns = at_ns + PAGE_NS
+        return found
+
+
+def _bodies(pages: Sequence[Authentication], legacy: bool) -> list[bytes]:
+    return [encode(page) for page in pages] if legacy else [encode(MessagePack(tuple(pages)))]

@@ -1,0 +1,220 @@
+"""Measures of a cell: effect, alarms and cost, read from the pair of its row and column."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import shapely
+
+from skyrange.core.time import NS_PER_S
+from skyrange.record.read.run import RunRecord
+from skyrange.study.attribution.arms import ATTACKED, HONEST, NOMINAL
+from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.measures.link_statistics import link_statistics
+from skyrange.study.measures.separation import NEAR_M
+from skyrange.study.measures.time_series import read_notes, truth_tracks
+from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.twins.pair_folder import Pair
+
+_STARTS: Final = ("event.attack_start", "event.fault_start")
+_S_PER_H: Final = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Nominal:
+    """What one nominal run is compared by: when missions ended, energy, and frames sent."""
+
+    finished_s: Sequence[float | None]
+    energy_j: Sequence[float | None]
+    frames: int
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """The measures of one cell, by seed where they are lists; a cell that was not run says why in `refused`."""
+
+    row: str
+    column: str
+    fault: bool = False
+    """Whether the row has benign faults and no attack."""
+    assumed: bool = False
+    """Whether an attack of the row acts on a sensor whose reaction is assumed, as its kind says."""
+    folder: str = ""
+    refused: str = ""
+    """Why the defence cannot be declared in the row's scenario; "" if it can."""
+    effects: Sequence[float] = ()
+    """The row's measure, of the aircraft that is affected most."""
+    complete: Sequence[bool] = ()
+    """Whether every mission that is complete in the baseline is complete."""
+    alarms_s: Sequence[float | None] = ()
+    """Time from the attack's start to the first alarm after it; `None` without one."""
+    false_alarms: Sequence[int] = ()
+    """Alarms of the nominal run."""
+    flown_h: Sequence[float] = ()
+    """Aircraft-hours of the nominal run."""
+    fault_alarms: Sequence[int] = ()
+    """Alarms of the run with the fault, in a row without an attack: they are false too."""
+    nominal: Sequence[Nominal] = ()
+    honest_alarms: Sequence[bool] = ()
+    """Whether the honest arm, in which the aircraft is real, has an alarm; empty where no aircraft is claimed."""
+    adaptive: tuple[Cell, ...] = ()
+    """The same cell with each candidate of the adversaries who know the defence."""
+    candidate: str = ""
+    """What the adversary of an adaptive cell does."""
+
+    @property
+    def effect(self) -> Interval | None:
+        """Mean effect over the seeds."""
+        return interval(self.effects)
+
+    @property
+    def best_adaptive(self) -> Cell | None:
+        """What an adversary who knows the defence does best: this cell or a candidate; `None` if there is none."""
+        flown = [one for one in self.adaptive if one.effects]
+        return max([self, *flown], key=_mean_effect) if flown else None
+
+    @property
+    def alarm_s(self) -> float | None:
+        """Mean time to alarm over the seeds that have one."""
+        told = [at for at in self.alarms_s if at is not None]
+        return sum(told) / len(told) if told else None
+
+    def data(self) -> dict[str, Any]:
+        """As JSON data."""
+        return asdict(self)
+
+
+def _mean_effect(cell: Cell) -> float:
+    return sum(cell.effects) / len(cell.effects)
+
+
+def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]) -> Cell:
+    """`cell` with the measures of its pair; `detectors` are the ids of its defences, none for the undefended one."""
+    baseline = flown.baseline or NOMINAL
+    effects: list[float] = []
+    complete: list[bool] = []
+    alarms, false_alarms, hours, nominal, fault_alarms = [], [], [], [], []
+    rows = [one for one in flown.effects.to_pylist() if one["against"] == baseline]
+    for seed in flown.seeds:
+        own = [one for one in rows if one["seed"] == seed]
+        if measure == "strayed_m":
+            effects.append(_strayed_m(flown.run(ATTACKED, seed), flown.run(baseline, seed)))
+        elif measure == "telemetry":
+            effects.append(_missing_telemetry(flown.run(ATTACKED, seed), flown.run(baseline, seed)))
+        else:
+            effects.append(max(_value(one, measure) for one in own))
+        complete.append(all(one["outcome"] == "complete" for one in own if one["outcome_twin"] == "complete"))
+        attacked, quiet = flown.run(ATTACKED, seed), flown.run(NOMINAL, seed)
+        raised = alert_times_ns(attacked, detectors)
+        start_ns = _start_ns(attacked)
+        after = [at for at in raised if start_ns is not None and at >= start_ns]
+        alarms.append((after[0] - start_ns) / NS_PER_S if after and start_ns is not None and not cell.fault else None)
+        fault_alarms += [len(raised)] if cell.fault else []
+        false_alarms.append(len(alert_times_ns(quiet, detectors)))
+        hours.append(_flown_h(quiet))
+        nominal.append(_nominal(quiet))
+    honest: list[bool] = []
+    if HONEST in flown.arms:
+        honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
+    return replace(
+        cell,
+        effects=effects,
+        complete=complete,
+        alarms_s=alarms,
+        false_alarms=false_alarms,
+        flown_h=hours,
+        fault_alarms=fault_alarms,
+        nominal=nominal,
+        honest_alarms=honest,
+    )
+
+
+def _value(row: dict[str, Any], measure: str) -> float:
+    """The effect on one aircraft; energy counts as 0 where the world has no battery."""
+    if measure == "mission":
+        return float(row["outcome"] != row["outcome_twin"])
+    if measure == "mishaps":
+        more = row["near_misses"] - row["near_misses_twin"] + row["collisions"] - row["collisions_twin"]
+        return float(max(more, 0))
+    return abs(float(row[measure] or 0.0))
+
+
+def _strayed_m(attacked: RunRecord, baseline: RunRecord) -> float:
+    """Largest horizontal distance of any aircraft from the path that it flew in the baseline, in metres."""
+    mine, other = truth_tracks(attacked), truth_tracks(baseline)
+    away = [0.0]
+    for name, track in mine.items():
+        path = other.get(name)
+        if path is not None and len(path) > 1 and len(track):
+            line = shapely.LineString(path.enu_m[:, :2])
+            away.append(float(shapely.distance(shapely.points(track.enu_m[:, :2]), line).max()))
+    return max(away)
+
+
+def _missing_telemetry(attacked: RunRecord, baseline: RunRecord) -> float:
+    """Share of the frames that stations get on gcs links in the baseline and that are missing, in percent."""
+    mine, other = (
+        sum(one.delivered for one in link_statistics(run) if (one.kind, one.direction) == ("gcs", "rev"))
+        for run in (attacked, baseline)
+    )
+    return 100.0 * max(other - mine, 0) / max(other, 1)
+
+
+def alert_times_ns(run: RunRecord, detectors: Sequence[str]) -> list[int]:
+    """When these detectors or defences raised alerts, in order."""
+    if not detectors:
+        return []
+    table = run.table("alerts", ["time_ns", "detector"])
+    chosen = table.filter(pc.is_in(table.column("detector"), value_set=pa.array(list(detectors), type=pa.string())))
+    return sorted(chosen.column("time_ns").to_pylist())
+
+
+def _start_ns(run: RunRecord) -> int | None:
+    starts = [note.time_ns for note in read_notes(run, "events") if note.kind in _STARTS]
+    return min(starts, default=None)
+
+
+def _flown_h(run: RunRecord) -> float:
+    """Aircraft-hours of a run: its duration times the number of its aircraft."""
+    table = run.table("truth", ["time_ns", "vehicle"])
+    if not table.num_rows:
+        return 0.0
+    last_ns = int(pc.max(table.column("time_ns")).as_py())
+    return last_ns / NS_PER_S / _S_PER_H * int(pc.count_distinct(table.column("vehicle")).as_py())
+
+
+def _nominal(run: RunRecord) -> Nominal:
+    measured = ArmOutcomes.read(run, NEAR_M).measured
+    return Nominal(
+        [one.finished_s for one in measured],
+        [one.energy_j for one in measured],
+        run.table("frames", ["size"]).num_rows,
+    )
+
+
+def added_delay_s(cell: Cell, without: Cell) -> list[float]:
+    """How much later missions end in the nominal runs with a defence, in seconds, by seed and aircraft."""
+    return _differences([one.finished_s for one in cell.nominal], [one.finished_s for one in without.nominal])
+
+
+def added_energy_j(cell: Cell, without: Cell) -> list[float]:
+    """How much more energy aircraft use in the nominal runs with a defence, in joules, by seed and aircraft."""
+    return _differences([one.energy_j for one in cell.nominal], [one.energy_j for one in without.nominal])
+
+
+def added_frames(cell: Cell, without: Cell) -> list[float]:
+    """How many more frames are sent in the nominal runs with a defence, by seed."""
+    return [float(a.frames - b.frames) for a, b in zip(cell.nominal, without.nominal, strict=True)]
+
+
+def _differences(mine: Sequence[Sequence[float | None]], other: Sequence[Sequence[float | None]]) -> list[float]:
+    return [
+        a - b
+        for one, two in zip(mine, other, strict=True)
+        for a, b in zip(one, two, strict=True)
+        if a is not None and b is not None
+    ]

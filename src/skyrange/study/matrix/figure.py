@@ -1,0 +1,69 @@
+"""Figure of a matrix: the effect that is left with each defence, as a share of the undefended effect."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.study.figures import svg
+from skyrange.study.figures.svg import Figure
+from skyrange.study.matrix.flights import MatrixResult
+from skyrange.study.matrix.summary import attack_rows, describe_cell
+
+_LEFT, _TOP, _WIDE, _HIGH, _FOOT = 190.0, 118.0, 64.0, 34.0, 34.0
+_HARM: Final = "#b3261e"
+_SAFE: Final = "#0b7a43"
+
+
+def draw_matrix(result: MatrixResult) -> Figure:
+    """A table of colours: green where nothing is left of the effect, red where all of it is; a dot marks an alarm.
+
+    The lower right corner of a cell is the adaptive adversary's share, where one knows the defence.
+    """
+    rows, columns = attack_rows(result), result.matrix.columns
+    width, height = max(_LEFT + _WIDE * len(columns) + 60, 640.0), _TOP + _HIGH * len(rows) + _FOOT
+    body = []
+    for k, column in enumerate(columns):
+        x = _LEFT + _WIDE * (k + 0.5)
+        turn = {"transform": f"rotate(-38 {svg.format_number(x)} {svg.format_number(_TOP - 10)})"}
+        body.append(svg.label(x, _TOP - 10, column.id, "start", extra=turn))
+    for n, row in enumerate(rows):
+        y = _TOP + _HIGH * n
+        body.append(svg.label(_LEFT - 10, y + _HIGH / 2 + 4, row.id, "end"))
+        for k, column in enumerate(columns):
+            x = _LEFT + _WIDE * k
+            text = describe_cell(result, row, column.id)
+            place: svg.Attributes = {"x": x + 1, "y": y + 1, "width": _WIDE - 2, "height": _HIGH - 2, "rx": 3}
+            if text.share is None:
+                why = "cannot be declared here" if text.refused else "no effect without a defence"
+                body.append(svg.element("rect", {**place, **svg.GRID}, svg.title(f"{row.id}, {column.id}: {why}")))
+                body.append(svg.label(x + _WIDE / 2, y + _HIGH / 2 + 4, "–", extra={"opacity": ".5"}))
+                continue
+            said = f"{row.id}, {column.id}: {text.effect}; adaptive {text.adaptive}; alarm {text.alarm}"
+            shown = {**place, "fill": _colour(text.share), "fill-opacity": _opacity(text.share)}
+            body.append(svg.element("rect", shown, svg.title(said)))
+            cell = result.cell(row.id, column.id)
+            best = cell.best_adaptive
+            undefended = sum(result.cell(row.id).effects)
+            if best is not None and undefended:
+                share = sum(best.effects) / undefended
+                right, low = x + _WIDE - 2, y + _HIGH - 2
+                corner = f"M{right:.1f} {low - 14:.1f}V{low:.1f}H{right - 22:.1f}Z"
+                body.append(svg.element("path", {"d": corner, "fill": _colour(share)}))
+            percent = f"{min(100 * text.share, 999):.0f} %"
+            body.append(
+                svg.label(x + _WIDE / 2 - 4, y + _HIGH / 2 + 4, percent, extra=svg.BOLD if text.stops else None)
+            )
+            if any(at is not None for at in cell.alarms_s):
+                body.append(svg.element("circle", {"cx": x + 9, "cy": y + 9, "r": 3.2, "fill": "currentColor"}))
+    foot = "share of the undefended effect · bold: stopped · dot: alarm · corner: adversary who knows the defence"
+    body.append(svg.label(width - 12, height - 12, foot, "end", 10.5, {"opacity": ".7"}))
+    return svg.document(width, height, f"Attacks and defences: {result.matrix.name}", body)
+
+
+def _colour(share: float) -> str:
+    return _SAFE if share <= 0.5 else _HARM
+
+
+def _opacity(share: float) -> float:
+    """Stronger towards both ends: nothing left, or all of it."""
+    return round(0.15 + 0.5 * min(abs(share - 0.5) / 0.5, 1.0), 2)

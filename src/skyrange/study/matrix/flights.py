@@ -1,0 +1,222 @@
+"""Flights of a matrix: a pair for each cell, several at a time, measured where it was flown."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import monotonic
+from typing import Any, Final
+
+from skyrange.assembly.build import build
+from skyrange.core.errors import InputError, Problem, ShortfallError, SkyrangeError
+from skyrange.core.files import atomic_write
+from skyrange.core.input_files import expand_user
+from skyrange.record.folder import make_new_folder
+from skyrange.runtime.run import free_folder
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.attribution.arms import Selection, acting_attacks, claiming_attacks
+from skyrange.study.matrix.cells import Cell, measure_cell
+from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
+from skyrange.study.pairing import pair
+
+FORMAT: Final = "skyrange.matrix/1"
+MANIFEST: Final = "matrix.json"
+CELLS: Final = "cells"
+_SENSORS: Final = ("gnss", "baro", "compass", "imu", "gyro", "accel")
+
+OnCell = Callable[[int, int, float | None], None]
+"""Callback for progress: cells flown, cells in all, and the seconds that are left if they are known."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One cell to be flown, or one candidate of an adversary in it."""
+
+    row: Row
+    column: Column | None
+    scenario: Scenario
+    folder: Path
+    name: str
+    """The folder's path within the matrix."""
+    seeds: int
+    honest: bool
+    candidate: str = ""
+
+    def fly(self) -> Cell:
+        """Fly it as a pair in this process, and measure it."""
+        arms: Selection = "sham" if "sham" in acting_attacks(self.scenario).values() else "nominal"
+        flown = pair(self.scenario, self.folder, arms=arms, seeds=self.seeds, jobs=1, honest=self.honest)
+        detectors = [table.id for table in self.scenario.defences if not table.muted]
+        cell = Cell(
+            self.row.id,
+            self.column.id if self.column is not None else UNDEFENDED,
+            fault=not self.scenario.attacks,
+            assumed=rests_on_assumption(self.scenario),
+            folder=self.name,
+            candidate=self.candidate,
+        )
+        return measure_cell(flown, cell, self.row.measure, detectors)
+
+
+def rests_on_assumption(scenario: Scenario) -> bool:
+    """Whether an attack acts on a sensor whose reaction is assumed, by what its kind says of realism."""
+    return any(
+        one.startswith("assumed")
+        for attack in scenario.attacks
+        if any(part in _SENSORS for part in attack.plugin.surface)
+        for one in attack.plugin.realism.values()
+    )
+
+
+@dataclass(frozen=True)
+class MatrixResult:
+    """A flown matrix."""
+
+    path: Path
+    matrix: Matrix
+    cells: dict[tuple[str, str], Cell]
+    """By row and column; the undefended column is `UNDEFENDED`."""
+
+    def cell(self, row: str, column: str = UNDEFENDED) -> Cell:
+        """The cell of a row and a column."""
+        return self.cells[row, column]
+
+
+def fly_matrix(
+    matrix: Matrix, out: str | Path | None = None, *, jobs: int | None = None, on_cell: OnCell | None = None
+) -> MatrixResult:
+    """Fly every cell of a matrix into `out`, by default the first free folder `runs/NAME`, `runs/NAME-2` …
+
+    A defence that cannot be declared in a row's scenario leaves its cell unflown, with the reason. Raises `InputError`
+    before anything is written for a scenario that is wrong without defences; `ShortfallError` after Ctrl-C, with the
+    cells flown so far in the folder; the error of a cell that failed.
+    """
+    jobs = jobs if jobs is not None else os.cpu_count() or 1
+    if jobs < 1:
+        raise InputError.one("matrix", "jobs", jobs, "1 or more")
+    root = expand_user(out) if out is not None else free_folder(matrix.name)
+    cells: dict[tuple[str, str], Cell] = {}
+    tasks = list(_plan(matrix, root, cells))
+    _check_columns(matrix, cells)
+    make_new_folder(root)
+    found = _fly_all(tasks, root, jobs, on_cell)
+    for task, cell in zip(tasks, found, strict=True):
+        if not task.candidate:
+            cells[task.row.id, cell.column] = cell
+    for task, cell in zip(tasks, found, strict=True):
+        if task.candidate:
+            known = cells[task.row.id, cell.column]
+            cells[task.row.id, cell.column] = replace(known, adaptive=(*known.adaptive, cell))
+    result = MatrixResult(root, matrix, cells)
+    with atomic_write(root / MANIFEST) as file:
+        file.write(f"{json.dumps(describe(result), indent=1)}\n".encode())
+    return result
+
+
+def describe(result: MatrixResult) -> dict[str, Any]:
+    """A matrix as JSON data."""
+    cells = [cell.data() for cell in result.cells.values()]
+    return {"format": FORMAT, "matrix": result.matrix.model_dump(mode="json"), "cells": cells}
+
+
+def _plan(matrix: Matrix, root: Path, cells: dict[tuple[str, str], Cell]) -> Iterator[Task]:
+    """Every flight of a matrix; cells that cannot be flown are put into `cells`."""
+    for row in matrix.rows:
+        scenario = row.load()
+        build(scenario)  # errors of the scenario itself come before those of defences in it
+        folder = root / CELLS / row.id / UNDEFENDED
+        honest = bool(claiming_attacks(scenario))
+        yield Task(row, None, scenario, folder, _name(folder, root), matrix.seeds, honest)
+        for column in matrix.columns:
+            folder = root / CELLS / row.id / column.id
+            try:
+                defended = _defended(row, column)
+            except InputError as error:
+                reason = "; ".join(str(problem) for problem in error.problems)
+                cells[row.id, column.id] = Cell(row.id, column.id, refused=reason)
+                continue
+            yield Task(row, column, defended, folder, _name(folder, root), matrix.seeds, honest)
+            candidates = [
+                (variant.about, changes)
+                for variant in row.adaptive
+                if set(variant.knows) & set(column.kinds)
+                for changes in variant.candidates
+            ]
+            for number, (about, changes) in enumerate(candidates, start=1):
+                each = folder.with_name(f"{column.id}-adaptive-{number}")
+                what = f"{about}: {', '.join(changes)}"
+                yield Task(
+                    row, column, _defended(row, column, changes), each, _name(each, root), matrix.seeds, False, what
+                )
+
+
+def _check_columns(matrix: Matrix, cells: Mapping[tuple[str, str], Cell]) -> None:
+    """Raise `InputError` for a column that cannot be declared in the scenario of any row: it is wrong by itself."""
+    problems = []
+    for column in matrix.columns:
+        refused = [cells[row.id, column.id].refused for row in matrix.rows if (row.id, column.id) in cells]
+        if len(refused) == len(matrix.rows):
+            problems.append(Problem(f"columns.{column.id}", refused[0], "defences that some row's scenario can have"))
+    if problems:
+        raise InputError(f"matrix {matrix.name}", problems)
+
+
+def _defended(row: Row, column: Column, changes: tuple[str, ...] = ()) -> Scenario:
+    """A row's scenario with a column's defences, after those that it declares; `InputError` where they cannot be."""
+    scenario = row.load((*column.changes, *changes))
+    defended = scenario.model_copy(update={"defences": (*scenario.defences, *column.tables())})
+    problems = Scenario.cross_check(defended)
+    if problems:
+        raise InputError(f"scenario {scenario.name}", problems)
+    build(defended)
+    return defended
+
+
+def _name(folder: Path, root: Path) -> str:
+    return folder.relative_to(root).as_posix()
+
+
+def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -> list[Cell]:
+    """Fly all, `jobs` at a time, in processes that are forked where the system can, so that they know all plugins."""
+    done: dict[int, Cell] = {}
+    began = monotonic()
+
+    def tell() -> None:
+        if on_cell is not None:
+            spent = monotonic() - began
+            on_cell(len(done), len(tasks), spent / len(done) * (len(tasks) - len(done)) if done else None)
+
+    tell()
+    if jobs == 1 or len(tasks) == 1:
+        for number, task in enumerate(tasks):
+            done[number] = task.fly()
+            tell()
+        return [done[number] for number in range(len(tasks))]
+    forks = "fork" in multiprocessing.get_all_start_methods()
+    context = multiprocessing.get_context("fork" if forks else "spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupt) as pool:
+        waiting: dict[Future[Cell], int] = {pool.submit(task.fly): number for number, task in enumerate(tasks)}
+        try:
+            while waiting:
+                ended, _ = wait(waiting, return_when=FIRST_COMPLETED)
+                for future in ended:
+                    done[waiting.pop(future)] = future.result()
+                    tell()
+        except KeyboardInterrupt:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise ShortfallError(f"interrupted; {len(done)} of {len(tasks)} cells are in {root}", root) from None
+        except SkyrangeError:
+            pool.shutdown(wait=True, cancel_futures=True)
+            raise
+    return [done[number] for number in range(len(tasks))]
+
+
+def _ignore_interrupt() -> None:
+    """Ctrl-C reaches the parent alone, which lets cells that fly come to their end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,148 @@
+"""A matrix flown: what its cells, its page and its command say."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from skyrange.cli.app import app
+from skyrange.core.errors import InputError
+from skyrange.study.matrix.flights import fly_matrix
+from skyrange.study.matrix.model import read_matrix, select
+from skyrange.study.matrix.report import write_matrix_report
+from skyrange.study.matrix.summary import cost_of, describe_cell, stops
+from skyrange.study.twins.pair_folder import load_pair
+
+SMALL = """
+name = "small"
+seeds = 2
+
+[[rows]]
+id = "terminate"
+scenario = "mavlink.command"
+measure = "departure_m"
+changes = ["duration_s=45"]
+
+[[rows]]
+id = "mode"
+scenario = "mavlink.mode"
+measure = "departure_m"
+changes = ["duration_s=60"]
+  [[rows.adaptive]]
+  knows = ["mavlink.firewall"]
+  about = "commands a mode that is allowed"
+  candidates = [["attacks.hold.params.mode=RTL"], ["attacks.hold.params.mode=LOITER"]]
+
+[[columns]]
+id = "firewall"
+  [[columns.defences]]
+  kind = "mavlink.firewall"
+"""
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("matrix") / "small.toml"
+    path.write_text(SMALL, encoding="utf-8")
+    return path
+
+
+def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: Path) -> None:
+    told: list[tuple[int, int]] = []
+    matrix = read_matrix(file)
+    result = fly_matrix(matrix, tmp_path / "small", on_cell=lambda done, total, _left: told.append((done, total)))
+    assert told[-1] == (6, 6)
+    stopped, undefended = result.cell("terminate", "firewall"), result.cell("terminate")
+    assert stops(stopped, undefended)
+    assert stopped.effects == [0.0, 0.0]
+    assert min(undefended.effects) > 10.0
+    assert stopped.alarm_s is not None
+    assert stopped.alarm_s < 1.0
+    mode = result.cell("mode", "firewall")
+    assert mode.best_adaptive is not None
+    assert sum(mode.best_adaptive.effects) >= max(sum(mode.effects), *(sum(one.effects) for one in mode.adaptive))
+    loiter = mode.adaptive[1]
+    assert "LOITER" in loiter.candidate
+    assert loiter.alarms_s[0] is not None  # not on the list of modes
+    assert describe_cell(result, matrix.rows[0], "firewall").adaptive == "non-adaptive"
+    cost = cost_of(result, matrix.columns[0])
+    assert (cost.stopped, cost.of, cost.false_alarms, cost.frames_per_h) == (1, 2, 0, 0.0)
+    assert cost.energy is not None
+    assert cost.energy.mean == 0.0
+    report = write_matrix_report(result).read_text(encoding="utf-8")
+    assert "cells/terminate/firewall/report.html" in report
+    opened = load_pair(tmp_path / "small" / "cells" / "terminate" / "firewall")
+    assert 'id="defences"' in opened.report.read_text(encoding="utf-8")
+
+
+def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    options = ["--row", "terminate", "--seeds", "1", "--jobs", "1", "--out", str(tmp_path / "one"), "--page", str(page)]
+    shown = CliRunner().invoke(app, ["matrix", str(file), *options, "--json"])
+    assert shown.exit_code == 0, shown.output
+    cells = json.loads(shown.stdout)["cells"]
+    assert [(one["row"], one["column"]) for one in cells] == [("terminate", "none"), ("terminate", "firewall")]
+    assert "| `terminate (m)` |" in page.read_text(encoding="utf-8")
+    assert page.with_suffix(".svg").read_text(encoding="utf-8").count("<rect") == 1
+
+
+@pytest.mark.parametrize(
+    ("change", "where"),
+    [
+        (('id = "mode"', 'id = "terminate"'), "rows"),
+        (('id = "firewall"', 'id = "none"'), "columns"),
+        (('kind = "mavlink.firewall"', 'kind = "mavlink.firewal"'), "columns.firewall.defences"),
+        (('knows = ["mavlink.firewall"]', 'knows = ["gnss.x"]'), "rows.mode.adaptive"),
+        (('measure = "departure_m"', 'measure = "departure"'), "rows.terminate.measure"),
+    ],
+)
+def test_a_wrong_matrix_is_named_before_anything_is_flown(change: tuple[str, str], where: str, tmp_path: Path) -> None:
+    path = tmp_path / "wrong.toml"
+    path.write_text(SMALL.replace(*change), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read_matrix(path)
+    assert next(problem.where for problem in caught.value.problems).startswith(where)
+
+
+GHOST = """
+[[rows]]
+id = "ghost"
+scenario = "remote_id.spoof"
+measure = "departure_m"
+changes = ["duration_s=30"]
+"""
+
+
+def test_a_defence_that_cannot_be_declared_leaves_its_cell_with_the_reason(tmp_path: Path) -> None:
+    path = tmp_path / "mixed.toml"
+    path.write_text(SMALL.replace("mavlink.firewall", "remote_id.replay").replace("[[columns]]", GHOST + "[[columns]]"))
+    matrix = select(read_matrix(path), ("terminate", "ghost"), ()).model_copy(update={"seeds": 1})
+    result = fly_matrix(matrix, tmp_path / "mixed", jobs=1)
+    cell = result.cell("terminate", "firewall")
+    assert "rid_down" in cell.refused
+    assert not cell.effects
+    assert len(result.cell("ghost", "firewall").effects) == 1
+
+
+def test_a_column_that_no_row_can_have_is_an_error_before_anything_is_flown(file: Path, tmp_path: Path) -> None:
+    matrix = read_matrix(file)
+    column = matrix.columns[0].model_copy(update={"changes": ("operators.nobody.id=x",)})
+    with pytest.raises(InputError, match=r"columns\.firewall") as caught:
+        fly_matrix(matrix.model_copy(update={"columns": (column,)}), tmp_path / "refused")
+    assert "nobody" in str(caught.value)
+    assert not (tmp_path / "refused").exists()
+
+
+def test_one_seed_stops_nothing(file: Path, tmp_path: Path) -> None:
+    matrix = select(read_matrix(file), ("terminate",), ()).model_copy(update={"seeds": 1})
+    result = fly_matrix(matrix, tmp_path / "one", jobs=1)
+    assert result.cell("terminate", "firewall").effects == [0.0]
+    assert cost_of(result, matrix.columns[0]).stopped == 0
+
+
+def test_a_row_that_is_not_in_the_matrix_is_named(file: Path) -> None:
+    with pytest.raises(InputError, match="terminate"):
+        select(read_matrix(file), ("terminat",), ())

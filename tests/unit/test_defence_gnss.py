@@ -1,0 +1,216 @@
+"""Gates, dead reckoning, and what the checks of GNSS make of hostile readings."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyrange.contracts.alerts import find_problem
+from skyrange.contracts.components import SensorFault, Sensors
+from skyrange.core.time import NS_PER_MS, NS_PER_S
+from skyrange.defence.gnss.barometer import BarometerCheck, BarometerParams, HeightErrors, Heights
+from skyrange.defence.gnss.dead_reckoning import DeadReckoning
+from skyrange.defence.gnss.fix_guard import FixGuard, NewFixes, guard_of
+from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate, normal_gate
+from skyrange.defence.gnss.innovation import A, B, ErrorFilter, InnovationCheck, InnovationParams, gates_of
+from skyrange.defence.gnss.receiver import Receiver, ReceiverCheck, ReceiverParams
+
+FIELD = (-0.05, 0.2, -0.45)
+
+
+def test_gates_are_those_of_the_tables() -> None:
+    """Percentiles of the normal and the chi-square distribution (Abramowitz and Stegun, tables 26.5 and 26.8)."""
+    assert normal_gate(0.05) == pytest.approx(1.95996, abs=1e-5)
+    assert chi_square_gate(2, 0.05) == pytest.approx(5.99146, abs=1e-5)
+    assert chi_square_gate(6, 0.001) == pytest.approx(22.458, abs=1e-3)
+    assert chi_square_gate(100, 0.005) == pytest.approx(140.169, abs=1e-3)
+
+
+def test_the_gate_of_the_cusum_has_the_run_length_of_siegmund() -> None:
+    """Montgomery, Introduction to Statistical Quality Control, 6th ed., 9.1.2: k = 1/2 and h = 5 have 938 samples."""
+    assert cusum_gate(0.5, 938.2) == pytest.approx(5.0, abs=1e-3)
+
+
+def readings(count: int = 1) -> Sensors:
+    """Readings of aircraft that stand still, level and facing east."""
+    one = np.ones(count)
+    return Sensors(
+        gyro_radps=np.zeros((count, 3)),
+        accel_mps2=np.tile([0.0, 0.0, 9.80665], (count, 1)),
+        attitude=np.full((count, 4), np.nan),
+        gnss_enu_m=np.zeros((count, 3)),
+        gnss_vel_enu_mps=np.zeros((count, 3)),
+        baro_up_m=np.zeros(count),
+        rangefinder_m=np.zeros(count),
+        compass_gauss=np.tile(FIELD, (count, 1)),
+        gnss_accuracy=np.tile([1.5, 2.5, 0.2], (count, 1)),
+        gnss_fix=np.full(count, 3),
+        gnss_satellites=np.full(count, 10),
+        gnss_time_ns=np.zeros(count, dtype=np.int64),
+        gnss_utc_error_ns=np.zeros(count, dtype=np.int64),
+        battery_v=12.0 * one,
+        battery_a=one,
+        rotor_radps=np.zeros((count, 4)),
+    )
+
+
+def innovation_check(action: str = "reject") -> InnovationCheck:
+    params = InnovationParams(action=action)  # type: ignore[arg-type]
+    guard = guard_of(params, ["a/1"])
+    return InnovationCheck(
+        "d.gnss", ("a/1",), gates_of(params), 10 * NS_PER_S, guard, DeadReckoning(1, FIELD), NewFixes(1),
+        [ErrorFilter(params)],
+    )  # fmt: skip
+
+
+def test_dead_reckoning_integrates_a_turn_and_a_push() -> None:
+    """East for 2 s at 1 m/s² while it yaws by 90 degrees: its specific force turns in the body, not over ground."""
+    reckoning, sensors = DeadReckoning(1, FIELD), readings()
+    step = 5 * NS_PER_MS
+    now = 0
+    while now < 2 * NS_PER_S:
+        reckoning.update(now, sensors)
+        now += step
+    start, rate = now, np.pi / 4.0
+    sensors.rotor_radps[:] = 100.0
+    while now <= start + 2 * NS_PER_S:
+        yaw = rate * ((now - start) / NS_PER_S - 0.0025)
+        sensors.gyro_radps[0] = (0.0, 0.0, rate)
+        sensors.accel_mps2[0] = (np.cos(yaw), -np.sin(yaw), 9.80665)
+        reckoning.update(now, sensors)
+        now += step
+    found = reckoning.at(0, start + 2 * NS_PER_S - 10 * NS_PER_MS)
+    assert found is not None
+    position, velocity, _, _ = found
+    assert velocity == pytest.approx([2.0, 0.0, 0.0], abs=0.03)
+    assert position == pytest.approx([2.0, 0.0, 0.0], abs=0.04)
+
+
+def test_a_drift_at_rest_is_found_and_a_still_fix_is_not() -> None:
+    for speed_mps, least in ((0.0, 0), (0.5, 1)):
+        check, sensors, alerts = innovation_check(), readings(), 0
+        for tick in range(600):
+            now = tick * 10 * NS_PER_MS
+            if tick % 20 == 0:
+                sensors.gnss_time_ns[:] = now
+                sensors.gnss_vel_enu_mps[0, 0] = speed_mps if tick > 300 else 0.0
+                sensors.gnss_enu_m[0, 0] = speed_mps * max(tick - 300, 0) * 0.01
+            sensors.gnss_fix[:] = 3
+            alerts += len([one for one in check.on_sensors(now, sensors) if not hasattr(one, "sensor")])
+        assert (alerts > 0) == bool(least)
+        assert sensors.gnss_fix[0] == (1 if least else 3)
+
+
+def test_the_guard_takes_fixes_away_until_they_were_plausible_for_its_time() -> None:
+    guard, sensors = FixGuard(("a/1",), True, 2 * NS_PER_S), readings()
+    assert len(guard.find(0, 0, "x", 2.0)) == 1
+    assert [act.sensor for act in guard.apply(sensors)] == ["gnss"]
+    assert sensors.gnss_fix[0] == 1
+    guard.clear(0, 1 * NS_PER_S)
+    assert guard.closed(0)
+    guard.clear(0, 2 * NS_PER_S)
+    assert not guard.closed(0)
+
+
+def test_the_barometer_between_two_readings_is_interpolated() -> None:
+    heights = Heights(HeightErrors(BarometerParams()), 5.0)
+    heights.read_barometer(0, 10.0)
+    heights.read_barometer(100 * NS_PER_MS, 11.0)
+    assert heights.height_at(25 * NS_PER_MS) == pytest.approx(10.25)
+    assert heights.height_at(130 * NS_PER_MS) == 11.0
+    assert heights.height_at(-1) is None
+
+
+def test_a_clock_that_is_set_is_found_and_one_that_drifts_by_its_tolerance_is_not() -> None:
+    receiver = Receiver(ReceiverParams(), 5.0)
+    place = (0.0, 0.0, 0.0)
+    for second in range(100):
+        now = second * NS_PER_S
+        assert receiver.take(now, now, second * 90_000, place, place, 1.5)[0] == ""
+    assert receiver.take(100 * NS_PER_S, 100 * NS_PER_S, 600_000_000, place, place, 1.5)[0] == "receiver.utc"
+
+
+def test_a_place_after_a_gap_is_plausible_within_reach() -> None:
+    for east_m, expected in ((60.0, ""), (200.0, "receiver.jump")):
+        receiver = Receiver(ReceiverParams(), 5.0)
+        receiver.take(0, 0, 0, (0.0, 0.0, 0.0), (5.0, 0.0, 0.0), 1.5)
+        now = 5 * NS_PER_S
+        assert receiver.take(now, now, 0, (east_m, 0.0, 0.0), (5.0, 0.0, 0.0), 1.5)[0] == expected
+
+
+NUMBERS = st.floats(allow_nan=True, allow_infinity=True)
+WHOLE = st.integers(-(2**62), 2**62)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.lists(NUMBERS, min_size=19, max_size=19), WHOLE, WHOLE, st.integers(0, 8)), max_size=6))
+def test_no_reading_raises_an_error(rows: list[tuple[list[float], int, int, int]]) -> None:
+    barometer_params, receiver_params = BarometerParams(action="reject"), ReceiverParams(action="reject")
+    checks: list[SensorFault] = [
+        innovation_check(),
+        BarometerCheck(
+            "b.gnss", ("a/1",), guard_of(barometer_params, ["a/1"]), NewFixes(1),
+            [Heights(HeightErrors(barometer_params), 5.0)],
+        ),
+        ReceiverCheck("r.gnss", ("a/1",), guard_of(receiver_params, ["a/1"]), [Receiver(receiver_params, 5.0)]),
+    ]  # fmt: skip
+    for count in range(150 + len(rows)):
+        now, sensors = count * 10 * NS_PER_MS, readings()
+        sensors.gnss_time_ns[:] = now - now % (200 * NS_PER_MS)
+        if count >= 150:
+            numbers, time, utc, fix = rows[count - 150]
+            values = np.array(numbers)
+            sensors.gyro_radps[0], sensors.accel_mps2[0], sensors.gnss_enu_m[0] = values[:9].reshape(3, 3)
+            sensors.gnss_vel_enu_mps[0], sensors.compass_gauss[0] = values[9:15].reshape(2, 3)
+            sensors.baro_up_m[0], sensors.gnss_accuracy[0] = values[15], values[16:19]
+            sensors.gnss_time_ns[:], sensors.gnss_utc_error_ns[:], sensors.gnss_fix[:] = time, utc, fix
+        for check in checks:
+            for one in check.on_sensors(now, sensors):
+                assert hasattr(one, "sensor") or not find_problem(now, one)
+
+
+def drifting(rate_mps: float, acceleration_mps2: float, seconds: float) -> float | None:
+    """How long a false level velocity, from 20 s on, passes the gates at hover with no noise; `None`: to the end."""
+    params = InnovationParams()
+    gates, one = gates_of(params), ErrorFilter(params)
+    one.start(0, np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.eye(3))
+    for count in range(1, int((20.0 + seconds) / 0.2)):
+        since_s = max(0.2 * count - 20.0, 0.0)
+        speed_mps = rate_mps + acceleration_mps2 * since_s if since_s else 0.0
+        off_m = rate_mps * since_s + 0.5 * acceleration_mps2 * since_s**2
+        force, rotation = np.array([0.0, 0.0, 9.80665 * 0.2 * count]), 0.2 * count * np.eye(3)
+        one.predict(count * 200 * NS_PER_MS, force, rotation, resting=False)
+        innovation, spread, white = one.innovate(
+            np.array([off_m, 0.0, 0.0]), np.array([speed_mps, 0.0, 0.0]), np.array([1.5, 2.5, 0.2])
+        )
+        square, window, drift = one.judge(white)
+        if square > gates.fix or window > gates.window or drift > gates.drift:
+            return since_s
+        one.fuse(innovation, spread)
+    return None
+
+
+def test_what_dead_reckoning_sees_and_what_it_cannot_see() -> None:
+    """A false velocity that could be the bias of an accelerometer passes; the limits are those of `evasion`."""
+    assert drifting(1.0, 0.0, 10.0) is not None
+    assert drifting(0.25, 0.0, 60.0) is None
+    assert drifting(0.0, 0.5, 10.0) is not None
+    assert drifting(0.0, 0.05, 60.0) is None
+
+
+def test_the_tilt_of_the_alignment_hides_the_bias_until_the_aircraft_turns() -> None:
+    """Error of a level acceleration, tilt × g − bias: none as aligned, sqrt(2) biases after a turn by 90 degrees."""
+    params, one = InnovationParams(), ErrorFilter(InnovationParams())
+    for heading in (0.0, 0.9, 4.0):
+        cosine, sine = np.cos(heading), np.sin(heading)
+        aligned = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+        one.start(0, np.zeros(3), np.zeros(3), np.zeros((3, 3)), aligned)
+        for attitude, biases in ((aligned, 0.0), (quarter @ aligned, np.sqrt(2.0))):
+            error = np.zeros((2, 15))
+            error[0, A.start + 1], error[1, A.start] = 9.80665, -9.80665
+            error[:, B] = -attitude[:2]
+            sigma = np.sqrt(np.diag(error @ one.covariance @ error.T))
+            assert sigma == pytest.approx(biases * params.accel_bias_mps2, abs=1e-9)

@@ -1,0 +1,156 @@
+"""Defences in scenarios: what is refused before a run, their order at one end, and what only they may do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyrange.assembly.build import build
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.attack.on_path import TapMaker
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import SensorAct, Sensors
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.plugins import ATTACKS, DEFENCES, NoParams, register
+from skyrange.contracts.verdicts import Verdict
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.placement import Alarm, DefenceTap, place_taps
+from skyrange.kernel import Kernel
+from skyrange.record import MemoryObserver
+from skyrange.scenario.toml_reader import load_text
+
+BASE = """
+name = "defended"
+duration_s = 6
+origin = [47.3977, 8.5456]
+[[operators]]
+id = "blue"
+  [[operators.vehicles]]
+  id = "b1"
+  plan = { square = { side_m = 10, alt_m = 8 } }
+"""
+FIREWALL = '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\n'
+
+
+def scenario(more: str) -> Any:
+    return load_text(BASE + more)
+
+
+@pytest.mark.parametrize(
+    ("more", "where", "hint"),
+    [
+        ('[[defences]]\nid = "a"\nkind = "mavlink.firewal"', "defences.a.kind", "mavlink.firewall"),
+        (
+            FIREWALL + 'params = { vehicles = ["blue/b2"] }',
+            "vehicles",
+            "blue/b1",
+        ),
+        (FIREWALL + 'params = { commands = ["ARM"] }', "commands", ""),
+        (FIREWALL + "start_s = 5\nstop_s = 4", "stop_s", ""),
+        (
+            '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\n[[detectors]]\nid = "a"\nkind = "heartbeat.gap"',
+            "defences.a.id",
+            "detectors.0 already has it",
+        ),
+        (
+            '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\n[[defences]]\nid = "b"\nkind = "mavlink.firewall"',
+            "defences.b",
+            "Choose times that do not overlap",
+        ),
+    ],
+)
+def test_wrong_defences_are_named_before_the_run(more: str, where: str, hint: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build(scenario(more))
+    text = str(caught.value)
+    assert where in text
+    assert hint in text
+
+
+def test_a_muted_defence_excludes_no_other() -> None:
+    build(
+        scenario(
+            '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\nmuted = true\n'
+            '[[defences]]\nid = "b"\nkind = "mavlink.firewall"'
+        )
+    )
+
+
+@dataclass(slots=True)
+class Witness(DefenceTap):
+    """Raises an alarm for each frame, so that the order of those that share an end shows."""
+
+    alarm: Alarm
+    direction: str
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        return self.alarm.raise_at(now, "seen", 1.0) if frame.direction == self.direction else []
+
+
+@dataclass(slots=True)
+class Blindfold:
+    """A sensor check that tells whether the true attitude is in its readings."""
+
+    name: str
+    vehicles: Sequence[str]
+    told: bool = False
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
+        if self.told:
+            return []
+        self.told = True
+        known = bool(np.isfinite(sensors.attitude).any()) or not np.isfinite(sensors.gyro_radps).all()
+        return [Alert(now, self.vehicles[0], "blind", float(known))]
+
+
+def _witness(direction: str) -> Any:
+    def make(params: NoParams, context: DefenceContext) -> Defence:
+        maker = TapMaker(Witness, (Alarm("blue/b1", 100 * NS_PER_S), direction))
+        return Defence(taps=place_taps("gcs", "companion", list(context.vehicles), context, maker))
+
+    return make
+
+
+def _blindfold(params: NoParams, context: DefenceContext) -> Defence:
+    return Defence(checks=[Blindfold(context.id, list(context.vehicles))])
+
+
+def _loud(params: NoParams, context: AttackContext) -> Attack:
+    maker = TapMaker(Witness, (Alarm("blue/b1"), "fwd"))
+    return Attack(taps=place_taps("gcs", "companion", list(context.vehicles), context, maker))
+
+
+register(DEFENCES, "test.arriving", DefencePlugin(NoParams, _witness("fwd"), "Tells of what arrives."))
+register(DEFENCES, "test.leaving", DefencePlugin(NoParams, _witness("rev"), "Tells of what leaves."))
+register(DEFENCES, "test.blindfold", DefencePlugin(NoParams, _blindfold, "Tells what it can read."))
+register(ATTACKS, "test.loud", AttackPlugin(NoParams, _loud, "Raises an alert, which no attack may."))
+
+
+def fly(more: str) -> MemoryObserver:
+    seen = MemoryObserver()
+    kernel = Kernel(build(scenario(more)).wiring, [seen])
+    kernel.advance(6 * NS_PER_S)
+    kernel.finish()
+    return seen
+
+
+@pytest.mark.parametrize(("kind", "order"), [("test.arriving", ["z", "a"]), ("test.leaving", ["a", "z"])])
+def test_what_arrives_meets_the_first_declared_defence_first(kind: str, order: list[str]) -> None:
+    seen = fly(f'[[defences]]\nid = "z"\nkind = "{kind}"\n[[defences]]\nid = "a"\nkind = "{kind}"')
+    assert [one.detector for one in seen.alerts] == order
+
+
+def test_a_sensor_check_cannot_read_the_true_attitude() -> None:
+    (alert,) = fly('[[defences]]\nid = "look"\nkind = "test.blindfold"').alerts
+    assert (alert.detector, alert.alert.kind, alert.alert.score) == ("look", "blind", 0.0)
+
+
+def test_an_attack_that_raises_an_alert_is_blamed() -> None:
+    with pytest.raises(ComponentError, match="only a defence raises alerts"):
+        fly('[[attacks]]\nid = "foe"\nkind = "test.loud"')
