@@ -182,25 +182,23 @@ class Bodies:
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
         height = self._height_m[rows]
         n = len(height)
-        zeros = np.zeros((n, 3))
-        whole = np.zeros(n, dtype=np.int64)
         return Sensors(
-            zeros,
-            zeros,
-            np.zeros((n, 4)),
-            zeros,
-            zeros,
-            height,
-            height,
-            zeros,
-            zeros,
-            whole,
-            whole,
-            whole,
-            whole,
-            height,
-            height,
-            np.zeros((n, 4)),
+            gyro_radps=np.zeros((n, 3)),
+            accel_mps2=np.zeros((n, 3)),
+            attitude=np.zeros((n, 4)),
+            gnss_enu_m=np.zeros((n, 3)),
+            gnss_vel_enu_mps=np.zeros((n, 3)),
+            baro_up_m=height.copy(),
+            rangefinder_m=height.copy(),
+            compass_gauss=np.zeros((n, 3)),
+            gnss_accuracy=np.zeros((n, 3)),
+            gnss_fix=np.zeros(n, dtype=np.int64),
+            gnss_satellites=np.zeros(n, dtype=np.int64),
+            gnss_time_ns=np.zeros(n, dtype=np.int64),
+            gnss_utc_error_ns=np.zeros(n, dtype=np.int64),
+            battery_v=height.copy(),
+            battery_a=height.copy(),
+            rotor_radps=np.zeros((n, 4)),
         )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.assembly.acts.honest_arm import HonestAircraft, mount, park
 from skyrange.assembly.signing import derive_keys
@@ -56,14 +57,19 @@ def build_aircraft(
     world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
     mounts = []
     for kind, members in specs.items():
-        rows: slice | np.ndarray[Any, np.dtype[np.int64]] = np.array([row for row, _ in members], dtype=np.int64)
-        if len(members) == len(bodies):
-            rows = slice(None)  # views instead of copies
         context = AutopilotContext(kind, [spec for _, spec in members], datum, scenario.epoch, chance, motion)
-        mounts.append(EngineMount(AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context), rows))
+        engine = AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context)
+        mounts.append(EngineMount(engine, _rows_of([row for row, _ in members])))
     if honest:
-        mounts.append(mount(honest, np.arange(fleet, len(bodies)), world.quantum_ns))
+        mounts.append(mount(honest, slice(fleet, len(bodies)), world.quantum_ns))
     return world, mounts
+
+
+def _rows_of(places: Sequence[int]) -> slice | NDArray[np.int64]:
+    """World rows in ascending order: a slice where none is left out, because the engine then gets views, not copies."""
+    if places[-1] - places[0] + 1 == len(places):
+        return slice(places[0], places[-1] + 1)
+    return np.array(places, dtype=np.int64)
 
 
 def describe_engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:

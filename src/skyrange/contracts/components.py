@@ -397,7 +397,7 @@ class World(Protocol):
         ...
 
     def sensors(self, rows: slice | NDArray[np.int64]) -> Sensors:
-        """The sensors of some vehicles."""
+        """The sensors of some vehicles: for an array of rows, arrays of their own, which the caller may alter."""
         ...
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: Floats) -> None:

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
+from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from skyrange.kernel.attack_states import AttackState, takes_effect
 from skyrange.kernel.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
+_arrays_of = attrgetter(*_ARRAYS)
 Rows = slice | NDArray[np.int64]
 
 
@@ -37,9 +40,12 @@ class SensorFaultInjector:
         altered = sorted({vehicles.index(vehicle) for _, fault in owned for vehicle in fault.vehicles})
         self.present = bool(owned)
         """Whether there are any."""
-        self._rows = np.array(altered, dtype=np.int64)
+        self._count = len(altered)
+        self._rows: Rows = np.array(altered, dtype=np.int64)
         self._place = np.full(len(vehicles), -1, dtype=np.int64)
         self._place[self._rows] = np.arange(len(altered))
+        if altered and altered[-1] - altered[0] + 1 == len(altered):
+            self._rows = slice(altered[0], altered[-1] + 1)
         self._owned: list[tuple[AttackState, SensorFault, NDArray[np.int64] | None]] = []
         """With the places of its vehicles among the altered ones; `None` if these are all of them, in order."""
         for attack, fault in owned:
@@ -47,6 +53,7 @@ class SensorFaultInjector:
             self._owned.append((attack, fault, None if _is_whole(places, len(altered)) else places))
         self._acts = ActCounter("sensor fault")
         self._readings: Sensors | None = None
+        self._slots: list[_Slot] = []
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId | Alert]]:
         """Apply every sensor fault to this tick's readings; returns each act that takes effect, by an id of its own.
@@ -56,7 +63,11 @@ class SensorFaultInjector:
         table = _copy(world.sensors(self._rows))
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
         for attack, fault, places in self._owned:
-            rows = _copy(table) if places is None else Sensors(*(getattr(table, name)[places] for name in _ARRAYS))
+            acts = takes_effect(attack, now)
+            if places is not None:
+                rows = Sensors(*[array[places] for array in _arrays_of(table)])
+            else:
+                rows = table if acts else _copy(table)
             attitude = rows.attitude
             if attack.plan.defence:
                 rows.attitude = np.full_like(attitude, np.nan)
@@ -64,36 +75,51 @@ class SensorFaultInjector:
                 done = list(fault.on_sensors(now, rows))
             except Exception as error:
                 raise attribute_error(f"sensor fault {fault.name}", now, error) from error
-            if takes_effect(attack, now):
+            if acts:
                 if attack.plan.defence:
                     rows.attitude = attitude
-                if places is None:
-                    table = rows
-                else:
-                    for name in _ARRAYS:
-                        getattr(table, name)[places] = getattr(rows, name)
-                acts = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
-                found += [(attack, fault, act) for act in acts]
+                if places is not None:
+                    for kept, altered in zip(_arrays_of(table), _arrays_of(rows), strict=True):
+                        kept[places] = altered
+                numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
+                found += [(attack, fault, act) for act in numbered]
         self._readings = table
         return found
 
     def alter(self, rows: Rows, sensors: Sensors) -> Sensors:
         """An engine's sensor readings with what the sensor faults have made of them; `rows` are its world rows."""
-        places = self._place[rows]
-        hit = np.flatnonzero(places >= 0)
-        if not len(hit):
+        slot = next((one for one in self._slots if one.rows is rows), None) or self._add_slot(rows)
+        if not len(slot.hit):
             return sensors
         assert self._readings is not None
-        if _is_whole(places, len(self._rows)):  # all that is altered, and nothing else
-            for name in _ARRAYS:
-                getattr(self._readings, name).flags.writeable = False
+        if slot.whole:
+            for array in _arrays_of(self._readings):
+                array.setflags(write=False)
             return self._readings
         sensors = _copy(sensors)
-        for name in _ARRAYS:
-            array = getattr(sensors, name)
-            array[hit] = getattr(self._readings, name)[places[hit]]
-            array.flags.writeable = False
+        for array, altered in zip(_arrays_of(sensors), _arrays_of(self._readings), strict=True):
+            array[slot.hit] = altered[slot.places]
+            array.setflags(write=False)
         return sensors
+
+    def _add_slot(self, rows: Rows) -> _Slot:
+        places = self._place[rows]
+        hit = np.flatnonzero(places >= 0)
+        slot = _Slot(rows, hit, places[hit], _is_whole(places, self._count))
+        self._slots.append(slot)
+        return slot
+
+
+class _Slot(NamedTuple):
+    """Where the altered readings are among those of an engine with these world rows."""
+
+    rows: Rows
+    hit: NDArray[np.int64]
+    """Places of altered vehicles among the engine's."""
+    places: NDArray[np.int64]
+    """Places of the same vehicles among all altered ones."""
+    whole: bool
+    """Whether the engine's vehicles are all that is altered, and nothing else is."""
 
 
 def _order_of(owned: tuple[AttackState, SensorFault]) -> tuple[bool, str, str]:
@@ -108,4 +134,4 @@ def _is_whole(places: NDArray[np.int64], count: int) -> bool:
 
 
 def _copy(sensors: Sensors) -> Sensors:
-    return Sensors(*(np.array(getattr(sensors, name)) for name in _ARRAYS))
+    return Sensors(*[array.copy() for array in _arrays_of(sensors)])

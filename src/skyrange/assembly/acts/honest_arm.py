@@ -116,7 +116,7 @@ def park(aircraft: Sequence[HonestAircraft], scenario: Scenario) -> list[Body]:
     return bodies
 
 
-def mount(aircraft: Sequence[HonestAircraft], rows: Any, quantum_ns: Time) -> EngineMount:
+def mount(aircraft: Sequence[HonestAircraft], rows: slice, quantum_ns: Time) -> EngineMount:
     """The engine that moves them; `rows` are theirs in the world."""
     return EngineMount(ClaimedTracks([one.body for one in aircraft], quantum_ns), rows)
 

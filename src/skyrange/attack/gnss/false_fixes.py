@@ -72,7 +72,8 @@ class FalseFixes:
 
     The offset of a fix is that of the time at which the fix was *measured*: a repeated fix has the same offset again,
     and a fix that was measured before the attack started stays true. The track counts from the start of the schedule,
-    so the only state between ticks is the phase that was last reported for each vehicle.
+    so the only state between ticks is the phase that was last reported for each vehicle, and what was computed for the
+    latest fixes: they are repeated for many ticks.
     """
 
     name: str
@@ -80,21 +81,32 @@ class FalseFixes:
     track: Track
     schedule: Schedule
     _phases: list[int] = field(init=False)
+    _fixes: tuple[bytes, bytes] = (b"", b"")
+    _shift: tuple[slice | NDArray[np.int64], Floats, Floats] = field(init=False)
+    """Rows, and what is added to their positions and velocities."""
 
     def __post_init__(self) -> None:
         self._phases = [-1] * len(self.vehicles)
+        self._shift = (slice(0, 0), np.zeros((0, 3)), np.zeros((0, 3)))
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
         """Shift the fixes. Returns an act for each vehicle whose alteration begins or changes its phase."""
-        start = self.schedule.start_ns
-        if start > now:
+        if self.schedule.start_ns > now:
             return []
-        rows = np.flatnonzero((sensors.gnss_time_ns >= start) & (sensors.gnss_fix >= _FIX_2D))
-        if not len(rows):
-            return []
-        offsets, velocities, phases = self.track.at((sensors.gnss_time_ns[rows] - start) / NS_PER_S)
+        fixes = (sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes())
+        acts = self._follow(sensors) if fixes != self._fixes else []
+        self._fixes = fixes
+        rows, offsets, velocities = self._shift
         sensors.gnss_enu_m[rows] += offsets
         sensors.gnss_vel_enu_mps[rows] += velocities
+        return acts
+
+    def _follow(self, sensors: Sensors) -> list[SensorAct]:
+        """Compute the shift of new fixes; an act for each vehicle whose alteration begins or changes its phase."""
+        start = self.schedule.start_ns
+        rows = np.flatnonzero((sensors.gnss_time_ns >= start) & (sensors.gnss_fix >= _FIX_2D))
+        offsets, velocities, phases = self.track.at((sensors.gnss_time_ns[rows] - start) / NS_PER_S)
+        self._shift = (slice(None) if len(rows) == len(self.vehicles) else rows), offsets, velocities
         acts = []
         for row, phase in zip(rows.tolist(), phases.tolist(), strict=True):
             if self._phases[row] != phase:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Floats, Sensors
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 STEP_NS: Final = 10 * NS_PER_MS
@@ -23,10 +24,13 @@ ALIGN_STEPS: Final = 100
 """Steps at rest that an alignment takes at least: 1 s."""
 _REST_RADPS: Final = 0.05
 _REST_MPS2: Final = 1.0
-"""Rest: rates below 3 deg/s, 30 standard deviations of the gyroscopes at rest, and 1 g to a tenth."""
+_REST_ROTOR_RADPS: Final = 1.0
+_GRAVITY_MPS2: Final = 9.80665
+"""Rest: rates below 3 deg/s, 30 standard deviations of the gyroscopes at rest, 1 g to a tenth, and no rotor turns."""
 _LIMIT: Final = 1e4
 _POSITION, _VELOCITY, _FORCE, _ROTATION = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 18)
 Mask = NDArray[np.bool_]
+Times = NDArray[np.int64]
 
 
 @dataclass(slots=True, eq=False)
@@ -39,7 +43,7 @@ class DeadReckoning:
     resting: Mask = field(init=False)
     aligned: Mask = field(init=False)
     """Whether it has stood still for long enough since it was last judged to rest."""
-    since_ns: list[Time] = field(init=False)
+    since_ns: Times = field(init=False)
     """When each last began to rest."""
     _last_ns: Time = -1
     _step_ns: Time = -1
@@ -52,16 +56,18 @@ class DeadReckoning:
     _gravity: Floats = field(init=False)
     _state: Floats = field(init=False)
     _past: Floats = field(init=False)
+    _due: Mask = field(init=False)
     _newest: int = 0
 
     def __post_init__(self) -> None:
         n = self.count
         self.resting, self.aligned = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
-        self.since_ns = [0] * n
+        self.since_ns = np.zeros(n, dtype=np.int64)
+        self._due = np.zeros(n, dtype=np.bool_)
         self._turn, self._push = np.zeros((n, 3)), np.zeros((n, 3))
         self._means, self._steps = np.zeros((n, 9)), np.zeros(n)
         self._body = np.tile(np.eye(3), (n, 1, 1))
-        self._bias, self._gravity = np.zeros((n, 3)), np.full(n, 9.80665)
+        self._bias, self._gravity = np.zeros((n, 3)), np.full(n, _GRAVITY_MPS2)
         self._state = np.zeros((n, 18))
         self._past = np.zeros((n, HISTORY, 18))
 
@@ -69,10 +75,7 @@ class DeadReckoning:
         """Take in the readings of a tick; integrate once a step is complete."""
         dt_s = 0.0 if self._last_ns < 0 else (now - self._last_ns) / NS_PER_S
         self._last_ns = now
-        gyro = np.nan_to_num(np.clip(sensors.gyro_radps, -_LIMIT, _LIMIT))
-        accel = np.nan_to_num(np.clip(sensors.accel_mps2, -_LIMIT, _LIMIT))
-        self._turn += gyro * dt_s
-        self._push += accel * dt_s
+        _accumulate(sensors.gyro_radps, sensors.accel_mps2, dt_s, self._turn, self._push)
         if self._step_ns < 0:
             self._step_ns = now
             return
@@ -80,11 +83,13 @@ class DeadReckoning:
             return
         step_s = (now - self._step_ns) / NS_PER_S
         self._step_ns = now
-        self._judge_rest(now, gyro, accel, sensors)
-        moving = ~self.resting
-        if moving.any():
-            self._integrate(moving, step_s)
-        self._turn[:], self._push[:] = 0.0, 0.0
+        if _judge_rest(
+            now, sensors.gyro_radps, sensors.accel_mps2, sensors.compass_gauss, sensors.rotor_radps,
+            self.resting, self.aligned, self.since_ns, self._means, self._steps, self._state, self._due,
+        ):  # fmt: skip
+            for row in np.flatnonzero(self._due).tolist():
+                self._align(row)
+        _integrate(step_s, self.resting, self._turn, self._push, self._bias, self._gravity, self._body, self._state)
         self._newest = (self._newest + 1) % HISTORY
         self._past[:, self._newest] = self._state
 
@@ -106,46 +111,11 @@ class DeadReckoning:
         """(3, 3) Rotation from body to local."""
         return np.array(self._body[row])
 
-    def _judge_rest(self, now: Time, gyro: Floats, accel: Floats, sensors: Sensors) -> None:
-        """Tell aircraft at rest from others, average the readings of those, and align those that begin to move."""
-        weight = np.abs(np.linalg.norm(accel, axis=1) - 9.80665)
-        still = (np.abs(gyro).max(axis=1) < _REST_RADPS) & (weight < _REST_MPS2)
-        still &= np.nan_to_num(sensors.rotor_radps).max(axis=1) < 1.0
-        begins, ends = still & ~self.resting, self.resting & ~still
-        for row in np.flatnonzero(begins).tolist():
-            self._means[row], self._steps[row], self.since_ns[row] = 0.0, 0.0, now
-            self._state[row, :6] = 0.0
-            self.aligned[row] = False
-        if still.any():
-            compass = np.nan_to_num(np.clip(sensors.compass_gauss, -_LIMIT, _LIMIT))
-            readings = np.concatenate([gyro, accel, compass], axis=1)[still]
-            self._steps[still] += 1.0
-            self._means[still] += (readings - self._means[still]) / self._steps[still, None]
-            self.aligned[still] = self._steps[still] >= ALIGN_STEPS
-        for row in np.flatnonzero((still & (self._steps == ALIGN_STEPS)) | (ends & self.aligned)).tolist():
-            self._align(row)
-        self.resting = still
-
     def _align(self, row: int) -> None:
         gyro, accel, compass = self._means[row].reshape(3, 3)
         self._bias[row], self._gravity[row] = gyro, np.linalg.norm(accel)
         here = _triad(np.array([0.0, 0.0, 1.0]), np.array(self.field_gauss))
         self._body[row] = here @ _triad(accel, compass).T
-
-    def _integrate(self, moving: Mask, step_s: float) -> None:
-        turn = self._turn[moving] - self._bias[moving] * step_s
-        push = self._push[moving]
-        body = self._body[moving]
-        force = np.einsum("nij,nj->ni", body, push + 0.5 * np.cross(turn, push))
-        state = self._state[moving]
-        change = force.copy()
-        change[:, 2] -= self._gravity[moving] * step_s
-        state[:, _POSITION] += (state[:, _VELOCITY] + 0.5 * change) * step_s
-        state[:, _VELOCITY] += change
-        state[:, _FORCE] += force
-        state[:, _ROTATION] += body.reshape(-1, 9) * step_s
-        self._state[moving] = state
-        self._body[moving] = body @ _rotation(turn)
 
 
 def _triad(first: Floats, second: Floats) -> Floats:
@@ -156,13 +126,115 @@ def _triad(first: Floats, second: Floats) -> Floats:
     return np.stack([one, two, np.cross(one, two)], axis=1)
 
 
-def _rotation(turn: Floats) -> Floats:
-    """(n, 3, 3) Rotations by (n, 3) vectors (Rodrigues)."""
-    angle = np.linalg.norm(turn, axis=1)
-    safe = np.maximum(angle, 1e-12)
-    cross = np.zeros((len(turn), 3, 3))
-    cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -turn[:, 2], turn[:, 1], -turn[:, 0]
-    cross[:, 1, 0], cross[:, 2, 0], cross[:, 2, 1] = turn[:, 2], -turn[:, 1], turn[:, 0]
-    sine, versine = np.sin(angle) / safe, (1.0 - np.cos(angle)) / safe**2
-    sine[angle < 1e-9], versine[angle < 1e-9] = 1.0, 0.5
-    return np.asarray(np.eye(3) + sine[:, None, None] * cross + versine[:, None, None] * (cross @ cross))
+@compiled
+def _limited(reading: float) -> float:
+    """A reading within the limits of any sensor; 0 for one that is not a number."""
+    if np.isnan(reading):
+        return 0.0
+    return min(max(reading, -_LIMIT), _LIMIT)
+
+
+@compiled
+def _accumulate(gyro_radps: Floats, accel_mps2: Floats, dt_s: float, turn: Floats, push: Floats) -> None:
+    """Add the readings of a tick, (n, 3) each, to the turns and pushes since the last step."""
+    for row in range(len(turn)):
+        for axis in range(3):
+            turn[row, axis] += _limited(gyro_radps[row, axis]) * dt_s
+            push[row, axis] += _limited(accel_mps2[row, axis]) * dt_s
+
+
+@compiled
+def _judge_rest(
+    now: int,
+    gyro_radps: Floats,
+    accel_mps2: Floats,
+    compass_gauss: Floats,
+    rotor_radps: Floats,
+    resting: Mask,
+    aligned: Mask,
+    since_ns: Times,
+    means: Floats,
+    steps: Floats,
+    state: Floats,
+    due: Mask,
+) -> bool:
+    """Tell aircraft at rest from others, and average the readings of those; whether any is `due` to be aligned."""
+    any_due = False
+    for row in range(len(resting)):
+        fastest, square = 0.0, 0.0
+        for axis in range(3):
+            fastest = max(fastest, abs(_limited(gyro_radps[row, axis])))
+            square += _limited(accel_mps2[row, axis]) ** 2
+        still = fastest < _REST_RADPS and abs(np.sqrt(square) - _GRAVITY_MPS2) < _REST_MPS2
+        for rotor in range(rotor_radps.shape[1]):
+            if rotor_radps[row, rotor] >= _REST_ROTOR_RADPS:
+                still = False
+        ends = resting[row] and not still
+        due[row] = ends and aligned[row]
+        if still and not resting[row]:
+            means[row], state[row, :6] = 0.0, 0.0
+            steps[row], since_ns[row], aligned[row] = 0.0, now, False
+        if still:
+            steps[row] += 1.0
+            for axis in range(3):
+                means[row, axis] += (_limited(gyro_radps[row, axis]) - means[row, axis]) / steps[row]
+                means[row, 3 + axis] += (_limited(accel_mps2[row, axis]) - means[row, 3 + axis]) / steps[row]
+                means[row, 6 + axis] += (_limited(compass_gauss[row, axis]) - means[row, 6 + axis]) / steps[row]
+            aligned[row] = steps[row] >= ALIGN_STEPS
+            due[row] = steps[row] == ALIGN_STEPS
+        resting[row] = still
+        any_due = any_due or due[row]
+    return any_due
+
+
+@compiled
+def _integrate(
+    step_s: float,
+    resting: Mask,
+    turn: Floats,
+    push: Floats,
+    bias: Floats,
+    gravity: Floats,
+    body: Floats,
+    state: Floats,
+) -> None:
+    """Strapdown integration of the aircraft that move, over one step; clears turns and pushes."""
+    force, change, angle = np.empty(3), np.empty(3), np.empty(3)
+    cross, rotated = np.zeros((3, 3)), np.empty((3, 3))
+    for row in range(len(resting)):
+        if resting[row]:
+            turn[row], push[row] = 0.0, 0.0
+            continue
+        for axis in range(3):
+            angle[axis] = turn[row, axis] - bias[row, axis] * step_s
+        x, y, z = angle
+        px, py, pz = push[row]
+        # the push in the attitude of half the step: rotation by half of the turn, to first order
+        px, py, pz = px + 0.5 * (y * pz - z * py), py + 0.5 * (z * px - x * pz), pz + 0.5 * (x * py - y * px)
+        for axis in range(3):
+            force[axis] = body[row, axis, 0] * px + body[row, axis, 1] * py + body[row, axis, 2] * pz
+            change[axis] = force[axis]
+        change[2] -= gravity[row] * step_s
+        for axis in range(3):
+            state[row, axis] += (state[row, 3 + axis] + 0.5 * change[axis]) * step_s
+            state[row, 3 + axis] += change[axis]
+            state[row, 6 + axis] += force[axis]
+            for other in range(3):
+                state[row, 9 + 3 * axis + other] += body[row, axis, other] * step_s
+        cross[0, 1], cross[0, 2], cross[1, 0], cross[1, 2], cross[2, 0], cross[2, 1] = -z, y, z, -x, -y, x
+        size = np.sqrt(x * x + y * y + z * z)
+        sine, versine = 1.0, 0.5
+        if size >= 1e-9:
+            sine, versine = np.sin(size) / size, (1.0 - np.cos(size)) / size**2
+        # Rodrigues' rotation by the turn
+        for i in range(3):
+            for j in range(3):
+                product = 0.0
+                for k in range(3):
+                    turned = sine * cross[k, j]
+                    for m in range(3):
+                        turned += versine * cross[k, m] * cross[m, j]
+                    product += body[row, i, k] * (turned + (1.0 if k == j else 0.0))
+                rotated[i, j] = product
+        body[row] = rotated
+        turn[row], push[row] = 0.0, 0.0

@@ -55,7 +55,7 @@ class Cell:
     false_alarms: Sequence[int] = ()
     """Alarms of the nominal run."""
     flown_h: Sequence[float] = ()
-    """Aircraft-hours of the nominal run."""
+    """Aircraft-hours of the nominal run, of each aircraft until its mission ends."""
     fault_alarms: Sequence[int] = ()
     """Alarms of the run with the fault, in a row without an attack: they are false too."""
     nominal: Sequence[Nominal] = ()
@@ -115,8 +115,8 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
         alarms.append((after[0] - start_ns) / NS_PER_S if after and start_ns is not None and not cell.fault else None)
         fault_alarms += [len(raised)] if cell.fault else []
         false_alarms.append(len(alert_times_ns(quiet, detectors)))
-        hours.append(_flown_h(quiet))
         nominal.append(_nominal(quiet))
+        hours.append(_flown_h(quiet, nominal[-1].finished_s))
     honest: list[bool] = []
     if HONEST in flown.arms:
         honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
@@ -178,13 +178,10 @@ def _start_ns(run: RunRecord) -> int | None:
     return min(starts, default=None)
 
 
-def _flown_h(run: RunRecord) -> float:
-    """Aircraft-hours of a run: its duration times the number of its aircraft."""
-    table = run.table("truth", ["time_ns", "vehicle"])
-    if not table.num_rows:
-        return 0.0
-    last_ns = int(pc.max(table.column("time_ns")).as_py())
-    return last_ns / NS_PER_S / _S_PER_H * int(pc.count_distinct(table.column("vehicle")).as_py())
+def _flown_h(run: RunRecord, finished_s: Sequence[float | None]) -> float:
+    """Aircraft-hours until missions end, or to the end of the run where they do not."""
+    last_s = int(pc.max(run.table("truth", ["time_ns"]).column("time_ns")).as_py()) / NS_PER_S
+    return sum(last_s if one is None else one for one in finished_s) / _S_PER_H
 
 
 def _nominal(run: RunRecord) -> Nominal:
