@@ -7,8 +7,9 @@ import copy
 import numpy as np
 import pytest
 
-from skyrange.codec.drip import session_id
-from skyrange.codec.f3411 import EPOCH_2019_S, Authentication, BasicId, IdType, Location, MessagePack, encode
+from skyrange.codec.drip import Link, decode_sam, session_id
+from skyrange.codec.f3411 import EPOCH_2019_S, Authentication, BasicId, IdType, Location, MessagePack, decode, encode
+from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.remoteid.drip.broadcasts import PAGE_NS, AuthenticationPages
@@ -75,6 +76,35 @@ def test_a_ghost_without_a_key(acceptance: str, believes_ghost: bool) -> None:
     assert [change.state for change in verifier.changes()] == [Trust.STALE]
 
 
+def _link_of(body: bytes) -> tuple[Authentication, ...]:
+    """The pages of the Link in a pack; none if it has none."""
+    pages = tuple(one for one in decode(body).messages if isinstance(one, Authentication))  # type: ignore[union-attr]
+    return pages if pages and isinstance(decode_sam(join_pages(pages)), Link) else ()
+
+
+@pytest.mark.parametrize("forged", [True, False])
+def test_a_forged_location_in_a_pack_with_a_genuine_link(forged: bool) -> None:
+    """A Link signs nothing that is sent beside it: such a Location is judged by the Manifests, as any other."""
+    verifier, sender = Verifier([Verification(REGISTRY.anchors)]), aircraft()
+    link: tuple[Authentication, ...] = ()
+    for step in range(40):
+        now = step * NS_PER_S
+        verifier.set_clock(0, now, UTC_US + now // 1000)
+        verifier.receive(0, now, OWN, 0, location(step))
+        if forged and step >= 12:
+            false = Location(2, 47.5, 8.5, 100.0, speed_mps=5.0, timestamp_s=step)
+            verifier.receive(0, now, OWN, 0, encode(MessagePack((false, *link))))
+        sender.sent(0, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]))
+        for page in sender.take(now, now + NS_PER_S):
+            link = link or _link_of(page.body)
+            verifier.receive(0, page.at_ns, OWN, page.counter, page.body)
+    assert link
+    states = [change.state for change in verifier.changes()]
+    assert Trust.VERIFIED in states
+    assert (Trust.CONTRADICTED in states) is forged
+
+
 def test_what_came_before_the_clock_is_judged_later() -> None:
     verifier = Verifier([Verification(REGISTRY.anchors)])
     fly(verifier, 8, clock_from_s=7)
@@ -118,8 +148,6 @@ def test_pages_of_an_aircraft_without_a_clock() -> None:
 
 
 def _first(body: bytes) -> object:
-    from skyrange.codec.f3411 import decode
-
     message = decode(body)
     assert isinstance(message, MessagePack)
     return message.messages[0]
