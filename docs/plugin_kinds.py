@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from markdown_tables import keys, table
 
 
-def _attack_kinds() -> list[tuple[str, Any]]:
-    """Every kind of attack that this project ships, by name."""
-    from skyrange.attack.contract import AttackPlugin
-    from skyrange.contracts.plugins import ATTACKS, kinds
+def _shipped(group: str) -> list[tuple[str, Any]]:
+    """Kinds of a group that this project ships, by name: its entry points, and nothing that a program registered."""
+    points = entry_points(group=group)
+    return [(point.name, point.load()) for point in sorted(points, key=_name) if point.value.startswith("skyrange.")]
 
-    found = [(name, AttackPlugin.find(name)) for name in kinds(ATTACKS)]
-    return [(name, kind) for name, kind in found if kind.make.__module__.startswith("skyrange.")]
+
+def _name(point: EntryPoint) -> str:
+    return point.name
 
 
 def attacks() -> str:
     """Every kind of attack with its parameters."""
+    from skyrange.contracts.plugins import ATTACKS
+
     parts = []
-    for name, kind in _attack_kinds():
+    for name, kind in _shipped(ATTACKS):
         parts.append(f"### `{name}`\n\n{kind.about}\n")
         parts.append(_facts(kind))
         parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
@@ -50,14 +54,10 @@ def _facts(kind: Any) -> str:
 
 def faults() -> str:
     """Every kind of benign fault with its parameters."""
-    from skyrange.contracts.plugins import FAULTS, kinds
-    from skyrange.fault.contract import FaultPlugin
+    from skyrange.contracts.plugins import FAULTS
 
     parts = []
-    for name in kinds(FAULTS):
-        kind = FaultPlugin.find(name)
-        if not kind.make.__module__.startswith("skyrange."):
-            continue
+    for name, kind in _shipped(FAULTS):
         rows = [
             ("acts on", ", ".join(f"`{one}`" for one in kind.surface)),
             ("cause", kind.cause),
@@ -73,14 +73,10 @@ def faults() -> str:
 
 def defences() -> str:
     """Every kind of defence with its parameters."""
-    from skyrange.contracts.plugins import DEFENCES, kinds
-    from skyrange.defence.contract import DefencePlugin
+    from skyrange.contracts.plugins import DEFENCES
 
     parts = []
-    for name in kinds(DEFENCES):
-        kind = DefencePlugin.find(name)
-        if not kind.make.__module__.startswith("skyrange."):
-            continue
+    for name, kind in _shipped(DEFENCES):
         rows = [
             ("protects", ", ".join(f"`{one}`" for one in kind.surface)),
             ("place", kind.place),
