@@ -159,6 +159,10 @@ def test_it_waits_for_its_trigger_and_counts_from_there() -> None:
     assert told(drift, 50 * S)[1] == []
     where.schedule.start_ns = 60 * S
     assert off(told(drift, 61 * S)[0])[0, 0] == pytest.approx(1.0)
+    where.schedule.start_ns = 61 * S + S // 10  # started anew: a fix from before is true again
+    assert not off(told(drift, 61 * S + S // 10, [61 * S, 61 * S])[0]).any()
+    where.schedule.start_ns = 60 * S + S // 2
+    assert off(told(drift, 61 * S + S // 5, [61 * S, 61 * S])[0])[0, 0] == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize(

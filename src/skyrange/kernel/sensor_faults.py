@@ -60,7 +60,9 @@ class SensorFaultInjector:
 
         Alerts are among them. The order of the checks of defences is that of their plans.
         """
-        table = _copy(world.sensors(self._rows))
+        table = world.sensors(self._rows)
+        if isinstance(self._rows, slice):  # views; of an array of rows they are copies already
+            table = _copy(table)
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
         for attack, fault, places in self._owned:
             acts = takes_effect(attack, now)

@@ -21,7 +21,7 @@ from skyrange.contracts.components import Floats, SensorAct, Sensors
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, refuse
 from skyrange.core.errors import Problem
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NEVER, NS_PER_S, Time
 
 _FIX_2D = 2  # MAVLink GPS_FIX_TYPE: the lowest one with a position
 
@@ -81,7 +81,8 @@ class FalseFixes:
     track: Track
     schedule: Schedule
     _phases: list[int] = field(init=False)
-    _fixes: tuple[bytes, bytes] = (b"", b"")
+    _fixes: tuple[Time, bytes, bytes] = (NEVER, b"", b"")
+    """Of the latest shift: the start it counts from, and times and types of the fixes."""
     _shift: tuple[slice | NDArray[np.int64], Floats, Floats] = field(init=False)
     """Rows, and what is added to their positions and velocities."""
 
@@ -93,7 +94,7 @@ class FalseFixes:
         """Shift the fixes. Returns an act for each vehicle whose alteration begins or changes its phase."""
         if self.schedule.start_ns > now:
             return []
-        fixes = (sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes())
+        fixes = (self.schedule.start_ns, sensors.gnss_time_ns.tobytes(), sensors.gnss_fix.tobytes())
         acts = self._follow(sensors) if fixes != self._fixes else []
         self._fixes = fixes
         rows, offsets, velocities = self._shift
