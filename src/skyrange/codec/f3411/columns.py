@@ -211,9 +211,9 @@ def _write_locations(numbers: Floats, codes: Codes, out: Bodies) -> int:
         _put_int(out, row, 17, 2, _steps(numbers[4, row]))
         if speed < 0.0:
             return 5
-        fast = not speed <= values.SPEED_KNEE_MPS  # unknown counts as fast: 255 with the multiplier
+        fast = not speed <= values.SPEED_SLOW_MPS  # unknown counts as fast: 255 with the multiplier
         if not fast:
-            out[row, 3] = int(np.rint(speed / values.SPEED_STEP_MPS))
+            out[row, 3] = min(int(np.rint(speed / values.SPEED_STEP_MPS)), 255)
         elif math.isnan(speed):
             out[row, 3] = _SPEED_UNKNOWN
         else:

@@ -17,6 +17,8 @@ SPEED_FAST_STEP_MPS: Final = 0.75
 """Above it, multiplier bit 1."""
 SPEED_KNEE_MPS: Final = 63.75
 """255 × 0.25."""
+SPEED_SLOW_MPS: Final = SPEED_KNEE_MPS + SPEED_FAST_STEP_MPS / 2
+"""Up to here the nearest step is one of `SPEED_STEP_MPS`: the knee itself is 255 of these, not 0 of the others."""
 SPEED_MAX_MPS: Final = 254.25
 """254 × 0.75 + 63.75: this speed or faster."""
 SPEED_UNKNOWN: Final = (255, 1)
@@ -81,8 +83,8 @@ def encode_speed(speed_mps: float | None) -> tuple[int, int]:
         return SPEED_UNKNOWN
     if _finite(speed_mps, "speed_mps") < 0:
         raise ValueError(f"speed_mps {speed_mps}: 0 or more")
-    if speed_mps <= SPEED_KNEE_MPS:
-        return round(speed_mps / SPEED_STEP_MPS), 0
+    if speed_mps <= SPEED_SLOW_MPS:
+        return min(round(speed_mps / SPEED_STEP_MPS), 255), 0
     return min(round((speed_mps - SPEED_KNEE_MPS) / SPEED_FAST_STEP_MPS), 254), 1
 
 
