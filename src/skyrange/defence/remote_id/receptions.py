@@ -77,6 +77,8 @@ class Claim(NamedTuple):
     height_m: float | None
     """Above the take-off or the ground."""
     grounded: bool
+    failing: bool = False
+    """Whether the sender says that its Remote ID system fails (F3411-22a, status 4): its position may be old."""
 
 
 @dataclass(slots=True)
@@ -181,6 +183,7 @@ class Reader:
             0.1 * (said.timestamp_accuracy or 15),
             said.height_m,
             said.status == Status.GROUND,
+            said.status == Status.REMOTE_ID_SYSTEM_FAILURE,
         )
 
 
@@ -266,12 +269,15 @@ class Finding:
     """What is wrong with a broadcast: the kind of the alarm, its score, and its data."""
 
     kind: str
+    """"" for a broadcast that is dropped without an alarm."""
     score: float
     data: tuple[tuple[str, str | float], ...] = ()
 
 
 def refuse(now: Time, alarm: Alarm, sender: Sender, finding: Finding) -> list[Verdict]:
-    """Drop a broadcast and raise the alarm."""
+    """Drop a broadcast and raise the alarm, if the finding has one."""
+    if not finding.kind:
+        return [Drop()]
     data = {"uas_id": sender.uas_id, "address": sender.address.hex(), **dict(finding.data)}
     return [Drop(), *alarm.raise_at(now, finding.kind, finding.score, **data)]
 
