@@ -34,7 +34,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.placement import Alarm, DefenceTap, place_taps
+from skyrange.defence.placement import Alarm, DefenceTap, inspects_forward, inspects_none, place_taps
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -291,8 +291,8 @@ def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Ju
     for vehicle, judge in zip(vehicles, judges, strict=True):
         own = OwnAircraft(context.origin, context.vehicles[vehicle].system_id)
         taps = TapMaker(ReceptionTap, (own, Reader(context.origin), judge))
-        placed += place_taps("rid_down", "companion", [vehicle], context, taps)
+        placed += place_taps("rid_down", "companion", [vehicle], context, taps, inspects_forward)
         if link_name("rid_data", vehicle) in context.links:
-            placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)))
+            placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)), inspects_none)
     exclusive = [Exclusive(f"{test} of {vehicle}") for vehicle in vehicles]
     return Defence(taps=placed, exclusive=exclusive, one_process=True)

@@ -7,10 +7,26 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from skyrange.contracts.plugins import DEFENCES
+from skyrange.core.time import NS_PER_US, Time
 from skyrange.defence.contract import DefencePlugin
 from skyrange.scenario.model.attacks import PluginTable
-from skyrange.scenario.model.base import Id, Number
+from skyrange.scenario.model.base import Id, Model, Number
 from skyrange.scenario.validation.plugin_params import known
+
+
+class DefenceCost(Model):
+    """Time that a defence needs of the processor of its endpoint, which has one for all its links and defences."""
+
+    us_per_frame: Number = Field(
+        ge=0,
+        le=10_000_000,
+        description="Processor time in µs for each frame that it inspects, before it decides on it.",
+    )
+
+    @property
+    def ns_per_frame(self) -> Time:
+        """The same in whole ns."""
+        return round(self.us_per_frame * NS_PER_US)
 
 
 class DefenceTable(PluginTable):
@@ -28,6 +44,12 @@ class DefenceTable(PluginTable):
     )
     muted: bool = Field(default=False, strict=True, description="Whether to run it and discard its output.")
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
+
+    cost: DefenceCost | None = Field(
+        default=None,
+        description="Processor time that it takes at its endpoints, such as { us_per_frame = 20 }; default: none, "
+        "so that it is free of charge.",
+    )
 
     @property
     def plugin(self) -> DefencePlugin:
