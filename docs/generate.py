@@ -110,6 +110,7 @@ _SECTIONS = (
     ("AttackTable", "`[[attacks]]`"),
     ("FaultTable", "`[[faults]]`"),
     ("DefenceTable", "`[[defences]]`"),
+    ("DefenceCost", "`cost` of a defence"),
     ("When", "`when` of an attack or a fault"),
     ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),

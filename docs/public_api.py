@@ -27,7 +27,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Verify Avoidance Autopilots",
         "Plans": "Plan Square Path square path mission_file",
         "Links, processing, attacks, faults, defences, detectors, recording": """Link WifiParams CellularParams
-            BaseStation Processing AttackTable FaultTable When DefenceTable DetectorTable Record Live""",
+            BaseStation Processing AttackTable FaultTable When DefenceTable DefenceCost DetectorTable Record Live""",
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",

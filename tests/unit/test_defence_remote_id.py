@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.attack.contract import GroundReceiver
+from skyrange.codec.f3411 import Location, Status
 from skyrange.codec.remote_id.link_payload import RidHeader, pack
 from skyrange.contracts.frames.frame import Frame
 from skyrange.core.geodesy import Origin
@@ -122,6 +123,22 @@ def test_old_and_future_positions_are_dropped(age_s: float, is_dropped: bool) ->
     now = 2.0
     claim = _claim(now, 0, 0, said_s=(3599 + now - age_s) % 3600)
     assert bool(_kinds(AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1")), own, claim)[0]) is is_dropped
+
+
+def test_an_old_position_of_a_sender_that_says_it_fails_is_dropped_without_an_alarm() -> None:
+    own, judge = OwnAircraft(ORIGIN, 1), AgeJudge(AgeRules(), "SKYRFOWN", Alarm("b1"))
+    own._clock_ns = 0
+    old = _claim(10.0, 0, 0, said_s=5.0)
+    assert _kinds(judge, own, old._replace(failing=True), old) == [{"drop"}, {"drop", "remote_id.old"}]
+    fresh = _claim(11.0, 0, 0, said_s=10.5, sender=Sender(b"\xc2other", "OTHER"))._replace(failing=True)
+    assert _kinds(judge, own, fresh) == [set()]
+
+
+@pytest.mark.parametrize("status", Status)
+def test_a_sender_says_that_it_fails_by_its_status(status: Status) -> None:
+    _, claim = Reader(ORIGIN).take(b"\xc2addr", 0, None, Location(status=status))
+    assert claim is not None
+    assert claim.failing is (status is Status.REMOTE_ID_SYSTEM_FAILURE)
 
 
 def test_without_a_clock_positions_may_not_go_back_in_time() -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import pytest
 
+from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, ProcessingLimit, TapPlacement
+from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import Kernel, Wiring
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH, Fleet, Log, Station, onboard
@@ -34,6 +36,35 @@ def wiring(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = False, mu
         taps=[TapPlacement("gcs:blue/b1", "companion", Meddler, "mitm")] if rough else [],
         attacks=[AttackPlan("mitm", start_ns=500 * MS, muted=muted)] if rough else [],
         processing=processing,
+    )
+
+
+@dataclass
+class Watcher:
+    """A defence that lets everything pass."""
+
+    link: str
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        return ()
+
+
+def seven_ms(frame: Frame) -> Time:
+    return 7 * MS
+
+
+def guarded(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = True, muted: bool = False) -> Wiring:
+    """With a defence at the companion's end of a link that takes 7 ms for each frame, in both directions."""
+    made = wiring(processing, rough)
+    guard = TapPlacement("gcs:blue/b1", "companion", Watcher, "guard", cost=seven_ms)
+    return replace(
+        made, taps=[guard, *made.taps], attacks=[*made.attacks, AttackPlan("guard", muted=muted, defence=True)]
     )
 
 
@@ -97,11 +128,52 @@ def test_a_muted_attack_is_no_attack() -> None:
     assert muted.table() == flown(replace(wiring(rough=True), taps=[], attacks=[])).table()
 
 
+def test_what_an_endpoint_sends_waits_for_the_defences_there_and_keeps_its_order() -> None:
+    costly, free = flown(guarded((), rough=False)), flown(wiring(()))
+    took, before = (
+        [
+            int(str(row[7])) - int(str(row[0]))
+            for row in log.on("gcs:blue/b1")
+            if row[2] == "rev" and row[8] == "delivered"
+        ]
+        for log in (costly, free)
+    )
+    assert len(took) > 50
+    assert min(took) == min(before) + 7 * MS  # alone
+    assert max(took) > max(before) + 7 * MS  # behind what arrived
+    arrived = [int(str(row[7])) for row in costly.on("gcs:blue/b1") if row[2] == "rev" and row[8] == "delivered"]
+    assert arrived == sorted(arrived)
+    assert "overflow" not in {row[8] for row in costly.frames}
+
+
+def test_other_links_of_the_endpoint_wait_for_its_processor() -> None:
+    costly, free = flown(guarded((), rough=False)), flown(wiring(()))
+    taken = [
+        [int(str(row[7])) - int(str(row[0])) for row in log.on("log:blue/b1") if row[6] == "blue/b1.companion"]
+        for log in (costly, free)
+    ]
+    assert max(taken[0]) > max(taken[1])
+
+
+def test_a_muted_defence_takes_no_time_and_changes_no_byte() -> None:
+    for limits in ((), SLOW):
+        for rough in (False, True):
+            assert flown(guarded(limits, rough, muted=True)).table() == flown(wiring(limits, rough)).table()
+
+
+def test_fusing_and_registration_change_no_byte_with_a_defence() -> None:
+    made = guarded()
+    apart = replace(made, fuse=False, processing=SLOW[::-1], links=[*made.links][::-1], agents=made.agents[::-1])
+    fused = flown(guarded())
+    assert fused.table() == flown(apart).table() != flown(wiring(rough=True)).table()
+
+
+@pytest.mark.parametrize("made", [lambda: wiring(rough=True), guarded], ids=["limits", "defence"])
 @pytest.mark.parametrize("fork_at", [637_500_000, 2 * NS_PER_S])
-def test_a_fork_has_queues_of_its_own(fork_at: int) -> None:
-    straight = flown(wiring(rough=True))
+def test_a_fork_has_queues_of_its_own(fork_at: int, made: Callable[[], Wiring]) -> None:
+    straight = flown(made())
     first, second = Log(), Log()
-    trunk = Kernel(wiring(rough=True), [first])
+    trunk = Kernel(made(), [first])
     trunk.advance(fork_at)
     seen = len(first.frames), len(first.notes)
     branch = trunk.fork([second])

@@ -53,6 +53,10 @@ def scenario(more: str) -> Any:
         ),
         (FIREWALL + 'params = { commands = ["ARM"] }', "commands", ""),
         (FIREWALL + "start_s = 5\nstop_s = 4", "stop_s", ""),
+        (FIREWALL + "cost = { us_per_frame = -1 }", "us_per_frame", ""),
+        (FIREWALL + "cost = { us_per_frame = nan }", "us_per_frame", ""),
+        (FIREWALL + "cost = { us = 1 }", "us", "us_per_frame"),
+        ('[[defences]]\nid = "a"\nkind = "gnss.barometer"\ncost = { us_per_frame = 1 }', "defences.a.cost", "sensors"),
         (
             '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\n[[detectors]]\nid = "a"\nkind = "heartbeat.gap"',
             "defences.a.id",

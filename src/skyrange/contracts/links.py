@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Agent, BodyFault, SensorFault, Tap, Trigger
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_US, Time
 
@@ -142,8 +142,8 @@ class ProcessingLimit:
     """How many frames an endpoint processes in a second, and how many more may wait there.
 
     It takes the frames of all links that end there, one after another, in the order in which they arrive, and each for
-    the same time. What finds the queue full is lost by overflow. A frame is delivered, and forwarded, when it has been
-    processed. What the endpoint sends is not limited.
+    the same time, beside that of defences there. What finds the queue full is lost by overflow. A frame is delivered,
+    and forwarded, when it has been processed. What the endpoint sends is not limited.
     """
 
     endpoint: str
@@ -166,6 +166,11 @@ class TapPlacement:
     side: str
     make: Callable[[str], Tap]
     attack: str | None = None
+    inspects: Callable[[Frame], bool] | None = None
+    """Which frames a defence inspects there, a module-level function; `None` for all that pass, in both directions."""
+    cost: Callable[[Frame], Time] | None = None
+    """Time in ns that the endpoint's processor needs for a frame before the tap decides on it; `None` for none. Of a
+    defence alone; skyrange fills it in from the scenario."""
 
 
 @dataclass(slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from pydantic import Field
@@ -33,9 +33,16 @@ def find_protected(params: Protected, context: DefenceContext) -> list[str]:
 
 
 def place_taps(
-    role: str, side: str, vehicles: Sequence[str], context: DefenceContext, make: TapMaker
+    role: str,
+    side: str,
+    vehicles: Sequence[str],
+    context: DefenceContext,
+    make: TapMaker,
+    inspects: Callable[[Frame], bool] | None = None,
 ) -> list[TapPlacement]:
     """A tap at the `side` end of the link of this role of each aircraft; `make` is called with the link's name.
+
+    `inspects` says for which frames it needs its endpoint's processor; `None` for all.
 
     Raises `InputError` where none of the aircraft has such a link, as without a radio medium for `rid_data`.
     """
@@ -43,7 +50,17 @@ def place_taps(
     if not names:
         hint = "Add a table [radio]." if role.startswith("rid") else ""
         raise InputError.one(context.id, "vehicles", f"no link {role}:…", f"aircraft with a link of role {role}", hint)
-    return [TapPlacement(name, side, make) for name in names]
+    return [TapPlacement(name, side, make, inspects=inspects) for name in names]
+
+
+def inspects_forward(frame: Frame) -> bool:
+    """Whether a frame goes from the link's first end to its second, such as towards an aircraft."""
+    return frame.direction == "fwd"
+
+
+def inspects_none(frame: Frame) -> bool:
+    """No frame: a tap that listens to its own component, whose work is not that of the defence."""
+    return False
 
 
 @dataclass(slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -22,12 +22,16 @@ from skyrange.kernel.processing_queue import ProcessingQueue
 
 
 class TapSlot:
-    """A placed tap: the tap, its endpoint name, and the attack that it belongs to."""
+    """A placed tap: the tap, its endpoint name, the attack that it belongs to, and the time that it takes."""
 
-    __slots__ = ("attack", "due", "links", "name", "tap")
+    __slots__ = ("attack", "cost", "due", "links", "name", "tap")
 
-    def __init__(self, tap: Tap, name: str, attack: AttackState | None) -> None:
+    def __init__(
+        self, tap: Tap, name: str, attack: AttackState | None, cost: Callable[[Frame], Time] | None = None
+    ) -> None:
         self.tap = tap
+        self.cost = cost
+        """Processor time that it takes for a frame, in ns; `None` for a tap that takes none."""
         self.name = name
         self.attack = attack
         self.due: Time | None = None
@@ -53,6 +57,8 @@ class DirectedLink:
         "_serials",
         "arrival_monitors",
         "channel",
+        "defended_from",
+        "defended_to",
         "direction",
         "dst",
         "fused",
@@ -67,6 +73,7 @@ class DirectedLink:
         "routes",
         "send_monitors",
         "sender_taps",
+        "sending",
         "sent_counts",
         "src",
         "staged",
@@ -90,6 +97,12 @@ class DirectedLink:
         """The same routes where they may be followed once the frames have arrived; `None` where they may not."""
         self.processing: ProcessingQueue | None = None
         """The queue of its destination, which all links to it share; `None` where frames are processed at once."""
+        self.sending: ProcessingQueue | None = None
+        """The queue of its source, where defences there take time for frames that leave."""
+        self.defended_from = 0
+        """Position of the first receiver-side tap that belongs to a defence: they follow all others."""
+        self.defended_to = 0
+        """Position after the last sender-side tap that belongs to a defence: they precede all others."""
         self.mailbox: Mailbox | None = None
         """Of the agent or engine that owns the receiving end, if there is one."""
         self.send_monitors: Sequence[FrameMonitor] = ()

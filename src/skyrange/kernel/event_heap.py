@@ -26,10 +26,11 @@ class Code(IntEnum):
     DELIVER_BLOCKS = 6  # blocks come out of the last channel of their path
     RESUME_BLOCKS = 7  # an endpoint's route sends on blocks that have arrived
     SERVE = 8  # a monitor is handed what it has seen
+    PROCESS = 9  # an endpoint has spent its time on a frame
 
 
 # Plain ints: enum look-ups cost more than the events they name.
-ARRIVE, RESUME, REPORT, FORWARD, TAP, STEP, DELIVER_BLOCKS, RESUME_BLOCKS, SERVE = (int(code) for code in Code)
+ARRIVE, RESUME, REPORT, FORWARD, TAP, STEP, DELIVER_BLOCKS, RESUME_BLOCKS, SERVE, PROCESS = (int(code) for code in Code)
 
 Event = tuple[int, str, str, int, int, Any]
 """(time << 3 | phase, directed link or group, sender or owner, that sender's serial, code, what the code needs)."""

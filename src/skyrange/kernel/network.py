@@ -1,8 +1,8 @@
 """The network of links: frames sent, tapped, carried and forwarded along declared routes to their recorded fate.
 
-Order on a link: sender, sender-side taps, channel, receiver-side taps, the receiver's queue if its processing is
-limited, receiver; an injected frame meets only the taps after its own. Everything that takes time becomes an event in
-`heap`.
+Order on a link: sender, sender-side taps, channel, receiver-side taps, receiver. Where an endpoint takes time for
+frames, its queue stands between the taps of attacks and those of its defences. An injected frame meets only the taps
+after its own. Everything that takes time becomes an event in `heap`.
 
 `Network.send` is the only way in for what agents and engines send. Frames that are sent singly travel one by one, in
 this module; blocks go through `skyrange.kernel.block_forwarder` where their links allow it. The record is the same
@@ -34,6 +34,7 @@ from skyrange.kernel.event_heap import (
     DELIVER_BLOCKS,
     DELIVERY,
     FORWARD,
+    PROCESS,
     REPORT,
     RESUME,
     RESUME_BLOCKS,
@@ -46,10 +47,7 @@ from skyrange.kernel.event_heap import (
 )
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
-from skyrange.kernel.processing_queue import ProcessingQueue
-
-_PROCESSED = 1 << 30
-"""Position of a frame that its receiving end has processed: behind all taps."""
+from skyrange.kernel.processing_queue import Job, ProcessingQueue
 
 
 def _number_of(link: DirectedLink) -> int:
@@ -151,6 +149,9 @@ class Network:
         elif code == TAP:
             if data.due == now:
                 self._wake_tap(now, data)
+        elif code == PROCESS:
+            self._process(now, data, data.current)
+            self._process_waiting(now, data)
         elif code == SERVE:
             if data.due == now and self._monitors is not None:
                 self._monitors.serve(now, data)
@@ -163,12 +164,13 @@ class Network:
 
     def report_in_flight(self, now: Time) -> None:
         """Report every frame that is still under way as the run ends at `now`."""
-        for entry in sorted(self.heap, key=lambda entry: entry[:4]):
-            code, data = entry[4], entry[5]
+        for _, _, _, _, code, data in sorted([*self.heap, *self._list_waiting()], key=lambda entry: entry[:4]):
             if code == ARRIVE:
                 self._report_begun(now, [*(data[3] or ()), data[1]])
             elif code == RESUME:
                 self._report_begun(now, [data[1]])
+            elif code == PROCESS:
+                self._report_begun(now, [data.current.frame])
             elif code == REPORT:
                 self._report_begun(now, data)
             elif code == DELIVER_BLOCKS:
@@ -177,10 +179,12 @@ class Network:
 
     # ---------------------------------------------------------------- taps
 
-    def _pass_taps(self, now: Time, link: DirectedLink, frame: Frame, position: int, sending: bool) -> Frame | None:
-        """Show a frame to the taps from `position` on: what goes on, or `None` where it was dropped or held."""
+    def _pass_taps(
+        self, now: Time, link: DirectedLink, frame: Frame, position: int, sending: bool, end: int
+    ) -> Frame | None:
+        """Show a frame to the taps from `position` to before `end`: what goes on, or `None` where it does not."""
         taps = link.sender_taps if sending else link.receiver_taps
-        for index in range(position, len(taps)):
+        for index in range(position, end):
             slot = taps[index]
             try:
                 verdicts = slot.tap.on_frame(now, frame)
@@ -298,8 +302,11 @@ class Network:
         if position == 0:
             for monitor in link.send_monitors:
                 monitor.take_frame(now, link.number, frame, False)
+        if link.sending is not None and position < link.defended_to and self._waits_to_leave(now, link, position):
+            self._queue_for_processing(now, link.sending, Job(link, frame, position, True))
+            return
         if link.sender_taps:
-            passed = self._pass_taps(now, link, frame, position, True)
+            passed = self._pass_taps(now, link, frame, position, True, len(link.sender_taps))
             if passed is None:
                 return
             frame = passed
@@ -389,17 +396,23 @@ class Network:
             self._duplicate(sent, twin, link, frame)
 
     def _arrive(self, now: Time, link: DirectedLink, frame: Frame, position: int, trail: list[Frame] | None) -> None:
-        """Receiver-side taps from `position` on, then the receiver's queue if it has one, then mailbox and routes."""
+        """Receiver-side taps from `position` on, then mailbox and routes; in between the receiver's queue, if any."""
         if trail:
             self._observers.report_frames(trail)
+        queue = link.processing
         if link.receiver_taps:
-            passed = self._pass_taps(now, link, frame, position, False)
+            end = len(link.receiver_taps) if queue is None else link.defended_from
+            passed = self._pass_taps(now, link, frame, position, False, end)
             if passed is None:
                 return
             frame = passed
-        if link.processing is not None and position != _PROCESSED:
-            self._wait_for_processing(now, link, link.processing, frame)
-            return
+        if queue is None:
+            self._deliver(now, link, frame)
+        else:
+            self._queue_for_processing(now, queue, Job(link, frame, max(position, link.defended_from), False))
+
+    def _deliver(self, now: Time, link: DirectedLink, frame: Frame) -> None:
+        """Hand a frame to the mailbox and the routes of its receiver."""
         frame.arrived_ns = now
         frame.fate = Fate.DELIVERED
         self._observers.report_frames([frame])
@@ -414,17 +427,67 @@ class Network:
             if route.select is None or route.select(frame.payload):
                 self._queue_for_route(now, hop, frame)
 
-    def _wait_for_processing(self, now: Time, link: DirectedLink, queue: ProcessingQueue, frame: Frame) -> None:
-        """Have a frame arrive again when its receiver has processed it; end it here where the queue is full."""
-        processed = queue.admit(now)
-        if processed is not None:
-            self._push(processed, link.name, frame, ARRIVE, (link, frame, _PROCESSED, None))
+    # ---------------------------------------------------------------- processing
+
+    def _waits_to_leave(self, now: Time, link: DirectedLink, position: int) -> bool:
+        """Whether a frame that is sent has to wait: for a defence that acts and takes time, or for frames before it."""
+        slots = link.sender_taps[position : link.defended_to]
+        costly = any(slot.cost is not None and takes_effect(slot.attack, now) for slot in slots)
+        return costly or (link.sending is not None and link.sending.is_sending(link))
+
+    def _queue_for_processing(self, now: Time, queue: ProcessingQueue, job: Job) -> None:
+        """Have a frame processed in its turn; end it here where the queue is full."""
+        if queue.admit(now, job):
+            self._process_waiting(now, queue)
             return
-        frame.fate = Fate.OVERFLOW
-        self._observers.report_frames([frame])
-        note = queue.count_overflow(frame.id)
+        job.frame.fate = Fate.OVERFLOW
+        self._observers.report_frames([job.frame])
+        note = queue.count_overflow(job.frame.id)
         if note is not None:
             self._observers.report_note(now, "kernel", note)
+
+    def _process_waiting(self, now: Time, queue: ProcessingQueue) -> None:
+        while (job := queue.begin()) is not None:
+            self._process(now, queue, job)
+
+    def _process(self, now: Time, queue: ProcessingQueue, job: Job) -> None:
+        """Show the current frame to one defence after another, and hand it on, until one of them takes time."""
+        link, sending = job.link, job.sending
+        taps = link.sender_taps if sending else link.receiver_taps
+        end = link.defended_to if sending else len(taps)
+        while job.position < end:
+            slot = taps[job.position]
+            if slot.cost is not None and not job.served and takes_effect(slot.attack, now):
+                cost_ns = slot.cost(job.frame)
+                if cost_ns > 0:
+                    self._spend(now, queue, job, cost_ns, False)
+                    return
+            passed = self._pass_taps(now, link, job.frame, job.position, sending, job.position + 1)
+            if passed is None:
+                queue.end()
+                return
+            job.frame, job.position, job.served = passed, job.position + 1, False
+        if sending:
+            self._transmit(now, link, job.frame, end)
+        elif queue.service_ns and not job.served:
+            self._spend(now, queue, job, queue.service_ns, True)
+            return
+        else:
+            self._deliver(now, link, job.frame)
+        queue.end()
+
+    def _spend(self, now: Time, queue: ProcessingQueue, job: Job, service_ns: Time, final: bool) -> None:
+        job.served = True
+        self._push(queue.serve(now, service_ns, final), job.link.name, job.frame, PROCESS, queue)
+
+    def _list_waiting(self) -> list[Event]:
+        """Frames that wait at endpoints, as events: as if they had arrived when they will be processed."""
+        queues = {queue.endpoint: queue for link in self._by_number if (queue := link.processing) is not None}
+        return [
+            ((at << 3) | DELIVERY, job.link.name, job.frame.sender, job.frame.serial, RESUME, (job.link, job.frame, 0))
+            for queue in queues.values()
+            for at, job in queue.list_waiting()
+        ]
 
     def _queue_for_route(self, now: Time, hop: RouteHop, frame: Frame) -> None:
         name = hop.name

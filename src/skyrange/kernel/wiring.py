@@ -72,7 +72,7 @@ class Wiring:
 def build_links(wiring: Wiring, chance: Chance) -> dict[str, DirectedLink]:
     """Both directions of every link, by `link:direction`, numbered in order of these names."""
     links: dict[str, DirectedLink] = {}
-    queues = {limit.endpoint: ProcessingQueue(limit) for limit in wiring.processing}
+    queues = {limit.endpoint: ProcessingQueue(limit.endpoint, limit) for limit in wiring.processing}
     for spec in wiring.links:
         for direction in ("fwd", "rev"):
             link = DirectedLink(spec, direction, chance)
@@ -136,7 +136,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
             side = sides[spec.name, ends[0]]
             ordinal = sum(1 for slot in side if slot.attack is attack)
             name = f"{placement.attack or _NO_ATTACK}@{spec.name}.{placement.side}" + (f".{ordinal}" if ordinal else "")
-            slot = TapSlot(placement.make(spec.name), name, attack)
+            slot = TapSlot(placement.make(spec.name), name, attack, placement.cost)
             side.append(slot)
             slots.append(slot)
     for (name, end), side in sides.items():
@@ -144,13 +144,31 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
             link = links[f"{name}:{direction}"]
             if link.src == end:
                 link.sender_taps = list(side)
+                link.defended_to = sum(_is_defence(slot) for slot in side)
                 for position, slot in enumerate(link.sender_taps):
                     slot.links[direction] = (link, position + 1, True)
             else:
                 link.receiver_taps = list(reversed(side))
+                link.defended_from = len(side) - sum(_is_defence(slot) for slot in side)
                 for position, slot in enumerate(link.receiver_taps):
                     slot.links[direction] = (link, position + 1, False)
+    _share_processors(links, {end: name for (name, end), side in sides.items() if any(slot.cost for slot in side)})
     return slots
+
+
+def _is_defence(slot: TapSlot) -> bool:
+    return slot.attack is not None and slot.attack.plan.defence
+
+
+def _share_processors(links: Mapping[str, DirectedLink], costly: Container[str]) -> None:
+    """Give the endpoints whose defences take time a queue, if they have none, and have what they send wait there."""
+    queues = {link.dst: link.processing for link in links.values() if link.processing is not None}
+    for link in links.values():
+        if link.dst in costly:
+            link.processing = queues.setdefault(link.dst, ProcessingQueue(link.dst))
+    for link in links.values():
+        if any(slot.cost for slot in link.sender_taps):
+            link.sending = queues[link.src]
 
 
 def attach_routes(

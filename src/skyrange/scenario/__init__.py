@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from skyrange.radio.control_link.params import BaseStation, CellularParams, WifiParams
     from skyrange.scenario.model.attacks import AttackTable, FaultTable, When
     from skyrange.scenario.model.autopilots import Autopilots
-    from skyrange.scenario.model.defences import DefenceTable
+    from skyrange.scenario.model.defences import DefenceCost, DefenceTable
     from skyrange.scenario.model.detectors import DetectorTable
     from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
     from skyrange.scenario.model.links import Link
@@ -35,6 +35,7 @@ __all__ = [
     "BaseStation",
     "CellularParams",
     "City",
+    "DefenceCost",
     "DefenceTable",
     "DetectorTable",
     "FaultTable",

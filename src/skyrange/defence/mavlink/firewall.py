@@ -23,7 +23,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
+from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
 
 _SCALE: Final = 1e7
 """Degrees of latitude and longitude are sent as whole numbers of 1e-7 degrees."""
@@ -210,7 +210,7 @@ def make(params: FirewallRules, context: DefenceContext) -> Defence:
     starts = tuple((link_name(role, one), (one, *context.vehicles[one].start_enu_m[:2])) for one in vehicles)
     maker = TapMaker(_Maker(params, context.origin, starts))
     return Defence(
-        taps=place_taps(role, params.at, vehicles, context, maker),
+        taps=place_taps(role, params.at, vehicles, context, maker, inspects_forward),
         exclusive=[Exclusive(f"allow list of {params.at} of {vehicle}") for vehicle in vehicles],
     )
 

@@ -23,7 +23,7 @@ from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import hash64, link_name
 from skyrange.core.time import Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
+from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
 
 NUMBERS: Final = 256
 BEHIND: Final = NUMBERS // 2
@@ -149,7 +149,7 @@ def make(params: SequenceRules, context: DefenceContext) -> Defence:
     """The parts. Raises `InputError` for aircraft that the scenario does not have."""
     vehicles = find_protected(params, context)
     known = tuple((link_name("gcs", one), one) for one in vehicles)
-    taps = place_taps("gcs", "companion", vehicles, context, TapMaker(_Maker(params, known)))
+    taps = place_taps("gcs", "companion", vehicles, context, TapMaker(_Maker(params, known)), inspects_forward)
     return Defence(taps=taps, exclusive=[Exclusive(f"sequence check of {vehicle}") for vehicle in vehicles])
 
 

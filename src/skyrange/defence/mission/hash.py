@@ -354,6 +354,12 @@ class _Maker:
         return AircraftEnd(link, key, system, packer, Alarm(vehicle), self.schedule, self.patience_ns)
 
 
+def _is_hashed(frame: Frame) -> bool:
+    """Whether a hash is computed of a frame: of an upload, or one that carries a hash."""
+    number = message_id(frame.payload)
+    return number == mav.MAVLINK_MSG_ID_TUNNEL or (frame.direction == "fwd" and number in WRITES)
+
+
 def make(params: MissionHash, context: DefenceContext) -> Defence:
     """The parts. Raises `InputError` for aircraft that the scenario does not have."""
     vehicles = find_protected(params, context)
@@ -362,7 +368,7 @@ def make(params: MissionHash, context: DefenceContext) -> Defence:
     for where, side, schedule in (("gcs", "gcs", None), (role, params.at, context.schedule)):
         known = tuple((link_name(where, one), one, context.vehicles[one].system_id) for one in vehicles)
         maker = _Maker(known, params.passphrase, schedule, from_seconds(params.patience_s))
-        taps += place_taps(where, side, vehicles, context, TapMaker(maker))
+        taps += place_taps(where, side, vehicles, context, TapMaker(maker), _is_hashed)
     return Defence(taps=taps, exclusive=[Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles])
 
 

@@ -221,11 +221,16 @@ class _Maker:
         return ReadBackTap(link, system, Packer(_STATION, COMPONENT), Alarm(vehicle), self.schedule, every_ns, command)
 
 
+def _is_answer(frame: Frame) -> bool:
+    """Whether a frame is of a transfer of a mission towards the station."""
+    return frame.direction == "rev" and message_id(frame.payload) in _ANSWERS
+
+
 def make(params: MissionReadBack, context: DefenceContext) -> Defence:
     """The parts. Raises `InputError` for aircraft that the scenario does not have."""
     vehicles = find_protected(params, context)
     known = tuple((link_name("gcs", one), one, context.vehicles[one].system_id) for one in vehicles)
-    taps = place_taps("gcs", "gcs", vehicles, context, TapMaker(_Maker(params, known, context.schedule)))
+    taps = place_taps("gcs", "gcs", vehicles, context, TapMaker(_Maker(params, known, context.schedule)), _is_answer)
     return Defence(taps=taps, exclusive=[Exclusive(f"mission read-back of {vehicle}") for vehicle in vehicles])
 
 

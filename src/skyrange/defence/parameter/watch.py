@@ -202,12 +202,18 @@ class _Maker:
         return ParameterTap(link, system, self.params, Packer(_STATION, COMPONENT), Alarm(vehicle), self.schedule)
 
 
+def _is_read(frame: Frame) -> bool:
+    """Whether the content of a frame is read."""
+    number = message_id(frame.payload)
+    return number in _READ if frame.direction == "fwd" else number == mav.MAVLINK_MSG_ID_PARAM_VALUE
+
+
 def make(params: ParameterWatch, context: DefenceContext) -> Defence:
     """The parts. Raises `InputError` for aircraft that the scenario does not have."""
     vehicles = find_protected(params, context)
     role = "gcs" if params.at == "companion" else "autopilot"
     known = tuple((link_name(role, one), one, context.vehicles[one].system_id) for one in vehicles)
-    taps = place_taps(role, params.at, vehicles, context, TapMaker(_Maker(params, known, context.schedule)))
+    taps = place_taps(role, params.at, vehicles, context, TapMaker(_Maker(params, known, context.schedule)), _is_read)
     watched = frozenset(params.watched)
     parts = [Exclusive(f"parameters of {vehicle}", watched) for vehicle in vehicles] if watched else []
     return Defence(taps=taps, exclusive=parts)

@@ -114,6 +114,11 @@ class GroundTap(DefenceTap):
         return test
 
 
+def _is_report(frame: Frame) -> bool:
+    """Whether a frame is one of those that may report receptions."""
+    return frame.direction == "rev"
+
+
 def make(params: GroundRules, context: DefenceContext) -> Defence:
     """The parts. Raises `InputError` where nobody has receivers on the ground, or a named operator has none."""
     found = sorted({one.operator for one in context.receivers.values()})
@@ -129,7 +134,7 @@ def make(params: GroundRules, context: DefenceContext) -> Defence:
     for operator in operators:
         own = {name: one for name, one in context.receivers.items() if one.operator == operator}
         parts = (own, params, context.city, Reader(context.origin), Alarm(operator))
-        taps.append(TapPlacement(link_name("oracle", operator), "gcs", TapMaker(GroundTap, parts)))
+        taps.append(TapPlacement(link_name("oracle", operator), "gcs", TapMaker(GroundTap, parts), inspects=_is_report))
     return Defence(
         taps=taps, exclusive=[Exclusive(f"agreement of the receivers of {operator}") for operator in operators]
     )

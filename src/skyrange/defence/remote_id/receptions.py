@@ -34,7 +34,7 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.defence.contract import Defence, DefenceContext
-from skyrange.defence.placement import Alarm, DefenceTap, place_taps
+from skyrange.defence.placement import Alarm, DefenceTap, inspects_forward, inspects_none, place_taps
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -77,6 +77,8 @@ class Claim(NamedTuple):
     height_m: float | None
     """Above the take-off or the ground."""
     grounded: bool
+    failing: bool = False
+    """Whether the sender says that its Remote ID system fails (F3411-22a, status 4): its position may be old."""
 
 
 @dataclass(slots=True)
@@ -181,6 +183,7 @@ class Reader:
             0.1 * (said.timestamp_accuracy or 15),
             said.height_m,
             said.status == Status.GROUND,
+            said.status == Status.REMOTE_ID_SYSTEM_FAILURE,
         )
 
 
@@ -266,12 +269,15 @@ class Finding:
     """What is wrong with a broadcast: the kind of the alarm, its score, and its data."""
 
     kind: str
+    """"" for a broadcast that is dropped without an alarm."""
     score: float
     data: tuple[tuple[str, str | float], ...] = ()
 
 
 def refuse(now: Time, alarm: Alarm, sender: Sender, finding: Finding) -> list[Verdict]:
-    """Drop a broadcast and raise the alarm."""
+    """Drop a broadcast and raise the alarm, if the finding has one."""
+    if not finding.kind:
+        return [Drop()]
     data = {"uas_id": sender.uas_id, "address": sender.address.hex(), **dict(finding.data)}
     return [Drop(), *alarm.raise_at(now, finding.kind, finding.score, **data)]
 
@@ -285,8 +291,8 @@ def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Ju
     for vehicle, judge in zip(vehicles, judges, strict=True):
         own = OwnAircraft(context.origin, context.vehicles[vehicle].system_id)
         taps = TapMaker(ReceptionTap, (own, Reader(context.origin), judge))
-        placed += place_taps("rid_down", "companion", [vehicle], context, taps)
+        placed += place_taps("rid_down", "companion", [vehicle], context, taps, inspects_forward)
         if link_name("rid_data", vehicle) in context.links:
-            placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)))
+            placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)), inspects_none)
     exclusive = [Exclusive(f"{test} of {vehicle}") for vehicle in vehicles]
     return Defence(taps=placed, exclusive=exclusive, one_process=True)

@@ -28,6 +28,9 @@ from skyrange.defence.remote_id.receptions import (
 OLD: Final = "remote_id.old"
 BACKWARD: Final = "remote_id.backward"
 OWN: Final = "remote_id.own"
+STALE: Final = Finding("", 0.0)
+"""An old position of a sender that says itself that its system fails: an honest one goes on to broadcast its last
+position (F3411-22a, status 4), so this is no sign of an attack."""
 WAIT_S: Final = 0.5
 """A Wi-Fi frame waits at most so long for the channel (`radio.builtin.channel_access`)."""
 
@@ -72,7 +75,7 @@ class AgeJudge(Judge):
             self.bad.senders.pop(sender, None)
             found = self._find(own, claim)
             if found is not None:
-                self.bad.put(sender, found)
+                self.bad.put(sender, STALE if claim.failing else found)
         refused = self.bad.touch(sender)
         return refuse(now, self.alarm, sender, refused) if isinstance(refused, Finding) else ()
 
@@ -119,10 +122,12 @@ REPLAY = DefencePlugin(
     "Drops Remote ID that is older than a position may be or than what was said before, or that has the own UAS ID.",
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, and UTC from its autopilot",
-    effect="drops old broadcasts, so that avoidance sees an aircraft only where it is",
+    effect="drops old broadcasts, so that avoidance sees an aircraft only where it is; without an alarm those of a "
+    "sender that says that its Remote ID fails",
     alerts=(OLD, BACKWARD, OWN),
     against=("remote_id.replay",),
-    evasion="repeats within two seconds, or writes new timestamps into old positions",
+    evasion="repeats within two seconds, or writes new timestamps into old positions; a copy that says that its "
+    "Remote ID fails is dropped without an alarm",
     cost="a comparison of two times for each broadcast; no frame and no delay is added",
     realism={"clocks": "simulated: both are those of the aircraft's navigation receivers"},
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
@@ -12,6 +12,7 @@ from skyrange.attack.triggers import Near
 from skyrange.contracts.params import Enu, Params
 from skyrange.contracts.plugins import ATTACKS, FAULTS
 from skyrange.core.errors import Problem, nearest
+from skyrange.defence.contract import DefencePlugin
 from skyrange.fault.contract import FaultPlugin
 from skyrange.scenario.model.base import Id, Model, Number, items, wrong
 from skyrange.scenario.validation.plugin_params import known, normalized
@@ -48,7 +49,43 @@ class When(Model):
         return Near(self.vehicles, self.within_m, None if isinstance(self.of, str) else self.of)
 
 
-class ActTable(Model):
+class PluginTable(Model):
+    """A table with a `kind`, its `params` and the time in which it acts: their validators, without the fields."""
+
+    if TYPE_CHECKING:
+        kind: str
+        params: dict[str, Any]
+
+    @field_validator("params", check_fields=False)
+    @classmethod
+    def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
+        return normalized(cls._find(info.data["kind"]), params) if "kind" in info.data else params
+
+    @field_validator("stop_s", check_fields=False)
+    @classmethod
+    def _stops_after_it_starts(cls, stop_s: float | None, info: ValidationInfo) -> float | None:
+        start_s = info.data.get("start_s", 0.0)
+        if stop_s is not None and stop_s <= start_s:
+            raise wrong(f"{stop_s:g}", f"more than start_s, {start_s:g}")
+        return stop_s
+
+    @property
+    def settings(self) -> Params:
+        """The parameters as the kind's own model."""
+        return self.plugin.params.model_validate(self.params)
+
+    @property
+    def plugin(self) -> AttackPlugin | FaultPlugin | DefencePlugin:
+        """The plugin of its kind."""
+        return self._find(self.kind)
+
+    @classmethod
+    def _find(cls, kind: str) -> AttackPlugin | FaultPlugin | DefencePlugin:
+        raise NotImplementedError
+
+
+class ActTable(PluginTable):
     """What an attack and a fault declare alike: when it acts, and with which parameters."""
 
     id: Id = Field(description="Name, unique among attacks and faults; used in labels, links and figures.")
@@ -81,25 +118,6 @@ class ActTable(Model):
         "the scenario.",
     )
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
-
-    @field_validator("params")
-    @classmethod
-    def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
-        return normalized(cls._find(info.data["kind"]), params) if "kind" in info.data else params
-
-    @field_validator("stop_s")
-    @classmethod
-    def _stops_after_it_starts(cls, stop_s: float | None, info: ValidationInfo) -> float | None:
-        start_s = info.data.get("start_s", 0.0)
-        if stop_s is not None and stop_s <= start_s:
-            raise wrong(f"{stop_s:g}", f"more than start_s, {start_s:g}")
-        return stop_s
-
-    @property
-    def settings(self) -> Params:
-        """The parameters as the kind's own model."""
-        return self.plugin.params.model_validate(self.params)
 
     @property
     def plugin(self) -> AttackPlugin | FaultPlugin:

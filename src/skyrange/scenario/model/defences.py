@@ -4,16 +4,32 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationInfo, field_validator
+from pydantic import Field
 
-from skyrange.contracts.params import Params
 from skyrange.contracts.plugins import DEFENCES
+from skyrange.core.time import NS_PER_US, Time
 from skyrange.defence.contract import DefencePlugin
-from skyrange.scenario.model.base import Id, Model, Number, wrong
-from skyrange.scenario.validation.plugin_params import known, normalized
+from skyrange.scenario.model.attacks import PluginTable
+from skyrange.scenario.model.base import Id, Model, Number
+from skyrange.scenario.validation.plugin_params import known
 
 
-class DefenceTable(Model):
+class DefenceCost(Model):
+    """Time that a defence needs of the processor of its endpoint, which has one for all its links and defences."""
+
+    us_per_frame: Number = Field(
+        ge=0,
+        le=10_000_000,
+        description="Processor time in µs for each frame that it inspects, before it decides on it.",
+    )
+
+    @property
+    def ns_per_frame(self) -> Time:
+        """The same in whole ns."""
+        return round(self.us_per_frame * NS_PER_US)
+
+
+class DefenceTable(PluginTable):
     """One defence: its kind and parameters, and when it acts. Frames that arrive meet the first declared one first."""
 
     id: Id = Field(description="Name, unique among attacks, faults, defences and detectors; used in alerts and events.")
@@ -29,26 +45,17 @@ class DefenceTable(Model):
     muted: bool = Field(default=False, strict=True, description="Whether to run it and discard its output.")
     params: dict[str, Any] = Field(default_factory=dict, validate_default=True, description="Parameters of the kind.")
 
-    @field_validator("params")
-    @classmethod
-    def _of_its_kind(cls, params: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
-        """The parameters, checked and completed with the kind's defaults; unchanged if the kind is unknown."""
-        return normalized(DefencePlugin.find(info.data["kind"]), params) if "kind" in info.data else params
-
-    @field_validator("stop_s")
-    @classmethod
-    def _stops_after_it_starts(cls, stop_s: float | None, info: ValidationInfo) -> float | None:
-        start_s = info.data.get("start_s", 0.0)
-        if stop_s is not None and stop_s <= start_s:
-            raise wrong(f"{stop_s:g}", f"more than start_s, {start_s:g}")
-        return stop_s
+    cost: DefenceCost | None = Field(
+        default=None,
+        description="Processor time that it takes at its endpoints, such as { us_per_frame = 20 }; default: none, "
+        "so that it is free of charge.",
+    )
 
     @property
     def plugin(self) -> DefencePlugin:
         """The plugin of its kind."""
-        return DefencePlugin.find(self.kind)
+        return self._find(self.kind)
 
-    @property
-    def settings(self) -> Params:
-        """The parameters as the kind's own model."""
-        return self.plugin.params.model_validate(self.params)
+    @classmethod
+    def _find(cls, kind: str) -> DefencePlugin:
+        return DefencePlugin.find(kind)

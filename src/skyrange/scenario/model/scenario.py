@@ -29,7 +29,7 @@ from skyrange.radio.control_link.params import BaseStation, CellularParams, Wifi
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
-from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.defences import DefenceCost, DefenceTable
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
@@ -49,6 +49,7 @@ __all__ = [
     "BaseStation",
     "CellularParams",
     "City",
+    "DefenceCost",
     "DefenceTable",
     "DetectorTable",
     "FaultTable",

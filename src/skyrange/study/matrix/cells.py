@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
 import pyarrow as pa
@@ -14,6 +14,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record.read.run import RunRecord
 from skyrange.study.attribution.arms import ATTACKED, HONEST, NOMINAL
 from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.matrix.latency import measure_transit_ms
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.measures.time_series import read_notes, truth_tracks
@@ -26,11 +27,13 @@ _S_PER_H: Final = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """What one nominal run is compared by: when missions ended, energy, and frames sent."""
+    """What one nominal run is compared by: when missions ended, energy, frames sent, and their delays."""
 
     finished_s: Sequence[float | None]
     energy_j: Sequence[float | None]
     frames: int
+    transit_ms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Median and 95th percentile of the delay of frames, by role of link."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +193,7 @@ def _nominal(run: RunRecord) -> Nominal:
         [one.finished_s for one in measured],
         [one.energy_j for one in measured],
         run.table("frames", ["size"]).num_rows,
+        measure_transit_ms(run),
     )
 
 
@@ -206,6 +210,25 @@ def added_energy_j(cell: Cell, without: Cell) -> list[float]:
 def added_frames(cell: Cell, without: Cell) -> list[float]:
     """How many more frames are sent in the nominal runs with a defence, by seed."""
     return [float(a.frames - b.frames) for a, b in zip(cell.nominal, without.nominal, strict=True)]
+
+
+def added_transit_ms(cell: Cell, without: Cell, roles: Sequence[str]) -> list[tuple[float, float]]:
+    """How much median and 95th percentile of the delay of frames grow in the nominal runs with a defence, in ms.
+
+    By seed, on links of those of `roles` that there are; of several, that whose 95th percentile grows most.
+    """
+    found = []
+    for one, two in zip(cell.nominal, without.nominal, strict=True):
+        mine, other = one.transit_ms, two.transit_ms
+        grown = [
+            (mine[role][1] - other[role][1], mine[role][0] - other[role][0])
+            for role in roles
+            if role in mine and role in other
+        ]
+        if grown:
+            tail, median = max(grown)
+            found.append((median, tail))
+    return found
 
 
 def _differences(mine: Sequence[Sequence[float | None]], other: Sequence[Sequence[float | None]]) -> list[float]:

@@ -12,7 +12,7 @@ from skyrange.contracts.plugins import DEFENCES
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.model.base import Id, Model, Whole, items, refuse
-from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.defences import DefenceCost, DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_reader import parse_toml
@@ -63,12 +63,15 @@ class Row(Model):
 
 
 class Part(Model):
-    """One defence of a column: its kind and parameters."""
+    """One defence of a column: its kind, parameters and cost."""
 
     kind: Annotated[str, known(DEFENCES, "a kind of defence")] = Field(
         description="Kind of defence, a plugin of skyrange.defences."
     )
     params: dict[str, Any] = Field(default_factory=dict, description="Parameters of the kind.")
+    cost: DefenceCost | None = Field(
+        default=None, description="Processor time that it takes, as in a scenario; default: none."
+    )
 
 
 class Column(Model):
@@ -97,7 +100,7 @@ class Column(Model):
         """Its defences as tables of a scenario; their ids begin with that of the column."""
         ids = [self.id] if len(self.defences) == 1 else [f"{self.id}-{k}" for k in range(1, len(self.defences) + 1)]
         return tuple(
-            DefenceTable(id=id_, kind=part.kind, params=part.params, muted=muted)
+            DefenceTable(id=id_, kind=part.kind, params=part.params, cost=part.cost, muted=muted)
             for id_, part in zip(ids, self.defences, strict=True)
         )
 

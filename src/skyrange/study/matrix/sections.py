@@ -32,7 +32,9 @@ COST = """\
 False alarms, delay and energy are those of flights without an attack, against the same flights without the defence.
 `stops`: attacks that it stops, of those in whose scenarios it can be declared. `without assumptions`: the same without
 attacks on sensors whose reaction is assumed. `adaptive`: attacks that it stops although the adversary knows it.
-`honest`: runs with an alarm, of those in which a real aircraft flies where the attack would claim one.
+`honest`: runs with an alarm, of those in which a real aircraft flies where the attack would claim one. `latency of
+frames`: growth of the median and of the 95th percentile of the time from sender to the end of processing, on the links
+that the defence protects. Processor time counts only where the column declares a `cost`.
 """
 FAULTS = """\
 Effect of the fault with each defence, and alarms an aircraft-hour of the run with the fault: all of them are false.
@@ -124,7 +126,7 @@ def _effects(result: MatrixResult, row: Row) -> list[Shown]:
 
 _COST_HEAD = (
     "defence", "stops", "without assumptions", "adaptive", "false alarms an aircraft-hour", "honest", "delay, s",
-    "energy, J", "frames an aircraft-hour",
+    "energy, J", "frames an aircraft-hour", "latency of frames, ms",
 )  # fmt: skip
 
 
@@ -141,6 +143,7 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
             _difference(one.delay),
             _difference(one.energy),
             f"{one.frames_per_h:+.0f}",
+            "–" if one.latency_ms is None else f"{one.latency_ms[0]:+.2f}, {one.latency_ms[1]:+.2f}",
         )
         yield [Shown(column.id, True), *map(Shown, texts)]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyrange.study.matrix.cells import Cell, added_delay_s, added_energy_j, added_frames
+from skyrange.study.matrix.cells import Cell, added_delay_s, added_energy_j, added_frames, added_transit_ms
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import UNDEFENDED, Column, Row
 from skyrange.study.twins.confidence import Interval, interval
@@ -60,6 +60,8 @@ class Cost:
     frames_per_h: float
     honest_alarms: int
     of_honest: int
+    latency_ms: tuple[float, float] | None = None
+    """Mean growth of median and 95th percentile of the delay of frames on the links that it protects."""
 
 
 def format_effect(effect: Interval | None, measure: str, unit: bool = True) -> str:
@@ -138,7 +140,20 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
         sum(sum(added_frames(cell, without)) for cell, without in cells) / hours if hours else 0.0,
         sum(honest),
         len(honest),
+        _mean_latency([one for cell, without in cells for one in added_transit_ms(cell, without, _roles(column))]),
     )
+
+
+def _roles(column: Column) -> list[str]:
+    """What the kinds of a column protect: roles of links, and others that no link has."""
+    return list(dict.fromkeys(role for table in column.tables() for role in table.plugin.surface))
+
+
+def _mean_latency(found: Sequence[tuple[float, float]]) -> tuple[float, float] | None:
+    """The means over cells and seeds; `None` where there is none."""
+    if not found:
+        return None
+    return sum(one for one, _ in found) / len(found), sum(two for _, two in found) / len(found)
 
 
 def _stops_adaptive(result: MatrixResult, row: Row, column: Column) -> bool:
