@@ -16,6 +16,7 @@ from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.placement import DefenceTap
 from skyrange.kernel import Kernel, Wiring
 from tests.probes.toys import Log
 
@@ -46,7 +47,7 @@ class Source:
 
 
 @dataclass
-class Sieve:
+class Sieve(DefenceTap):
     """Drops frames whose payload is a multiple of a number."""
 
     number: int
@@ -54,29 +55,13 @@ class Sieve:
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         return [Drop()] if frame.payload[0] % self.number == 0 else ()
 
-    def next_wakeup(self) -> Time | None:
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        return ()
-
-
-@dataclass(frozen=True)
-class Cost:
-    """The same for every frame."""
-
-    ns: Time
-
-    def __call__(self, frame: Frame) -> Time:
-        return self.ns
-
 
 def fly(times: Sequence[Time], limit: ProcessingLimit | None, costs: Sequence[Time], muted: bool = False) -> Log:
     """Frames from `a` to `b`, where defences take time: the first drops multiples of 2, the second those of 3."""
     names = [f"d{k}" for k in range(len(costs))]
     log = Log()
     taps = [
-        TapPlacement("l", "b", lambda _link, k=k: Sieve(k + 2), names[k], cost=Cost(ns)) for k, ns in enumerate(costs)
+        TapPlacement("l", "b", lambda link, k=k: Sieve(link, k + 2), names[k], cost_ns=ns) for k, ns in enumerate(costs)
     ]
     kernel = Kernel(
         Wiring(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -13,6 +13,7 @@ from skyrange.contracts.links import AttackPlan, ProcessingLimit, TapPlacement
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.placement import DefenceTap
 from skyrange.kernel import Kernel, Wiring
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH, Fleet, Log, Station, onboard
@@ -39,30 +40,17 @@ def wiring(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = False, mu
     )
 
 
-@dataclass
-class Watcher:
+class Watcher(DefenceTap):
     """A defence that lets everything pass."""
-
-    link: str
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         return ()
-
-    def next_wakeup(self) -> Time | None:
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        return ()
-
-
-def seven_ms(frame: Frame) -> Time:
-    return 7 * MS
 
 
 def guarded(processing: Sequence[ProcessingLimit] = SLOW, rough: bool = True, muted: bool = False) -> Wiring:
     """With a defence at the companion's end of a link that takes 7 ms for each frame, in both directions."""
     made = wiring(processing, rough)
-    guard = TapPlacement("gcs:blue/b1", "companion", Watcher, "guard", cost=seven_ms)
+    guard = TapPlacement("gcs:blue/b1", "companion", Watcher, "guard", cost_ns=7 * MS)
     return replace(
         made, taps=[guard, *made.taps], attacks=[*made.attacks, AttackPlan("guard", muted=muted, defence=True)]
     )

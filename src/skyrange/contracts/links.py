@@ -168,9 +168,9 @@ class TapPlacement:
     attack: str | None = None
     inspects: Callable[[Frame], bool] | None = None
     """Which frames a defence inspects there, a module-level function; `None` for all that pass, in both directions."""
-    cost: Callable[[Frame], Time] | None = None
-    """Time in ns that the endpoint's processor needs for a frame before the tap decides on it; `None` for none. Of a
-    defence alone; skyrange fills it in from the scenario."""
+    cost_ns: Time = 0
+    """Time that the endpoint's processor needs for such a frame before the tap decides on it, in ns. Of a defence
+    alone; skyrange fills it in from the scenario."""
 
 
 @dataclass(slots=True)

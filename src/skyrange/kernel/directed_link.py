@@ -16,7 +16,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
-from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.attack_states import AttackState, takes_effect
 from skyrange.kernel.channel import NOT_RANDOM, open_channel
 from skyrange.kernel.processing_queue import ProcessingQueue
 
@@ -24,19 +24,32 @@ from skyrange.kernel.processing_queue import ProcessingQueue
 class TapSlot:
     """A placed tap: the tap, its endpoint name, the attack that it belongs to, and the time that it takes."""
 
-    __slots__ = ("attack", "cost", "due", "links", "name", "tap")
+    __slots__ = ("attack", "cost_ns", "due", "inspects", "links", "name", "tap")
 
     def __init__(
-        self, tap: Tap, name: str, attack: AttackState | None, cost: Callable[[Frame], Time] | None = None
+        self,
+        tap: Tap,
+        name: str,
+        attack: AttackState | None,
+        cost_ns: Time = 0,
+        inspects: Callable[[Frame], bool] | None = None,
     ) -> None:
         self.tap = tap
-        self.cost = cost
-        """Processor time that it takes for a frame, in ns; `None` for a tap that takes none."""
+        self.cost_ns = cost_ns
+        """Processor time that it takes for a frame that it inspects."""
+        self.inspects = inspects
+        """Which frames it inspects; `None` for all."""
         self.name = name
         self.attack = attack
         self.due: Time | None = None
         self.links: dict[str, tuple[DirectedLink, int, bool]] = {}
         """By direction: the directed link, the position *after* this tap, and whether that is on the sending side."""
+
+    def find_cost_ns(self, now: Time, frame: Frame) -> Time:
+        """Processor time that it takes for a frame now; 0 while it has no effect."""
+        if not self.cost_ns or not takes_effect(self.attack, now):
+            return 0
+        return self.cost_ns if self.inspects is None or self.inspects(frame) else 0
 
 
 class FrameMonitor(Protocol):

@@ -54,6 +54,12 @@ def _number_of(link: DirectedLink) -> int:
     return link.number
 
 
+def _waits_to_leave(now: Time, queue: ProcessingQueue, link: DirectedLink, position: int) -> bool:
+    """Whether a frame that is sent has to wait: for a defence that acts and takes time, or for frames before it."""
+    slots = link.sender_taps[position : link.defended_to]
+    return any(slot.cost_ns and takes_effect(slot.attack, now) for slot in slots) or queue.is_sending(link.name)
+
+
 class Sender:
     """An agent or an engine as the network knows it: its name, its ports, and the attack that it belongs to."""
 
@@ -302,8 +308,9 @@ class Network:
         if position == 0:
             for monitor in link.send_monitors:
                 monitor.take_frame(now, link.number, frame, False)
-        if link.sending is not None and position < link.defended_to and self._waits_to_leave(now, link, position):
-            self._queue_for_processing(now, link.sending, Job(link, frame, position, True))
+        queue = link.sending
+        if queue is not None and position < link.defended_to and _waits_to_leave(now, queue, link, position):
+            self._queue_for_processing(now, queue, Job(link.name, frame, position, True))
             return
         if link.sender_taps:
             passed = self._pass_taps(now, link, frame, position, True, len(link.sender_taps))
@@ -409,7 +416,7 @@ class Network:
         if queue is None:
             self._deliver(now, link, frame)
         else:
-            self._queue_for_processing(now, queue, Job(link, frame, max(position, link.defended_from), False))
+            self._queue_for_processing(now, queue, Job(link.name, frame, max(position, link.defended_from), False))
 
     def _deliver(self, now: Time, link: DirectedLink, frame: Frame) -> None:
         """Hand a frame to the mailbox and the routes of its receiver."""
@@ -429,12 +436,6 @@ class Network:
 
     # ---------------------------------------------------------------- processing
 
-    def _waits_to_leave(self, now: Time, link: DirectedLink, position: int) -> bool:
-        """Whether a frame that is sent has to wait: for a defence that acts and takes time, or for frames before it."""
-        slots = link.sender_taps[position : link.defended_to]
-        costly = any(slot.cost is not None and takes_effect(slot.attack, now) for slot in slots)
-        return costly or (link.sending is not None and link.sending.is_sending(link))
-
     def _queue_for_processing(self, now: Time, queue: ProcessingQueue, job: Job) -> None:
         """Have a frame processed in its turn; end it here where the queue is full."""
         if queue.admit(now, job):
@@ -452,16 +453,15 @@ class Network:
 
     def _process(self, now: Time, queue: ProcessingQueue, job: Job) -> None:
         """Show the current frame to one defence after another, and hand it on, until one of them takes time."""
-        link, sending = job.link, job.sending
+        link, sending = self.links[job.link], job.sending
         taps = link.sender_taps if sending else link.receiver_taps
         end = link.defended_to if sending else len(taps)
         while job.position < end:
             slot = taps[job.position]
-            if slot.cost is not None and not job.served and takes_effect(slot.attack, now):
-                cost_ns = slot.cost(job.frame)
-                if cost_ns > 0:
-                    self._spend(now, queue, job, cost_ns, False)
-                    return
+            cost_ns = 0 if job.served else slot.find_cost_ns(now, job.frame)
+            if cost_ns:
+                self._spend(now, queue, job, cost_ns, False)
+                return
             passed = self._pass_taps(now, link, job.frame, job.position, sending, job.position + 1)
             if passed is None:
                 queue.end()
@@ -478,13 +478,13 @@ class Network:
 
     def _spend(self, now: Time, queue: ProcessingQueue, job: Job, service_ns: Time, final: bool) -> None:
         job.served = True
-        self._push(queue.serve(now, service_ns, final), job.link.name, job.frame, PROCESS, queue)
+        self._push(queue.serve(now, service_ns, final), job.link, job.frame, PROCESS, queue)
 
     def _list_waiting(self) -> list[Event]:
         """Frames that wait at endpoints, as events: as if they had arrived when they will be processed."""
         queues = {queue.endpoint: queue for link in self._by_number if (queue := link.processing) is not None}
         return [
-            ((at << 3) | DELIVERY, job.link.name, job.frame.sender, job.frame.serial, RESUME, (job.link, job.frame, 0))
+            ((at << 3) | DELIVERY, job.link, job.frame.sender, job.frame.serial, RESUME, (job.link, job.frame, 0))
             for queue in queues.values()
             for at, job in queue.list_waiting()
         ]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import ProcessingLimit
@@ -18,15 +17,13 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
 
-if TYPE_CHECKING:
-    from skyrange.kernel.directed_link import DirectedLink
-
 
 @dataclass(slots=True)
 class Job:
     """A frame at an endpoint: one that arrived, or one that it sends and that its defences inspect."""
 
-    link: DirectedLink
+    link: str
+    """The directed link, `link:direction`."""
     frame: Frame
     position: int
     """Of the next tap that sees it."""
@@ -100,11 +97,11 @@ class ProcessingQueue:
         self.current = None
         self._final = False
 
-    def is_sending(self, link: DirectedLink) -> bool:
+    def is_sending(self, link: str) -> bool:
         """Whether a frame that leaves on this link waits, or is being processed."""
-        if self.current is not None and self.current.sending and self.current.link is link:
+        if self.current is not None and self.current.sending and self.current.link == link:
             return True
-        return len(self._waiting) > self._incoming and any(job.sending and job.link is link for job in self._waiting)
+        return len(self._waiting) > self._incoming and any(job.sending and job.link == link for job in self._waiting)
 
     def list_waiting(self) -> list[tuple[Time, Job]]:
         """The frames that wait, each with the time at which it will be processed if no defence takes time for any."""

@@ -136,7 +136,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
             side = sides[spec.name, ends[0]]
             ordinal = sum(1 for slot in side if slot.attack is attack)
             name = f"{placement.attack or _NO_ATTACK}@{spec.name}.{placement.side}" + (f".{ordinal}" if ordinal else "")
-            slot = TapSlot(placement.make(spec.name), name, attack, placement.cost)
+            slot = TapSlot(placement.make(spec.name), name, attack, placement.cost_ns, placement.inspects)
             side.append(slot)
             slots.append(slot)
     for (name, end), side in sides.items():
@@ -152,7 +152,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
                 link.defended_from = len(side) - sum(_is_defence(slot) for slot in side)
                 for position, slot in enumerate(link.receiver_taps):
                     slot.links[direction] = (link, position + 1, False)
-    _share_processors(links, {end: name for (name, end), side in sides.items() if any(slot.cost for slot in side)})
+    _share_processors(links, {end: name for (name, end), side in sides.items() if any(slot.cost_ns for slot in side)})
     return slots
 
 
@@ -167,7 +167,7 @@ def _share_processors(links: Mapping[str, DirectedLink], costly: Container[str])
         if link.dst in costly:
             link.processing = queues.setdefault(link.dst, ProcessingQueue(link.dst))
     for link in links.values():
-        if any(slot.cost for slot in link.sender_taps):
+        if any(slot.cost_ns for slot in link.sender_taps):
             link.sending = queues[link.src]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -11,24 +11,11 @@ from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
 from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
 from skyrange.attack.contract import AttackContext
 from skyrange.contracts.components import Agent
-from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, Schedule, TapPlacement
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.time import NEVER, NS_PER_US, Time, from_seconds
+from skyrange.core.time import NEVER, NS_PER_US, from_seconds
 from skyrange.defence.contract import Defence
 from skyrange.scenario.model.defences import DefenceTable
-
-
-@dataclass(frozen=True, slots=True)
-class FrameCost:
-    """Processor time of a defence for a frame: the same for all that it inspects."""
-
-    cost_ns: Time
-    inspects: Callable[[Frame], bool] | None = None
-
-    def __call__(self, frame: Frame) -> Time:
-        """The time in ns."""
-        return self.cost_ns if self.inspects is None or self.inspects(frame) else 0
 
 
 @dataclass(slots=True)
@@ -79,8 +66,7 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
                     "Time for checks of sensors and of channels is not modelled.",
                 )
             )
-        taps = [replace(tap, attack=table.id, cost=FrameCost(cost_ns, tap.inspects)) for tap in found.taps]
-        made.taps = [*(tap if cost_ns else replace(tap, cost=None) for tap in taps), *made.taps]
+        made.taps = [*(replace(tap, attack=table.id, cost_ns=cost_ns) for tap in found.taps), *made.taps]
         made.rows.append(_row(table, found))
     made.problems += find_exclusions(exclusive, "a defence", "decide")
     return made

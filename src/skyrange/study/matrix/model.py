@@ -161,7 +161,8 @@ def select(matrix: Matrix, rows: tuple[str, ...], columns: tuple[str, ...]) -> M
         ("--column", columns, [column.id for column in matrix.columns]),
     ):
         unknown = [name for name in names if name not in ids]
-        problems += [Problem(where, name, "one of the matrix", nearest(name, ids)) for name in unknown]
+        expected = f"the id of a {where[2:]} of the matrix"
+        problems += [Problem(where, name, expected, nearest(name, ids)) for name in unknown]
     if problems:
         raise InputError(matrix.name, problems)
     kept_rows = tuple(row for row in matrix.rows if not rows or row.id in rows)
