@@ -33,6 +33,7 @@ from skyrange.study.compare.attacks.reactions import (
 )
 from skyrange.study.runs import fly
 
+PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "parity.md"
 START_S = 10.0
 TIMES_S = np.arange(0.0, 60.0, 0.5)
 
@@ -250,3 +251,30 @@ def test_the_builtin_in_both_roles_agrees(monkeypatch: pytest.MonkeyPatch, tmp_p
     assert [one.first.reaction for one in compared] == ["crashes", "lands"]
     assert all(one.first == one.second for one in compared)
     assert [name for name in names if name.endswith("nominal")] == ["mavlink.command-builtin-nominal"]
+
+
+def test_the_page_gives_causes_for_the_rows_that_differ_and_for_no_other() -> None:
+    _, _, rest = PAGE.read_text().partition(report.BEGIN)
+    table, _, beside = rest.partition(report.END)
+    section, _, _ = beside.partition("\n### ")
+    differ = {cells[0] for line in _rows(table) if (cells := _cells(line))[-1] != report.YES}
+    explained = {kind for line in _rows(section) for kind in _cells(line)[0].split(", ")}
+    assert differ
+    assert explained == differ
+
+
+def _rows(text: str) -> list[str]:
+    return [line for line in text.splitlines() if line.startswith("| `")]
+
+
+def _cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip("|").split("|")]
+
+
+def test_a_missing_arducopter_is_told_before_the_first_flight(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SKYRANGE_ARDUCOPTER", str(tmp_path / "none"))
+    told: list[str] = []
+    with pytest.raises(InputError, match="no such file"):
+        module.compare(tmp_path / "out", ["link.replay"], on_flight=lambda name, *_: told.append(name))
+    assert told == []
+    assert not (tmp_path / "out").exists()

@@ -66,6 +66,13 @@ def test_one_kind_is_not_compared_with_itself(tmp_path: Path) -> None:
         compare(load("squares"), tmp_path, ("builtin", "builtin"))
 
 
+def test_a_missing_arducopter_is_told_before_the_first_flight(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("SKYRANGE_ARDUCOPTER", str(tmp_path / "none"))
+    with pytest.raises(InputError, match="no such file"):
+        compare(load("squares"), tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
 def test_rates_are_flown_by_ardupilots_that_differ_in_them_alone(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -75,6 +82,7 @@ def test_rates_are_flown_by_ardupilots_that_differ_in_them_alone(
         asked[folder.name] = scenario
 
     monkeypatch.setattr(module, "measured", lambda _: {})
+    monkeypatch.setattr(module, "build", lambda _: None)  # there need not be an ArduCopter
     monkeypatch.setattr(module, "fly", note)
     compare_rates(load("squares", ["autopilots.options.ardupilot.keep_logs=true"]), tmp_path, "single")
     assert list(asked) == ["full", "single"]

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.assembly.build import build
 from skyrange.codec.mavlink import decode, message_name
 from skyrange.contracts.links import TapPlacement
 from skyrange.core.ids import endpoint, link_name
@@ -139,6 +140,8 @@ def compare_rates(
 def _run_both(
     scenarios: Mapping[str, Scenario], folder: Path, taps: Sequence[TapPlacement], on_progress: OnProgress | None
 ) -> Parity:
+    for scenario in scenarios.values():
+        build(scenario)  # raises errors in the second one before the first one flies
     flown = [
         measured(fly(scenario, folder / name, taps=taps, on_progress=on_progress, report=False))
         for name, scenario in scenarios.items()

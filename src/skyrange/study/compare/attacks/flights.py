@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, nearest
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
@@ -139,12 +140,15 @@ def compare(
     """Fly the examples of `kinds` with both autopilots, attacked and nominal, into `folder`, and read the reactions.
 
     `rates` are ArduPilot's. A nominal flight serves all examples that differ in their attacks alone, because a muted
-    attack changes nothing. Raises the errors of `study.runs.fly`.
+    attack changes nothing. Raises `InputError` before the first flight, such as one for a missing ArduCopter, and the
+    errors of `study.runs.fly`.
     """
     chosen = chosen_kinds(kinds)
     flights = [
         (kind, autopilot, _with_autopilot(load(kind), autopilot, rates)) for kind in chosen for autopilot in KINDS
     ]
+    for _, _, scenario in flights:
+        build(scenario)
     total = len(flights) + len({_twin_key(scenario) for _, _, scenario in flights})
     twins: dict[str, dict[str, Flight]] = {}
     reactions: dict[str, list[Reaction]] = {kind: [] for kind in chosen}
