@@ -102,6 +102,20 @@ def test_any_change_of_any_file_is_named(whole: Path, other: Path, data: st.Data
     assert any(problem.startswith(f"{name}: ") for problem in found.problems), (name, how, found)
 
 
+def test_a_column_name_that_is_no_text_is_named_by_its_file(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    path = folder / "decisions.parquet"
+    content = bytearray(path.read_bytes())
+    while (at := content.find(b"time_ns")) >= 0:
+        content[at] ^= 0x80
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="decisions"):
+        open_folder(folder).rows("decisions")
+    found = verify_run(open_folder(folder))
+    assert any(problem.startswith("decisions.parquet: 'utf-8'") for problem in found.problems), found
+
+
 @pytest.mark.parametrize("name", ["frames", "truth", "payloads"])
 def test_a_swapped_table_is_found_without_hashes_of_files(whole: Path, other: Path, tmp_path: Path, name: str) -> None:
     folder = tmp_path / "run"

@@ -117,7 +117,7 @@ class Tables:
         """Turn an error in reading a Parquet file into an `InputError` that names the file."""
         try:
             yield
-        except (pa.ArrowException, OSError) as error:
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # the last: names of columns
             reason = str(error).splitlines()[0]
             raise InputError.one(str(self.folder), path.name, reason, "a complete Parquet file") from error
 
