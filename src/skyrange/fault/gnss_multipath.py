@@ -63,7 +63,7 @@ class ReflectedFixes:
     params: Multipath
     chance: Chance
     schedule: Schedule
-    _seen: Ints = field(init=False)
+    _seen: list[int] = field(init=False)
     _phase: Ints = field(init=False)
     _fix: Ints = field(init=False)
     _satellites: Ints = field(init=False)
@@ -72,7 +72,7 @@ class ReflectedFixes:
 
     def __post_init__(self) -> None:
         count = len(self.vehicles)
-        self._seen = np.full(count, np.iinfo(np.int64).min, dtype=np.int64)
+        self._seen = [-1] * count
         self._phase = np.zeros(count, dtype=np.int64)
         self._fix = np.full(count, _ALL, dtype=np.int64)
         self._satellites = np.full(count, _ALL, dtype=np.int64)
@@ -85,8 +85,10 @@ class ReflectedFixes:
         if now < start:
             return []
         acts = []
-        for row in np.flatnonzero((sensors.gnss_time_ns != self._seen) & (sensors.gnss_time_ns >= start)).tolist():
-            self._seen[row] = sensors.gnss_time_ns[row]
+        for row, time in enumerate(sensors.gnss_time_ns.tolist()):
+            if time == self._seen[row] or time < start:
+                continue
+            self._seen[row] = time
             before = int(self._phase[row])
             self._receive(row, sensors)
             if self._phase[row] not in (UNHARMED, before):

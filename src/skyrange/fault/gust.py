@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import cos, hypot, pi, radians, sin
+from math import cos, inf, radians, sin
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,6 +23,7 @@ from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.contracts.components import BodyAct, Disturbances, Floats
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Enu, Number, Params
+from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
 
@@ -83,6 +84,10 @@ class GustFront:
     gust: Gust
     schedule: Schedule
     _met: set[str] = field(default_factory=set)
+    _share: Floats = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._share = np.zeros(len(self.vehicles))
 
     def on_bodies(self, now: Time, bodies: Disturbances) -> list[BodyAct]:
         """Move the air. Returns an act for each vehicle when the gust reaches it for the first time."""
@@ -90,11 +95,12 @@ class GustFront:
             return []
         gust = self.gust
         east, north = -sin(radians(gust.from_deg)), -cos(radians(gust.from_deg))
-        away = bodies.position_enu_m - np.array(gust.at)
-        into = gust.travel_mps * ((now - self.schedule.start_ns) / NS_PER_S) - (away[:, 0] * east + away[:, 1] * north)
-        share = profile(into, gust.length_m, gust.hold_m)
-        if gust.radius_m is not None:
-            share = share * fade(away, gust.radius_m, gust.length_m)
+        way_m = gust.travel_mps * ((now - self.schedule.start_ns) / NS_PER_S)
+        radius_m = inf if gust.radius_m is None else gust.radius_m
+        shape = (gust.length_m, gust.hold_m, radius_m)
+        share = self._share
+        if not find_shares(bodies.position_enu_m, gust.at[0], gust.at[1], east, north, way_m, *shape, share):
+            return []
         top = (gust.speed_mps * east, gust.speed_mps * north, gust.up_mps)
         for k in range(3):
             bodies.wind_enu_mps[:, k] = share * top[k]
@@ -104,20 +110,31 @@ class GustFront:
         return acts
 
 
-def profile(into_m: Floats, length_m: float, hold_m: float) -> Floats:
-    """The gust's share of its full speed (n,) at a way into it (n,) in metres."""
-    return _rise(np.minimum(into_m, 2.0 * length_m + hold_m - into_m) / length_m)
+@compiled
+def find_shares(
+    position_enu_m: Floats, at_east_m: float, at_north_m: float, east: float, north: float, way_m: float,
+    length_m: float, hold_m: float, radius_m: float, share: Floats,
+) -> bool:  # fmt: skip
+    """Write the gust's share (n,) of its full speed at each place (n, 3); returns whether any is not 0.
+
+    `east` and `north` are its course, `way_m` is the way of its front since the start. Beyond `radius_m` from where it
+    started it fades out within `length_m`.
+    """
+    felt = False
+    for row in range(len(share)):
+        x, y = position_enu_m[row, 0] - at_east_m, position_enu_m[row, 1] - at_north_m
+        into_m = way_m - (x * east + y * north)
+        share[row] = rise_to(min(into_m, 2.0 * length_m + hold_m - into_m) / length_m)
+        if radius_m < np.inf:
+            share[row] *= rise_to((radius_m + length_m - np.hypot(x, y)) / length_m)
+        felt = felt or share[row] > 0.0
+    return felt
 
 
-def fade(away_m: Floats, radius_m: float, length_m: float) -> Floats:
-    """What is left of the gust (n,) at places (n, 3) from its middle: all within the radius, none a length beyond."""
-    far = np.array([hypot(one[0], one[1]) for one in away_m.tolist()])
-    return _rise((radius_m + length_m - far) / length_m)
-
-
-def _rise(share: Floats) -> Floats:
-    """Half a cosine from 0 at 0 to 1 at 1 (n,)."""
-    return np.array([0.5 * (1.0 - cos(pi * one)) for one in np.clip(share, 0.0, 1.0).tolist()])
+@compiled
+def rise_to(part: float) -> float:
+    """Half a cosine, from 0 at 0 to 1 at 1."""
+    return float(0.5 * (1.0 - np.cos(np.pi * min(max(part, 0.0), 1.0))))
 
 
 def make(params: Gust, context: FaultContext) -> FaultParts:

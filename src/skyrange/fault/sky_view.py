@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import asin, cos, pi, sin, sqrt, tan
 from typing import Final
@@ -70,12 +71,13 @@ def see(city: City, place: tuple[float, float, float], sky: tuple[Satellite, ...
     shapes = np.array([building.shape for building in near])
     tops = np.array([building.height_m for building in near])
     bases = np.array([building.base_m for building in near])
+    azimuths = [satellite.azimuth_rad for satellite in sky]
+    ways = _ways(begin, [*azimuths, *(azimuth + pi for azimuth in azimuths)], radius_m, shapes)
     for number, satellite in enumerate(sky):
         slope = tan(satellite.elevation_rad)
-        towards = _ways(begin, satellite.azimuth_rad, radius_m, shapes)
+        towards, behind = ways[number], ways[len(sky) + number]
         hides = (up + slope * towards < tops) & (up + slope * towards >= bases)  # NaN compares false
         hidden[number] = float(hides.any())
-        behind = _ways(begin, satellite.azimuth_rad + pi, radius_m, shapes)
         walls = behind[(up + slope * behind < tops) & (up + slope * behind >= bases)]
         if not len(walls):
             continue
@@ -86,11 +88,11 @@ def see(city: City, place: tuple[float, float, float], sky: tuple[Satellite, ...
     return Seen(hidden, detour)
 
 
-def _ways(begin: shapely.Point, azimuth_rad: float, radius_m: float, shapes: Shapes) -> Floats:
-    """(n,) distance from a point to each footprint in an azimuth, metres; NaN where there is none within the radius."""
-    end = (begin.x + radius_m * cos(azimuth_rad), begin.y + radius_m * sin(azimuth_rad))
-    ray = shapely.LineString([(begin.x, begin.y), end])
-    return np.asarray(shapely.distance(begin, shapely.intersection(ray, shapes)), dtype=np.float64)
+def _ways(begin: shapely.Point, azimuths_rad: Sequence[float], radius_m: float, shapes: Shapes) -> Floats:
+    """(azimuths, n) distance from a point to each footprint, metres; NaN where there is none within the radius."""
+    ends = [(begin.x + radius_m * cos(azimuth), begin.y + radius_m * sin(azimuth)) for azimuth in azimuths_rad]
+    rays = shapely.linestrings([[(begin.x, begin.y), end] for end in ends])
+    return np.asarray(shapely.distance(begin, shapely.intersection(rays[:, None], shapes)), dtype=np.float64)
 
 
 def solve(sky: tuple[Satellite, ...], errors_m: Floats, strength: Floats) -> tuple[Floats, Floats] | None:

@@ -38,23 +38,30 @@ class BodyFaultInjector:
         self.present = bool(owned)
         """Whether there are any."""
         self._rows = np.array(altered, dtype=np.int64)
+        self._places = _run_of(altered)
         self._owned = [
-            (attack, fault, np.array([altered.index(vehicles.index(v)) for v in fault.vehicles], dtype=np.int64))
+            (attack, fault, _run_of([altered.index(vehicles.index(v)) for v in fault.vehicles]))
             for attack, fault in owned
         ]
         self._acts = ActCounter("body fault")
-        self._disturbed = False
-        self._motors = 0
+        self._told = b""
+        """What the world was last told; empty while it is undisturbed."""
+        self._bodies: list[Disturbances] = []
+        """Of all altered vehicles, then of those of each body fault: filled anew at each tick."""
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
         """Ask every body fault, and disturb the world by those that act; returns each act with its own id."""
         position, _ = world.motion()
-        motors = self._motors = self._motors or world.sensors(self._rows).rotor_radps.shape[1]
-        total = _undisturbed(position[self._rows], motors)
+        if not self._bodies:
+            motors = world.sensors(self._rows).rotor_radps.shape[1]
+            counts = [len(self._rows), *(len(fault.vehicles) for _, fault, _ in self._owned)]
+            self._bodies = [_undisturbed(count, motors) for count in counts]
+        total = self._bodies[0]
+        _calm(total, position, self._places)
         acting = False
         found = []
-        for attack, fault, places in self._owned:
-            bodies = _undisturbed(total.position_enu_m[places], motors)
+        for (attack, fault, places), bodies in zip(self._owned, self._bodies[1:], strict=True):
+            _calm(bodies, total.position_enu_m, places)
             try:
                 done = list(fault.on_bodies(now, bodies))
             except Exception as error:
@@ -64,14 +71,29 @@ class BodyFaultInjector:
                 total.thrust_share[places] *= bodies.thrust_share
                 total.wind_enu_mps[places] += bodies.wind_enu_mps
                 found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
-        if acting or self._disturbed:
+        told = total.thrust_share.tobytes() + total.wind_enu_mps.tobytes() if acting else b""
+        if told != self._told:
             world.disturb(self._rows, total.thrust_share, total.wind_enu_mps)
-        self._disturbed = acting
+        self._told = told
         return found
 
 
-def _undisturbed(position: NDArray[np.float64], motors: int) -> Disturbances:
-    return Disturbances(position, np.ones((len(position), motors)), np.zeros((len(position), 3)))
+def _undisturbed(count: int, motors: int) -> Disturbances:
+    return Disturbances(np.zeros((count, 3)), np.ones((count, motors)), np.zeros((count, 3)))
+
+
+def _calm(bodies: Disturbances, position: NDArray[np.float64], places: slice | NDArray[np.int64]) -> None:
+    """Set the positions to those of some rows, and undo every disturbance."""
+    bodies.position_enu_m[:] = position[places]
+    bodies.thrust_share.fill(1.0)
+    bodies.wind_enu_mps.fill(0.0)
+
+
+def _run_of(places: list[int]) -> slice | NDArray[np.int64]:
+    """Places as a slice if they follow each other, because numpy reads and writes slices faster."""
+    if places and places == list(range(places[0], places[0] + len(places))):
+        return slice(places[0], places[-1] + 1)
+    return np.array(places, dtype=np.int64)
 
 
 def _check_bodies(owned: Sequence[tuple[AttackState, BodyFault]], imposed: Container[str]) -> None:

@@ -2,15 +2,16 @@
 
 Each sensor fault alters a copy of its vehicles' rows, in order of attack and name; the checks of defences come last.
 What an attack that acts has written is kept and passed on, to later sensor faults and to the engines. An engine none of
-whose vehicles is altered gets the world's own arrays.
+whose vehicles is altered gets the world's own arrays. The arrays of the copies are the same at every tick, because
+readings are valid until the next one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import fields
-from operator import attrgetter
-from typing import NamedTuple
+from operator import attrgetter, is_
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,7 +53,10 @@ class SensorFaultInjector:
             places = self._place[np.array([vehicles.index(v) for v in fault.vehicles], dtype=np.int64)]
             self._owned.append((attack, fault, None if _is_whole(places, len(altered)) else places))
         self._acts = ActCounter("sensor fault")
-        self._readings: Sensors | None = None
+        self._readings = _Readings()
+        """Of the altered vehicles, as the last sensor fault left them."""
+        self._muted = _Readings()
+        """What a sensor fault that does not act may write into."""
         self._slots: list[_Slot] = []
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId | Alert]]:
@@ -60,32 +64,31 @@ class SensorFaultInjector:
 
         Alerts are among them. The order of the checks of defences is that of their plans.
         """
-        table = world.sensors(self._rows)
-        if isinstance(self._rows, slice):  # views; of an array of rows they are copies already
-            table = _copy(table)
+        table = self._readings.fill(world.sensors(self._rows))
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
         for attack, fault, places in self._owned:
             acts = takes_effect(attack, now)
             if places is not None:
                 rows = Sensors(*[array[places] for array in _arrays_of(table)])
             else:
-                rows = table if acts else _copy(table)
+                rows = table if acts else self._muted.fill(table)
             attitude = rows.attitude
             if attack.plan.defence:
                 rows.attitude = np.full_like(attitude, np.nan)
+            before = _arrays_of(rows)
             try:
                 done = list(fault.on_sensors(now, rows))
+                if not all(map(is_, before, _arrays_of(rows))):
+                    _put_back(rows, before)
             except Exception as error:
                 raise attribute_error(f"sensor fault {fault.name}", now, error) from error
+            rows.attitude = attitude
             if acts:
-                if attack.plan.defence:
-                    rows.attitude = attitude
                 if places is not None:
                     for kept, altered in zip(_arrays_of(table), _arrays_of(rows), strict=True):
                         kept[places] = altered
                 numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
                 found += [(attack, fault, act) for act in numbered]
-        self._readings = table
         return found
 
     def alter(self, rows: Rows, sensors: Sensors) -> Sensors:
@@ -93,13 +96,10 @@ class SensorFaultInjector:
         slot = next((one for one in self._slots if one.rows is rows), None) or self._add_slot(rows)
         if not len(slot.hit):
             return sensors
-        assert self._readings is not None
         if slot.whole:
-            for array in _arrays_of(self._readings):
-                array.setflags(write=False)
-            return self._readings
-        sensors = _copy(sensors)
-        for array, altered in zip(_arrays_of(sensors), _arrays_of(self._readings), strict=True):
+            return self._readings.shown
+        sensors = Sensors(*[array.copy() for array in _arrays_of(sensors)])
+        for array, altered in zip(_arrays_of(sensors), _arrays_of(self._readings.shown), strict=True):
             array[slot.hit] = altered[slot.places]
             array.setflags(write=False)
         return sensors
@@ -110,6 +110,42 @@ class SensorFaultInjector:
         slot = _Slot(rows, hit, places[hit], _is_whole(places, self._count))
         self._slots.append(slot)
         return slot
+
+
+class _Readings:
+    """Sensor readings in arrays that are filled anew at each tick. Deep-copyable."""
+
+    __slots__ = ("_shown", "_table")
+
+    def __init__(self) -> None:
+        self._table: Sensors | None = None
+        self._shown: Sensors | None = None
+
+    @property
+    def shown(self) -> Sensors:
+        """Read-only views."""
+        assert self._table is not None
+        if self._shown is None:
+            self._shown = Sensors(*[array.view() for array in _arrays_of(self._table)])
+            for array in _arrays_of(self._shown):
+                array.setflags(write=False)
+        return self._shown
+
+    def fill(self, sensors: Sensors) -> Sensors:
+        """Copy `sensors`; returns the copy, whose arrays are those of the last call."""
+        if self._table is None:
+            self._table = Sensors(*[array.copy() for array in _arrays_of(sensors)])
+        else:
+            for mine, array in zip(_arrays_of(self._table), _arrays_of(sensors), strict=True):
+                mine[...] = array
+        return self._table
+
+    def __getstate__(self) -> Any:
+        """All but the views: a copy gets views of its own arrays."""
+        return (self._table,)
+
+    def __setstate__(self, state: Any) -> None:
+        (self._table,), self._shown = state, None
 
 
 class _Slot(NamedTuple):
@@ -135,5 +171,8 @@ def _is_whole(places: NDArray[np.int64], count: int) -> bool:
     return len(places) == count and bool((places == np.arange(count)).all())
 
 
-def _copy(sensors: Sensors) -> Sensors:
-    return Sensors(*[array.copy() for array in _arrays_of(sensors)])
+def _put_back(sensors: Sensors, arrays: Sequence[NDArray[Any]]) -> None:
+    """Have `sensors` hold `arrays` again, filled with what it holds instead of them."""
+    for name, array in zip(_ARRAYS, arrays, strict=True):
+        array[...] = getattr(sensors, name)
+        setattr(sensors, name, array)
