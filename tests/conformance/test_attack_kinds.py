@@ -214,6 +214,15 @@ def test_a_sham_that_acts_otherwise_from_its_first_act_on_does_not_conform() -> 
         check_attack(late, {"vehicle": "blue/b1"}, start_s=1.0, stop_s=5.0)
 
 
+def test_a_sham_that_alters_readings_is_no_nominal_run() -> None:
+    def make_lying(params: Any, context: AttackContext) -> Attack:
+        return DRIFT.make(params, replace(context, sham=False))
+
+    lying = replace(DRIFT, make=make_lying)
+    with pytest.raises(NonConformance, match=r"attack\.silent"):
+        check_attack(lying, {"vehicles": ["blue/b1"], "rate_mps": [2.0, 0.0, 0.0]})
+
+
 @dataclass(slots=True)
 class Idle(Holder):
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Any]:

@@ -46,9 +46,9 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Pair:
 
 
 def test_attack_and_fault_are_told_apart(both: Pair) -> None:
-    assert both.arms == ["nominal", "attacked", "sham", "only-drift", "only-mistake"]
+    assert both.arms == ["nominal", "attacked", "only-drift", "only-mistake"]
     assert both.faults == ["mistake"]
-    assert both.manifest["attacks"] == {"drift": "sham"}
+    assert both.manifest["attacks"] == {"drift": "mute"}
     rows = both.attribution.to_pylist()
     found = {(r["vehicle"], r["attack"], r["fault"]): r["relation"] for r in rows if r["outcome"] == "departure"}
     assert found == {
@@ -76,8 +76,8 @@ def test_labels_and_events_say_what_is_a_fault(both: Pair) -> None:
         return {(row["attack"], row["fault"], row["benign"]) for row in labels}
 
     assert said("attacked") == {("drift", False, False), ("mistake", True, False)}
-    assert said("sham") == {("drift", False, True)}, "the counterfactual of a fault is to mute it"
-    assert said("only-mistake") == {("drift", False, True), ("mistake", True, False)}
+    assert said("only-drift") == {("drift", False, False)}, "the counterfactual of a fault is to mute it"
+    assert said("only-mistake") == {("mistake", True, False)}
     assert said("nominal") == set()
     events = both.run("attacked").table("events").to_pylist()
     begun = {(row["kind"], row["about"]) for row in events if row["source"] == "kernel"}

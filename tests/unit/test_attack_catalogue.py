@@ -28,6 +28,13 @@ def test_a_kind_is_described_whole(name: str) -> None:
     assert all(how.split(":")[0] in ("simulated", "cited", "assumed") for how in kind.realism.values())
 
 
+def test_a_kind_that_alters_readings_alone_is_compared_with_the_nominal_run() -> None:
+    sensors = {"gnss", "baro", "compass", "gyro", "accel"}
+    silent = [name for name in SHIPPED if set(AttackPlugin.find(name).surface) <= sensors]
+    assert "gnss.drift" in silent
+    assert {AttackPlugin.find(name).counterfactual for name in silent} == {"mute"}
+
+
 def test_kinds_differ_in_effect() -> None:
     effects = [AttackPlugin.find(name).effect for name in SHIPPED]
     assert len(set(effects)) == len(effects)

@@ -42,9 +42,9 @@ id = "noise"
 kind = "remote_id.jam"
 params = { transmitter_m = [0, 0, 2] }
 [[attacks]]
-id = "drift"
-kind = "gnss.drift"
-params = { vehicles = ["blue/1"], rate_mps = [1, 0, 0] }
+id = "ghost"
+kind = "remote_id.spoof"
+params = { at = [100, 0, 10] }
 [[attacks]]
 id = "off"
 kind = "gnss.jump"
@@ -64,17 +64,17 @@ def states(scenario: Scenario) -> dict[str, str]:
 
 def test_each_attack_has_its_own_counterfactual(scenario: Scenario) -> None:
     attacks = acting_attacks(scenario)
-    assert attacks == {"noise": "mute", "drift": "sham"}
+    assert attacks == {"noise": "mute", "ghost": "sham"}
     arms = plan_arms(attacks)
-    assert [arm.name for arm in arms] == ["nominal", "attacked", "sham", "only-drift", "only-noise"]
+    assert [arm.name for arm in arms] == ["nominal", "attacked", "sham", "only-ghost", "only-noise"]
     assert baseline_of(attacks, arms) == "sham"
     found = {arm.name: states(scenario_of(scenario, arm, 3)) for arm in arms}
     assert found == {
-        "nominal": {"noise": "muted", "drift": "muted", "off": "muted"},
-        "attacked": {"noise": "active", "drift": "active", "off": "muted"},
-        "sham": {"noise": "muted", "drift": "sham", "off": "muted"},
-        "only-drift": {"noise": "muted", "drift": "active", "off": "muted"},
-        "only-noise": {"noise": "active", "drift": "sham", "off": "muted"},
+        "nominal": {"noise": "muted", "ghost": "muted", "off": "muted"},
+        "attacked": {"noise": "active", "ghost": "active", "off": "muted"},
+        "sham": {"noise": "muted", "ghost": "sham", "off": "muted"},
+        "only-ghost": {"noise": "muted", "ghost": "active", "off": "muted"},
+        "only-noise": {"noise": "active", "ghost": "sham", "off": "muted"},
     }
     assert scenario_of(scenario, arms[0], 3).seed == 3
 

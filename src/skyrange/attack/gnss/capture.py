@@ -78,6 +78,7 @@ CAPTURE = AttackPlugin(
     make,
     "Captures all GNSS receivers in the power of one antenna, which then report one and the same simulated place.",
     technique="EX-0014.04",
+    counterfactual="mute",
     surface=("gnss",),
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
     threat=ThreatModel(

@@ -84,6 +84,7 @@ DRIFT = AttackPlugin(
     make,
     "Makes GNSS fixes drift away from the truth at a constant rate.",
     technique="EX-0014.04",
+    counterfactual="mute",
     surface=("gnss",),
     effect="the estimated position leaves the true one, and the autopilot flies the opposite way",
     threat=ThreatModel(

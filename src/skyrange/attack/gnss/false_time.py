@@ -103,6 +103,7 @@ GNSS_TIME = AttackPlugin(
     make,
     "Shifts the time of GNSS receivers and leaves their positions true.",
     technique="EX-0014.01",
+    counterfactual="mute",
     surface=("gnss",),
     effect="the clock of a disarmed autopilot is set ahead: mission items that wait for a time end early, and Remote "
     "ID has wrong time stamps",

@@ -47,6 +47,7 @@ JUMP = AttackPlugin(
     make,
     "Shifts GNSS fixes by a constant offset, from one fix to the next.",
     technique="EX-0014.04",
+    counterfactual="mute",
     surface=("gnss",),
     effect="the estimator rejects fixes, then resets to the false position or fails safe",
     threat=ThreatModel(

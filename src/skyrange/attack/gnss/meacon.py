@@ -64,6 +64,7 @@ MEACON = AttackPlugin(
     make,
     "Repeats the authentic GNSS signals, so that receivers in its power report the place of its own antenna, at rest.",
     technique="EX-0014.04",
+    counterfactual="mute",
     surface=("gnss",),
     effect="receivers lose lock, then report the place of the repeater's antenna at rest, with a delayed clock",
     threat=ThreatModel(

@@ -174,6 +174,7 @@ PULL_OFF = AttackPlugin(
     make,
     "Pulls GNSS fixes away from the truth as fast as the innovation gates of the victim's estimator accept.",
     technique="EX-0014.04",
+    counterfactual="mute",
     surface=("gnss",),
     effect="the aircraft accelerates away from its path, and its estimator accepts every fix and reports no glitch",
     threat=ThreatModel(

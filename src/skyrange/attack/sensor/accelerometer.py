@@ -44,6 +44,7 @@ ACCELEROMETER = AttackPlugin(
     make,
     "Adds false acceleration to what the accelerometers measure, by sound at their resonance.",
     technique="EX-0014.03",
+    counterfactual="mute",
     surface=("accel",),
     effect="the estimated climb rate and tilt are wrong between fixes: the aircraft sinks, drifts or does not land",
     threat=ThreatModel(

@@ -40,6 +40,7 @@ BAROMETER = AttackPlugin(
     make,
     "Shifts the height that the barometer measures, by a false pressure at its port.",
     technique="EX-0014.03",
+    counterfactual="mute",
     surface=("baro",),
     effect="the aircraft flies too low or too high by the error, with an estimate that shows nothing",
     threat=ThreatModel(

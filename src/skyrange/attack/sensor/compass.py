@@ -40,6 +40,7 @@ COMPASS = AttackPlugin(
     make,
     "Adds a magnetic field to the one that the compass measures.",
     technique="EX-0014.03",
+    counterfactual="mute",
     surface=("compass",),
     effect="the heading is wrong, so that corrections go the wrong way and the aircraft circles away",
     threat=ThreatModel(

@@ -48,6 +48,7 @@ GYRO = AttackPlugin(
     make,
     "Adds false rotation to what the gyroscopes measure, by sound at their resonance.",
     technique="EX-0014.03",
+    counterfactual="mute",
     surface=("gyro",),
     effect="the rate controllers answer false rotation: the aircraft rocks, tilts or crashes",
     threat=ThreatModel(

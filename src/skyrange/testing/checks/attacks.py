@@ -307,6 +307,22 @@ def _sham(case: AttackCase) -> None:
 
 
 @ATTACK.rule(
+    "silent",
+    "If it alters readings of sensors alone and its counterfactual is muted, its sham leaves every frame and truth as "
+    "without it.",
+)
+def _silent(case: AttackCase) -> None:
+    assert isinstance(case.kind, AttackPlugin)
+    attack, _ = case.made()
+    if case.kind.counterfactual != "mute" or not attack.faults or attack.taps or attack.agents or attack.radios:
+        return
+    without, sham = case.fly(present=False), case.fly(sham=True)
+    expected = "a run that is the same to the byte"
+    same(without.frames(), sham.frames(), "frames without it and with its sham", expected)
+    same(without.truth(), sham.truth(), "truth without it and with its sham", expected)
+
+
+@ATTACK.rule(
     "honest",
     "If its kind is honest, names the aircraft that it claims, as `claims` (an attack on somebody's link may name "
     "none), and its honest arm has a radio of its own for each; if not, names none.",
