@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from skyrange.core.errors import InputError
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
 from skyrange.study.matrix.report import write_matrix_report
+from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell, stops
 from skyrange.study.twins.pair_folder import load_pair
 
@@ -74,6 +76,12 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert cost.energy.mean == 0.0
     report = write_matrix_report(result).read_text(encoding="utf-8")
     assert "cells/terminate/firewall/report.html" in report
+    assert "without assumed reactions" not in report
+    result.cells["mode", "none"] = replace(result.cell("mode"), assumed=True)
+    again = write_markdown(result, "", "", False).partition("## Effect without assumed reactions of sensors")[2]
+    assert "Left out: `mode`." in again
+    assert "| `terminate (m)` |" in again.partition("## ")[0]
+    assert "| `mode (m)` |" not in again.partition("## ")[0]
     opened = load_pair(tmp_path / "small" / "cells" / "terminate" / "firewall")
     assert 'id="defences"' in opened.report.read_text(encoding="utf-8")
 

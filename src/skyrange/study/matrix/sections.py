@@ -41,6 +41,12 @@ Effect of the fault with each defence, and alarms an aircraft-hour of the run wi
 """
 
 
+ASSUMED = """\
+The table of effects once more, without attacks on sensors whose reaction is assumed and not simulated or cited, by what
+their kinds say of their realism. Left out: {left_out}.
+"""
+
+
 class Shown(NamedTuple):
     """One cell of a table: a text, and another one after it."""
 
@@ -67,8 +73,16 @@ def make_sections(result: MatrixResult) -> list[Section]:
     """The sections of a matrix's page, without those that have no rows."""
     ids = [column.id for column in result.matrix.columns]
     attacks, faults = attack_rows(result), fault_rows(result)
+    assumed = [row.id for row in attacks if result.cell(row.id).assumed]
+    kept = [row for row in attacks if row.id not in assumed] if assumed else []
     found = [
         Section("Effect", "", ["attack", UNDEFENDED, *ids], [_effects(result, row) for row in attacks]),
+        Section(
+            "Effect without assumed reactions of sensors",
+            ASSUMED.format(left_out=", ".join(f"`{one}`" for one in assumed)),
+            ["attack", UNDEFENDED, *ids],
+            [_effects(result, row) for row in kept],
+        ),
         Section(
             "Time to alarm",
             "From the attack's start; mean, and seeds with an alarm.",
