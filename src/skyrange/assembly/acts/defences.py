@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.acts.path_checks import Declared, check_paths, find_wrong_ends
 from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
 from skyrange.attack.contract import AttackContext
 from skyrange.contracts.components import Agent
@@ -38,6 +39,7 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
     """
     made = MadeDefences()
     exclusive: list[Acting] = []
+    declared: list[Declared] = []
     for table in tables:
         own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False)
         where = f"defences.{table.id}"
@@ -52,8 +54,12 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
             if not any(fnmatchcase(name, tap.match) for name in context.links):
                 hint = nearest(tap.match, context.links)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
-        if not table.muted:
-            exclusive.append((where, window_of(table, context.duration_ns), found.exclusive))
+        wrong = list(find_wrong_ends(found.path_rules, context.links))
+        made.problems += [Problem(f"{where}.params", one, "an end of a gcs, log or autopilot link") for one in wrong]
+        if not table.muted and not wrong:
+            window = window_of(table, context.duration_ns)
+            exclusive.append((where, window, found.exclusive))
+            declared.append(Declared(table.id, window, found.path_rules))
         agents = [make_channel_agent(table.id, found.channel_plans, over_air)] if found.channel_plans else []
         made.plans.append(plan_of(table, found, own.schedule, agents))
         cost_ns = 0 if table.cost is None else table.cost.ns_per_frame
@@ -69,6 +75,7 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
         made.taps = [*(replace(tap, attack=table.id, cost_ns=cost_ns) for tap in found.taps), *made.taps]
         made.rows.append(_row(table, found))
     made.problems += find_exclusions(exclusive, "a defence", "decide")
+    made.problems += check_paths(declared, context.signed)
     return made
 
 
