@@ -10,6 +10,7 @@ from itertools import permutations
 
 import pytest
 
+from skyrange.assembly.acts import defences
 from skyrange.assembly.build import build
 from skyrange.contracts.plugins import DEFENCES, kinds
 from skyrange.core.errors import InputError
@@ -37,12 +38,14 @@ ON_LINKS: list[Variant] = [
 ON_BROADCASTS: list[Variant] = [
     (kind, "") for kind in ("remote_id.appearance", "remote_id.motion", "remote_id.replay", "remote_id.signal")
 ]
-SHARED: list[Variant] = [("control_link.channel_change", ""), ("remote_id.ground", "")]
-"""Kinds that are about the links or the receivers of all aircraft."""
-VARIANTS = [*GNSS, *ON_LINKS, *ON_BROADCASTS]
-SECONDS = 50
+SHARED = {"control_link.channel_change": ON_LINKS, "remote_id.ground": ON_BROADCASTS}
+"""Kinds that are about the links or the receivers of all aircraft, and what they share them with."""
+PLACES = {"sensors": GNSS, "links": ON_LINKS, "broadcasts": ON_BROADCASTS}
+"""Kinds that may share a place; those of two places have nothing in common."""
+SECONDS = 40
 CHUNKS = 4
 LOSSY = "loss = 0.05\nlatency_ms = 30\njitter_ms = 20\n"
+VERY_LOSSY = "loss = 0.25\nlatency_ms = 30\njitter_ms = 20\n"
 RECEIVERS = "".join(
     f'[[radio.receivers]]\nid = "r{n}"\noperator = "blue"\nplace = {place}\n'
     for n, place in enumerate(([-60, 0, 6], [160, 0, 6], [0, 160, 6]))
@@ -95,24 +98,34 @@ def is_refused(pair: Sequence[Variant]) -> bool:
 
 def test_every_kind_is_flown() -> None:
     shipped = {kind for kind in kinds(DEFENCES) if DefencePlugin.find(kind).make.__module__.startswith("skyrange.")}
-    assert {kind for kind, _ in (*VARIANTS, *SHARED)} == shipped
+    assert {kind for place in PLACES.values() for kind, _ in place} | set(SHARED) == shipped
 
 
-@pytest.mark.parametrize("place", [[*GNSS, *ON_LINKS], ON_BROADCASTS], ids=["sensors and links", "broadcasts"])
-def test_pairs_fly_and_raise_no_alarm(place: Sequence[Variant]) -> None:
-    accepted = [pair for pair in permutations(place, 2) if not is_refused(pair)]
+@pytest.mark.parametrize("place", PLACES)
+def test_pairs_fly_and_raise_no_alarm(place: str) -> None:
+    accepted = [pair for pair in permutations(PLACES[place], 2) if not is_refused(pair)]
     for chunk in range(examples(CHUNKS)):
         pairs = accepted[chunk::CHUNKS]
         tables = [declare(n, name, one) for n, pair in enumerate(pairs) for name, one in zip("xy", pair, strict=True)]
-        text = scenario(len(pairs), LOSSY, "".join(tables), place is ON_BROADCASTS)
+        text = scenario(len(pairs), LOSSY, "".join(tables), place == "broadcasts")
         assert fly(text, len(pairs)) == ({}, set()), pairs
 
 
-@pytest.mark.parametrize("shared", SHARED, ids=[kind for kind, _ in SHARED])
-@pytest.mark.parametrize("first", [True, False], ids=["first", "last"])
-def test_kinds_for_all_aircraft_go_with_every_other(shared: Variant, first: bool) -> None:
-    own = "".join(declare(n, "x", one) for n, one in enumerate(VARIANTS))
-    table = f'[[defences]]\nid = "shared"\nkind = "{shared[0]}"\n'
-    channel = 'channel = "wifi"\n' if shared[0] == "control_link.channel_change" else ""
-    text = scenario(len(VARIANTS), channel, f"{table}{own}" if first else f"{own}{table}", radio=True)
-    assert fly(text, len(VARIANTS)) == ({}, set())
+def test_pairs_that_are_refused_disturb_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    refused = [pair for pair in permutations(ON_LINKS, 2) if pair[0][0] != pair[1][0] and is_refused(pair)]
+    pairs = refused[:: CHUNKS // examples(CHUNKS)]
+    monkeypatch.setattr(defences, "check_paths", lambda declared, signing: ())
+    tables = [declare(n, name, one) for n, pair in enumerate(pairs) for name, one in zip("xy", pair, strict=True)]
+    alarms, down = fly(scenario(len(pairs), VERY_LOSSY, "".join(tables)), len(pairs))
+    disturbed = {f"blue/{name[2:]}" for name in alarms} | down
+    assert disturbed == {f"blue/b{n + 1}" for n in range(len(pairs))}, pairs
+
+
+@pytest.mark.parametrize("shared", SHARED)
+def test_kinds_for_all_aircraft_go_with_every_other(shared: str) -> None:
+    others = SHARED[shared][:: CHUNKS // examples(CHUNKS)]
+    own = "".join(declare(n, "x", one) for n, one in enumerate(others))
+    table = f'[[defences]]\nid = "shared"\nkind = "{shared}"\n'
+    channel = 'channel = "wifi"\n' if shared == "control_link.channel_change" else ""
+    for tables in (f"{table}{own}", f"{own}{table}")[: examples(2)]:
+        assert fly(scenario(len(others), channel, tables, radio=True), len(others)) == ({}, set())
