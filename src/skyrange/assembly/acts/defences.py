@@ -31,10 +31,13 @@ class MadeDefences:
     problems: list[Problem] = field(default_factory=list)
 
 
-def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir) -> MadeDefences:
+def make_defences(
+    tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir, own_sensors: Sequence[str]
+) -> MadeDefences:
     """Make every defence; what is wrong with them is in `problems`.
 
-    `over_air` has the control links that their channel plans are about. `context` is that of all attacks, faults and
+    `over_air` has the control links that their channel plans are about; `own_sensors` are vehicles that do not fly by
+    the range's sensors. `context` is that of all attacks, faults and
     defences; id and schedule are filled in for each.
     """
     made = MadeDefences()
@@ -54,6 +57,11 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
             if not any(fnmatchcase(name, tap.match) for name in context.links):
                 hint = nearest(tap.match, context.links)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
+        unread = sorted({one for check in found.checks for one in check.vehicles if one in own_sensors})
+        if unread:
+            hint = "Name the others in vehicles: its sensors are outside the range."
+            expected = "an aircraft that flies by the range's sensors"
+            made.problems.append(Problem(f"{where}.params.vehicles", ", ".join(unread), expected, hint))
         wrong = list(find_wrong_ends(found.path_rules, context.links))
         made.problems += [Problem(f"{where}.params", one, "an end of a gcs, log or autopilot link") for one in wrong]
         if not table.muted and not wrong:
