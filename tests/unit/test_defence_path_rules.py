@@ -76,6 +76,24 @@ def test_a_wrong_order_is_named_and_the_other_one_works(one: Table, other: Table
     build(load_text(scenario(other, one)))
 
 
+REJECTS = 'params = { action = "reject" }'
+
+
+@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation"])
+def test_a_check_that_takes_fixes_away_is_after_the_one_that_reports_their_loss(kind: str) -> None:
+    text = refuse(scenario((kind, REJECTS), "gnss.receiver"))
+    assert "defences.b: judges whether there are GNSS fixes of blue/b1, which a takes away" in text
+    assert "Declare b before a." in text
+    build(load_text(scenario("gnss.receiver", (kind, REJECTS))))
+    build(load_text(scenario(kind, "gnss.receiver")))
+
+
+def test_no_order_of_two_checks_that_take_and_need_fixes_works() -> None:
+    assert "Have one of them raise alarms only." in refuse(
+        scenario(("gnss.receiver", REJECTS), ("gnss.receiver", REJECTS))
+    )
+
+
 @pytest.mark.parametrize(
     ("one", "other", "problem", "hint"),
     [

@@ -50,6 +50,11 @@ class Defence:
     path_rules: Sequence[PathRule] = ()
     """What it sends, lets pass, signs, compares and holds on the way between station and autopilot. Two defences that
     disturb each other there, or do so in the declared order, are an error before the run."""
+    takes: Sequence[str] = ()
+    """Readings that it takes away from the checks declared after it, such as "GNSS fixes of blue/b1"."""
+    needs: Sequence[str] = ()
+    """Readings of which it judges whether they are there. A check that takes them away and is declared before is an
+    error before the run."""
     one_process: bool = False
     """Whether its parts share state, so that a live range must have all of them in one process."""
 

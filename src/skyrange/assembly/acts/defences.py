@@ -67,7 +67,7 @@ def make_defences(
         if not table.muted and not wrong:
             window = window_of(table, context.duration_ns)
             exclusive.append((where, window, found.exclusive))
-            declared.append(Declared(table.id, window, found.path_rules))
+            declared.append(Declared(table.id, window, found.path_rules, found.takes, found.needs))
         agents = [make_channel_agent(table.id, found.channel_plans, over_air)] if found.channel_plans else []
         made.plans.append(plan_of(table, found, own.schedule, agents))
         cost_ns = 0 if table.cost is None else table.cost.ns_per_frame

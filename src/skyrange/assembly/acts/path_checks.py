@@ -1,4 +1,4 @@
-"""Checks of path rules: defences that disturb each other between station and autopilot, and the order that works."""
+"""Checks of defences beside each other: those that disturb one another, and the order that works."""
 
 from __future__ import annotations
 
@@ -28,6 +28,8 @@ class Declared(NamedTuple):
     id: str
     window: Window
     rules: Sequence[PathRule]
+    takes: Sequence[str] = ()
+    needs: Sequence[str] = ()
 
 
 class _Conflict(NamedTuple):
@@ -61,6 +63,7 @@ def check_paths(declared: Sequence[Declared], signing: Sequence[str]) -> Iterato
     for first, second in combinations(declared, 2):
         if max(first.window[0], second.window[0]) >= min(first.window[1], second.window[1]):
             continue
+        yield from _find_taken(first, second)
         works = not any(_both_ways(_Placed(second, 0), _Placed(first, 1)))
         for one, other in ((_Placed(first, 0), _Placed(second, 1)), (_Placed(second, 1), _Placed(first, 0))):
             found = next(_find_conflicts(one, other), None)
@@ -72,6 +75,16 @@ def check_paths(declared: Sequence[Declared], signing: Sequence[str]) -> Iterato
             yield Problem(f"defences.{one.defence.id}", found.what, found.expected, " Or: ".join(hints))
     for defence in declared:
         yield from _find_unsigned(defence, signing)
+
+
+def _find_taken(first: Declared, second: Declared) -> Iterator[Problem]:
+    """Readings that one check takes away, and whose absence a later one would blame on the sensor."""
+    taken = sorted(set(first.takes) & set(second.needs))
+    if taken:
+        both = set(second.takes) & set(first.needs)
+        hint = "Have one of them raise alarms only." if both else f"Declare {second.id} before {first.id}."
+        what = f"judges whether there are {taken[0]}, which {first.id} takes away"
+        yield Problem(f"defences.{second.id}", what, "readings as the sensor has them", hint)
 
 
 def find_wrong_ends(rules: Sequence[PathRule], links: Sequence[str]) -> Iterator[str]:
