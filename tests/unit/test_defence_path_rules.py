@@ -76,6 +76,11 @@ def test_a_wrong_order_is_named_and_the_other_one_works(one: Table, other: Table
     build(load_text(scenario(other, one)))
 
 
+def test_two_that_wait_for_answers_of_the_same_station_are_refused() -> None:
+    for pair in ((HASH, HASH_PROXY), (HASH_PROXY, HASH)):
+        assert "decides mission hash of blue/b1" in refuse(scenario(*pair))
+
+
 REJECTS = 'params = { action = "reject" }'
 
 

@@ -131,9 +131,9 @@ def _find_lost(one: _Placed, mine: Sends, other: _Placed, its: PathRule) -> _Con
         return _Conflict(what, f"frames that {name} signs before it verifies them", "")
     if not isinstance(its, Passes) or not _between(start, other.place(its.at), end):
         return None
-    lost = (
-        mine.messages & its.drops if its.messages is None else mine.messages - its.messages | mine.messages & its.drops
-    )
+    lost = mine.messages & its.drops
+    if its.messages is not None:
+        lost |= mine.messages - its.messages
     if lost:
         what = f"sends {_messages(lost)}, which {name} drops at {its.at.side} of {its.at.link}"
         hint = "" if its.messages is None else f"Add {_messages(lost)} to the messages of {name}."
