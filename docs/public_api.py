@@ -35,7 +35,8 @@ TOPICS: dict[str, dict[str, str]] = {
             AirLink ClaimedTrack SensorFault SensorAct
             Schedule AttackPlan ThreatModel Controls Exclusive""",
         "Campaigns": "Adversary CampaignParams CampaignStage Knowledge Observation campaign_plugin",
-        "Defences": "DefencePlugin DefenceContext Defence",
+        "Defences": """DefencePlugin DefenceContext Defence PathRule PathEnd Sends Passes Signs Compares Holds
+            ExpectsOrder""",
         "Faults": "FaultPlugin FaultContext FaultParts BodyFault BodyAct Disturbances",
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",

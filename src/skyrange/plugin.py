@@ -100,6 +100,7 @@ if TYPE_CHECKING:
     from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Time, from_seconds, to_seconds
     from skyrange.core.volumes import Volume4D
     from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+    from skyrange.defence.path_rules import Compares, ExpectsOrder, Holds, Passes, PathEnd, PathRule, Sends, Signs
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.telemetry import read_messages
     from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
@@ -178,6 +179,7 @@ __all__ = [
     "Channel",
     "City",
     "ClaimedTrack",
+    "Compares",
     "ComponentError",
     "Controls",
     "DecodeError",
@@ -197,6 +199,7 @@ __all__ = [
     "Episode",
     "Epoch",
     "Exclusive",
+    "ExpectsOrder",
     "ExternalMedium",
     "Fate",
     "FaultContext",
@@ -208,6 +211,7 @@ __all__ = [
     "FrameBlock",
     "FrameId",
     "Heard",
+    "Holds",
     "Inbox",
     "Inject",
     "InputError",
@@ -239,6 +243,9 @@ __all__ = [
     "Own",
     "Params",
     "Pass",
+    "Passes",
+    "PathEnd",
+    "PathRule",
     "Plugin",
     "Port",
     "Poses",
@@ -253,10 +260,12 @@ __all__ = [
     "ScanSchedule",
     "ScanStep",
     "Schedule",
+    "Sends",
     "SensorAct",
     "SensorFault",
     "Sensors",
     "Sent",
+    "Signs",
     "SkyrangeError",
     "Source",
     "Tap",

@@ -144,6 +144,17 @@ def test_a_column_that_no_row_can_have_is_an_error_before_anything_is_flown(file
     assert not (tmp_path / "refused").exists()
 
 
+def test_a_column_that_fits_no_row_says_once_what_is_expected(file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "radio.toml"
+    path.write_text(SMALL.replace("mavlink.firewall", "remote_id.replay"), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        fly_matrix(read_matrix(path), tmp_path / "refused")
+    (problem,) = caught.value.problems
+    assert problem.where.startswith("columns.firewall, in the scenario of rows.terminate")
+    assert problem.hint == "Add a table [radio]."
+    assert str(caught.value).count("expected") == 1
+
+
 def test_one_seed_stops_nothing(file: Path, tmp_path: Path) -> None:
     matrix = select(read_matrix(file), ("terminate",), ()).model_copy(update={"seeds": 1})
     result = fly_matrix(matrix, tmp_path / "one", jobs=1)

@@ -15,7 +15,7 @@ from skyrange.attack.on_path import TapMaker
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import ATTACKS, DEFENCES, NoParams, register
+from skyrange.contracts.plugins import ATTACKS, DEFENCES, NoParams, kinds, register
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, Time
@@ -75,6 +75,82 @@ def test_wrong_defences_are_named_before_the_run(more: str, where: str, hint: st
     text = str(caught.value)
     assert where in text
     assert hint in text
+
+
+RADIO = "[radio]\n"
+RECEIVER = '[[radio.receivers]]\nid = "r"\noperator = "blue"\nplace = [0, 9, 3]\n'
+
+
+def declare(kind: str, params: str = "") -> str:
+    return f'[[defences]]\nid = "a"\nkind = "{kind}"\nparams = {{ {params} }}\n'
+
+
+@pytest.mark.parametrize("kind", kinds(DEFENCES))
+def test_a_defence_of_nobody_is_named_for_each_kind(kind: str) -> None:
+    key = "operators" if kind == "remote_id.ground" else "vehicles"
+    if key not in DefencePlugin.find(kind).params.model_fields:
+        pytest.skip("a kind of a test, which has no parameters")
+    with pytest.raises(InputError, match=rf"defences\.a\.params\.{key}\.0: red.* — expected") as caught:
+        build(scenario(RADIO + RECEIVER + declare(kind, f'{key} = ["red/r1"]')))
+    assert "blue" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("more", "where", "hint"),
+    [
+        (declare("remote_id.signal"), "a.params.vehicles: no link rid_down", "Add a table [radio]"),
+        (declare("remote_id.motion"), "a.params.vehicles: no link rid_down", "Add a table [radio]"),
+        (declare("remote_id.appearance"), "a.params.vehicles: no link rid_down", "Add a table [radio]"),
+        (declare("remote_id.replay"), "a.params.vehicles: no link rid_down", "Add a table [radio]"),
+        (RADIO + declare("remote_id.ground"), "a.params.operators: no receivers", "Add [[radio.receivers]]"),
+        (declare("control_link.channel_change"), "a.params.vehicles: blue/b1", 'channel = "wifi"'),
+        (declare("mavlink.firewall", 'at = "gcs"'), "a.params.at: 'gcs'", "Known: companion, proxy"),
+        (declare("mission.hash", 'at = "autopilot"'), "a.params.at: 'autopilot'", "Known: companion, proxy"),
+        (declare("parameter.watch", 'at = "station"'), "a.params.at: 'station'", "Known: companion, proxy"),
+        (declare("mission.hash", 'passphrase = ""'), "a.params.passphrase: ''", "at least 1 character"),
+        (declare("mission.hash", "passphrase = 5"), "a.params.passphrase: 5", "text in quotes"),
+        (declare("mavlink.signing", 'key = "00"'), "a.params.key", "Known: passphrase"),
+        (declare("mavlink.signing", f'passphrase = "{"x" * 257}"'), "a.params.passphrase", "at most 256"),
+    ],
+)
+def test_a_defence_where_it_cannot_stand_is_named(more: str, where: str, hint: str) -> None:
+    with pytest.raises(InputError) as caught:
+        build(scenario(more))
+    assert where in str(caught.value)
+    assert hint in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.receiver"])
+def test_a_check_of_sensors_outside_the_range_is_named(kind: str) -> None:
+    options = '[autopilots.options.external]\nconnect = { "blue/b1" = "tcp:127.0.0.1:5760" }\n'
+    text = BASE.replace('id = "b1"', 'id = "b1"\n  autopilot = "external"') + options
+    build(load_text(text))
+    with pytest.raises(
+        InputError, match=r"defences\.a\.params\.vehicles: blue/b1 — expected an aircraft that flies by"
+    ):
+        build(load_text(text + declare(kind)))
+
+
+@pytest.mark.parametrize("signed", [declare("mavlink.signing"), "signing"])
+def test_a_start_before_the_first_timestamp_of_signatures_is_named(signed: str) -> None:
+    base = BASE.replace('id = "blue"', 'id = "blue"\nsigning = "on"') if signed == "signing" else BASE + signed
+    start = "duration_s = 6\nstart_utc = {}T00:00:00Z"
+    build(load_text(base.replace("duration_s = 6", start.format("2015-01-01"))))
+    with pytest.raises(InputError, match=r"start_utc: 2014-12-31.*MAVLink signatures"):
+        build(load_text(base.replace("duration_s = 6", start.format("2014-12-31"))))
+
+
+def test_a_registry_that_does_not_exist_is_named() -> None:
+    broadcasts = 'id = "b1"\n  remote_id = { auth = "drip", registry = "faa" }'
+    with pytest.raises(InputError, match=r"remote_id\.registry: 'faa' .*Known: range, unknown"):
+        build(load_text(BASE.replace('id = "b1"', broadcasts) + RADIO))
+
+
+@pytest.mark.parametrize("error_s", [-2.1, 120.1])
+def test_a_clock_outside_the_validity_of_signatures_is_named(error_s: float) -> None:
+    verifies = f'id = "b1"\n  remote_id = {{ verify = {{ clock_error_s = {error_s} }} }}'
+    with pytest.raises(InputError, match=rf"verify\.clock_error_s: {error_s}"):
+        build(load_text(BASE.replace('id = "b1"', verifies) + RADIO))
 
 
 def test_a_muted_defence_excludes_no_other() -> None:

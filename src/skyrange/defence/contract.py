@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.channel_plans import ChannelPlan
     from skyrange.contracts.components import SensorFault
     from skyrange.contracts.links import TapPlacement
+    from skyrange.defence.path_rules import PathRule
 
 DefenceContext = AttackContext
 """The context of a defence: that of an attack. Its `id` and `schedule` are the defence's own; it has no radio, and
@@ -46,6 +47,14 @@ class Defence:
     exclusive: Sequence[Exclusive] = ()
     """What it decides as the only one. Two defences that decide the same at the same time are an error before the run.
     """
+    path_rules: Sequence[PathRule] = ()
+    """What it sends, lets pass, signs, compares and holds on the way between station and autopilot. Two defences that
+    disturb each other there, or do so in the declared order, are an error before the run."""
+    takes: Sequence[str] = ()
+    """Readings that it takes away from the checks declared after it, such as "GNSS fixes of blue/b1"."""
+    needs: Sequence[str] = ()
+    """Readings of which it judges whether they are there. A check that takes them away and is declared before is an
+    error before the run."""
     one_process: bool = False
     """Whether its parts share state, so that a live range must have all of them in one process."""
 

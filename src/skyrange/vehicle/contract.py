@@ -65,6 +65,8 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
 
     signs: bool = False
     """Whether they obey `VehicleSpec.signing_key`."""
+    reads_sensors: bool = True
+    """Whether they fly by the range's sensors; a vehicle outside has its own, which no sensor check can read."""
     opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none
     """`opened_ports(params, count)`: the ports where that many aircraft obey whoever connects; of each one, or none."""
     mission_result: Callable[[Any], int] = _accepts_all

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.acts.path_checks import Declared, check_paths, find_wrong_ends
 from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
 from skyrange.attack.contract import AttackContext
 from skyrange.contracts.components import Agent
@@ -30,14 +31,18 @@ class MadeDefences:
     problems: list[Problem] = field(default_factory=list)
 
 
-def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir) -> MadeDefences:
+def make_defences(
+    tables: Sequence[DefenceTable], context: AttackContext, over_air: LinksOverAir, own_sensors: Sequence[str]
+) -> MadeDefences:
     """Make every defence; what is wrong with them is in `problems`.
 
-    `over_air` has the control links that their channel plans are about. `context` is that of all attacks, faults and
+    `over_air` has the control links that their channel plans are about; `own_sensors` are vehicles that do not fly by
+    the range's sensors. `context` is that of all attacks, faults and
     defences; id and schedule are filled in for each.
     """
     made = MadeDefences()
     exclusive: list[Acting] = []
+    declared: list[Declared] = []
     for table in tables:
         own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False)
         where = f"defences.{table.id}"
@@ -52,8 +57,17 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
             if not any(fnmatchcase(name, tap.match) for name in context.links):
                 hint = nearest(tap.match, context.links)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
-        if not table.muted:
-            exclusive.append((where, window_of(table, context.duration_ns), found.exclusive))
+        unread = sorted({one for check in found.checks for one in check.vehicles if one in own_sensors})
+        if unread:
+            hint = "Name the others in vehicles: its sensors are outside the range."
+            expected = "an aircraft that flies by the range's sensors"
+            made.problems.append(Problem(f"{where}.params.vehicles", ", ".join(unread), expected, hint))
+        wrong = list(find_wrong_ends(found.path_rules, context.links))
+        made.problems += [Problem(f"{where}.params", one, "an end of a gcs, log or autopilot link") for one in wrong]
+        if not table.muted and not wrong:
+            window = window_of(table, context.duration_ns)
+            exclusive.append((where, window, found.exclusive))
+            declared.append(Declared(table.id, window, found.path_rules, found.takes, found.needs))
         agents = [make_channel_agent(table.id, found.channel_plans, over_air)] if found.channel_plans else []
         made.plans.append(plan_of(table, found, own.schedule, agents))
         cost_ns = 0 if table.cost is None else table.cost.ns_per_frame
@@ -69,6 +83,7 @@ def make_defences(tables: Sequence[DefenceTable], context: AttackContext, over_a
         made.taps = [*(replace(tap, attack=table.id, cost_ns=cost_ns) for tap in found.taps), *made.taps]
         made.rows.append(_row(table, found))
     made.problems += find_exclusions(exclusive, "a defence", "decide")
+    made.problems += check_paths(declared, context.signed)
     return made
 
 

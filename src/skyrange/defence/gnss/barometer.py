@@ -15,7 +15,7 @@ from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.gnss.fix_guard import CheckParams, FixGuard, NewFixes, guard_of
+from skyrange.defence.gnss.fix_guard import CheckParams, FixGuard, NewFixes, guard_of, name_taken
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
@@ -216,7 +216,7 @@ def make(params: BarometerParams, context: DefenceContext) -> Defence:
     heights = [Heights(HeightErrors(params), gate) for _ in vehicles]
     guard = guard_of(params, vehicles)
     check = BarometerCheck(f"{context.id}.gnss", tuple(vehicles), guard, NewFixes(len(vehicles)), heights)
-    return Defence(checks=[check])
+    return Defence(checks=[check], takes=name_taken(params, vehicles))
 
 
 BAROMETER = DefencePlugin(

@@ -110,6 +110,16 @@ def guard_of(params: CheckParams, vehicles: Sequence[str]) -> FixGuard:
     return FixGuard(tuple(vehicles), params.action == "reject", from_seconds(params.recover_s))
 
 
+def name_fixes(vehicles: Sequence[str]) -> list[str]:
+    """What defences call the fixes of some aircraft that they take or need."""
+    return [f"GNSS fixes of {vehicle}" for vehicle in vehicles]
+
+
+def name_taken(params: CheckParams, vehicles: Sequence[str]) -> list[str]:
+    """The fixes that a check takes away from those after it: none while it raises alarms only."""
+    return name_fixes(vehicles) if params.action == "reject" else []
+
+
 @dataclass(slots=True)
 class NewFixes:
     """Finds which aircraft have a new fix that is to be judged."""

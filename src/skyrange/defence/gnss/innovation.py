@@ -23,7 +23,7 @@ from skyrange.contracts.params import Number
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.gnss.dead_reckoning import ALIGN_STEPS, DeadReckoning
-from skyrange.defence.gnss.fix_guard import FIXES_PER_H, CheckParams, FixGuard, NewFixes, guard_of
+from skyrange.defence.gnss.fix_guard import FIXES_PER_H, CheckParams, FixGuard, NewFixes, guard_of, name_taken
 from skyrange.defence.gnss.gates import chi_square_gate, cusum_gate
 from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
@@ -328,7 +328,7 @@ def make(params: InnovationParams, context: DefenceContext) -> Defence:
         NewFixes(count),
         [ErrorFilter(params) for _ in vehicles],
     )
-    return Defence(checks=[check])
+    return Defence(checks=[check], takes=name_taken(params, vehicles))
 
 
 INNOVATION = DefencePlugin(

@@ -16,7 +16,7 @@ from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.params import Number
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
-from skyrange.defence.gnss.fix_guard import LEAST_INTERVAL_NS, CheckParams, FixGuard, guard_of
+from skyrange.defence.gnss.fix_guard import LEAST_INTERVAL_NS, CheckParams, FixGuard, guard_of, name_fixes, name_taken
 from skyrange.defence.gnss.gates import normal_gate
 from skyrange.defence.placement import find_protected
 from skyrange.world.sensing import sensor_errors as errors
@@ -208,7 +208,8 @@ def make(params: ReceiverParams, context: DefenceContext) -> Defence:
     vehicles = find_protected(params, context)
     gate = normal_gate(params.chance(_TESTS))
     receivers = [Receiver(params, gate) for _ in vehicles]
-    return Defence(checks=[ReceiverCheck(f"{context.id}.gnss", tuple(vehicles), guard_of(params, vehicles), receivers)])
+    check = ReceiverCheck(f"{context.id}.gnss", tuple(vehicles), guard_of(params, vehicles), receivers)
+    return Defence(checks=[check], takes=name_taken(params, vehicles), needs=name_fixes(vehicles))
 
 
 RECEIVER = DefencePlugin(

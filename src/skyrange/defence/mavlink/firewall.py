@@ -23,10 +23,13 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.path_rules import Passes, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
 
 _SCALE: Final = 1e7
 """Degrees of latitude and longitude are sent as whole numbers of 1e-7 degrees."""
+_OF_COMPANION: Final = ("OPEN_DRONE_ID_ARM_STATUS",)
+"""What a companion tells the autopilot about Remote ID; it passes no end of a gcs link."""
 _BURST_S: Final = 1.0
 """A burst of as many frames as the rate allows in this time passes."""
 
@@ -62,7 +65,8 @@ class FirewallRules(Protected):
             "HEARTBEAT", "COMMAND_LONG", "MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST_LIST",
             "MISSION_REQUEST_INT", "MISSION_ACK", "SET_POSITION_TARGET_GLOBAL_INT", "TIMESYNC", "TUNNEL",
         ),
-        description="Messages that pass. mission.hash sends its hashes as TUNNEL.",
+        description="Messages that pass; at the proxy also OPEN_DRONE_ID_ARM_STATUS, which the companion sends. "
+        "mission.hash sends its hashes as TUNNEL.",
     )  # fmt: skip
     commands: Annotated[_Texts, AfterValidator(_commands)] = Field(
         default=(
@@ -180,6 +184,13 @@ class Firewall(DefenceTap):
         return "firewall.place", f"a place {away_m:.0f} m away"
 
 
+def _find_messages(rules: FirewallRules) -> frozenset[int]:
+    """Numbers of the messages that pass."""
+    numbers = {message.msgname: number for number, message in mav.mavlink_map.items()}
+    own = _OF_COMPANION if rules.at == "proxy" else ()
+    return frozenset(numbers[name] for name in (*rules.messages, *own))
+
+
 @dataclass(frozen=True, slots=True)
 class _Maker:
     """Makes the firewall of a link."""
@@ -190,11 +201,10 @@ class _Maker:
 
     def __call__(self, link: str) -> Firewall:
         vehicle, east_m, north_m = dict(self.starts)[link]
-        numbers = {message.msgname: number for number, message in mav.mavlink_map.items()}
         return Firewall(
             link,
             self.rules,
-            frozenset(numbers[name] for name in self.rules.messages),
+            _find_messages(self.rules),
             frozenset(COMMANDS[name] for name in self.rules.commands),
             frozenset(COPTER_MODES[name] for name in self.rules.modes),
             self.origin,
@@ -209,9 +219,11 @@ def make(params: FirewallRules, context: DefenceContext) -> Defence:
     vehicles = find_protected(params, context)
     starts = tuple((link_name(role, one), (one, *context.vehicles[one].start_enu_m[:2])) for one in vehicles)
     maker = TapMaker(_Maker(params, context.origin, starts))
+    messages, commands = _find_messages(params), frozenset(COMMANDS[name] for name in params.commands)
     return Defence(
         taps=place_taps(role, params.at, vehicles, context, maker, inspects_forward),
         exclusive=[Exclusive(f"allow list of {params.at} of {vehicle}") for vehicle in vehicles],
+        path_rules=[Passes(end, "fwd", messages, commands) for end in ends_at(role, params.at, vehicles)],
     )
 
 

@@ -23,6 +23,7 @@ from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import hash64, link_name
 from skyrange.core.time import Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.path_rules import ExpectsOrder, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, inspects_forward, place_taps
 
 NUMBERS: Final = 256
@@ -150,7 +151,11 @@ def make(params: SequenceRules, context: DefenceContext) -> Defence:
     vehicles = find_protected(params, context)
     known = tuple((link_name("gcs", one), one) for one in vehicles)
     taps = place_taps("gcs", "companion", vehicles, context, TapMaker(_Maker(params, known)), inspects_forward)
-    return Defence(taps=taps, exclusive=[Exclusive(f"sequence check of {vehicle}") for vehicle in vehicles])
+    return Defence(
+        taps=taps,
+        exclusive=[Exclusive(f"sequence check of {vehicle}") for vehicle in vehicles],
+        path_rules=[ExpectsOrder(end, "fwd") for end in ends_at("gcs", "companion", vehicles)],
+    )
 
 
 SEQUENCE = DefencePlugin(
@@ -158,8 +163,7 @@ SEQUENCE = DefencePlugin(
     make,
     "Notices a second sender under one MAVLink id, and recordings, by sequence numbers.",
     surface=("gcs",),
-    place="the companion's end of the gcs link; knows the frames that arrive, and is declared before a defence that "
-    "holds some of them, such as mission.hash",
+    place="the companion's end of the gcs link; knows the frames that arrive",
     effect="raises an alarm; with `drop`, drops each frame whose number another frame has had, or that is old",
     alerts=("sequence.conflict", "sequence.old"),
     against=("mavlink.*", "link.replay", "identity.keep_alive"),

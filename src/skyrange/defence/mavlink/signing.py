@@ -32,6 +32,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import link_name, operator_of
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.path_rules import ExpectsOrder, PathRule, Signs, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
 
 _KINDS: Final = {
@@ -144,7 +145,12 @@ def make(params: LinkSigning, context: DefenceContext) -> Defence:
     for side in _LINK_IDS:
         maker = _Maker(tuple(keys), side, context.schedule, round(params.start_up_s * NS_PER_S))
         taps += place_taps("gcs", side, vehicles, context, TapMaker(maker))
-    return Defence(taps=taps, exclusive=[Exclusive(f"signatures on gcs:{vehicle}") for vehicle in vehicles])
+    rules: list[PathRule] = []
+    for station, aircraft in zip(ends_at("gcs", "gcs", vehicles), ends_at("gcs", "companion", vehicles), strict=True):
+        rules += [Signs(station, aircraft, "fwd"), Signs(aircraft, station, "rev")]
+        rules += [ExpectsOrder(aircraft, "fwd"), ExpectsOrder(station, "rev")]
+    exclusive = [Exclusive(f"signatures on gcs:{vehicle}") for vehicle in vehicles]
+    return Defence(taps=taps, exclusive=exclusive, path_rules=rules)
 
 
 SIGNING = DefencePlugin(
@@ -152,8 +158,7 @@ SIGNING = DefencePlugin(
     make,
     "Signs MAVLink on gcs links at both ends, and drops what is not signed.",
     surface=("gcs",),
-    place="both ends of the gcs link, which share a key; what defences at the same end inject is signed where they are "
-    "declared after it",
+    place="both ends of the gcs link, which share a key",
     effect="drops frames that are not signed, wrongly signed, repeated or old",
     alerts=tuple(_KINDS.values()),
     against=("mavlink.*", "link.replay", "link.corrupt", "identity.keep_alive", "telemetry.*"),

@@ -41,6 +41,7 @@ from skyrange.defence.mission.hash_messages import (
     pack_message,
     read_message,
 )
+from skyrange.defence.path_rules import Compares, Holds, PathRule, Sends, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
 
 WRITES: Final = frozenset((
@@ -369,7 +370,13 @@ def make(params: MissionHash, context: DefenceContext) -> Defence:
         known = tuple((link_name(where, one), one, context.vehicles[one].system_id) for one in vehicles)
         maker = _Maker(known, params.passphrase, schedule, from_seconds(params.patience_s))
         taps += place_taps(where, side, vehicles, context, TapMaker(maker), _is_hashed)
-    return Defence(taps=taps, exclusive=[Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles])
+    rules: list[PathRule] = []
+    tunnel = frozenset((mav.MAVLINK_MSG_ID_TUNNEL,))
+    for station, aircraft in zip(ends_at("gcs", "gcs", vehicles), ends_at(role, params.at, vehicles), strict=True):
+        rules += [Sends(station, "fwd", tunnel, until=aircraft), Sends(aircraft, "rev", tunnel, until=station)]
+        rules += [Compares(station, aircraft, "fwd"), Holds(aircraft, "fwd")]
+    exclusive = [Exclusive(f"mission hash of {vehicle}") for vehicle in vehicles]
+    return Defence(taps=taps, exclusive=exclusive, path_rules=rules)
 
 
 HASH = DefencePlugin(
@@ -378,7 +385,7 @@ HASH = DefencePlugin(
     "Verifies uploads of missions, fences and rally points by a keyed hash that their station sends.",
     surface=("gcs", "log", "autopilot"),
     place="both ends of the gcs link, or the station's end and the proxy's end of the autopilot link; share a key, and "
-    "know the frames that pass; declared before a firewall at the same end, which would drop TUNNEL",
+    "know the frames that pass",
     effect="holds each frame of an upload until its hash is right, so the autopilot stores no item that the station "
     "has not sent at that place",
     alerts=("mission.forged", "mission.hash", "mission.unanswered", "mission.malformed", "mission.incomplete"),

@@ -25,6 +25,7 @@ from skyrange.contracts.verdicts import Drop, Inject, Verdict
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_MS, Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.path_rules import Sends, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
 
 COMPONENT: Final = int(mav.MAV_COMP_ID_USER1)
@@ -40,6 +41,9 @@ _KIND: Final = int(mav.MAV_MISSION_TYPE_MISSION)
 _ANSWERS: Final = frozenset((
     mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT, mav.MAVLINK_MSG_ID_MISSION_ACK,
     mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT,
+))  # fmt: skip
+_REQUESTS: Final = frozenset((
+    mav.MAVLINK_MSG_ID_MISSION_REQUEST_LIST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT, mav.MAVLINK_MSG_ID_MISSION_ACK,
 ))  # fmt: skip
 _COMMANDS: Final = {"rtl": mav.MAV_CMD_NAV_RETURN_TO_LAUNCH, "land": mav.MAV_CMD_NAV_LAND}
 
@@ -231,7 +235,14 @@ def make(params: MissionReadBack, context: DefenceContext) -> Defence:
     vehicles = find_protected(params, context)
     known = tuple((link_name("gcs", one), one, context.vehicles[one].system_id) for one in vehicles)
     taps = place_taps("gcs", "gcs", vehicles, context, TapMaker(_Maker(params, known, context.schedule)), _is_answer)
-    return Defence(taps=taps, exclusive=[Exclusive(f"mission read-back of {vehicle}") for vehicle in vehicles])
+    command = _COMMANDS.get(params.action)
+    commands = frozenset(() if command is None else (int(command),))
+    messages = _REQUESTS | {mav.MAVLINK_MSG_ID_COMMAND_LONG} if commands else _REQUESTS
+    return Defence(
+        taps=taps,
+        exclusive=[Exclusive(f"mission read-back of {vehicle}") for vehicle in vehicles],
+        path_rules=[Sends(end, "fwd", messages, commands) for end in ends_at("gcs", "gcs", vehicles)],
+    )
 
 
 READ_BACK = DefencePlugin(

@@ -27,6 +27,7 @@ from skyrange.core.errors import Problem
 from skyrange.core.ids import link_name
 from skyrange.core.time import Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.path_rules import Passes, PathRule, Sends, ends_at
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected, place_taps
 
 COMPONENT: Final = int(mav.MAV_COMP_ID_USER2)
@@ -43,6 +44,8 @@ _READ: Final = frozenset((
     mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_CLEAR_ALL,
     mav.MAVLINK_MSG_ID_MISSION_WRITE_PARTIAL_LIST, mav.MAVLINK_MSG_ID_FENCE_POINT,
 ))  # fmt: skip
+
+_ASKS: Final = frozenset((mav.MAVLINK_MSG_ID_PARAM_REQUEST_READ, mav.MAVLINK_MSG_ID_PARAM_SET))
 
 
 def _names(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -216,7 +219,12 @@ def make(params: ParameterWatch, context: DefenceContext) -> Defence:
     taps = place_taps(role, params.at, vehicles, context, TapMaker(_Maker(params, known, context.schedule)), _is_read)
     watched = frozenset(params.watched)
     parts = [Exclusive(f"parameters of {vehicle}", watched) for vehicle in vehicles] if watched else []
-    return Defence(taps=taps, exclusive=parts)
+    rules: list[PathRule] = []
+    for end in ends_at(role, params.at, vehicles):
+        rules.append(Passes(end, "fwd", drops=frozenset((mav.MAVLINK_MSG_ID_PARAM_SET,))))
+        if watched:
+            rules.append(Sends(end, "fwd", _ASKS))
+    return Defence(taps=taps, exclusive=parts, path_rules=rules)
 
 
 WATCH = DefencePlugin(

@@ -285,6 +285,7 @@ def refuse(now: Time, alarm: Alarm, sender: Sender, finding: Finding) -> list[Ve
 def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Judge], test: str) -> Defence:
     """The defence of aircraft, each with a judge of its own. `test` names what it decides as the only one.
 
+    Taps of one aircraft share state; they are at ends of its companion, which is in one process of a live range.
     Raises `InputError` without a radio medium.
     """
     placed: list[TapPlacement] = []
@@ -295,4 +296,4 @@ def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Ju
         if link_name("rid_data", vehicle) in context.links:
             placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)), inspects_none)
     exclusive = [Exclusive(f"{test} of {vehicle}") for vehicle in vehicles]
-    return Defence(taps=placed, exclusive=exclusive, one_process=True)
+    return Defence(taps=placed, exclusive=exclusive)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from skyrange.assembly.build import BuiltScenario, build
-from skyrange.contracts.links import Channel
+from skyrange.contracts.links import AttackPlan, Channel
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
@@ -143,6 +143,7 @@ def prepare_range(
     spaces = namespaces(sorted(components)) if netns else None
     planned = assign_components(links, group, outside, scenario.hosts if spaces is None else spaces.hosts)
     _check_shared_state(built, planned)
+    _check_defended_ends(built, planned)
     _check_links_over_air(built, planned)
     _check_processing(built, planned)
     places = crossings(links, planned, port_offset)
@@ -194,23 +195,51 @@ def _check_processing(built: BuiltScenario, planned: Deployment) -> None:
 
 
 def _check_shared_state(built: BuiltScenario, planned: Deployment) -> None:
-    """Raises `InputError` for an attack whose parts share state, and whose taps are not in the world's process."""
+    """Raises `InputError` for an attack or a defence whose parts share state and are in several processes."""
+    world = planned.nodes[0].name
     for plan in built.wiring.attacks:
         if not plan.one_process:
             continue
-        ends = {
-            end
-            for tap in built.wiring.taps
-            for spec in built.wiring.links
-            for end in (spec.a, spec.b)
-            if tap.attack == plan.id and fnmatchcase(spec.name, tap.match) and end.rpartition(".")[2] == tap.side
-        }
-        away = sorted({planned.home(end) or end for end in ends} - {planned.nodes[0].name})
-        if away:
+        homes = {planned.home(end) or end for end in _tapped_ends(built, plan)}
+        if not plan.defence or plan.agents or plan.faults:
+            homes.add(world)
+        if len(homes) > 1:
+            away = ", ".join(sorted(homes - {world}))
             raise InputError.one(
                 "live",
-                f"attacks.{plan.id}",
-                f"parts in the processes {planned.nodes[0].name} and {', '.join(away)}",
-                "one process, because they share what the adversary observes",
+                f"{'defences' if plan.defence else 'attacks'}.{plan.id}",
+                f"parts in the processes {f'{world} and {away}' if world in homes else away}",
+                f"one process, because they share what the {'defence' if plan.defence else 'adversary'} observes",
                 "Choose --group one.",
             )
+
+
+def _check_defended_ends(built: BuiltScenario, planned: Deployment) -> None:
+    """Raises `InputError` for a defence with a part at an endpoint outside the range, where nothing would run it."""
+    problems = [
+        Problem(
+            f"defences.{plan.id}",
+            f"a part at {end}, a component outside the range",
+            "ends of links in processes of the range",
+            "Mute or remove the defence: what is outside cannot be defended there.",
+        )
+        for plan in built.wiring.attacks
+        if plan.defence and not plan.muted
+        for end in sorted(_tapped_ends(built, plan))
+        if not planned.home(end)
+    ]
+    if problems:
+        raise InputError("live", problems)
+
+
+def _tapped_ends(built: BuiltScenario, plan: AttackPlan) -> set[str]:
+    """The endpoints at which an attack or a defence has taps."""
+    return {
+        end
+        for tap in built.wiring.taps
+        if tap.attack == plan.id
+        for spec in built.wiring.links
+        if fnmatchcase(spec.name, tap.match)
+        for end in (spec.a, spec.b)
+        if end.rpartition(".")[2] == tap.side
+    }

@@ -45,6 +45,7 @@ def cross_check(scenario: Any) -> list[Problem]:
         faults += _processing_faults(scenario)
         faults += _approval_faults(scenario)
         faults += _authentication_faults(scenario)
+        faults += _signing_faults(scenario)
         vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
         faults += check_act_vehicles("attacks", scenario.attacks, vehicles)
         faults += check_act_vehicles("faults", scenario.faults, vehicles)
@@ -179,6 +180,19 @@ def _authentication_faults(scenario: Any) -> Iterator[Problem]:
     if needs and not _FIRST_SIGNING <= scenario.start_utc <= _LAST_SIGNING:
         found = scenario.start_utc.isoformat()
         yield Problem("start_utc", found, "a time from 2019-01-02 to 2154, because DRIP's times start in 2019")
+
+
+_FIRST_TIMESTAMP = datetime(2015, 1, 1, tzinfo=UTC)
+"""Timestamps of MAVLink signatures count from here (https://mavlink.io/en/guide/message_signing.html)."""
+
+
+def _signing_faults(scenario: Any) -> Iterator[Problem]:
+    """A problem for MAVLink signatures at a time before their first timestamp, where all would have the same."""
+    signs = any(operator.signing != "off" for operator in scenario.operators)
+    signs |= any(table.kind == "mavlink.signing" for table in scenario.defences)
+    if signs and scenario.start_utc < _FIRST_TIMESTAMP:
+        found = scenario.start_utc.isoformat()
+        yield Problem("start_utc", found, "2015-01-01 or later, because timestamps of MAVLink signatures start there")
 
 
 def _twice(where: str, parts: Sequence[Any], key: str, expected: str) -> Iterator[Problem]:

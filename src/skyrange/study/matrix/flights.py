@@ -6,7 +6,7 @@ import json
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -102,8 +102,11 @@ def fly_matrix(
         raise InputError.one("matrix", "jobs", jobs, "1 or more")
     root = expand_user(out) if out is not None else free_folder(matrix.name)
     cells: dict[tuple[str, str], Cell] = {}
-    tasks = list(_plan(matrix, root, cells))
-    _check_columns(matrix, cells)
+    refusals: dict[tuple[str, str], Sequence[Problem]] = {}
+    tasks = list(_plan(matrix, root, refusals))
+    _check_columns(matrix, refusals)
+    for (row, column), problems in refusals.items():
+        cells[row, column] = Cell(row, column, refused="; ".join(str(problem) for problem in problems))
     make_new_folder(root)
     found = _fly_all(tasks, root, jobs, on_cell)
     for task, cell in zip(tasks, found, strict=True):
@@ -125,8 +128,8 @@ def describe(result: MatrixResult) -> dict[str, Any]:
     return {"format": FORMAT, "matrix": result.matrix.model_dump(mode="json"), "cells": cells}
 
 
-def _plan(matrix: Matrix, root: Path, cells: dict[tuple[str, str], Cell]) -> Iterator[Task]:
-    """Every flight of a matrix; cells that cannot be flown are put into `cells`."""
+def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[Problem]]) -> Iterator[Task]:
+    """Every flight of a matrix; why a cell cannot be flown is put into `refusals`, by row and column."""
     for row in matrix.rows:
         scenario = row.load()
         build(scenario)  # errors of the scenario itself come before those of defences in it
@@ -138,8 +141,7 @@ def _plan(matrix: Matrix, root: Path, cells: dict[tuple[str, str], Cell]) -> Ite
             try:
                 defended = _defended(row, column)
             except InputError as error:
-                reason = "; ".join(str(problem) for problem in error.problems)
-                cells[row.id, column.id] = Cell(row.id, column.id, refused=reason)
+                refusals[row.id, column.id] = error.problems
                 continue
             yield Task(row, column, defended, folder, _name(folder, root), matrix.seeds, honest)
             candidates = [
@@ -156,13 +158,21 @@ def _plan(matrix: Matrix, root: Path, cells: dict[tuple[str, str], Cell]) -> Ite
                 )
 
 
-def _check_columns(matrix: Matrix, cells: Mapping[tuple[str, str], Cell]) -> None:
-    """Raise `InputError` for a column that cannot be declared in the scenario of any row: it is wrong by itself."""
-    problems = []
+def _check_columns(matrix: Matrix, refusals: Mapping[tuple[str, str], Sequence[Problem]]) -> None:
+    """Raise `InputError` for a column that cannot be declared in the scenario of any row: it is wrong by itself.
+
+    Its problems are those in the first row.
+    """
+    problems: list[Problem] = []
     for column in matrix.columns:
-        refused = [cells[row.id, column.id].refused for row in matrix.rows if (row.id, column.id) in cells]
-        if len(refused) == len(matrix.rows):
-            problems.append(Problem(f"columns.{column.id}", refused[0], "defences that some row's scenario can have"))
+        if all((row.id, column.id) in refusals for row in matrix.rows):
+            first = matrix.rows[0].id
+            problems += [
+                replace(
+                    one, where=f"columns.{column.id}, in the scenario of rows.{first}, as in every row: {one.where}"
+                )
+                for one in refusals[first, column.id]
+            ]
     if problems:
         raise InputError(f"matrix {matrix.name}", problems)
 

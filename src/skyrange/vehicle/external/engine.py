@@ -145,6 +145,9 @@ def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
 
 
 EXTERNAL = AutopilotPlugin(
-    Options, _make, "Connects to vehicles that skyrange does not start: real ones, or other simulations."
+    Options,
+    _make,
+    "Connects to vehicles that skyrange does not start: real ones, or other simulations.",
+    reads_sensors=False,
 )
 """The autopilot `external`. Raises `InputError` as `ExternalEngine` does."""
