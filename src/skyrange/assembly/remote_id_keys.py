@@ -29,7 +29,7 @@ _REGISTRIES: Final = {"range": "registry", "unknown": "unknown registry"}
 def make_registry(scenario: Scenario, name: str = "range") -> Registry:
     """A registry of the range, by its name in the scenario."""
     from skyrange.codec.drip import since_2019_s
-    from skyrange.remoteid.drip.registry import Registration, Registry
+    from skyrange.remoteid.drip.registry import Registry
 
     start_s = int(since_2019_s(scenario.epoch.unix_ns))
     until_s = start_s + math.ceil(scenario.duration_s) + AFTER_S

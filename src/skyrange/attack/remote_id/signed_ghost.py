@@ -206,7 +206,7 @@ SIGNED_GHOST = AttackPlugin(
     threat=THREATS["registered"],
     controls=Controls(
         load="the sham: the same frames and pages, with a registered aircraft on the ground at the transmitter",
-        content="the honest arm: the same frames and keys, from a real aircraft that flies where the ghost claims to be",
+        content="the honest arm: the same frames and keys, from a real aircraft that flies where the ghost is claimed",
         placement="the same claims with the transmitter or the ghost elsewhere",
     ),
     realism={

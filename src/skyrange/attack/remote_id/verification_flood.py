@@ -130,7 +130,7 @@ def make(params: VerificationFlood, context: AttackContext) -> Attack:
 VERIFICATION_FLOOD = AttackPlugin(
     VerificationFlood,
     make,
-    "Sends well-formed DRIP Links with wrong signatures, so that receivers spend their budget of verifications on them.",
+    "Sends well-formed DRIP Links with wrong signatures, on which receivers spend their budget of verifications.",
     technique="T0814",
     counterfactual="mute",
     surface=("medium",),
