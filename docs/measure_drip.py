@@ -46,6 +46,8 @@ class Case(NamedTuple):
     subject: str = "x"
     """Whose address the verdict is on: the attacker's own, or that of red."""
     start_s: float = START_S
+    is_lie: bool = True
+    """Whether it says what is false, so that an alarm of a defence would be right."""
     red: Mapping[str, Any] = {}
     """Of the Remote ID of red."""
     verify: Mapping[str, Any] = {}
@@ -69,12 +71,15 @@ ATTACKS: Final[Mapping[str, Case]] = {
     "unsigned ghost": Case("remote_id.spoof", {"at": AHEAD, "transmitter_m": BESIDE}),
     "live relay": Case("remote_id.replay", {"delay_s": 0.1, "transmitter_m": BESIDE}, "red/r1"),
     "replay within the validity": Case("remote_id.replay", {"delay_s": 20.0, "transmitter_m": BESIDE}, "red/r1"),
-    "registry out of reach": Case("", {}, "red/r1", 0.0, {"registry": "unknown"}),
-    "page suppression": Case("remote_id.suppress_pages", {"transmitter_m": BESIDE, "power_dbm": 36.0}, "red/r1"),
+    "registry out of reach": Case("", {}, "red/r1", 0.0, False, {"registry": "unknown"}),
+    "page suppression": Case(
+        "remote_id.suppress_pages", {"transmitter_m": BESIDE, "power_dbm": 36.0}, "red/r1", is_lie=False
+    ),
     "page suppression, Bluetooth 4": Case(
         "remote_id.suppress_pages",
         {"transmitter_m": BESIDE, "power_dbm": 36.0},
         "red/r1",
+        is_lie=False,
         red={"transports": ["bt4"], "auth_repeats": 3},
     ),
     "verification flood": Case(
@@ -82,6 +87,7 @@ ATTACKS: Final[Mapping[str, Case]] = {
         {"transmitter_m": BESIDE, "rate_hz": 200.0},
         "red/r1",
         0.0,
+        False,
         verify={"verifications_per_s": 20.0},
     ),
 }
@@ -105,12 +111,11 @@ def measure_attacks() -> str:
     for name, case in ATTACKS.items():
         told = [_verdicts(_flown(case, seed), case) for seed in SEEDS]
         noticed = [at for one in told for at in [_noticed_s(one)] if at is not None]
-        kinds = DEFENCES if case.kind else ()
+        kinds = DEFENCES if case.is_lie else ()
         alarms = [(kind, _alarm_s(_flown(case, SEEDS[0], kind), case)) for kind in kinds]
-        rows.append(
-            f"| {name} | {_flown_by(case)} | {'; '.join(f'{state} {at:.1f}' for state, at in told[0]) or 'no change'} | "
-            f"{_spread(noticed)} | {', '.join(f'{kind} {at:.1f}' for kind, at in alarms if at is not None) or 'none'} |"
-        )
+        verdicts = "; ".join(f"{state} {at:.1f}" for state, at in told[0]) or "no change"
+        raised = ", ".join(f"{kind} {at:.1f}" for kind, at in alarms if at is not None) or ("none" if kinds else "–")
+        rows.append(f"| {name} | {_flown_by(case)} | {verdicts} | {_spread(noticed)} | {raised} |")
         print(rows[-1], flush=True)
     return "\n".join(rows) + "\n"
 
@@ -187,7 +192,7 @@ def _alarm_s(run: RunRecord, case: Case) -> float | None:
 def measure_adopters() -> str:
     """A row for each share of eight aircraft that sign: four pairs meet head-on, and ignore who does not."""
     rows = [
-        "| share that signs | trusted pairs, of those whose sender signs | in 12 s | median, s | avoidances | near misses |",
+        "| share that signs | trusted pairs of signing senders | in 12 s | median, s | avoidances | near misses |",
         "|---|---|---|---|---|---|",
     ]
     for adopters in (0, 2, 4, 6, 8):
