@@ -32,8 +32,8 @@ ORIGIN: Final = {"lat": 40.7780, "lon": -73.9550, "alt_msl_m": 20, "geoid_m": -3
 START_S: Final = 30.0
 DEFENCES: Final = ("signal", "motion", "appearance", "ground")
 """Kinds of defences without their prefix `remote_id.`."""
-NOTICED: Final = frozenset(("none", "stale", "replayed", "refused", "contradicted"))
-"""Verdicts by which a receiver sees that something is missing or wrong."""
+NOTICED: Final = frozenset(("stale", "replayed", "refused", "contradicted"))
+"""Verdicts by which a receiver sees that something is missing or wrong, beside a sender that never signs."""
 AHEAD: Final = [4, 150, 30]
 BESIDE: Final = [30, 120, 2]
 
@@ -175,10 +175,11 @@ def _verdicts(run: RunRecord, case: Case) -> list[tuple[str, float]]:
 
 
 def _noticed_s(verdicts: Sequence[tuple[str, float]]) -> float | None:
-    """When the verdict that noticed something came; none if the last one finds all in order."""
-    if not verdicts or verdicts[-1][0] not in NOTICED:
-        return next((at for state, at in verdicts if state in ("replayed", "refused", "contradicted")), None)
-    return next(at for state, at in verdicts if state in NOTICED)
+    """When the first verdict came by which the receiver noticed something: a bad one, or none to the end."""
+    found = next((at for state, at in verdicts if state in NOTICED), None)
+    if found is None and verdicts and verdicts[-1][0] == "none":
+        return verdicts[-1][1]
+    return found
 
 
 def _alarm_s(run: RunRecord, case: Case) -> float | None:

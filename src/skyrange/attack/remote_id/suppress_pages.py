@@ -78,12 +78,12 @@ class Rhythm:
     """Starts of the last ones."""
     period_ns: Time | None = None
     unheard: int = 0
+    """Manifests expected since any frame of the sender was heard."""
     surprises: int = 0
     """Manifests heard since the last one that came when it was expected."""
 
     def hear(self, start_ns: Time, is_expected: bool) -> list[Time]:
         """Learn from a Manifest that was heard; the times of those to come, if the period is known only now."""
-        self.unheard = 0
         self.surprises = 0 if is_expected else self.surprises + 1
         if self.surprises > MAX_SURPRISES:
             self.period_ns = None  # the sender has changed its times
@@ -150,6 +150,9 @@ class PageJammer:
                 header, body = link_payload.unpack(arrival.payload)
             except DecodeError:
                 continue
+            rhythm = self.rhythms.get(header.address)
+            if rhythm is not None:
+                rhythm.unheard = 0  # the sender is still there
             if header.transport == Transport.BT4:
                 self._hear_page(now, header, body, arrival.ref, out)
             elif header.transport in (Transport.WIFI_BEACON, Transport.WIFI_NAN) and carries_manifest(body):
