@@ -34,6 +34,8 @@ DEFENCES: Final = ("signal", "motion", "appearance", "ground")
 """Kinds of defences without their prefix `remote_id.`."""
 NOTICED: Final = frozenset(("stale", "replayed", "refused", "contradicted"))
 """Verdicts by which a receiver sees that something is missing or wrong, beside a sender that never signs."""
+POSTS: Final = ([-150, 50, 6], [150, 50, 6], [0, 220, 6], [0, -100, 6], [-80, 180, 6])
+"""Receivers on the ground, as in the example of `remote_id.ground`."""
 AHEAD: Final = [4, 150, 30]
 BESIDE: Final = [30, 120, 2]
 
@@ -74,13 +76,6 @@ ATTACKS: Final[Mapping[str, Case]] = {
     "registry out of reach": Case("", {}, "red/r1", 0.0, False, {"registry": "unknown"}),
     "page suppression": Case(
         "remote_id.suppress_pages", {"transmitter_m": BESIDE, "power_dbm": 36.0}, "red/r1", is_lie=False
-    ),
-    "page suppression, Bluetooth 4": Case(
-        "remote_id.suppress_pages",
-        {"transmitter_m": BESIDE, "power_dbm": 36.0},
-        "red/r1",
-        is_lie=False,
-        red={"transports": ["bt4"], "auth_repeats": 3},
     ),
     "verification flood": Case(
         "remote_id.verification_flood",
@@ -145,7 +140,11 @@ def _flown(case: Case, seed: int, defence: str = "") -> RunRecord:
         "seed": seed,
         "duration_s": 90.0,
         "origin": ORIGIN,
-        "radio": {"receivers": [{"id": "post", "operator": "blue", "place": [0, 100, 4]}]},
+        "radio": {
+            "receivers": [
+                {"id": f"post{number}", "operator": "blue", "place": place} for number, place in enumerate(POSTS)
+            ]
+        },
         "operators": [
             operator("blue", [0, 0], [[0, 0], [0, 150]], remote_id={**signs, "verify": verify}),
             operator("red", [50, 20], [[0, 0], [0, 150]], remote_id={**signs, **case.red}),
