@@ -292,6 +292,7 @@ def test_a_period_is_that_of_all_gaps_together() -> None:
         now += (1000, 950, 1000, 1000, 950)[turn % 5] * MS
     assert find_period(starts) == 4900 * MS
     assert find_period(starts[:4]) is None
+    assert find_period([3 * S] * 9) is None, "a period of 0 would never end"
     assert find_period([round(at * S) for at in (0.0, 1.0, 2.3, 4.9, 5.6, 8.1)]) is None
 
 

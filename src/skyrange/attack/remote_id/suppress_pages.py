@@ -39,6 +39,8 @@ MAX_PAGE: Final = 8
 """Last page of a message of unknown length: nine pages, and the parity page after them."""
 LONGEST_NS: Final = 12 * NS_PER_S
 """How long Manifests are remembered: RFC 9575, section 6.3, has one in 5 s at least."""
+SHORTEST_NS: Final = NS_PER_S // 2
+"""Shortest period that is believed: the recommended one is a second. Whoever sends at once from one address has none."""
 LONG_NS: Final = 2 * NS_PER_S
 ENOUGH: Final = 2
 ENOUGH_SHORT: Final = 6
@@ -104,6 +106,8 @@ def find_period(starts: Sequence[Time]) -> Time | None:
     """
     for first in reversed(starts[:-1]):
         period_ns = starts[-1] - first
+        if period_ns < SHORTEST_NS:
+            continue
         again = [one for one in starts if one - period_ns >= starts[0] - TOLERANCE_NS]
         if len(again) >= (ENOUGH if period_ns >= LONG_NS else ENOUGH_SHORT) and all(
             any(abs(one - period_ns - other) <= TOLERANCE_NS for other in starts) for one in again
