@@ -40,7 +40,7 @@ MAX_PAGE: Final = 8
 LONGEST_NS: Final = 12 * NS_PER_S
 """How long Manifests are remembered: RFC 9575, section 6.3, has one in 5 s at least."""
 SHORTEST_NS: Final = NS_PER_S // 2
-"""Shortest period that is believed: the recommended one is a second. Whoever sends at once from one address has none."""
+"""Shortest period that is believed: the recommended one is a second. Frames that come at once have none."""
 LONG_NS: Final = 2 * NS_PER_S
 ENOUGH: Final = 2
 ENOUGH_SHORT: Final = 6
