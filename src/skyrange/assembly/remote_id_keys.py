@@ -7,15 +7,17 @@ scenarios sign nothing.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.radio import RemoteId, Verify
 from skyrange.scenario.model.scenario import Scenario
 
 if TYPE_CHECKING:
     from skyrange.remoteid.drip.credentials import Credentials
     from skyrange.remoteid.drip.policy import Verification
-    from skyrange.remoteid.drip.registry import Registry
+    from skyrange.remoteid.drip.registry import Registration, Registry
 
 BEFORE_S: Final = 3600
 """Endorsements are valid from so long before simulated time 0…"""
@@ -66,3 +68,31 @@ def make_verification(verify: Verify | None, scenario: Scenario) -> Verification
         Policy(verifications_per_s=limit),
         verify.clock_error_s,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class AdversaryKeys:
+    """The keys that adversaries of a scenario can hold (`skyrange.attack.contract.RemoteIdKeys`)."""
+
+    scenario: Scenario
+
+    @property
+    def apex_tag(self) -> bytes:
+        """The entity tag of the root of the registry of the range."""
+        return make_registry(self.scenario).apex.tag
+
+    def registered(self, name: str) -> Registration:
+        """A registration in the registry of the range; no aircraft has it, because their names have a slash."""
+        return make_registry(self.scenario).register(name)
+
+    def unregistered(self, name: str) -> Registration:
+        """A registration in the registry that no receiver knows."""
+        return make_registry(self.scenario, "unknown").register(name)
+
+    def stolen(self, vehicle: str) -> Registration | None:
+        """The registration of an aircraft; `None` if it signs nothing or does not exist."""
+        for operator, one in self.scenario.fleet:
+            remote_id = one.remote_id
+            if vehicle_id(operator.id, one.id) == vehicle and remote_id is not None and remote_id.auth == "drip":
+                return aircraft_credentials(vehicle, remote_id, self.scenario).registration
+        return None

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 from skyrange.attack.techniques import NO_FIT
 from skyrange.contracts.params import Params
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
+    from skyrange.remoteid.drip.registry import Registration
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -72,6 +73,27 @@ class GroundReceiver:
     place: Place
 
 
+class RemoteIdKeys(Protocol):
+    """DRIP keys of the scenario that an adversary can hold. They are made when they are asked for."""
+
+    @property
+    def apex_tag(self) -> bytes:
+        """The entity tag of the root of the registry, 16 bytes: it is public."""
+        ...
+
+    def registered(self, name: str) -> Registration:
+        """A registration of the adversary's own, in the registry that receivers know."""
+        ...
+
+    def unregistered(self, name: str) -> Registration:
+        """A registration in a registry that the adversary has made up, whose keys no receiver holds."""
+        ...
+
+    def stolen(self, vehicle: str) -> Registration | None:
+        """The registration of an aircraft of the scenario, with its private key; `None` if it signs nothing."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class AttackContext:
     """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
@@ -101,6 +123,8 @@ class AttackContext:
     attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""
     signed: Sequence[str] = ()
     """The operators whose station and aircraft sign their MAVLink, as a flag in each frame tells."""
+    keys: RemoteIdKeys | None = None
+    """The keys of authenticated Remote ID; `None` where there is no registry."""
 
     @property
     def radio(self) -> str:

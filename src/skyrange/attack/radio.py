@@ -18,6 +18,9 @@ SERVICE_NS: Final = NS_PER_MS
 CHANNEL: Final = Channel(mode="reliable", latency_ns=100 * NS_PER_US)
 """Channel between that program and its radio, within one computer."""
 
+MAST_M: Final = 2.0
+"""Height of a transmitter without a given position: held by hand."""
+
 
 class PayloadSource(Protocol):
     """Source of the `rid_up` payloads that a transmitter sends, when they are due. It can be deep-copied."""
@@ -70,6 +73,13 @@ def down_link(context: AttackContext) -> LinkSpec:
 def transmitter(context: AttackContext, at_enu_m: Place, power_dbm: float, listens: bool = False) -> Transmitter:
     """The attacker's node in the medium."""
     return Transmitter(context.radio, at_enu_m, power_dbm, listens)
+
+
+def place_transmitter(context: AttackContext, given_enu_m: Place | None, claimed_enu_m: Place) -> Place:
+    """The given place of a transmitter, or one above the ground or roof at the position that it claims."""
+    east_m, north_m, _ = claimed_enu_m
+    below_m = context.city.height_at(east_m, north_m) if context.city is not None else 0.0
+    return given_enu_m or (east_m, north_m, below_m + MAST_M)
 
 
 def make_sender(context: AttackContext, at_enu_m: Place, power_dbm: float, source: PayloadSource) -> Attack:

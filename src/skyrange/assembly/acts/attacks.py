@@ -12,6 +12,7 @@ from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carri
 from skyrange.assembly.control_links import describe_to_attackers
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
+from skyrange.assembly.remote_id_keys import AdversaryKeys
 from skyrange.attack.contract import (
     Aircraft,
     Attack,
@@ -74,6 +75,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         over_air=describe_to_attackers(links),
         receivers={one.id: GroundReceiver(one.operator, one.place) for one in receivers},
         signed=[operator.id for operator in scenario.operators if operator.signing != "off"],
+        keys=AdversaryKeys(scenario),
     )
 
 

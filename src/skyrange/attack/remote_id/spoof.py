@@ -19,7 +19,15 @@ from skyrange.attack.contract import (
     ThreatModel,
     Transmitter,
 )
-from skyrange.attack.radio import CHANNEL, SERVICE_NS, Broadcaster, check_vehicle, transmitter, up_link
+from skyrange.attack.radio import (
+    CHANNEL,
+    SERVICE_NS,
+    Broadcaster,
+    check_vehicle,
+    place_transmitter,
+    transmitter,
+    up_link,
+)
 from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
 from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.frames.frame import Frame
@@ -34,8 +42,6 @@ from skyrange.remoteid.broadcast_profiles import TRANSPORTS
 
 STREAM = "attack.swarm"
 """Name of the random stream that places the ghosts of a swarm."""
-MAST_M = 2.0
-"""Height of a transmitter without a given position: held by hand."""
 
 Way = Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"]
 
@@ -174,8 +180,7 @@ def make(params: Spoof, context: AttackContext) -> Attack:
     for name, vehicle in (("vehicle", params.vehicle), ("on", params.on)):
         if vehicle is not None:
             check_vehicle(context, name, vehicle)
-    below_m = context.city.height_at(*params.at[:2]) if context.city is not None else 0.0
-    place = params.transmitter_m or (params.at[0], params.at[1], below_m + MAST_M)
+    place = place_transmitter(context, params.transmitter_m, params.at)
     forger = Forger(
         identities=_identities(params, context),
         places=_places(params, context),
