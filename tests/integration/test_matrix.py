@@ -67,6 +67,9 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert mode.best_adaptive is not None
     assert sum(mode.best_adaptive.effects) >= max(sum(mode.effects), *(sum(one.effects) for one in mode.adaptive))
     loiter = mode.adaptive[1]
+    tried = load_pair(tmp_path / "small" / loiter.folder)
+    assert (tried.arms, tried.baseline, loiter.nominal) == (["sham", "attacked"], "sham", [])
+    assert "in the sham run" in tried.report.read_text(encoding="utf-8")
     assert "LOITER" in loiter.candidate
     assert loiter.alarms_s[0] is not None  # not on the list of modes
     assert describe_cell(result, matrix.rows[0], "firewall").adaptive == "non-adaptive"

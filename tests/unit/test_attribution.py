@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from skyrange.attack.contract import Counterfactual
 from skyrange.cli.options import Arms
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
@@ -82,7 +83,7 @@ def test_each_attack_has_its_own_counterfactual(scenario: Scenario) -> None:
 @pytest.mark.parametrize(
     ("count", "selection", "arms", "unknown"),
     [(1, None, 3, 0), (3, None, 9, 0), (4, None, 17, 0), (5, None, 13, 20), (5, "subsets", 33, 0), (2, "each", 5, 0),
-     (3, "nominal", 2, 6), (3, "sham", 3, 6)],
+     (3, "nominal", 2, 6), (3, "sham", 3, 6), (3, "baseline", 2, 6)],
 )  # fmt: skip
 def test_the_number_of_runs(count: int, selection: str | None, arms: int, unknown: int) -> None:
     planned = plan_arms(dict.fromkeys("abcdefg"[:count], "sham"), selection)  # type: ignore[arg-type]
@@ -90,12 +91,19 @@ def test_the_number_of_runs(count: int, selection: str | None, arms: int, unknow
     assert unknown_subsets({arm.name: sorted(arm.active) for arm in planned}) == unknown
 
 
+@pytest.mark.parametrize(("state", "baseline"), [("sham", "sham"), ("mute", "nominal")])
+def test_the_baseline_may_be_the_only_other_arm(state: Counterfactual, baseline: str) -> None:
+    planned = plan_arms({"one": state}, "baseline")
+    assert planned == [Arm(baseline), Arm("attacked", frozenset({"one"}))]
+    assert baseline_of({"one": state}, planned) == baseline
+
+
 def test_a_sham_that_equals_the_nominal_run_is_not_run() -> None:
     planned = plan_arms({"noise": "mute"})
     assert planned == [Arm("nominal"), Arm("attacked", frozenset({"noise"}))]
     assert baseline_of({"noise": "mute"}, planned) == "nominal"
     assert baseline_of({"ghost": "sham"}, planned) is None
-    with pytest.raises(InputError, match="expected one of nominal, sham, each, subsets"):
+    with pytest.raises(InputError, match="expected one of baseline, nominal, sham, each, subsets"):
         plan_arms({}, "all")  # type: ignore[arg-type]
 
 

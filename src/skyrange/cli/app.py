@@ -111,9 +111,9 @@ def pair(
         Arms | None,
         typer.Option(
             metavar="WHICH",
-            help="The runs to compare: nominal, with all attacks and with all muted; sham, also with their shams; "
-            "each, also each attack alone and each left out; subsets, every subset of the attacks. Default: subsets "
-            "with up to four attacks, else each.",
+            help="The runs to compare: nominal, with all attacks and with all muted; baseline, with all and with their "
+            "shams, or muted where they have none; sham, all three; each, also each attack alone and each left out; "
+            "subsets, every subset of the attacks. Default: subsets with up to four attacks, else each.",
         ),
     ] = None,
     seeds: Annotated[

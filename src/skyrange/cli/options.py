@@ -47,6 +47,7 @@ Buildings = Annotated[
 class Arms(StrEnum):
     """Which runs `skyrange pair` compares: the values of `attribution.arms.Selection`."""
 
+    BASELINE = "baseline"
     NOMINAL = "nominal"
     SHAM = "sham"
     EACH = "each"

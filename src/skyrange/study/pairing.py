@@ -82,7 +82,8 @@ def pair(
     """Run a scenario with its attacks and faults and with all of them muted: `skyrange pair` in Python.
 
     `scenario`, `seed`, `buildings` and `changes` are those of `skyrange.run`. `out` defaults to the first free folder
-    of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `nominal` (attacked and nominal), `sham` (the
+    of `runs/NAME-pair`, `runs/NAME-pair-2` … `arms` selects the runs: `baseline` (attacked and the run
+    that its effects are measured against), `nominal` (attacked and nominal), `sham` (the
     sham as well), `each` (each attack alone and each left out as well) or `subsets` (every subset of the attacks); the
     default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
     seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims

@@ -76,15 +76,15 @@ def print_pair(result: Pair) -> None:
 
 
 def _print_defences(console: Console, result: Pair) -> None:
-    """Print what each defence did in the attacked run of the first seed, and its alarms in the nominal one."""
+    """Print what each defence did in the attacked run of the first seed, and its alarms in the twin."""
     from skyrange.study.measures.defence_acts import read_defences
 
     seed = result.seeds[0]
-    false_alarms = {one.id: one.alarms for one in read_defences(result.run("nominal", seed))}
+    false_alarms = {one.id: one.alarms for one in read_defences(result.run(result.twin, seed))}
     for one in read_defences(result.run("attacked", seed)):
         acts = ", ".join(f"{count} {action}" for action, count in sorted(one.acts.items())) or "no act"
         first = "" if one.first_alarm_s is None else f", the first at {one.first_alarm_s:.2f} s"
-        twin = f"{false_alarms.get(one.id, 0)} in the nominal run"
+        twin = f"{false_alarms.get(one.id, 0)} in the {result.twin} run"
         console.print(f"defence {one.id}: {acts}; {one.alarms} alarms{first}; {twin}", markup=False)
 
 

@@ -22,8 +22,9 @@ from skyrange.attack.contract import Counterfactual
 from skyrange.core.errors import InputError
 from skyrange.scenario.model.scenario import Scenario
 
-Selection = Literal["nominal", "sham", "each", "subsets"]
-"""Which arms are run: attacked and nominal; sham as well; each attack alone and each left out as well; all subsets."""
+Selection = Literal["baseline", "nominal", "sham", "each", "subsets"]
+"""Which arms are run: attacked and its baseline; attacked and nominal; sham as well; each attack alone and each left
+out as well; all subsets."""
 
 SELECTIONS: Final[tuple[Selection, ...]] = get_args(Selection)
 MAX_SUBSETS_OF: Final = 4
@@ -74,15 +75,16 @@ def plan_arms(
 
     Without `selection`: every subset of up to `MAX_SUBSETS_OF` attacks, of more each alone and each left out. Where all
     counterfactuals are muted the sham arm would equal the nominal one and is not run. With `honest` that arm is the
-    last.
+    last. With "baseline" the only other arm is the one with which effects are compared.
     """
     chosen = selection or ("subsets" if len(attacks) <= MAX_SUBSETS_OF else "each")
     if chosen not in SELECTIONS:
         raise InputError.one("pair", "arms", chosen, f"one of {', '.join(SELECTIONS)}")
     ids = sorted(attacks)
     everything = frozenset(ids)
-    arms = [Arm(NOMINAL), Arm(ATTACKED, everything)]
-    if chosen != "nominal" and "sham" in attacks.values():
+    lies = "sham" in attacks.values()
+    arms = [Arm(SHAM if chosen == "baseline" and lies else NOMINAL), Arm(ATTACKED, everything)]
+    if chosen in ("sham", "each", "subsets") and lies:
         arms.append(Arm(SHAM))
     if chosen == "each":
         sizes: Sequence[int] = (1, len(ids) - 1)

@@ -77,7 +77,9 @@ def attribute(
     """
     names = {arm.name for arm in arms}
     placebos = (
-        [distances(outcomes_of(SHAM, seed), outcomes_of(NOMINAL, seed)) for seed in seeds] if SHAM in names else []
+        [distances(outcomes_of(SHAM, seed), outcomes_of(NOMINAL, seed)) for seed in seeds]
+        if {SHAM, NOMINAL} <= names
+        else []
     )
     rows: list[dict[str, Any]] = []
     for seed in seeds:

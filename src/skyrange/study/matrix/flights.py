@@ -50,7 +50,8 @@ class Task:
 
     def fly(self) -> Cell:
         """Fly it as a pair in this process, and measure it."""
-        arms: Selection = "sham" if "sham" in acting_attacks(self.scenario).values() else "nominal"
+        lies = "sham" in acting_attacks(self.scenario).values()
+        arms: Selection = "baseline" if self.candidate else "sham" if lies else "nominal"
         flown = pair(self.scenario, self.folder, arms=arms, seeds=self.seeds, jobs=1, honest=self.honest)
         detectors = [table.id for table in self.scenario.defences if not table.muted]
         cell = Cell(

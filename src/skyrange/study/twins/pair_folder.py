@@ -54,6 +54,11 @@ class Pair:
         return [arm for arm in self.arms if arm in (NOMINAL, SHAM)]
 
     @property
+    def twin(self) -> str:
+        """The arm that the attacked run is drawn beside: nominal, or the sham where that alone was run."""
+        return self.twins[0]
+
+    @property
     def faults(self) -> list[str]:
         """The ids of the benign faults that act in the attacked run; the other authors are attacks."""
         return list(self.manifest.get("faults", ()))

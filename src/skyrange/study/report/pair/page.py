@@ -50,13 +50,13 @@ def write_comparison(pair: Pair, path: Path) -> Path:
 def render_comparison(pair: Pair) -> str:
     """The page as text."""
     seed = pair.seeds[0]
-    attacked, twin = pair.run("attacked", seed), pair.run("nominal", seed)
+    attacked, twin = pair.run("attacked", seed), pair.run(pair.twin, seed)
     subject = subject_of(attacked)
     tracks, twins = truth_tracks(attacked), truth_tracks(twin)
     events = read_notes(attacked, "events")
     propagation = [row for row in pair.propagation.to_pylist() if row["seed"] == seed]
     effects = pair.effects.to_pylist()
-    own = [row for row in effects if row["seed"] == seed and row["against"] == "nominal"]
+    own = [row for row in effects if row["seed"] == seed and row["against"] == pair.twin]
     affected = _affected(own)
     shown = affected[:MAX_DRAWN] or [vehicle.id for vehicle in subject.fleet[:MAX_DRAWN]]
     spans = _spans(events, attacked.duration)
@@ -86,6 +86,7 @@ def render_comparison(pair: Pair) -> str:
         steps=propagation_timeline.render_steps(subject, propagation),
         causal_path=draw_causal_path(causes) if causes.steps else None,
         seed=seed,
+        twin=pair.twin,
         near=f"{pair.manifest['near_m']:g}",
         attribution=describe_attribution(pair, subject, seed),
         effects=[_effects(subject, effects, seed, arm) for arm in pair.twins],
@@ -115,16 +116,16 @@ def _defences(attacked: RunRecord, twin: RunRecord) -> list[dict[str, Any]]:
 
 
 def draw_pair_plan(pair: Pair) -> Figure:
-    """Plan view of the attacked run and its nominal twin, of the pair's first seed."""
+    """Plan view of the attacked run and its twin, of the pair's first seed."""
     seed = pair.seeds[0]
     attacked = pair.run("attacked", seed)
     tracks, events = truth_tracks(attacked), read_notes(attacked, "events")
-    own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == "nominal"]
+    own = [row for row in pair.effects.to_pylist() if row["seed"] == seed and row["against"] == pair.twin]
     spans = _spans(events, attacked.duration)
     return draw_twin_plan(
         subject_of(attacked),
         tracks,
-        truth_tracks(pair.run("nominal", seed)),
+        truth_tracks(pair.run(pair.twin, seed)),
         _affected(own),
         _places(attacked),
         find_mishaps(events, tracks),
