@@ -145,6 +145,16 @@ def test_bad_input_is_named_before_the_run() -> None:
     assert "operators.green.vehicles.g1.remote_id.auth: drip — expected a radio medium" in refused(data)
     data = table(start_utc="2018-06-01T00:00:00Z")
     assert "start_utc" in refused(data)
+    defence = {"id": "signatures", "kind": "remote_id.drip", "params": {"vehicles": ["green/g1", "blue/b1"]}}
+    twice = "defences.signatures.params.vehicles: green/g1 — expected aircraft without remote_id.verify"
+    assert twice in refused(table(defences=[defence]))
+    load_data(table(defences=[{**defence, "muted": True}]))
+    load_data(table(defences=[{**defence, "params": {"vehicles": ["blue/b1"]}}]))
+    data = table(start_utc="2018-06-01T00:00:00Z", defences=[{**defence, "params": {"vehicles": ["blue/b1"]}}])
+    for operator in data["operators"]:
+        operator.pop("remote_id", None)
+    data["radio"] = {}
+    assert "start_utc" in refused(data)
     for bad, named in (
         ({"auth": "drip", "transports": []}, "remote_id.auth: drip — expected a transport"),
         ({"auth": "drip", "uas_id": "SKYRF123456789ABCDEF"}, "remote_id.uas_id"),

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
+    from skyrange.remoteid.drip.registry import Anchor
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -72,6 +73,11 @@ class GroundReceiver:
     place: Place
 
 
+def no_anchors(authorities: str) -> Sequence[Anchor]:
+    """The anchors of a context that has none."""
+    return ()
+
+
 @dataclass(frozen=True, slots=True)
 class AttackContext:
     """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
@@ -101,6 +107,8 @@ class AttackContext:
     attack has to send each aircraft's broadcasts on the `rid_up` link of that claim's radio."""
     signed: Sequence[str] = ()
     """The operators whose station and aircraft sign their MAVLink, as a flag in each frame tells."""
+    anchors: Callable[[str], Sequence[Anchor]] = no_anchors
+    """The public DRIP keys that receivers hold before the flight, by `authorities` of `remoteid.drip.settings`."""
 
     @property
     def radio(self) -> str:

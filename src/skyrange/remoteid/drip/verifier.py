@@ -49,7 +49,7 @@ class VerdictChange(NamedTuple):
         """What the record says of it."""
         return {
             "address": f"{self.address:012x}",
-            "tag": _printable(self.tag),
+            "tag": printable_tag(self.tag),
             "state": str(self.state),
             "was": str(self.was or ""),
             "first_s": to_seconds(self.first_ns),
@@ -188,7 +188,8 @@ class Verifier:
         sender.state = track.state
 
 
-def _printable(tag: bytes | None) -> str:
+def printable_tag(tag: bytes | None) -> str:
+    """A tag as the IPv6 address that it is; "" for none."""
     if tag is None:
         return ""
     try:
