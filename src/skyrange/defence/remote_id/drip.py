@@ -3,31 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 from pydantic import Field
 
 from skyrange.codec.drip import parse_session_id
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, decode, printable_id
-from skyrange.codec.remote_id.link_payload import RidHeader, unpack
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.verdicts import Verdict
+from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.errors import DecodeError, InputError
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected
 from skyrange.defence.remote_id.receptions import Finding, Held, OwnAircraft, Reader, Sender, defend, refuse
-from skyrange.remoteid.drip.policy import Verification, accepts
+from skyrange.remoteid.broadcast_profiles import sender_address
+from skyrange.remoteid.drip.policy import Verification
 from skyrange.remoteid.drip.settings import Authorities, ClockError, VerificationRate
-from skyrange.remoteid.drip.verdicts import Track, Trust
+from skyrange.remoteid.drip.verdicts import Judged, Trust
 from skyrange.remoteid.drip.verifier import Verifier, printable_tag
 
 REFUSED: Final = "drip.refused"
 REPLAYED: Final = "drip.replayed"
 CONTRADICTED: Final = "drip.contradicted"
 UNSIGNED: Final = "drip.unsigned"
+OWN: Final = "drip.own"
 _ALARMS: Final = {
     Trust.REFUSED: REFUSED,
     Trust.REPLAYED: REPLAYED,
@@ -62,35 +64,48 @@ class SignatureJudge:
     """Verifies what one aircraft hears, and finds what it is not to act on."""
 
     vehicle: str
+    address: bytes
+    """Of its own broadcasts."""
+    uas_id: str
+    """Of its own broadcasts. A radio does not receive itself, so what has this address or id is a copy or a lie."""
     verification: Verification
     verifier: Verifier
     alarm: Alarm
     heard: Held = field(default_factory=Held)
     """Of each address, by a `Sender` without an id: when it was first and last heard."""
 
-    def judge(
-        self, now: Time, own: OwnAircraft, sender: Sender, header: RidHeader, body: bytes, frame: Frame
-    ) -> list[Verdict]:
-        """Verify a broadcast; drop it if it has a Location or a Basic ID, and its sender is not believed.
+    def judge(self, now: Time, own: OwnAircraft, reader: Reader, frame: Frame) -> Sequence[Verdict]:
+        """Verify a broadcast; drop it if it has a Location or a Basic ID, and is not to be acted on.
 
-        What has neither makes no track: authentication pages pass.
+        What has neither makes no track: authentication pages pass. Of an address that several use, the newest Location
+        that is verified by a broadcast is handed on in its place.
         """
+        read = reader.read(frame.payload)
+        if read is None:
+            return ()
+        (header, body), (sender, claim) = unpack(frame.payload), read
         self.verifier.set_clock(0, now, own.clock_us(now))
-        self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
+        judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
         verdicts: list[Verdict] = [
             Note("event.remote_id_trust", self.vehicle, change.data, () if change.cause is None else (change.cause,))
             for change in self.verifier.changes()
         ]
         heard_s = self._listen(now, header.address)
-        if not _makes_track(body):
-            return verdicts
-        track = self.verifier.track(0, int.from_bytes(header.address, "big"), now)
-        trust = Trust.NONE if track is None else track.state
-        if accepts(self.verification.acceptance, trust):
-            return verdicts
-        finding = self._find(trust, track, heard_s)
-        shown = sender._replace(uas_id=printable_id(sender.uas_id))
-        return [*verdicts, *refuse(now, self.alarm, shown, finding)]
+        identities = _identities(body)
+        if identities is not None:
+            finding = self._find(now, header.address, identities, judged, heard_s)
+            if finding is not None:
+                if finding.kind == REPLAYED and claim is not None and claim.failing:
+                    # an honest one whose Remote ID fails repeats its last position (F3411-22a, status 4)
+                    finding = replace(finding, kind="")
+                shown = sender._replace(uas_id=printable_id(sender.uas_id))
+                verdicts += refuse(now, self.alarm, shown, finding)
+        for one, heard_ns in self.verifier.release(0, now, judged):
+            address = one.address.to_bytes(6, "big")
+            if address != self.address and self.uas_id not in (_identities(one.body) or ()):
+                again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), one.body)
+                verdicts.append(Inject(again, "fwd", frame.src, frame.dst))
+        return verdicts
 
     def _listen(self, now: Time, address: bytes) -> float:
         """For how long a sender has been heard, in seconds."""
@@ -100,13 +115,24 @@ class SignatureJudge:
         self.heard.put(who, (first, now))
         return float(now - first) / NS_PER_S
 
-    def _find(self, trust: Trust, track: Track | None, heard_s: float) -> Finding:
-        kind = _ALARMS.get(trust, "")
+    def _find(
+        self, now: Time, address: bytes, identities: Sequence[str], judged: Judged, heard_s: float
+    ) -> Finding | None:
+        """Why a broadcast is not to be acted on; `None` if it is."""
+        number = int.from_bytes(address, "big")
+        track = self.verifier.track(0, number, now)
+        trust = Trust.NONE if track is None else track.state
+        tag = printable_tag(None if track is None else track.tag)
+        data = (("tag", tag), ("state", str(trust)))
+        if address == self.address or self.uas_id in identities:
+            return Finding(OWN, 1.0, data)
+        if self.verifier.acts_on(0, number, now, judged):
+            return None
+        kind = REPLAYED if judged.is_replayed else _ALARMS.get(trust, "")
         # an honest aircraft signs something every 5 s (RFC 9575, 6.3), and some of it is lost
         if kind == UNSIGNED and (track is None or heard_s < self.verification.judges.fresh_s):
             kind = ""
-        tag = printable_tag(None if track is None else track.tag)
-        return Finding(kind, 1.0, (("tag", tag), ("state", str(trust))))
+        return Finding(kind, 1.0, data)
 
 
 @dataclass(slots=True)
@@ -119,23 +145,19 @@ class SignatureTap(DefenceTap):
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Decide on a broadcast."""
-        if frame.direction != "fwd":
-            return ()
-        read = self.reader.read(frame.payload)
-        if read is None:
-            return ()
-        header, body = unpack(frame.payload)
-        return self.by.judge(now, self.own, read[0], header, body, frame)
+        return self.by.judge(now, self.own, self.reader, frame) if frame.direction == "fwd" else ()
 
 
-def _makes_track(body: bytes) -> bool:
-    """Whether a companion makes or changes a track of it."""
+def _identities(body: bytes) -> list[str] | None:
+    """The UAS IDs in a broadcast; `None` if it has neither these nor a Location, so that no track is made of it."""
     try:
         message = decode(body)
     except DecodeError:
-        return False
+        return None
     parts = message.messages if isinstance(message, MessagePack) else (message,)
-    return any(isinstance(part, (BasicId, Location)) for part in parts)
+    if not any(isinstance(part, (BasicId, Location)) for part in parts):
+        return None
+    return [part.uas_id for part in parts if isinstance(part, BasicId)]
 
 
 def make(params: DripRules, context: DefenceContext) -> Defence:
@@ -148,7 +170,17 @@ def make(params: DripRules, context: DefenceContext) -> Defence:
     verification = Verification.of(
         context.anchors(params.authorities), params.policy, params.clock_error_s, params.verifications_per_s
     )
-    judges = [SignatureJudge(vehicle, verification, Verifier([verification]), Alarm(vehicle)) for vehicle in vehicles]
+    judges = [
+        SignatureJudge(
+            vehicle,
+            sender_address(vehicle),
+            context.vehicles[vehicle].uas_id,
+            verification,
+            Verifier([verification]),
+            Alarm(vehicle),
+        )
+        for vehicle in vehicles
+    ]
     made = defend(vehicles, context, judges, "verification of Remote ID", SignatureTap)
     signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
     if not signs and params.policy != "ignore-forged":
@@ -165,8 +197,9 @@ DRIP = DefencePlugin(
     surface=("rid_down",),
     place="the companion's ends of rid_down and rid_data; knows the broadcasts received, the keys of authorities, and "
     "UTC from its autopilot",
-    effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them",
-    alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED),
+    effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them; of an address that "
+    "several use, it hands on the newest verified Location alone",
+    alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED, OWN),
     against=("remote_id.spoof", "remote_id.replay"),
     evasion="relays in real time, or signs lies with a registered key",
     cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
