@@ -14,12 +14,13 @@ from skyrange.codec.drip import EntityTag, since_2019_s
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_S, Time, to_seconds
+from skyrange.core.time import NS_PER_S, NS_PER_US, Time, to_seconds
 from skyrange.remoteid.drip.observed_sender import is_located
 from skyrange.remoteid.drip.observer import Observer
 from skyrange.remoteid.drip.policy import Acceptance, Verification, accepts
 from skyrange.remoteid.drip.verdicts import Judged, Track, Trust, Verified
 
+_US_PER_S: Final = NS_PER_S // NS_PER_US
 MAX_EARLY: Final = 256
 """Broadcasts that a receiver holds until its clock is set; the oldest make room."""
 MAX_TOLD: Final = 256
@@ -180,7 +181,8 @@ class Verifier:
         if clock_s is None:
             return []
         return [
-            (one, now - max(0, round((clock_s - one.heard_s) * NS_PER_S)))
+            # to the µs, which is more than seconds since 2019 resolve
+            (one, now - max(0, round((clock_s - one.heard_s) * _US_PER_S)) * NS_PER_US)
             for one in newest.values()
             if self.trust(row, one.address, now) is Trust.CONTRADICTED
         ]
