@@ -455,6 +455,17 @@ def test_forged_messages_take_no_verified_message_away() -> None:
     assert said <= {location(step) for step in range(60)}
 
 
+def test_a_basic_id_of_another_under_the_address_refuses_no_manifest() -> None:
+    air = Air()
+    for step in range(7):
+        air.second(step)
+    air.frame(identity(REGISTRY.register("somebody").identity.tag), T0 + 7)
+    for page in air.sender.make(Kind.MANIFEST, T0 + 7):
+        air.frame(encode(page), T0 + 7.1, counter=200)
+    assert air.state(7.2) == Trust.VERIFIED
+    assert not air.observer.counts
+
+
 def test_a_registered_aircraft_that_signs_under_the_address_of_another() -> None:
     """Its Manifests do not hide that Locations are forged: an address with two signers is contradicted."""
     air, insider = Air(), REGISTRY.register("insider")
