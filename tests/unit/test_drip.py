@@ -455,6 +455,32 @@ def test_forged_messages_take_no_verified_message_away() -> None:
     assert said <= {location(step) for step in range(60)}
 
 
+def test_an_aircraft_whose_manifests_are_lost_while_others_repeat_its_old_ones() -> None:
+    """It is stale, not replayed: who disbelieves what is forged still hears its new messages."""
+    air, states = Air(), []
+    for step in range(100):
+        old = [entry for entry in air.sent if T0 + step - 20.0 <= entry[0] < T0 + step - 19.0]
+        for _, counter, body in old:
+            air.frame(body, T0 + step, counter=counter)
+            air.sent.pop()
+        air.second(step, lose=frozenset({Kind.MANIFEST}) if step >= 25 else frozenset())
+        states.append(air.state(step + 0.9))
+    assert states[2:30] == [Trust.VERIFIED] * 28  # and 15 s from the last Manifest on
+    assert states[40:] == [Trust.STALE] * 60
+
+
+def test_old_messages_of_an_aircraft_that_cannot_be_verified_yet() -> None:
+    air = Air(rates=REQUIRED._replace(apex_raa_s=math.inf))
+    for step in range(40):
+        old = [entry for entry in air.sent if T0 + step - 20.0 <= entry[0] < T0 + step - 19.0]
+        for _, counter, body in old:
+            assert air.frame(body, T0 + step, counter=counter).is_replayed is _is_located(body)
+            air.sent.pop()
+        assert not air.frame(location(step), T0 + step).is_replayed
+        air.second(step)
+        assert air.state(step + 0.9) == Trust.UNVERIFIED
+
+
 def test_a_basic_id_of_another_under_the_address_refuses_no_manifest() -> None:
     air = Air()
     for step in range(7):

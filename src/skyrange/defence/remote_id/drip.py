@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 from pydantic import Field
@@ -83,7 +83,7 @@ class SignatureJudge:
         read = reader.read(frame.payload)
         if read is None:
             return ()
-        (header, body), (sender, claim) = unpack(frame.payload), read
+        (header, body), (sender, _) = unpack(frame.payload), read
         self.verifier.set_clock(0, now, own.clock_us(now))
         judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
         verdicts: list[Verdict] = [
@@ -95,9 +95,6 @@ class SignatureJudge:
         if identities is not None:
             finding = self._find(now, header.address, identities, judged, heard_s)
             if finding is not None:
-                if finding.kind == REPLAYED and claim is not None and claim.failing:
-                    # an honest one whose Remote ID fails repeats its last position (F3411-22a, status 4)
-                    finding = replace(finding, kind="")
                 shown = sender._replace(uas_id=printable_id(sender.uas_id))
                 verdicts += refuse(now, self.alarm, shown, finding)
         for one, heard_ns in self.verifier.release(0, now, judged):

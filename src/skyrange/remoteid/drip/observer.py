@@ -35,6 +35,7 @@ from skyrange.codec.f3411 import (
     Location,
     MessagePack,
     MessageType,
+    Status,
     decode,
 )
 from skyrange.codec.f3411.authentication import join_pages
@@ -58,12 +59,18 @@ MAX_TRACKS: Final = 64
 """Senders followed at once, as in track tables; the one heard longest ago makes room."""
 MAX_SEEN: Final = 1024
 """Digests of messages already judged."""
+MAX_FIRST: Final = 4096
+"""Locations whose first reception is remembered, as many as hashes in `signed_messages`."""
+_HALF_HOUR_S: Final = 1800.0
+"""Times of Locations count from the full hour, so the bytes of a parked aircraft may return after one."""
+_FAILURE: Final = int(Status.REMOTE_ID_SYSTEM_FAILURE)
 
 
 class Observer:
     """A receiver that verifies. Times are seconds since 2019-01-01T00:00:00Z by its own clock, and never decrease."""
 
     __slots__ = (
+        "_first",
         "_keys",
         "_newest",
         "_policy",
@@ -82,6 +89,7 @@ class Observer:
         self._newest: dict[bytes, tuple[int, float]] = {}  # by tag: when it signed last, and when that was received
         self._seen: dict[bytes, None] = {}
         self._signed = SignedMessages()
+        self._first: dict[bytes, float] = {}  # when Locations were first received, by hash
         self._tokens = policy.verification_burst
         self._tokens_s = 0.0
         self._tracks: dict[int, ObservedSender] = {}
@@ -150,12 +158,15 @@ class Observer:
         good = track.good_s is not None
         if track.bad_s is not None and now_s - track.bad_s <= policy.memory_s:
             return Trust.CONTRADICTED if good else Trust.REFUSED
-        confirmed_s, replayed_s = track.confirmed_s, track.replayed_s
-        if confirmed_s is not None and now_s - confirmed_s <= policy.fresh_s:
-            return Trust.VERIFIED  # whoever repeats old messages under this address beside it
-        if replayed_s is not None and now_s - replayed_s <= policy.memory_s and (track.good_s or 0.0) <= replayed_s:
+        # whoever repeats old messages under an address, what was lately verified there is still the owner's
+        since_s = float("inf") if track.confirmed_s is None else now_s - track.confirmed_s
+        if since_s <= policy.fresh_s:
+            return Trust.VERIFIED
+        replayed_s = track.replayed_s
+        is_replayed = replayed_s is not None and (track.good_s or 0.0) <= replayed_s >= now_s - policy.memory_s
+        if is_replayed and since_s > policy.memory_s:
             return Trust.REPLAYED
-        if confirmed_s is not None:
+        if track.confirmed_s is not None:
             return Trust.STALE
         tag = track.tag or track.claimed
         if tag is not None and self._keys.valid(tag, now_s) is not None:
@@ -179,19 +190,25 @@ class Observer:
     ) -> bool:  # fmt: skip
         """Hold a message for a Manifest; returns whether it is replayed.
 
-        `is_timed` says whether it has a Location with a time: its sender does not repeat it.
+        `is_timed` says whether it has a Location with a time: its sender does not repeat it (RFC 9575, 9.1: it is
+        "nonce-like").
         """
         hash_ = message_hash(body)
+        first_s = now_s
+        if is_timed:
+            first_s = self._first.setdefault(hash_, now_s)
+            bound(self._first, MAX_FIRST)
         signed = self._signed.find(hash_)
         if signed is not None and now_s - signed.heard_s <= self._policy.overlap_s:
             self._confirm(address, track, signed.tag, body, now_s, now_s, found)  # repeated after its Manifest
             return False
         track.heard.setdefault(hash_, (now_s, body))
         bound(track.heard, MAX_HEARD)
-        if signed is None or not is_timed:
+        signs = track.tag is not None or bool(track.waiting)
+        is_copy = signs and self._policy.overlap_s < now_s - first_s < _HALF_HOUR_S
+        if not is_timed or (signed is None and not is_copy):
             return False
         self._count(track, Refusal.REPLAYED)
-        track.replayed_s = now_s
         return True
 
     def _confirm(
@@ -389,8 +406,11 @@ def _claims_other(body: bytes, tag: bytes) -> bool:
 
 
 def _is_timed(part: object) -> bool:
-    """Whether a message is a Location that says when it was measured."""
-    return isinstance(part, Location) and part.timestamp_s is not None
+    """Whether a message is a Location that says when it was measured.
+
+    One whose Remote ID fails repeats its last position (F3411-22a, status 4).
+    """
+    return isinstance(part, Location) and part.timestamp_s is not None and part.status != _FAILURE
 
 
 def _type_of(body: bytes) -> int:
