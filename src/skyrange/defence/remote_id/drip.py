@@ -200,7 +200,7 @@ DRIP = DefencePlugin(
     against=("remote_id.spoof", "remote_id.replay"),
     evasion="relays in real time, or signs lies with a registered key",
     cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
-    "have to send signatures",
+    "have to sign, and the default policy ignores those that do not",
     nominal=("drop",),
     realism={"keys": "simulated: of a registry of the range's own", "clocks": "simulated: those of autopilots"},
 )

@@ -207,7 +207,10 @@ class Companion:
                 continue
             kept[place] = verifier.acts_on(row, int.from_bytes(address, "big"), at_ns, judged)
             for verified, heard_ns in verifier.release(row, at_ns, judged):
-                header = RidHeader(rid.transport.item(place), address=verified.address.to_bytes(6, "big"))
+                sender = verified.address.to_bytes(6, "big")
+                if sender == self._own_addresses[row]:
+                    continue
+                header = RidHeader(rid.transport.item(place), address=sender)
                 rows = unpack_rows(Payloads.of([pack(header, verified.body)]))
                 one = slice(place, place + 1)
                 released.append(
