@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.model.radio import Radio, Receiver
+from skyrange.scenario.model.radio import Radio, Receiver, RemoteId
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing import check_defence
 from skyrange.testing.checks.attacks import two_squares
@@ -20,6 +20,16 @@ def squares_on_air(duration_s: float) -> Scenario:
     """Two aircraft with Remote ID and three ground receivers of blue's."""
     receivers = tuple(Receiver(id=name, operator="blue", place=place) for name, place in PLACES.items())
     return two_squares(duration_s).model_copy(update={"radio": Radio(receivers=receivers)})
+
+
+def signed_squares(duration_s: float) -> Scenario:
+    """The same, and both aircraft sign their Remote ID."""
+    scenario, signs = squares_on_air(duration_s), {"remote_id": RemoteId(auth="drip")}
+    operators = [
+        one.model_copy(update={"vehicles": tuple(vehicle.model_copy(update=signs) for vehicle in one.vehicles)})
+        for one in scenario.operators
+    ]
+    return scenario.model_copy(update={"operators": tuple(operators)})
 
 
 def _spoof(start_s: float, **params: Any) -> dict[str, Any]:
@@ -44,6 +54,24 @@ def test_shipped_defences_conform(
     name: str, params: Mapping[str, Any], duration_s: float, attack: Mapping[str, Any], acts: Collection[str]
 ) -> None:
     check_defence(name, params, attack, scenario=squares_on_air, duration_s=duration_s, acts=acts)
+
+
+@pytest.mark.parametrize("attack", [HOVER | {"start_s": 2.0}, ECHO], ids=["unsigned", "old"])
+def test_verification_of_signatures_conforms(attack: Mapping[str, Any]) -> None:
+    """Drops are nominal: a sender is not believed before its first signature."""
+    params = {"authorities": "all"}
+    check_defence("remote_id.drip", params, attack, scenario=signed_squares, duration_s=20.0, acts=False)
+
+
+def test_signatures_are_verified_where_somebody_signs_and_only_once() -> None:
+    def refused(params: Mapping[str, Any], scenario: Callable[[float], Scenario]) -> str:
+        with pytest.raises(InputError) as caught:
+            check_defence("remote_id.drip", params, HOVER, scenario=scenario, duration_s=2.0)
+        return str(caught.value)
+
+    assert "radio" in refused({}, two_squares)
+    assert "policy: ignore-unsigned — expected an aircraft that signs" in refused({}, squares_on_air)
+    assert "clock_error_s" in refused({"clock_error_s": 121}, signed_squares)
 
 
 def test_without_a_medium_there_is_nothing_to_defend() -> None:

@@ -18,7 +18,8 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
 from skyrange.remoteid.broadcast_profiles import sender_address
-from skyrange.scenario.toml_reader import load_data
+from skyrange.scenario.shipped import FOLDER
+from skyrange.scenario.toml_reader import load_data, parse_toml
 from skyrange.study.measures.time_series import read_notes
 from skyrange.study.runs import fly
 from tests.drip_range import broadcasts, flown, table
@@ -123,14 +124,38 @@ def test_keys_of_an_unknown_registry_are_not_verified(tmp_path: Path) -> None:
     assert states(record, RED, GREEN)[-1] == "unverified"
 
 
-@pytest.mark.parametrize(("delay_s", "state"), [(0.1, "message verified"), (20.0, "contradicted")])
-def test_a_replay_is_told_from_a_relay(delay_s: float, state: str, tmp_path: Path) -> None:
-    """A relay in real time is what DRIP cannot see; old messages under the same address contradict the new ones."""
+@pytest.mark.parametrize("delay_s", [0.1, 20.0])
+def test_a_replay_leaves_its_victim_verified(delay_s: float, tmp_path: Path) -> None:
+    """A relay in real time is what DRIP cannot see; old messages under the same address discredit no new ones."""
     params = {"transmitter_m": [20, -10, 2], "delay_s": delay_s}
     attack = {"id": "replay", "kind": "remote_id.replay", "params": params}
     record = flown(tmp_path / "run", duration_s=45.0, attacks=[attack])
     for observer in (RED, "green"):
-        assert states(record, observer, GREEN)[-1] == state
+        assert states(record, observer, GREEN)[-1] == "message verified"
+        assert "contradicted" not in states(record, observer, GREEN)
+
+
+@pytest.mark.parametrize("form", ["acting", "muted", "setting"])
+def test_an_aircraft_does_not_avoid_where_another_was(form: str, tmp_path: Path) -> None:
+    """20 s old broadcasts of green say that it is in blue's way; they carry its address and its signatures."""
+    data = parse_toml((FOLDER / "defences" / "remote_id.replay.toml").read_text(encoding="utf-8"))
+    for operator in data["operators"]:
+        operator["remote_id"] = {"auth": "drip"}
+    defence = {"id": "signatures", "kind": "remote_id.drip", "params": {"vehicles": ["blue/b1"], "authorities": "all"}}
+    data |= {"duration_s": 60.0, "defences": [{**defence, "muted": form == "muted"}]}
+    if form == "setting":
+        data["defences"] = []
+        data["operators"][1]["remote_id"]["verify"] = {"policy": "ignore-unsigned", "authorities": "all"}
+    record = fly(load_data(data), tmp_path / "run", report=False)
+    avoided = [row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.avoid"]
+    assert bool(avoided) is (form == "muted")
+    if form == "acting":
+        alerts = record.table("alerts").to_pylist()
+        assert {row["kind"] for row in alerts} == {"drip.replayed", "drip.own"}
+        assert 30.0 <= min(row["time_ns"] for row in alerts) / NS_PER_S <= 32.0
+    if form != "muted":
+        assert states(record, "blue/b1", GREEN)[-1] == "message verified"  # the genuine aircraft is believed
+        assert "contradicted" not in states(record, "blue/b1", GREEN)
 
 
 def refused(data: dict[str, Any]) -> str:
@@ -144,6 +169,16 @@ def test_bad_input_is_named_before_the_run() -> None:
     del data["radio"]
     assert "operators.green.vehicles.g1.remote_id.auth: drip — expected a radio medium" in refused(data)
     data = table(start_utc="2018-06-01T00:00:00Z")
+    assert "start_utc" in refused(data)
+    defence = {"id": "signatures", "kind": "remote_id.drip", "params": {"vehicles": ["green/g1", "blue/b1"]}}
+    twice = "defences.signatures.params.vehicles: green/g1 — expected aircraft without remote_id.verify"
+    assert twice in refused(table(defences=[defence]))
+    load_data(table(defences=[{**defence, "muted": True}]))
+    load_data(table(defences=[{**defence, "params": {"vehicles": ["blue/b1"]}}]))
+    data = table(start_utc="2018-06-01T00:00:00Z", defences=[{**defence, "params": {"vehicles": ["blue/b1"]}}])
+    for operator in data["operators"]:
+        operator.pop("remote_id", None)
+    data["radio"] = {}
     assert "start_utc" in refused(data)
     for bad, named in (
         ({"auth": "drip", "transports": []}, "remote_id.auth: drip — expected a transport"),

@@ -36,7 +36,8 @@ ON_LINKS: list[Variant] = [
     ("parameter.watch", 'at = "companion"'),
 ]
 ON_BROADCASTS: list[Variant] = [
-    (kind, "") for kind in ("remote_id.appearance", "remote_id.motion", "remote_id.replay", "remote_id.signal")
+    (kind, "")
+    for kind in ("remote_id.appearance", "remote_id.drip", "remote_id.motion", "remote_id.replay", "remote_id.signal")
 ]
 SHARED = {"control_link.channel_change": ON_LINKS, "remote_id.ground": ON_BROADCASTS}
 """Kinds that are about the links or the receivers of all aircraft, and what they share them with."""
@@ -65,7 +66,8 @@ def scenario(count: int, channel: str, more: str, radio: bool = False) -> str:
     )
     head = f'name = "pairs"\nseed = 5\nduration_s = {SECONDS}\norigin = [47.3977, 8.5456]\n'
     head += f"[radio]\n{RECEIVERS}" if radio else ""
-    return f'{head}[[links]]\nmatch = "gcs:*"\n{channel}[[operators]]\nid = "blue"\n{fleet}{more}'
+    signs = 'remote_id = { auth = "drip" }\n' if radio else ""
+    return f'{head}[[links]]\nmatch = "gcs:*"\n{channel}[[operators]]\nid = "blue"\n{signs}{fleet}{more}'
 
 
 def declare(number: int, place: str, variant: Variant) -> str:

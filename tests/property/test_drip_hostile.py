@@ -23,7 +23,7 @@ from skyrange.remoteid.drip.observer import MAX_TRACKS, Observer
 from skyrange.remoteid.drip.registry import Registry
 from skyrange.remoteid.drip.schedule import Kind
 from skyrange.remoteid.drip.sender import Sender
-from skyrange.remoteid.drip.verdicts import Policy, Trust
+from skyrange.remoteid.drip.verdicts import Judged, Policy, Trust
 
 T0 = 220_000_000
 REGISTRY = Registry.of_seed(1, T0 - 10, T0 + 1000)
@@ -100,7 +100,7 @@ def test_an_observer_survives_anything(heard: list[tuple[int, int, bytes, int]])
     now_s = float(T0)
     for address, counter, body, later in heard:
         now_s += later / 10
-        assert observer.receive(address, counter, body, now_s) == ()
+        assert observer.receive(address, counter, body, now_s) == Judged()
     tracks = observer.tracks(now_s)
     assert len(tracks) <= MAX_TRACKS
     assert all(track.state not in (Trust.VERIFIED, Trust.STALE, Trust.CONTRADICTED) for track in tracks)

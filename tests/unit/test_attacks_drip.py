@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,7 +33,7 @@ from skyrange.radio.phy.waveforms import OFDM, airtime_ns
 from skyrange.remoteid.broadcast_profiles import sender_address
 from skyrange.remoteid.drip.observer import Observer
 from skyrange.remoteid.drip.policy import Acceptance, accepts
-from skyrange.remoteid.drip.registry import Registration, Registry
+from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
 from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verdicts import Policy, Refusal, Trust
 from tests.unit.test_attack_remote_id import ORIGIN, made, place, sent
@@ -50,8 +50,6 @@ VICTIM = "red/r1"
 class Keys:
     """Keys of one range, of which `VICTIM` signs and nobody else."""
 
-    apex_tag: bytes = RANGE.apex.tag
-
     def registered(self, name: str) -> Registration:
         return RANGE.register(name)
 
@@ -62,11 +60,17 @@ class Keys:
         return RANGE.register(vehicle) if vehicle == VICTIM else None
 
 
+def known_keys(authorities: str) -> Sequence[Anchor]:
+    return RANGE.anchors if authorities == "apex" else RANGE.known
+
+
 def context(sham: bool = False, stop: Time = NEVER) -> AttackContext:
     tag = RANGE.register(VICTIM).identity.tag
     vehicles = {VICTIM: Aircraft((0.0, 0.0, 0.0), session_id(tag)), "blue/b1": Aircraft((9.0, 0.0, 0.0), "BLUE")}
     schedule = Schedule(2 * S, stop)
-    return AttackContext("x", vehicles, [], ORIGIN, EPOCH, Chance(3), 60 * S, schedule, sham, keys=Keys())
+    return AttackContext(
+        "x", vehicles, [], ORIGIN, EPOCH, Chance(3), 60 * S, schedule, sham, keys=Keys(), anchors=known_keys
+    )
 
 
 def bodies(payloads: list[tuple[Time, bytes]]) -> Iterator[tuple[float, RidHeader, bytes]]:

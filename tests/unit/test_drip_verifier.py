@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -151,3 +152,51 @@ def _first(body: bytes) -> object:
     message = decode(body)
     assert isinstance(message, MessagePack)
     return message.messages[0]
+
+
+@pytest.mark.parametrize(("acceptance", "filters"), [("accept", False), ("ignore-forged", True)])
+def test_of_an_address_that_several_use_what_is_verified_is_acted_on(acceptance: str, filters: bool) -> None:
+    """Locations wait there for their Manifest, with the time of their reception; forged ones are never acted on."""
+    verifier, sender = Verifier([Verification(REGISTRY.known, Acceptance(acceptance))]), aircraft()
+    acted: dict[int, bool] = {}
+    released: list[tuple[bytes, int]] = []
+    forged = []
+    for step in range(40):
+        now = step * NS_PER_S
+        verifier.set_clock(0, now, UTC_US + now // 1000)
+        judged = verifier.receive(0, now, OWN, 0, location(step))
+        acted[step] = verifier.acts_on(0, 1, now, judged)
+        if step >= 12:
+            judged = verifier.receive(0, now, OWN, 0, location(step + 500))
+            forged.append(verifier.acts_on(0, 1, now, judged))
+        sender.sent(0, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]))
+        for page in sender.take(now, now + NS_PER_S):
+            judged = verifier.receive(0, page.at_ns, OWN, page.counter, page.body)
+            released += [(one.body, at_ns) for one, at_ns in verifier.release(0, page.at_ns, judged)]
+    assert verifier.trust(0, 1, 40 * NS_PER_S) is Trust.CONTRADICTED
+    assert all(acted[step] for step in range(20))
+    assert acted[39] is not filters
+    assert forged[-1] is not filters
+    steps = [at_ns // NS_PER_S for _, at_ns in released]
+    assert bool(steps) is filters
+    assert all(later - earlier <= 5 for earlier, later in pairwise([*steps, 40] if steps else []))
+    for body, at_ns in released:
+        assert at_ns % NS_PER_S == 0
+        assert body == location(at_ns // NS_PER_S)
+    assert verifier.disbelieves(0, 40 * NS_PER_S, 1) is False
+
+
+def test_an_old_location_is_not_acted_on_and_its_sender_is() -> None:
+    verifier, sender = Verifier([Verification(REGISTRY.known, Acceptance.IGNORE_FORGED)]), aircraft()
+    for step in range(40):
+        now = step * NS_PER_S
+        verifier.set_clock(0, now, UTC_US + now // 1000)
+        if step >= 20:
+            old = verifier.receive(0, now, OWN, 0, location(step - 20))
+            assert not verifier.acts_on(0, 1, now, old)
+        assert verifier.acts_on(0, 1, now, verifier.receive(0, now, OWN, 0, location(step)))
+        sender.sent(0, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]))
+        for page in sender.take(now, now + NS_PER_S):
+            verifier.receive(0, page.at_ns, OWN, page.counter, page.body)

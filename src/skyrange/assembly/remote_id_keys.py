@@ -17,7 +17,7 @@ from skyrange.scenario.model.scenario import Scenario
 if TYPE_CHECKING:
     from skyrange.remoteid.drip.credentials import Credentials
     from skyrange.remoteid.drip.policy import Verification
-    from skyrange.remoteid.drip.registry import Registration, Registry
+    from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
 
 BEFORE_S: Final = 3600
 """Endorsements are valid from so long before simulated time 0…"""
@@ -53,21 +53,20 @@ def aircraft_session_id(vehicle: str, remote_id: RemoteId, scenario: Scenario) -
     return session_id(aircraft_credentials(vehicle, remote_id, scenario).registration.identity.tag)
 
 
+def find_anchors(scenario: Scenario, authorities: str) -> tuple[Anchor, ...]:
+    """The public keys that a receiver holds before the flight, by `authorities` of its settings."""
+    registry = make_registry(scenario)
+    return registry.anchors if authorities == "apex" else registry.known
+
+
 def make_verification(verify: Verify | None, scenario: Scenario) -> Verification | None:
     """How a receiver verifies; `None` if it does not."""
     if verify is None:
         return None
-    from skyrange.remoteid.drip.policy import Acceptance, Verification
-    from skyrange.remoteid.drip.verdicts import Policy
+    from skyrange.remoteid.drip.policy import Verification
 
-    registry = make_registry(scenario)
-    limit = math.inf if verify.verifications_per_s is None else verify.verifications_per_s
-    return Verification(
-        registry.anchors if verify.authorities == "apex" else registry.known,
-        Acceptance(verify.policy),
-        Policy(verifications_per_s=limit),
-        verify.clock_error_s,
-    )
+    anchors = find_anchors(scenario, verify.authorities)
+    return Verification.of(anchors, verify.policy, verify.clock_error_s, verify.verifications_per_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,11 +74,6 @@ class AdversaryKeys:
     """The keys that adversaries of a scenario can hold (`skyrange.attack.contract.RemoteIdKeys`)."""
 
     scenario: Scenario
-
-    @property
-    def apex_tag(self) -> bytes:
-        """The entity tag of the root of the registry of the range."""
-        return make_registry(self.scenario).apex.tag
 
     def registered(self, name: str) -> Registration:
         """A registration in the registry of the range; no aircraft has it, because their names have a slash."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from skyrange.contracts.links import LinkSpec, Schedule, TapPlacement
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
-    from skyrange.remoteid.drip.registry import Registration
+    from skyrange.remoteid.drip.registry import Anchor, Registration
 
 Place = tuple[float, float, float]
 """East, north and up in metres from the origin."""
@@ -76,11 +76,6 @@ class GroundReceiver:
 class RemoteIdKeys(Protocol):
     """DRIP keys of the scenario that an adversary can hold. They are made when they are asked for."""
 
-    @property
-    def apex_tag(self) -> bytes:
-        """The entity tag of the root of the registry, 16 bytes: it is public."""
-        ...
-
     def registered(self, name: str) -> Registration:
         """A registration of the adversary's own, in the registry that receivers know."""
         ...
@@ -92,6 +87,11 @@ class RemoteIdKeys(Protocol):
     def stolen(self, vehicle: str) -> Registration | None:
         """The registration of an aircraft of the scenario, with its private key; `None` if it signs nothing."""
         ...
+
+
+def no_anchors(authorities: str) -> Sequence[Anchor]:
+    """The anchors of a context that has none."""
+    return ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +124,10 @@ class AttackContext:
     signed: Sequence[str] = ()
     """The operators whose station and aircraft sign their MAVLink, as a flag in each frame tells."""
     keys: RemoteIdKeys | None = None
-    """The keys of authenticated Remote ID; `None` where there is no registry."""
+    """The keys of authenticated Remote ID that an adversary can hold; `None` where there is no registry, and for a
+    defence."""
+    anchors: Callable[[str], Sequence[Anchor]] = no_anchors
+    """The public DRIP keys that receivers hold before the flight, by `authorities` of `remoteid.drip.settings`."""
 
     @property
     def radio(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from fnmatch import fnmatchcase
+from functools import partial
 from typing import Any
 
 from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
@@ -12,7 +13,7 @@ from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carri
 from skyrange.assembly.control_links import describe_to_attackers
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
-from skyrange.assembly.remote_id_keys import AdversaryKeys
+from skyrange.assembly.remote_id_keys import AdversaryKeys, find_anchors
 from skyrange.attack.contract import (
     Aircraft,
     Attack,
@@ -76,6 +77,7 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
         receivers={one.id: GroundReceiver(one.operator, one.place) for one in receivers},
         signed=[operator.id for operator in scenario.operators if operator.signing != "off"],
         keys=AdversaryKeys(scenario),
+        anchors=partial(find_anchors, scenario),
     )
 
 

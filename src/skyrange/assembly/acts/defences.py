@@ -44,7 +44,7 @@ def make_defences(
     exclusive: list[Acting] = []
     declared: list[Declared] = []
     for table in tables:
-        own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False)
+        own = replace(context, id=table.id, schedule=Schedule(), sham=False, honest=False, keys=None)
         where = f"defences.{table.id}"
         try:
             found = table.plugin(table.settings, own)

@@ -21,6 +21,14 @@ def find_keys(context: AttackContext) -> RemoteIdKeys:
     return context.keys
 
 
+def find_root(context: AttackContext) -> bytes:
+    """The entity tag of the root of the registry, 16 bytes: it is public. Raises `InputError` without a registry."""
+    anchors = context.anchors("apex")
+    if not anchors:
+        raise InputError.one(context.id, "kind", "an attack on DRIP", "a scenario with a registry of DRIP keys")
+    return anchors[0].tag
+
+
 def find_registration(context: AttackContext, origin: KeyOrigin, vehicle: str | None) -> Registration:
     """The key, tag and Links of an adversary; raises `InputError` for a vehicle that has no key to steal."""
     keys = find_keys(context)

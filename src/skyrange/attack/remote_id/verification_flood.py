@@ -11,7 +11,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.radio import SERVICE_NS, make_sender
-from skyrange.attack.remote_id.drip_keys import find_keys
+from skyrange.attack.remote_id.drip_keys import find_root
 from skyrange.attack.remote_id.forgery import claim_identity
 from skyrange.codec.f3411 import EPOCH_2019_S, MessagePack, encode
 from skyrange.codec.remote_id import link_payload
@@ -116,7 +116,7 @@ def make(params: VerificationFlood, context: AttackContext) -> Attack:
     """The attack; its sham sends one and the same Link."""
     links = FalseLinks(
         context.id,
-        find_keys(context).apex_tag,
+        find_root(context),
         [claim_identity(f"{context.id}.{number}").address for number in range(1, params.senders + 1)],
         params.channel,
         params.rate_hz,

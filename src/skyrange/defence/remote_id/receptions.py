@@ -7,7 +7,7 @@ own position and clock from its autopilot, as the companion does.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from math import cos, radians, sin
 from typing import Final, NamedTuple
@@ -123,6 +123,10 @@ class OwnAircraft:
         age_s = (now - self._at_ns) / NS_PER_S
         (x, y, z), (u, v, w) = self._place, self._velocity
         return (x + u * age_s, y + v * age_s, z + w * age_s)
+
+    def clock_us(self, now: Time) -> int:
+        """UTC in µs since 1970 by its clock; -1 before it has one."""
+        return -1 if self._clock_ns is None else (now + self._clock_ns) // NS_PER_US
 
     def hour_s(self, at_ns: Time) -> float | None:
         """Seconds since the full hour of UTC by its clock; `None` before it has one."""
@@ -282,8 +286,16 @@ def refuse(now: Time, alarm: Alarm, sender: Sender, finding: Finding) -> list[Ve
     return [Drop(), *alarm.raise_at(now, finding.kind, finding.score, **data)]
 
 
-def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Judge], test: str) -> Defence:
-    """The defence of aircraft, each with a judge of its own. `test` names what it decides as the only one.
+def defend(
+    vehicles: Sequence[str],
+    context: DefenceContext,
+    judges: Sequence[object],
+    test: str,
+    tap: Callable[..., DefenceTap] = ReceptionTap,
+) -> Defence:
+    """The defence of aircraft, each with a judge of its own that `tap` hands broadcasts to.
+
+    `test` names what it decides as the only one.
 
     Taps of one aircraft share state; they are at ends of its companion, which is in one process of a live range.
     Raises `InputError` without a radio medium.
@@ -291,7 +303,7 @@ def defend(vehicles: Sequence[str], context: DefenceContext, judges: Sequence[Ju
     placed: list[TapPlacement] = []
     for vehicle, judge in zip(vehicles, judges, strict=True):
         own = OwnAircraft(context.origin, context.vehicles[vehicle].system_id)
-        taps = TapMaker(ReceptionTap, (own, Reader(context.origin), judge))
+        taps = TapMaker(tap, (own, Reader(context.origin), judge))
         placed += place_taps("rid_down", "companion", [vehicle], context, taps, inspects_forward)
         if link_name("rid_data", vehicle) in context.links:
             placed += place_taps("rid_data", "companion", [vehicle], context, TapMaker(OwnTap, (own,)), inspects_none)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Container
 from typing import Any, Final
 
 from skyrange.codec.drip import Evidence
@@ -14,9 +15,30 @@ from skyrange.remoteid.drip.verdicts import Policy, Refusal
 MAX_WAITING: Final = 8
 """Signed messages that are held until their key is known; the oldest makes room."""
 MAX_HEARD: Final = 128
-"""Messages that wait for a Manifest, and hashes held that wait for their message."""
+"""Messages of a sender that wait for a Manifest."""
+MAX_CLAIMS: Final = 8
+"""Tags that Basic IDs of one sender claim; the one claimed longest ago makes room."""
+MAX_CHAINS: Final = 4
+"""Tags whose Manifests are followed at one address; the one heard longest ago makes room."""
 DYNAMIC: Final = frozenset((MessageType.LOCATION, MessageType.SYSTEM))
 """Types whose content nobody knows long before, so that a signature proves possession of the key now (section 9.1)."""
+
+
+class ManifestChain:
+    """The Manifests of one tag from one address."""
+
+    __slots__ = ("manifest", "manifest_s", "older_s", "signed_off")
+
+    def __init__(self) -> None:
+        self.manifest: bytes | None = None  # hash of the newest good one
+        self.manifest_s = 0.0  # when that was received
+        self.older_s = 0.0  # when the one before that was
+        self.signed_off = 0.0  # of what was heard since then, none was lost
+
+    def add(self, manifest: bytes, heard_s: float) -> None:
+        """Take a good Manifest, by its hash."""
+        self.manifest = manifest
+        self.older_s, self.manifest_s = self.manifest_s, heard_s
 
 
 class ObservedSender:
@@ -24,20 +46,16 @@ class ObservedSender:
 
     __slots__ = (
         "bad_s",
-        "claimed",
+        "chains",
+        "claims",
         "confirmed_s",
         "counts",
-        "covered",
         "first_s",
         "good_s",
         "heard",
         "last_s",
-        "manifest",
-        "manifest_s",
-        "older_s",
         "pages",
         "replayed_s",
-        "signed_off",
         "tag",
         "unsupported",
         "verified",
@@ -48,15 +66,11 @@ class ObservedSender:
     def __init__(self, now_s: float) -> None:
         self.first_s = self.last_s = now_s
         self.pages = Reassembly()
-        self.claimed: bytes | None = None
+        self.claims: dict[bytes, None] = {}  # the newest last
         self.tag: bytes | None = None
         self.heard: dict[bytes, tuple[float, bytes]] = {}  # in no Manifest yet, by hash
-        self.covered: dict[bytes, float] = {}  # hashes in good Manifests, by their time
         self.waiting: list[tuple[Evidence, bytes, float]] = []  # with what is beside it, and when it was received
-        self.manifest: bytes | None = None  # hash of the newest good Manifest
-        self.manifest_s = 0.0  # when that was received
-        self.older_s = 0.0  # when the one before that was
-        self.signed_off = 0.0  # of what was heard since then, no Manifest was lost
+        self.chains: dict[bytes, ManifestChain] = {}  # by tag; the newest last
         self.good_s: float | None = None
         self.bad_s: float | None = None
         self.replayed_s: float | None = None
@@ -66,19 +80,45 @@ class ObservedSender:
         self.unsupported = False
         self.counts: Counter[Refusal] = Counter()
 
-    def find_unsigned(self, previous: bytes, heard_s: float, policy: Policy) -> tuple[int, bool]:
+    @property
+    def claimed(self) -> bytes | None:
+        """The tag that it claimed last."""
+        return next(reversed(self.claims), None)
+
+    def claim(self, tag: bytes) -> None:
+        """Take in the tag of a Basic ID."""
+        self.claims.pop(tag, None)
+        self.claims[tag] = None
+        bound(self.claims, MAX_CLAIMS)
+
+    def chain(self, tag: bytes) -> ManifestChain:
+        """The Manifests of a tag, which becomes the one heard last."""
+        chain = self.chains.pop(tag, None) or ManifestChain()
+        self.chains[tag] = chain
+        bound(self.chains, MAX_CHAINS)
+        return chain
+
+    def is_shared(self, tag: bytes, heard_s: float, policy: Policy) -> bool:
+        """Whether another tag than this one signs Manifests under this address."""
+        return any(who != tag and heard_s - one.manifest_s <= policy.fresh_s for who, one in self.chains.items())
+
+    def find_unsigned(
+        self, chain: ManifestChain, previous: bytes, heard_s: float, policy: Policy, signed: Container[bytes]
+    ) -> tuple[int, bool]:
         """How many messages the owner of the key did not sign, and whether that contradicts it; they are forgotten.
 
         A Manifest holds what was sent before it, and may be under way while more is sent. So what was heard before the
         last but one is in one of these three, or the owner of the key did not send it. The chain of hashes (`previous`)
-        tells whether a Manifest was lost.
+        tells whether a Manifest was lost. What was ever `signed` (hashes) is a repetition, and contradicts nobody.
         """
-        if self.manifest is None or previous != self.manifest:
-            self.signed_off = heard_s
+        if chain.manifest is None or previous != chain.manifest:
+            chain.signed_off = heard_s
+        alive = [one for one in self.chains.values() if one is chain or heard_s - one.manifest_s <= policy.fresh_s]
+        before_s, since_s = min(one.older_s for one in alive), max(one.signed_off for one in alive)
         unsigned, is_forged = 0, False
-        for hash_ in [hash_ for hash_, (at_s, _) in self.heard.items() if at_s < self.older_s]:
+        for hash_ in [hash_ for hash_, (at_s, _) in self.heard.items() if at_s < before_s]:
             at_s, body = self.heard.pop(hash_)
-            if at_s >= self.signed_off:
+            if at_s >= since_s and hash_ not in signed:
                 unsigned += 1
                 is_forged = is_forged or (policy.full_coverage and is_dynamic(body))
         return unsigned, is_forged
@@ -103,3 +143,8 @@ def bodies_of(body: bytes) -> tuple[bytes, ...]:
 def is_dynamic(body: bytes) -> bool:
     """Whether a message or pack holds a type of `DYNAMIC`."""
     return any(part[0] >> 4 in DYNAMIC for part in bodies_of(body))
+
+
+def is_located(body: bytes) -> bool:
+    """Whether a message or pack holds a Location."""
+    return any(part[0] >> 4 == MessageType.LOCATION for part in bodies_of(body))

@@ -4,6 +4,9 @@ One `Observer` follows every sender it hears, without a network: it starts from 
 learns others from Links. It is meant for hostile air. Whatever is received, it raises nothing, counts what it refuses,
 holds a bounded amount, and verifies no signature twice. That a message is verified says who signed it, and never that
 it is true (RFC 9575, section 3.1.2.2).
+
+Addresses can be forged, so a signature belongs to its tag and a verdict on an address discredits no message that is
+verified: states "can apply to either a single authentication message, a DET (…), and/or a sender" (appendix A).
 """
 
 from __future__ import annotations
@@ -24,7 +27,17 @@ from skyrange.codec.drip import (
     message_hash,
     parse_session_id,
 )
-from skyrange.codec.f3411 import Authentication, AuthType, BasicId, IdType, MessagePack, MessageType, decode
+from skyrange.codec.f3411 import (
+    Authentication,
+    AuthType,
+    BasicId,
+    IdType,
+    Location,
+    MessagePack,
+    MessageType,
+    Status,
+    decode,
+)
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.errors import DecodeError
 from skyrange.remoteid.drip.endorsed_keys import EndorsedKey, EndorsedKeys
@@ -39,22 +52,30 @@ from skyrange.remoteid.drip.observed_sender import (
     split_bodies,
 )
 from skyrange.remoteid.drip.registry import Anchor
-from skyrange.remoteid.drip.verdicts import Policy, Refusal, Track, Trust, Verified
+from skyrange.remoteid.drip.signed_messages import Signed, SignedMessages
+from skyrange.remoteid.drip.verdicts import Judged, Policy, Refusal, Track, Trust, Verified
 
 MAX_TRACKS: Final = 64
 """Senders followed at once, as in track tables; the one heard longest ago makes room."""
 MAX_SEEN: Final = 1024
 """Digests of messages already judged."""
+MAX_FIRST: Final = 4096
+"""Locations whose first reception is remembered, as many as hashes in `signed_messages`."""
+_HALF_HOUR_S: Final = 1800.0
+"""Times of Locations count from the full hour, so the bytes of a parked aircraft may return after one."""
+_FAILURE: Final = int(Status.REMOTE_ID_SYSTEM_FAILURE)
 
 
 class Observer:
     """A receiver that verifies. Times are seconds since 2019-01-01T00:00:00Z by its own clock, and never decrease."""
 
     __slots__ = (
+        "_first",
         "_keys",
         "_newest",
         "_policy",
         "_seen",
+        "_signed",
         "_tokens",
         "_tokens_s",
         "_tracks",
@@ -65,8 +86,10 @@ class Observer:
     def __init__(self, anchors: Iterable[Anchor], policy: Policy = Policy()) -> None:  # noqa: B008 (immutable)
         self._policy = policy
         self._keys = EndorsedKeys(anchors, policy)
-        self._newest: dict[bytes, int] = {}
+        self._newest: dict[bytes, tuple[int, float]] = {}  # by tag: when it signed last, and when that was received
         self._seen: dict[bytes, None] = {}
+        self._signed = SignedMessages()
+        self._first: dict[bytes, float] = {}  # when Locations were first received, by hash
         self._tokens = policy.verification_burst
         self._tokens_s = 0.0
         self._tracks: dict[int, ObservedSender] = {}
@@ -74,17 +97,18 @@ class Observer:
         self.work = 0
         """Signatures verified."""
 
-    def receive(self, address: int, counter: int, body: bytes, now_s: float) -> tuple[Verified, ...]:
-        """Take a received message or pack, with its sender address and counter; returns what is verified by it."""
+    def receive(self, address: int, counter: int, body: bytes, now_s: float) -> Judged:
+        """Take a received message or pack, with its sender address and counter."""
         track = self._track(address, now_s)
         found: list[Verified] = []
+        is_replayed = False
         try:
             message = decode(body)
         except DecodeError:
             self._count(track, Refusal.MALFORMED)
-            return ()
+            return Judged()
         if isinstance(message, MessagePack):
-            self._pack(address, track, message, body, now_s, found)
+            is_replayed = self._pack(address, track, message, body, now_s, found)
         elif isinstance(message, Authentication):
             if message.auth_type != AuthType.SPECIFIC_METHOD:
                 track.unsupported = True
@@ -92,10 +116,10 @@ class Observer:
             elif (data := track.pages.add(counter, message, now_s)) is not None:
                 self._sam(address, track, data, b"", now_s, found)
         else:
-            if isinstance(message, BasicId):
-                self._claim(track, message)
-            self._remember(address, track, body, now_s, found)
-        return tuple(found)
+            if isinstance(message, BasicId) and (tag := _claimed(message)) is not None:
+                track.claim(tag)
+            is_replayed = self._remember(address, track, body, _is_timed(message), now_s, found)
+        return Judged(tuple(found), is_replayed)
 
     def track(self, address: int, now_s: float) -> Track | None:
         """The track of a sender; `None` if it is not followed."""
@@ -134,11 +158,16 @@ class Observer:
         good = track.good_s is not None
         if track.bad_s is not None and now_s - track.bad_s <= policy.memory_s:
             return Trust.CONTRADICTED if good else Trust.REFUSED
-        replayed = track.replayed_s
-        if replayed is not None and now_s - replayed <= policy.memory_s and (track.good_s or 0.0) <= replayed:
+        # whoever repeats old messages under an address, what was lately verified there is still the owner's
+        since_s = float("inf") if track.confirmed_s is None else now_s - track.confirmed_s
+        if since_s <= policy.fresh_s:
+            return Trust.VERIFIED
+        replayed_s = track.replayed_s
+        is_replayed = replayed_s is not None and (track.good_s or 0.0) <= replayed_s >= now_s - policy.memory_s
+        if is_replayed and since_s > policy.memory_s:
             return Trust.REPLAYED
         if track.confirmed_s is not None:
-            return Trust.VERIFIED if now_s - track.confirmed_s <= policy.fresh_s else Trust.STALE
+            return Trust.STALE
         tag = track.tag or track.claimed
         if tag is not None and self._keys.valid(tag, now_s) is not None:
             return Trust.TRUSTED_KEY
@@ -156,20 +185,31 @@ class Observer:
         self._count(track, why)
         track.bad_s = now_s
 
-    def _claim(self, track: ObservedSender, who: BasicId) -> None:
-        if who.id_type == IdType.SPECIFIC_SESSION and (tag := parse_session_id(who.uas_id)) is not None:
-            track.claimed = tag
-
     def _remember(
-        self, address: int, track: ObservedSender, body: bytes, now_s: float, found: list[Verified]
-    ) -> None:  # fmt: skip
+        self, address: int, track: ObservedSender, body: bytes, is_timed: bool, now_s: float, found: list[Verified]
+    ) -> bool:  # fmt: skip
+        """Hold a message for a Manifest; returns whether it is replayed.
+
+        `is_timed` says whether it has a Location with a time: its sender does not repeat it (RFC 9575, 9.1: it is
+        "nonce-like").
+        """
         hash_ = message_hash(body)
-        covered_s = track.covered.get(hash_)
-        if covered_s is not None and now_s - covered_s <= self._policy.overlap_s and track.tag is not None:
-            self._confirm(address, track, track.tag, body, now_s, now_s, found)  # repeated after its Manifest
-            return
+        first_s = now_s
+        if is_timed:
+            first_s = self._first.setdefault(hash_, now_s)
+            bound(self._first, MAX_FIRST)
+        signed = self._signed.find(hash_)
+        if signed is not None and now_s - signed.heard_s <= self._policy.overlap_s:
+            self._confirm(address, track, signed.tag, body, now_s, now_s, found)  # repeated after its Manifest
+            return False
         track.heard.setdefault(hash_, (now_s, body))
         bound(track.heard, MAX_HEARD)
+        signs = track.tag is not None or bool(track.waiting)
+        is_copy = signs and self._policy.overlap_s < now_s - first_s < _HALF_HOUR_S
+        if not is_timed or (signed is None and not is_copy):
+            return False
+        self._count(track, Refusal.REPLAYED)
+        return True
 
     def _confirm(
         self, address: int, track: ObservedSender, tag: bytes, body: bytes, heard_s: float, now_s: float,
@@ -184,28 +224,30 @@ class Observer:
 
     def _pack(
         self, address: int, track: ObservedSender, pack: MessagePack, body: bytes, now_s: float, found: list[Verified]
-    ) -> None:  # fmt: skip
+    ) -> bool:  # fmt: skip
+        """Judge a pack; returns whether it is replayed."""
         pages = [part for part in pack.messages if isinstance(part, Authentication)]
+        is_timed = any(_is_timed(part) for part in pack.messages)
         for part in pack.messages:
-            if isinstance(part, BasicId):
-                self._claim(track, part)
+            if isinstance(part, BasicId) and (tag := _claimed(part)) is not None:
+                track.claim(tag)
         if not pages:
-            self._remember(address, track, body, now_s, found)
-            return
+            return self._remember(address, track, body, is_timed, now_s, found)
         if any(page.auth_type != AuthType.SPECIFIC_METHOD for page in pages):
             track.unsupported = True
             self._count(track, Refusal.UNSUPPORTED)
-            return
+            return False
         beside = [part for part in bodies_of(body) if part[0] >> 4 != MessageType.AUTHENTICATION]
         try:
             data = join_pages(pages)
         except DecodeError:
             self._count(track, Refusal.MALFORMED)
-            return
+            return False
         beside.sort(key=_type_of)
         signs_pack = self._sam(address, track, data, b"".join(beside), now_s, found)
         if beside and not signs_pack:
-            self._remember(address, track, body, now_s, found)
+            return self._remember(address, track, body, is_timed, now_s, found)
+        return False
 
     def _sam(
         self, address: int, track: ObservedSender, data: bytes, beside: bytes, now_s: float, found: list[Verified]
@@ -295,13 +337,15 @@ class Observer:
             self._count(track, Refusal.OUT_OF_TIME)
             track.replayed_s = now_s
             return
-        newest = self._newest.get(evidence.tag, vnb_s)
-        if vnb_s + policy.overlap_s < newest:
+        newest_s, since_s = self._newest.get(evidence.tag, (vnb_s, heard_s))
+        if vnb_s + policy.overlap_s < newest_s or (vnb_s <= newest_s and heard_s > since_s + policy.overlap_s):
             self._count(track, Refusal.REPLAYED)
             track.replayed_s = now_s
             return
-        self._newest[evidence.tag] = max(newest, vnb_s)
-        if track.claimed is not None and track.claimed != evidence.tag:
+        if vnb_s > newest_s or evidence.tag not in self._newest:
+            self._newest[evidence.tag] = (vnb_s, heard_s)
+        # others may claim other tags under this address; its own tag is claimed, or has signed here before
+        if track.claims and evidence.tag not in track.claims and evidence.tag != track.tag:
             self._bad(track, Refusal.WRONG_TAG, now_s)
             return
         self._accept(address, track, evidence, known, beside, heard_s, now_s, found)
@@ -311,33 +355,62 @@ class Observer:
         heard_s: float, now_s: float, found: list[Verified],
     ) -> None:  # fmt: skip
         """Credit a track with evidence whose signature and times are right."""
+        tag = evidence.tag
+        statement = Signed(tag, evidence.vnb_s, heard_s)
         if evidence.sam_type == SamType.MANIFEST:
             manifest = decode_manifest(evidence.evidence)
             if manifest.current != manifest.own_hash:
                 self._bad(track, Refusal.WRONG_HASH, now_s)
                 return
+            signed = [track.heard[hash_][1] for hash_ in manifest.messages if hash_ in track.heard]
+            if any(_claims_other(body, tag) for body in signed):
+                self._bad(track, Refusal.WRONG_TAG, now_s)
+                return
             if known.link and manifest.link != known.link:
                 self._count(track, Refusal.OTHER_LINK)
-            track.tag, track.good_s = evidence.tag, now_s
+            track.tag, track.good_s = tag, now_s
             for hash_ in manifest.messages:
-                track.covered[hash_] = now_s
-                if (heard := track.heard.pop(hash_, None)) is not None:
-                    self._confirm(address, track, evidence.tag, heard[1], heard[0], now_s, found)
-            bound(track.covered, MAX_HEARD)
-            unsigned, is_forged = track.find_unsigned(manifest.previous, heard_s, self._policy)
+                first_s = self._signed.take(hash_, statement).heard_s
+                if heard_s - first_s <= self._policy.overlap_s and (heard := track.heard.pop(hash_, None)) is not None:
+                    self._confirm(address, track, tag, heard[1], heard[0], now_s, found)
+            if track.is_shared(tag, heard_s, self._policy):
+                self._bad(track, Refusal.SHARED_ADDRESS, now_s)
+            chain = track.chain(tag)
+            unsigned, is_forged = track.find_unsigned(chain, manifest.previous, heard_s, self._policy, self._signed)
             if unsigned:
                 self._count(track, Refusal.UNSIGNED, unsigned)
             if is_forged:
                 track.bad_s = now_s
-            track.manifest = manifest.current
-            track.older_s, track.manifest_s = track.manifest_s, heard_s
+            chain.add(manifest.current, heard_s)
             return
-        track.tag, track.good_s = evidence.tag, now_s
+        track.tag, track.good_s = tag, now_s
         if evidence.sam_type == SamType.WRAPPER:
             bodies = decode_wrapped(evidence.evidence) if evidence.evidence else split_bodies(beside)
             for body in bodies:
-                # not taken from `heard`: the Manifests that follow cover it too
-                self._confirm(address, track, evidence.tag, body, now_s, now_s, found)
+                first_s = self._signed.take(message_hash(body), statement).heard_s
+                if heard_s - first_s <= self._policy.overlap_s:
+                    # not taken from `heard`: the Manifests that follow cover it too
+                    self._confirm(address, track, tag, body, heard_s, now_s, found)
+
+
+def _claimed(who: BasicId) -> bytes | None:
+    """The tag that a Basic ID claims; `None` if it claims none."""
+    return parse_session_id(who.uas_id) if who.id_type == IdType.SPECIFIC_SESSION else None
+
+
+def _claims_other(body: bytes, tag: bytes) -> bool:
+    """Whether a message or pack claims another tag than this one, and not this one too."""
+    basic_ids = [decode(part) for part in bodies_of(body) if part[0] >> 4 == MessageType.BASIC_ID]
+    claimed = {_claimed(who) for who in basic_ids if isinstance(who, BasicId)} - {None}
+    return bool(claimed) and tag not in claimed
+
+
+def _is_timed(part: object) -> bool:
+    """Whether a message is a Location that says when it was measured.
+
+    One whose Remote ID fails repeats its last position (F3411-22a, status 4).
+    """
+    return isinstance(part, Location) and part.timestamp_s is not None and part.status != _FAILURE
 
 
 def _type_of(body: bytes) -> int:

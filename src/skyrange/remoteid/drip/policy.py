@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -44,3 +46,11 @@ class Verification(NamedTuple):
     judges: Policy = Policy()
     clock_error_s: float = 0.0
     """Of the receiver's clock, positive when it is ahead."""
+
+    @classmethod
+    def of(
+        cls, anchors: Sequence[Anchor], policy: str, clock_error_s: float, verifications_per_s: float | None
+    ) -> Verification:
+        """That of a receiver with these settings (`remoteid.drip.settings`); `policy` is an `Acceptance`."""
+        limit = math.inf if verifications_per_s is None else verifications_per_s
+        return cls(tuple(anchors), Acceptance(policy), Policy(verifications_per_s=limit), clock_error_s)

@@ -28,7 +28,8 @@ class Trust(StrEnum):
     REFUSED = "refused"
     """Signatures or contents were wrong, and none was right (Unverified)."""
     CONTRADICTED = "contradicted"
-    """Right and wrong ones, or a message that the key's owner demonstrably did not sign (Questionable)."""
+    """Right and wrong ones, or a message that the key's owner demonstrably did not sign (Questionable).
+    Several use this address. What is verified of it is the key owner's all the same."""
 
 
 class Refusal(StrEnum):
@@ -47,6 +48,7 @@ class Refusal(StrEnum):
     TOO_LONG = "validity too long"
     REPLAYED = "older than what the same key signed meanwhile"
     UNSIGNED = "message in none of the Manifests around it"
+    SHARED_ADDRESS = "another key signs under the same address"
     OTHER_LINK = "Manifest of another Link"
     """Counted only: an aircraft may have registered again."""
     NO_ROOM = "displaced"
@@ -106,3 +108,12 @@ class Verified(NamedTuple):
     """25 bytes, or a pack."""
     heard_s: float
     """When it was received; its verification may come later."""
+
+
+class Judged(NamedTuple):
+    """What a receiver makes of something received."""
+
+    verified: tuple[Verified, ...] = ()
+    """What is verified by it: itself, or what was received before it."""
+    is_replayed: bool = False
+    """Whether it is a Location that a trusted key signed longer ago, so that it is no longer true."""

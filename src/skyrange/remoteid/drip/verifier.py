@@ -14,11 +14,13 @@ from skyrange.codec.drip import EntityTag, since_2019_s
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_S, Time, to_seconds
+from skyrange.core.time import NS_PER_S, NS_PER_US, Time, to_seconds
+from skyrange.remoteid.drip.observed_sender import is_located
 from skyrange.remoteid.drip.observer import Observer
 from skyrange.remoteid.drip.policy import Acceptance, Verification, accepts
-from skyrange.remoteid.drip.verdicts import Track, Trust
+from skyrange.remoteid.drip.verdicts import Judged, Track, Trust, Verified
 
+_US_PER_S: Final = NS_PER_S // NS_PER_US
 MAX_EARLY: Final = 256
 """Broadcasts that a receiver holds until its clock is set; the oldest make room."""
 MAX_TOLD: Final = 256
@@ -49,7 +51,7 @@ class VerdictChange(NamedTuple):
         """What the record says of it."""
         return {
             "address": f"{self.address:012x}",
-            "tag": _printable(self.tag),
+            "tag": printable_tag(self.tag),
             "state": str(self.state),
             "was": str(self.was or ""),
             "first_s": to_seconds(self.first_ns),
@@ -118,10 +120,11 @@ class Verifier:
 
     def receive(
         self, row: int, at_ns: Time, address: bytes, counter: int, body: bytes, cause: FrameId | None = None
-    ) -> None:
+    ) -> Judged:
         """Take a broadcast that a receiver decoded; one that does not verify ignores it."""
-        if row in self._observers:
-            self._take(row, _Broadcast(at_ns, int.from_bytes(address, "big"), counter, body, cause))
+        if row not in self._observers:
+            return Judged()
+        return self._take(row, _Broadcast(at_ns, int.from_bytes(address, "big"), counter, body, cause))
 
     def review(self, now: Time) -> None:
         """Judge all senders again, because verdicts end."""
@@ -152,16 +155,46 @@ class Verifier:
         return one is None or accepts(one.acceptance, self.trust(row, address, now))
 
     def disbelieves(self, row: int, now: Time, address: int) -> bool:
-        """The opposite of `believes`."""
-        return not self.believes(row, address, now)
+        """Whether a receiver's policy is to ignore all that a sender says, also what is verified of it."""
+        return not self.believes(row, address, now) and self.trust(row, address, now) is not Trust.CONTRADICTED
 
-    def _take(self, row: int, heard: _Broadcast) -> None:
+    def acts_on(self, row: int, address: int, now: Time, judged: Judged) -> bool:
+        """Whether a receiver's policy is to act on a broadcast when it receives it.
+
+        Of an address that several use, it acts on what is verified alone: `release`.
+        """
+        return not self.filters(row) or (not judged.is_replayed and self.believes(row, address, now))
+
+    def release(self, row: int, now: Time, judged: Judged) -> list[tuple[Verified, Time]]:
+        """What is verified by a broadcast of addresses that several use: of each the newest Location, and when it was
+        received.
+
+        Messages wait for their Manifest, so these were not acted on before.
+        """
+        newest: dict[int, Verified] = {}
+        if self.filters(row):
+            for one in judged.verified:
+                held = newest.get(one.address)
+                if is_located(one.body) and (held is None or one.heard_s >= held.heard_s):
+                    newest[one.address] = one
+        clock_s = self._clock_s(row, now)
+        if clock_s is None:
+            return []
+        return [
+            # to the µs, which is more than seconds since 2019 resolve
+            (one, now - max(0, round((clock_s - one.heard_s) * _US_PER_S)) * NS_PER_US)
+            for one in newest.values()
+            if self.trust(row, one.address, now) is Trust.CONTRADICTED
+        ]
+
+    def _take(self, row: int, heard: _Broadcast) -> Judged:
         clock_s = self._clock_s(row, heard.at_ns)
         if clock_s is None:
             self._early[row].append(heard)
-            return
-        self._observers[row].receive(heard.address, heard.counter, heard.body, clock_s)
+            return Judged()
+        judged = self._observers[row].receive(heard.address, heard.counter, heard.body, clock_s)
         self._judge(row, heard.address, heard.at_ns, clock_s, heard.cause)
+        return judged
 
     def _clock_s(self, row: int, at_ns: Time) -> float | None:
         one, offset_us = self._receivers[row], self._clocks_us[row]
@@ -188,7 +221,8 @@ class Verifier:
         sender.state = track.state
 
 
-def _printable(tag: bytes | None) -> str:
+def printable_tag(tag: bytes | None) -> str:
+    """A tag as the IPv6 address that it is; "" for none."""
     if tag is None:
         return ""
     try:

@@ -11,6 +11,7 @@ from skyrange.contracts.plugins import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS
+from skyrange.remoteid.drip.settings import Authorities, ClockError, VerificationRate
 from skyrange.scenario.model.base import FileName, Id, Model, Number, Whole, wrong
 from skyrange.scenario.validation.plugin_params import checked, known, normalized
 from skyrange.vehicle.avoidance.contract import AvoidancePlugin
@@ -28,31 +29,15 @@ class Verify(Model):
     method: Literal["drip"] = Field(
         default="drip", description="Method of authentication. drip: signatures after RFC 9575."
     )
-    authorities: Literal["apex", "all"] = Field(
-        default="apex",
-        description="Keys that the receiver holds before the flight. apex: the root alone, so that it has to receive "
-        "the Links of all authorities; all: those of all authorities of the range.",
-    )
+    authorities: Authorities = "apex"
     policy: Policy = Field(
         default="accept",
         description="Senders that avoidance ignores. accept: none; ignore-forged: those that were refused, replayed or "
         "contradicted; ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a "
         "signed Location or System message that was verified in the last 15 s.",
     )
-    clock_error_s: Number = Field(
-        default=0.0,
-        ge=-2,
-        le=120,
-        description="Error of the receiver's clock in seconds, positive when it is ahead. Outside these limits, every "
-        "signature would be out of its time: it holds for 120 s, and clocks may differ by 2 s.",
-    )
-    verifications_per_s: Number | None = Field(
-        default=None,
-        ge=1,
-        le=100_000,
-        description="Signatures that the receiver can verify per second; what exceeds that is dropped. Default: no "
-        "limit.",
-    )
+    clock_error_s: ClockError = 0.0
+    verifications_per_s: VerificationRate = None
 
 
 def _method_alone(value: Any) -> Any:

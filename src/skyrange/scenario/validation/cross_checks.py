@@ -177,6 +177,15 @@ def _authentication_faults(scenario: Any) -> Iterator[Problem]:
                 yield Problem(where, given, "a radio medium, which carries Remote ID", "Add a table [radio].")
     if scenario.radio is not None:
         needs |= any(receiver.verify is not None for receiver in scenario.radio.receivers)
+    verifying = [(row, one.settings) for row, one in enumerate(scenario.defences) if one.kind == "remote_id.drip"]
+    needs |= bool(verifying)
+    settings = {vehicle_id(o.id, v.id) for o, v in scenario.fleet if v.remote_id is not None and v.remote_id.verify}
+    for row, params in verifying:
+        twice = sorted(settings.intersection(params.vehicles or settings))
+        if twice and not scenario.defences[row].muted:
+            expected = "aircraft without remote_id.verify, which verifies too"
+            hint = "Remove verify from remote_id, or name other aircraft."
+            yield Problem(f"defences.{row}.params.vehicles", ", ".join(twice), expected, hint)
     if needs and not _FIRST_SIGNING <= scenario.start_utc <= _LAST_SIGNING:
         found = scenario.start_utc.isoformat()
         yield Problem("start_utc", found, "a time from 2019-01-02 to 2154, because DRIP's times start in 2019")

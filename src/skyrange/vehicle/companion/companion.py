@@ -20,9 +20,9 @@ from skyrange.codec.f3411.columns import decode_locations
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.codec.remote_id.link_payload import unpack_rows
+from skyrange.codec.remote_id.link_payload import RidHeader, pack, unpack_rows
 from skyrange.codec.remote_id.open_drone_id import to_mavlink
-from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.mailboxes import Columns, Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
 from skyrange.contracts.scalars import Scalar
@@ -97,6 +97,8 @@ class Companion:
         self._broadcaster = Broadcaster([spec.broadcast for spec in self.specs], chance)
         self.tracks = TrackTable(count, origin)
         self._refs = FrameRefTable()
+        self._own_addresses = [address.tobytes() for address in self._broadcaster.addresses]
+        self._own_ids = [spec.broadcast.id.encode("latin-1") for spec in self.specs]
         self.verifier = _verifier(self.specs)
         """Verdicts on senders; None if no aircraft verifies."""
         avoids = [spec.avoidance is not None and not isinstance(spec.avoidance, NoAvoidance) for spec in self.specs]
@@ -172,22 +174,56 @@ class Companion:
         ref, serial = self._refs.read(inbox, mail.order[heard])
         np.add.at(self._bad, vehicle[heard[~said.valid]], 1)  # a payload that is no frame has no valid body either
         received = ReceivedBroadcasts(vehicle[heard], mail.at_ns[heard], rid, said, ref, serial)
-        self.tracks.update(received)
+        released: list[ReceivedBroadcasts] = []
         if self.verifier is not None:
-            self._verify(self.verifier, received)
+            received, released = self._verify(self.verifier, received)
+        self.tracks.update(received)
+        for one in released:
+            self.tracks.update(one)
 
-    def _verify(self, verifier: Verifier, heard: ReceivedBroadcasts) -> None:
-        """Verify what aircraft heard that do so."""
-        rid = heard.rid
+    def _verify(
+        self, verifier: Verifier, heard: ReceivedBroadcasts
+    ) -> tuple[ReceivedBroadcasts, list[ReceivedBroadcasts]]:
+        """Verify what aircraft heard that do so: what they may act on now, and older Locations that are verified by it.
+
+        An aircraft does not receive itself, so what has its own address or identifier is a copy or a lie.
+        """
+        rid, kept = heard.rid, heard.rid.valid.copy()
+        released: list[ReceivedBroadcasts] = []
         for place in np.flatnonzero(np.isin(heard.receiver, verifier.rows) & rid.valid).tolist():
-            verifier.receive(
-                heard.receiver.item(place),
-                heard.at_ns.item(place),
-                rid.address[place].tobytes(),
+            row, at_ns, address = heard.receiver.item(place), heard.at_ns.item(place), rid.address[place].tobytes()
+            judged = verifier.receive(
+                row,
+                at_ns,
+                address,
                 rid.counter.item(place),
                 rid.bodies[place],
                 self._refs.id(heard.ref.item(place), heard.serial.item(place)),
             )
+            if not verifier.filters(row):
+                continue
+            if address == self._own_addresses[row] or heard.said.uas_id[place] == self._own_ids[row]:
+                kept[place] = False
+                continue
+            kept[place] = verifier.acts_on(row, int.from_bytes(address, "big"), at_ns, judged)
+            for verified, heard_ns in verifier.release(row, at_ns, judged):
+                sender = verified.address.to_bytes(6, "big")
+                if sender == self._own_addresses[row]:
+                    continue
+                header = RidHeader(rid.transport.item(place), address=sender)
+                rows = unpack_rows(Payloads.of([pack(header, verified.body)]))
+                one = slice(place, place + 1)
+                released.append(
+                    ReceivedBroadcasts(
+                        heard.receiver[one],
+                        np.array([heard_ns], dtype=np.int64),
+                        rows,
+                        decode_locations(rows.bodies),
+                        heard.ref[one],
+                        heard.serial[one],
+                    )
+                )
+        return heard._replace(rid=rid._replace(valid=kept)), released
 
     # --- detect and avoid ------------------------------------------------------------------------
 

@@ -1,0 +1,206 @@
+"""Signature check: drops broadcasts of senders whose DRIP signatures are wrong, replayed or missing (RFC 9575)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+from pydantic import Field
+
+from skyrange.codec.drip import parse_session_id
+from skyrange.codec.f3411 import BasicId, Location, MessagePack, decode, printable_id
+from skyrange.codec.remote_id.link_payload import NO_RSSI, RidHeader, pack, unpack
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.verdicts import Inject, Verdict
+from skyrange.core.errors import DecodeError, InputError
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
+from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected
+from skyrange.defence.remote_id.receptions import Finding, Held, OwnAircraft, Reader, Sender, defend, refuse
+from skyrange.remoteid.broadcast_profiles import sender_address
+from skyrange.remoteid.drip.policy import Verification
+from skyrange.remoteid.drip.settings import Authorities, ClockError, VerificationRate
+from skyrange.remoteid.drip.verdicts import Judged, Trust
+from skyrange.remoteid.drip.verifier import Verifier, printable_tag
+
+REFUSED: Final = "drip.refused"
+REPLAYED: Final = "drip.replayed"
+CONTRADICTED: Final = "drip.contradicted"
+UNSIGNED: Final = "drip.unsigned"
+OWN: Final = "drip.own"
+_ALARMS: Final = {
+    Trust.REFUSED: REFUSED,
+    Trust.REPLAYED: REPLAYED,
+    Trust.CONTRADICTED: CONTRADICTED,
+    Trust.NONE: UNSIGNED,
+    Trust.PARTIAL: UNSIGNED,
+    Trust.UNSUPPORTED: UNSIGNED,
+    Trust.TRUSTED_KEY: UNSIGNED,
+}
+"""Kinds of alarms about senders that are not believed. A signature that is not verified yet, or no longer fresh, is no
+sign of an attack."""
+GAP_NS: Final[Time] = 10 * NS_PER_S
+"""A sender that was not heard for so long counts as a new one, as in `remoteid.tracks`."""
+
+
+class DripRules(Protected):
+    """Whom the receivers believe, and what they verify with."""
+
+    policy: Literal["ignore-forged", "ignore-unsigned", "ignore-unverified"] = Field(
+        default="ignore-unsigned",
+        description="Senders whose broadcasts are dropped. ignore-forged: those that were refused, replayed or "
+        "contradicted; ignore-unsigned: these and those that sign nothing; ignore-unverified: all but those with a "
+        "signed Location or System message that was verified in the last 15 s.",
+    )
+    authorities: Authorities = "apex"
+    clock_error_s: ClockError = 0.0
+    verifications_per_s: VerificationRate = None
+
+
+@dataclass(slots=True)
+class SignatureJudge:
+    """Verifies what one aircraft hears, and finds what it is not to act on."""
+
+    vehicle: str
+    address: bytes
+    """Of its own broadcasts."""
+    uas_id: str
+    """Of its own broadcasts. A radio does not receive itself, so what has this address or id is a copy or a lie."""
+    verification: Verification
+    verifier: Verifier
+    alarm: Alarm
+    heard: Held = field(default_factory=Held)
+    """Of each address, by a `Sender` without an id: when it was first and last heard."""
+
+    def judge(self, now: Time, own: OwnAircraft, reader: Reader, frame: Frame) -> Sequence[Verdict]:
+        """Verify a broadcast; drop it if it has a Location or a Basic ID, and is not to be acted on.
+
+        What has neither makes no track: authentication pages pass. Of an address that several use, the newest Location
+        that is verified by a broadcast is handed on in its place.
+        """
+        read = reader.read(frame.payload)
+        if read is None:
+            return ()
+        (header, body), (sender, _) = unpack(frame.payload), read
+        self.verifier.set_clock(0, now, own.clock_us(now))
+        judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
+        verdicts: list[Verdict] = [
+            Note("event.remote_id_trust", self.vehicle, change.data, () if change.cause is None else (change.cause,))
+            for change in self.verifier.changes()
+        ]
+        heard_s = self._listen(now, header.address)
+        identities = _identities(body)
+        if identities is not None:
+            finding = self._find(now, header.address, identities, judged, heard_s)
+            if finding is not None:
+                shown = sender._replace(uas_id=printable_id(sender.uas_id))
+                verdicts += refuse(now, self.alarm, shown, finding)
+        for one, heard_ns in self.verifier.release(0, now, judged):
+            address = one.address.to_bytes(6, "big")
+            if address != self.address and self.uas_id not in (_identities(one.body) or ()):
+                again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), one.body)
+                verdicts.append(Inject(again, "fwd", frame.src, frame.dst))
+        return verdicts
+
+    def _listen(self, now: Time, address: bytes) -> float:
+        """For how long a sender has been heard, in seconds."""
+        who = Sender(address, "")
+        times = self.heard.touch(who)
+        first = times[0] if isinstance(times, tuple) and now - times[1] <= GAP_NS else now
+        self.heard.put(who, (first, now))
+        return float(now - first) / NS_PER_S
+
+    def _find(
+        self, now: Time, address: bytes, identities: Sequence[str], judged: Judged, heard_s: float
+    ) -> Finding | None:
+        """Why a broadcast is not to be acted on; `None` if it is."""
+        number = int.from_bytes(address, "big")
+        track = self.verifier.track(0, number, now)
+        trust = Trust.NONE if track is None else track.state
+        tag = printable_tag(None if track is None else track.tag)
+        data = (("tag", tag), ("state", str(trust)))
+        if address == self.address or self.uas_id in identities:
+            return Finding(OWN, 1.0, data)
+        if self.verifier.acts_on(0, number, now, judged):
+            return None
+        kind = REPLAYED if judged.is_replayed else _ALARMS.get(trust, "")
+        # an honest aircraft signs something every 5 s (RFC 9575, 6.3), and some of it is lost
+        if kind == UNSIGNED and (track is None or heard_s < self.verification.judges.fresh_s):
+            kind = ""
+        return Finding(kind, 1.0, data)
+
+
+@dataclass(slots=True)
+class SignatureTap(DefenceTap):
+    """Hands what arrives on `rid_down` to a judge. Malformed payloads pass: the companion refuses them."""
+
+    own: OwnAircraft
+    reader: Reader
+    by: SignatureJudge
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Decide on a broadcast."""
+        return self.by.judge(now, self.own, self.reader, frame) if frame.direction == "fwd" else ()
+
+
+def _identities(body: bytes) -> list[str] | None:
+    """The UAS IDs in a broadcast; `None` if it has neither these nor a Location, so that no track is made of it."""
+    try:
+        message = decode(body)
+    except DecodeError:
+        return None
+    parts = message.messages if isinstance(message, MessagePack) else (message,)
+    if not any(isinstance(part, (BasicId, Location)) for part in parts):
+        return None
+    return [part.uas_id for part in parts if isinstance(part, BasicId)]
+
+
+def make(params: DripRules, context: DefenceContext) -> Defence:
+    """The parts.
+
+    Raises `InputError` for aircraft that the scenario does not have, without a radio medium, and where all aircraft
+    would be ignored.
+    """
+    vehicles = find_protected(params, context)
+    verification = Verification.of(
+        context.anchors(params.authorities), params.policy, params.clock_error_s, params.verifications_per_s
+    )
+    judges = [
+        SignatureJudge(
+            vehicle,
+            sender_address(vehicle),
+            context.vehicles[vehicle].uas_id,
+            verification,
+            Verifier([verification]),
+            Alarm(vehicle),
+        )
+        for vehicle in vehicles
+    ]
+    made = defend(vehicles, context, judges, "verification of Remote ID", SignatureTap)
+    signs = any(parse_session_id(one.uas_id) is not None for one in context.vehicles.values())
+    if not signs and params.policy != "ignore-forged":
+        expected = "an aircraft that signs its Remote ID: this policy ignores all others"
+        hint = 'Give an operator or aircraft remote_id = { auth = "drip" }, or set policy = "ignore-forged".'
+        raise InputError.one(context.id, "policy", params.policy, expected, hint)
+    return made
+
+
+DRIP = DefencePlugin(
+    DripRules,
+    make,
+    "Drops Remote ID of senders whose DRIP signatures are wrong, replayed or missing.",
+    surface=("rid_down",),
+    place="the companion's ends of rid_down and rid_data; knows the broadcasts received, the keys of authorities, and "
+    "UTC from its autopilot",
+    effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them; of an address that "
+    "several use, it hands on the newest verified Location alone",
+    alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED, OWN),
+    against=("remote_id.spoof", "remote_id.replay"),
+    evasion="relays in real time, or signs lies with a registered key",
+    cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
+    "have to sign, and the default policy ignores those that do not",
+    nominal=("drop",),
+    realism={"keys": "simulated: of a registry of the range's own", "clocks": "simulated: those of autopilots"},
+)
