@@ -30,7 +30,7 @@ SECTION: Final = "<!-- measured: {0} -->\n{1}<!-- end: {0} -->\n"
 SEEDS: Final = (1, 2, 3)
 ORIGIN: Final = {"lat": 40.7780, "lon": -73.9550, "alt_msl_m": 20, "geoid_m": -32.7}
 START_S: Final = 30.0
-DEFENCES: Final = ("signal", "motion", "appearance", "ground")
+DEFENCES: Final = ("drip", "signal", "motion", "appearance", "ground")
 """Kinds of defences without their prefix `remote_id.`."""
 NOTICED: Final = frozenset(("stale", "replayed", "refused", "contradicted"))
 """Verdicts by which a receiver sees that something is missing or wrong, beside a sender that never signs."""
@@ -100,7 +100,7 @@ def main(names: Sequence[str]) -> None:
 def measure_attacks() -> str:
     """A row for each attack: what flies it, the verdict on its subject, and the defences that raise an alarm."""
     rows = [
-        "| attack | flown by | verdict and its time, s | DRIP notices | others that raise an alarm, s |",
+        "| attack | flown by | verdict and its time, s | verdict notices | defences that raise an alarm, s |",
         "|---|---|---|---|---|",
     ]
     for name, case in ATTACKS.items():
@@ -134,7 +134,7 @@ def _flown(case: Case, seed: int, defence: str = "") -> RunRecord:
         plan = {"path": {"points": points, "alt_m": 30}, "speed_mps": 3, "end": "land"}
         return {"id": name, "vehicles": [{"id": f"{name[0]}1", "start": start, "plan": plan}], **more}
 
-    verify = {"policy": "accept", "authorities": "all", **case.verify}
+    verify = {"verify": {"policy": "accept", "authorities": "all", **case.verify}} if defence != "drip" else {}
     data: dict[str, Any] = {
         "name": "drip-attacks",
         "seed": seed,
@@ -146,14 +146,15 @@ def _flown(case: Case, seed: int, defence: str = "") -> RunRecord:
             ]
         },
         "operators": [
-            operator("blue", [0, 0], [[0, 0], [0, 150]], remote_id={**signs, "verify": verify}),
+            operator("blue", [0, 0], [[0, 0], [0, 150]], remote_id={**signs, **verify}),
             operator("red", [50, 20], [[0, 0], [0, 150]], remote_id={**signs, **case.red}),
         ],
     }
     if case.kind:
         data["attacks"] = [{"id": "x", "kind": case.kind, "start_s": case.start_s, "params": dict(case.params)}]
     if defence:
-        data["defences"] = [{"id": defence, "kind": f"remote_id.{defence}"}]
+        given = {"vehicles": ["blue/b1"], "authorities": "all", **case.verify} if defence == "drip" else {}
+        data["defences"] = [{"id": defence, "kind": f"remote_id.{defence}", "params": given}]
     return _fly(data)
 
 

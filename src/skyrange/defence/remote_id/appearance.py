@@ -134,7 +134,7 @@ APPEARANCE = DefencePlugin(
     "and a map of the buildings",
     effect="drops the sender's broadcasts for a time, so that avoidance sees no track of it",
     alerts=(KIND,),
-    against=("remote_id.spoof", "remote_id.replay"),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
     evasion="lets its ghost take off, or come from out of reach or from behind a building; or waits",
     cost="about ten lines of sight for each new sender; no frame and no delay is added",
     realism={

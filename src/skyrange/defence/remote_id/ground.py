@@ -149,7 +149,7 @@ GROUND = DefencePlugin(
     "the buildings",
     effect="keeps false aircraft out of the station's traffic picture, and warns its operator; aircraft are not told",
     alerts=(KIND,),
-    against=("remote_id.spoof", "remote_id.replay"),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
     evasion="transmits from the claimed place",
     cost="a test of about 600 hypotheses for each reception; no frame and no delay is added",
     realism={

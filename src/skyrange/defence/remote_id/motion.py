@@ -202,7 +202,7 @@ MOTION = DefencePlugin(
     effect="drops broadcasts of a sender for some seconds after the finding, and of one that uses another's identity "
     "for good, so that avoidance sees no track of it",
     alerts=(SPEED, JUMP, VELOCITY, TWO_PLACES),
-    against=("remote_id.spoof", "remote_id.replay"),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
     evasion="claims a track that an aircraft can fly, under an identity that nobody near uses",
     cost="a comparison of two positions for each broadcast; no frame and no delay is added",
     realism={"errors of honest positions": "assumed: normal, with the accuracy that the broadcast says"},

@@ -140,7 +140,7 @@ SIGNAL = DefencePlugin(
     "position, and a map of the buildings",
     effect="drops all broadcasts of a rejected sender, so that avoidance sees no track of it",
     alerts=(KIND,),
-    against=("remote_id.spoof", "remote_id.replay"),
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
     evasion="transmits from near the claimed place, or far away on the line through it with the power that fits",
     cost="a test of about 600 hypotheses for each broadcast received; no frame and no delay is added",
     realism={
