@@ -131,7 +131,7 @@ def measure(kind: str, folder: Path) -> str:
     images = IMAGES / ("faults" if is_fault else "attacks")
     images.mkdir(parents=True, exist_ok=True)
     draw_pair_plan(flown).save(images / f"{kind}.svg")
-    lines = [f"## `{kind}`", "", _story(kind), ""]
+    lines = [f"## `{kind}`", "", tell_story(source_of(kind)), ""]
     if is_fault:
         lines += [f"![Plan view: flight with the fault, and nominal flight](../images/faults/{kind}.svg)", ""]
     else:
@@ -145,15 +145,22 @@ def measure(kind: str, folder: Path) -> str:
 def _table(flown: Pair, arm: str) -> list[str]:
     """The differences of the attacked run from its baseline, as lines of Markdown."""
     baseline = flown.baseline or "nominal"
-    rows = _effects(flown, baseline) + _counts(flown, baseline)
+    rows = describe_effects(flown)
     if not rows:
         return [f"No difference from the {baseline} run in motion, events or delivered frames."]
     head = [f"| {arm} minus {baseline} | mean of {SEEDS} seeds | 95 % |", "|---|---|---|"]
     return head + [f"| {what} | {mean} | {bounds} |" for what, mean, bounds in rows]
 
 
-def _story(kind: str) -> str:
-    lines = source_of(kind).read_text(encoding="utf-8").splitlines()
+def describe_effects(flown: Pair) -> list[tuple[str, str, str]]:
+    """Every difference of the attacked run from its baseline that is not zero: what, its mean, and its interval."""
+    baseline = flown.baseline or "nominal"
+    return _effects(flown, baseline) + _counts(flown, baseline)
+
+
+def tell_story(source: Path) -> str:
+    """What the comments of a scenario's file say."""
+    lines = source.read_text(encoding="utf-8").splitlines()
     return " ".join(line.lstrip("# ").strip() for line in lines if line.startswith("#"))
 
 
