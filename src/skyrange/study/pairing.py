@@ -77,6 +77,7 @@ def pair(
     near_m: float = NEAR_M,
     threshold_m: float = DEPARTED_M,
     honest: bool = False,
+    run_reports: bool = True,
     on_progress: OnRunProgress | None = None,
 ) -> Pair:
     """Run a scenario with its attacks and faults and with all of them muted: `skyrange pair` in Python.
@@ -88,7 +89,8 @@ def pair(
     default is `subsets` for up to four attacks and `each` for more. `seeds` repeats all arms with that many consecutive
     seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims
     that one is and sends the same bytes (`honest.parquet`); it raises `InputError` if no attack claims any, or if no
-    aircraft can fly where it is claimed. `jobs` is the number of parallel runs, by default one per core. Raises
+    aircraft can fly where it is claimed. `run_reports` gives each run a report of its own beside that of the pair, as
+    `skyrange report` does later. `jobs` is the number of parallel runs, by default one per core. Raises
     `InputError`, before anything is written, for a scenario without attacks or faults that act; `ComponentError` if a
     run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
@@ -124,6 +126,7 @@ def pair(
         ],
         jobs,
         on_progress,
+        run_reports,
     )
     manifest = {
         "format": FORMAT,

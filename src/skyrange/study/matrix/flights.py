@@ -52,7 +52,9 @@ class Task:
         """Fly it as a pair in this process, and measure it."""
         lies = "sham" in acting_attacks(self.scenario).values()
         arms: Selection = "baseline" if self.candidate else "sham" if lies else "nominal"
-        flown = pair(self.scenario, self.folder, arms=arms, seeds=self.seeds, jobs=1, honest=self.honest)
+        flown = pair(
+            self.scenario, self.folder, arms=arms, seeds=self.seeds, jobs=1, honest=self.honest, run_reports=False
+        )
         detectors = [table.id for table in self.scenario.defences if not table.muted]
         cell = Cell(
             self.row.id,
