@@ -13,6 +13,8 @@ from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.model.attacks import AttackTable
 from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_text
 from skyrange.testing import check_defence
 from skyrange.testing.checks.attacks import two_squares
 
@@ -35,6 +37,30 @@ def test_checks_of_gnss_conform(
     name: str, params: Mapping[str, Any], attack: Mapping[str, Any], acts: Collection[str]
 ) -> None:
     check_defence(name, params, attack, acts=bool(acts) and acts)
+
+
+def pair_of_one_operator(duration_s: float) -> Scenario:
+    return load_text(f"""
+name = "pair"
+seed = 4
+duration_s = {duration_s}
+origin = [47.3977, 8.5456]
+[[operators]]
+id = "blue"
+vehicles = [
+  {{ id = "b1", plan = {{ square = {{ side_m = 20, alt_m = 10 }} }} }},
+  {{ id = "b2", start = [60, 0], plan = {{ square = {{ side_m = 20, alt_m = 10 }} }} }},
+]
+""")
+
+
+@pytest.mark.parametrize("action", ["alarm", "land"])
+def test_the_comparison_of_receivers_conforms(action: str) -> None:
+    spoofer = {"transmitter_m": [30, -40, 2], "at": [30, 30, 10], "reacquire_s": 1.0}
+    attack = {"kind": "gnss.capture", "start_s": 8.0, "params": spoofer}
+    check_defence(
+        "gnss.multi_receiver", {"action": action}, attack, scenario=pair_of_one_operator, duration_s=17.0, acts=False
+    )
 
 
 def test_two_checks_on_one_aircraft_both_act() -> None:

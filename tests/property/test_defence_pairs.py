@@ -39,7 +39,11 @@ ON_BROADCASTS: list[Variant] = [
     (kind, "")
     for kind in ("remote_id.appearance", "remote_id.drip", "remote_id.motion", "remote_id.replay", "remote_id.signal")
 ]
-SHARED = {"control_link.channel_change": ON_LINKS, "remote_id.ground": ON_BROADCASTS}
+SHARED = {
+    "control_link.channel_change": ON_LINKS,
+    "gnss.multi_receiver": ON_LINKS,
+    "remote_id.ground": ON_BROADCASTS,
+}
 """Kinds that are about the links or the receivers of all aircraft, and what they share them with."""
 PLACES = {"sensors": GNSS, "links": ON_LINKS, "broadcasts": ON_BROADCASTS}
 """Kinds that may share a place; those of two places have nothing in common."""
