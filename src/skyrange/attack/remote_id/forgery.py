@@ -1,4 +1,4 @@
-"""Forged Remote ID broadcasts: identities, claimed positions, frames and their times.
+"""Forged Remote ID broadcasts: parameters, identities, claimed positions, frames and their times.
 
 The frames are well-formed ASTM F3411-22a, as an honest transmitter makes them; only their content is false.
 """
@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import atan2, degrees, hypot
-from typing import NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+from pydantic import Field
 
 from skyrange.attack.contract import Place
 from skyrange.codec.drip import parse_session_id
@@ -26,12 +28,30 @@ from skyrange.codec.f3411 import (
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
 from skyrange.contracts.links import Schedule
+from skyrange.contracts.params import Enu, Number
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.remoteid.broadcast_profiles import sender_address, serial_number
 
 _HOUR_NS = 3600 * NS_PER_S
 _STOPPED = (0.0, 0.0, 0.0)
+
+
+ClaimedVelocity = Annotated[Enu, Field(description="Claimed velocity, [east, north, up] in m/s.")]
+Transports = Annotated[
+    tuple[Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"], ...],
+    Field(min_length=1, description="Transports; each carries all broadcasts."),
+]
+TransmitterPlace = Annotated[
+    Enu | None,
+    Field(
+        description="Position of the attacker's transmitter, [east_m, north_m, up_m] in metres from the origin or the "
+        "attack's anchor; default: 2 m above the ground or roof at the claimed position."
+    ),
+]
+RadiatedPower = Annotated[
+    Number, Field(ge=-30, le=50, description="Radiated power (EIRP) in dBm; 20 is the limit in Europe.")
+]
 
 
 class ClaimedIdentity(NamedTuple):

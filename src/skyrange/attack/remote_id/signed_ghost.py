@@ -12,8 +12,15 @@ from pydantic import Field, model_validator
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.radio import make_sender, place_transmitter
 from skyrange.attack.remote_id.drip_keys import KeyOrigin, find_registration
-from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
-from skyrange.attack.remote_id.spoof import Way
+from skyrange.attack.remote_id.forgery import (
+    ClaimedIdentity,
+    ClaimedVelocity,
+    Forger,
+    RadiatedPower,
+    TransmitterPlace,
+    Transports,
+    claim_identity,
+)
 from skyrange.codec.f3411 import IdType
 from skyrange.codec.remote_id import link_payload
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
@@ -50,22 +57,14 @@ class SignedGhost(Params):
         description="Claimed position at the start of the attack, [east_m, north_m, up_m] in metres from the origin or "
         "the attack's anchor."
     )
-    velocity_mps: Enu = Field(default=(0.0, 0.0, 0.0), description="Claimed velocity, [east, north, up] in m/s.")
+    velocity_mps: ClaimedVelocity = (0.0, 0.0, 0.0)
     rate_hz: Number = Field(default=1.0, ge=0.1, le=10, description="Broadcasts per second on each transport.")
     auth_rates: Literal["required", "recommended"] = Field(
         default="required", description="How often it sends authentication messages, as remote_id.auth_rates."
     )
-    transports: tuple[Way, ...] = Field(
-        default=("wifi_beacon",), min_length=1, description="Transports; each carries all broadcasts."
-    )
-    transmitter_m: Enu | None = Field(
-        default=None,
-        description="Position of the attacker's transmitter, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor; default: 2 m above the ground or roof at the claimed position.",
-    )
-    power_dbm: Number = Field(
-        default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm; 20 is the limit in Europe."
-    )
+    transports: Transports = ("wifi_beacon",)
+    transmitter_m: TransmitterPlace = None
+    power_dbm: RadiatedPower = 20.0
 
     @model_validator(mode="after")
     def _fits_its_key(self) -> SignedGhost:

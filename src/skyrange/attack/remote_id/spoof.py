@@ -28,7 +28,15 @@ from skyrange.attack.radio import (
     transmitter,
     up_link,
 )
-from skyrange.attack.remote_id.forgery import ClaimedIdentity, Forger, claim_identity
+from skyrange.attack.remote_id.forgery import (
+    ClaimedIdentity,
+    ClaimedVelocity,
+    Forger,
+    RadiatedPower,
+    TransmitterPlace,
+    Transports,
+    claim_identity,
+)
 from skyrange.contracts.claims import ClaimedTrack
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import LinkSpec, TapPlacement
@@ -43,8 +51,6 @@ from skyrange.remoteid.broadcast_profiles import TRANSPORTS
 STREAM = "attack.swarm"
 """Name of the random stream that places the ghosts of a swarm."""
 
-Way = Literal["wifi_beacon", "wifi_nan", "bt5", "bt4", "bluetooth"]
-
 
 class Spoof(Params):
     """Forged Remote ID, transmitted by the attacker's own radio or injected on an aircraft's link to its radio."""
@@ -58,7 +64,7 @@ class Spoof(Params):
         description="Claimed position at the start of the attack, or centre of the swarm: [east_m, north_m, up_m] in "
         "metres from the origin or the attack's anchor."
     )
-    velocity_mps: Enu = Field(default=(0.0, 0.0, 0.0), description="Claimed velocity, [east, north, up] in m/s.")
+    velocity_mps: ClaimedVelocity = (0.0, 0.0, 0.0)
     vehicle: str | None = Field(
         default=None, description="Aircraft whose identity form = 'position' uses, such as 'red/r1'."
     )
@@ -75,9 +81,7 @@ class Spoof(Params):
     rate_hz: Number = Field(
         default=1.0, ge=0.1, le=10, description="Broadcasts per second of each forged aircraft on each transport."
     )
-    transports: tuple[Way, ...] = Field(
-        default=("wifi_beacon",), min_length=1, description="Transports; each carries all broadcasts."
-    )
+    transports: Transports = ("wifi_beacon",)
     via: Literal["radio", "link"] = Field(
         default="radio",
         description="radio: broadcast from the attacker's own transmitter; link: inject on the rid_up link of an "
@@ -87,14 +91,8 @@ class Spoof(Params):
         default=None,
         description="Aircraft on whose rid_up link via = 'link' injects; default: the aircraft in vehicle.",
     )
-    transmitter_m: Enu | None = Field(
-        default=None,
-        description="Position of the attacker's transmitter, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor; default: 2 m above the ground or roof at the claimed position.",
-    )
-    power_dbm: Number = Field(
-        default=20.0, ge=-30, le=50, description="Radiated power (EIRP) in dBm; 20 is the limit in Europe."
-    )
+    transmitter_m: TransmitterPlace = None
+    power_dbm: RadiatedPower = 20.0
 
     @model_validator(mode="after")
     def _fits_its_form(self) -> Spoof:

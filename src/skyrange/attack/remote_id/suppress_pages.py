@@ -12,6 +12,7 @@ from pydantic import Field
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.attack.remote_id.jam import SILENT_CDBM
+from skyrange.codec.drip import SamType
 from skyrange.codec.f3411 import MessageType
 from skyrange.codec.f3411.encode import PACK_HEADER, SIZE
 from skyrange.codec.remote_id import link_payload
@@ -25,14 +26,13 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, NS_PER_US, Time
 from skyrange.radio.phy.framing import OVERHEAD_BYTES, TRANSPORT_WAVEFORM
 from skyrange.radio.phy.waveforms import airtime_ns
+from skyrange.remoteid.drip.schedule import PAGE_NS
 
 SERVICE_NS: Final = 100 * NS_PER_US
 """The jammer's program is a loop on a software-defined radio; the order takes as long again (`radio.CHANNEL`)."""
 WIFI_BURST_NS: Final = 500 * NS_PER_US
 """From the middle of a pack of signatures, which takes 0.35 to 0.43 ms, beyond its end. Its sender would hear a burst
 that begins before the frame, and wait for the end of the noise."""
-PAGE_NS: Final = 35 * NS_PER_MS
-"""Between two pages of a message over Bluetooth 4, as the aircraft of the range send them."""
 JITTER_NS: Final = 10 * NS_PER_MS
 """advDelay of an advertisement (Bluetooth Core 5.4 vol. 6 part B 4.4.2.2.1)."""
 MAX_PAGE: Final = 8
@@ -54,8 +54,6 @@ MAX_UNHEARD: Final = 60
 """Predictions without any frame of the sender heard; then it is forgotten."""
 ADVERTISING_KHZ: Final = (2_402_000, 2_426_000, 2_480_000)
 """The three advertising channels of Bluetooth."""
-_MANIFEST: Final = 3
-"""The SAM type (RFC 9575, section 8.1), the first byte of the authentication data."""
 _DATA_AT: Final = 8
 """Where the authentication data begin in page 0 (F3411-22a, Authentication message)."""
 
@@ -238,7 +236,7 @@ def carries_manifest(body: bytes) -> bool:
         and body[0] >> 4 == MessageType.MESSAGE_PACK
         and body[PACK_HEADER] >> 4 == MessageType.AUTHENTICATION
         and body[PACK_HEADER + 1] & 0x0F == 0
-        and body[at] == _MANIFEST
+        and body[at] == SamType.MANIFEST  # the first byte of the authentication data
     )
 
 

@@ -15,7 +15,7 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.errors import DecodeError, InputError
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected
 from skyrange.defence.remote_id.receptions import Finding, Held, OwnAircraft, Reader, Sender, defend, refuse
@@ -24,6 +24,7 @@ from skyrange.remoteid.drip.policy import Verification
 from skyrange.remoteid.drip.settings import Authorities, ClockError, VerificationRate
 from skyrange.remoteid.drip.verdicts import Judged, Trust
 from skyrange.remoteid.drip.verifier import Verifier, printable_tag
+from skyrange.remoteid.tracks import STALE_S
 
 REFUSED: Final = "drip.refused"
 REPLAYED: Final = "drip.replayed"
@@ -41,8 +42,8 @@ _ALARMS: Final = {
 }
 """Kinds of alarms about senders that are not believed. A signature that is not verified yet, or no longer fresh, is no
 sign of an attack."""
-GAP_NS: Final[Time] = 10 * NS_PER_S
-"""A sender that was not heard for so long counts as a new one, as in `remoteid.tracks`."""
+GAP_NS: Final[Time] = from_seconds(STALE_S)
+"""A sender that was not heard for so long counts as a new one, because its track is forgotten."""
 
 
 class DripRules(Protected):
@@ -80,10 +81,12 @@ class SignatureJudge:
         What has neither makes no track: authentication pages pass. Of an address that several use, the newest Location
         that is verified by a broadcast is handed on in its place.
         """
-        read = reader.read(frame.payload)
-        if read is None:
+        try:
+            header, body = unpack(frame.payload)
+            message = decode(body)
+        except DecodeError:
             return ()
-        (header, body), (sender, _) = unpack(frame.payload), read
+        sender, _ = reader.take(header.address, header.time_ns, None, message)
         self.verifier.set_clock(0, now, own.clock_us(now))
         judged = self.verifier.receive(0, now, header.address, header.counter, body, frame.id)
         verdicts: list[Verdict] = [
@@ -91,7 +94,7 @@ class SignatureJudge:
             for change in self.verifier.changes()
         ]
         heard_s = self._listen(now, header.address)
-        identities = _identities(body)
+        identities = _identities(message)
         if identities is not None:
             finding = self._find(now, header.address, identities, judged, heard_s)
             if finding is not None:
@@ -99,7 +102,7 @@ class SignatureJudge:
                 verdicts += refuse(now, self.alarm, shown, finding)
         for one, heard_ns in self.verifier.release(0, now, judged):
             address = one.address.to_bytes(6, "big")
-            if address != self.address and self.uas_id not in (_identities(one.body) or ()):
+            if address != self.address and self.uas_id not in (_identities(decode(one.body)) or ()):
                 again = pack(RidHeader(header.transport, header.channel, 0, address, NO_RSSI, heard_ns), one.body)
                 verdicts.append(Inject(again, "fwd", frame.src, frame.dst))
         return verdicts
@@ -145,12 +148,8 @@ class SignatureTap(DefenceTap):
         return self.by.judge(now, self.own, self.reader, frame) if frame.direction == "fwd" else ()
 
 
-def _identities(body: bytes) -> list[str] | None:
+def _identities(message: object) -> list[str] | None:
     """The UAS IDs in a broadcast; `None` if it has neither these nor a Location, so that no track is made of it."""
-    try:
-        message = decode(body)
-    except DecodeError:
-        return None
     parts = message.messages if isinstance(message, MessagePack) else (message,)
     if not any(isinstance(part, (BasicId, Location)) for part in parts):
         return None
@@ -197,8 +196,8 @@ DRIP = DefencePlugin(
     effect="drops broadcasts that its policy disbelieves, so that avoidance sees no track of them; of an address that "
     "several use, it hands on the newest verified Location alone",
     alerts=(REFUSED, REPLAYED, CONTRADICTED, UNSIGNED, OWN),
-    against=("remote_id.spoof", "remote_id.replay"),
-    evasion="relays in real time, or signs lies with a registered key",
+    against=("remote_id.spoof", "remote_id.replay", "remote_id.signed_ghost"),
+    evasion="relays in real time, or signs lies with a key that the registry has endorsed",
     cost="a signature verification every few seconds for each sender; no frame and no delay is added, but aircraft "
     "have to sign, and the default policy ignores those that do not",
     nominal=("drop",),

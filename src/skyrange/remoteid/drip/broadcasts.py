@@ -14,14 +14,11 @@ from skyrange.codec.drip import encode_sam, since_2019_s, split_with_parity
 from skyrange.codec.f3411 import Authentication, MessagePack, encode
 from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Time
+from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
-from skyrange.remoteid.drip.schedule import Kind
+from skyrange.remoteid.drip.schedule import PAGE_NS, Kind
 from skyrange.remoteid.drip.sender import Sender
 
-PAGE_NS: Final[Time] = 35 * NS_PER_MS
-"""Time between two frames with authentication pages of one aircraft: three times the longest message, eleven pages,
-takes 1.2 s."""
 AHEAD_S: Final = 1.0
 """A message that would become due before the next ordinary broadcast, at most a second later, is sent now. So the
 longest times of RFC 9575 are kept."""

@@ -6,6 +6,11 @@ from enum import StrEnum
 from typing import Final, NamedTuple
 
 from skyrange.codec.drip import RECOMMENDED_HASHES
+from skyrange.core.time import NS_PER_MS, Time
+
+PAGE_NS: Final[Time] = 35 * NS_PER_MS
+"""Time between two frames with authentication pages of one aircraft: three times the longest message, eleven pages,
+takes 1.2 s."""
 
 
 class Kind(StrEnum):
