@@ -18,12 +18,12 @@ from skyrange.codec.drip import (
 )
 from skyrange.codec.f3411 import Authentication, decode, encode
 from skyrange.core.errors import DecodeError
-from skyrange.remoteid.drip.observed_sender import MAX_HEARD
-from skyrange.remoteid.drip.observer import MAX_TRACKS, Observer
 from skyrange.remoteid.drip.registry import Registry
 from skyrange.remoteid.drip.schedule import Kind
 from skyrange.remoteid.drip.sender import Sender
-from skyrange.remoteid.drip.verdicts import Judged, Policy, Trust
+from skyrange.remoteid.drip.verification.observed_sender import MAX_HEARD
+from skyrange.remoteid.drip.verification.observer import MAX_TRACKS, Observer
+from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Trust
 
 T0 = 220_000_000
 REGISTRY = Registry.of_seed(1, T0 - 10, T0 + 1000)

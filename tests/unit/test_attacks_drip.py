@@ -31,11 +31,11 @@ from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, NS_PER_US, Epoch, Tim
 from skyrange.radio.phy.framing import OVERHEAD_BYTES
 from skyrange.radio.phy.waveforms import OFDM, airtime_ns
 from skyrange.remoteid.broadcast_profiles import sender_address
-from skyrange.remoteid.drip.observer import Observer
-from skyrange.remoteid.drip.policy import Acceptance, accepts
 from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
 from skyrange.remoteid.drip.sender import Sender
-from skyrange.remoteid.drip.verdicts import Policy, Refusal, Trust
+from skyrange.remoteid.drip.verification.observer import Observer
+from skyrange.remoteid.drip.verification.policy import Acceptance, accepts
+from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal, Trust
 from tests.unit.test_attack_remote_id import ORIGIN, made, place, sent
 
 S, MS, US = NS_PER_S, NS_PER_MS, NS_PER_US

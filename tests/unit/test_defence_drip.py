@@ -22,9 +22,9 @@ from skyrange.defence.remote_id.receptions import OwnAircraft, Reader
 from skyrange.remoteid.broadcast_profiles import Broadcast, sender_address
 from skyrange.remoteid.drip.broadcasts import AuthenticationPages
 from skyrange.remoteid.drip.credentials import Credentials
-from skyrange.remoteid.drip.policy import Verification
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.verifier import Verifier
+from skyrange.remoteid.drip.verification.policy import Verification
+from skyrange.remoteid.drip.verification.verifier import Verifier
 
 ORIGIN = Origin(40.778, -73.955, 20.0)
 START_S = 220_000_000

@@ -12,7 +12,6 @@ from skyrange.codec.drip.messages import encode_manifest, manifest_evidence
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, MessageType, encode
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.remoteid.drip.keys import Identity, range_secret, sign
-from skyrange.remoteid.drip.observer import Observer
 from skyrange.remoteid.drip.registry import Level, Registration, Registry, child_level, endorse
 from skyrange.remoteid.drip.schedule import (
     CYCLE,
@@ -24,7 +23,8 @@ from skyrange.remoteid.drip.schedule import (
     cycle_page,
 )
 from skyrange.remoteid.drip.sender import Sender
-from skyrange.remoteid.drip.verdicts import Judged, Policy, Refusal, Trust, Verified
+from skyrange.remoteid.drip.verification.observer import Observer
+from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Refusal, Trust, Verified
 
 T0 = 220_000_000.0
 REGISTRY = Registry.of_seed(7, int(T0) - 10, int(T0) + 86_400)

@@ -15,10 +15,10 @@ from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.broadcast_profiles import Broadcast
 from skyrange.remoteid.drip.broadcasts import PAGE_NS, AuthenticationPages
 from skyrange.remoteid.drip.credentials import Credentials
-from skyrange.remoteid.drip.policy import Acceptance, Verification, accepts
 from skyrange.remoteid.drip.registry import Registry
-from skyrange.remoteid.drip.verdicts import Trust
-from skyrange.remoteid.drip.verifier import MAX_TOLD, Verifier
+from skyrange.remoteid.drip.verification.policy import Acceptance, Verification, accepts
+from skyrange.remoteid.drip.verification.verdicts import Trust
+from skyrange.remoteid.drip.verification.verifier import MAX_TOLD, Verifier
 
 START_S = 220_000_000
 REGISTRY = Registry.of_seed(3, START_S - 10, START_S + 3600)

@@ -16,8 +16,8 @@ from skyrange.scenario.model.scenario import Scenario
 
 if TYPE_CHECKING:
     from skyrange.remoteid.drip.credentials import Credentials
-    from skyrange.remoteid.drip.policy import Verification
     from skyrange.remoteid.drip.registry import Anchor, Registration, Registry
+    from skyrange.remoteid.drip.verification.policy import Verification
 
 BEFORE_S: Final = 3600
 """Endorsements are valid from so long before simulated time 0…"""
@@ -63,7 +63,7 @@ def make_verification(verify: Verify | None, scenario: Scenario) -> Verification
     """How a receiver verifies; `None` if it does not."""
     if verify is None:
         return None
-    from skyrange.remoteid.drip.policy import Verification
+    from skyrange.remoteid.drip.verification.policy import Verification
 
     anchors = find_anchors(scenario, verify.authorities)
     return Verification.of(anchors, verify.policy, verify.clock_error_s, verify.verifications_per_s)

@@ -127,7 +127,7 @@ class AttackContext:
     """The keys of authenticated Remote ID that an adversary can hold; `None` where there is no registry, and for a
     defence."""
     anchors: Callable[[str], Sequence[Anchor]] = no_anchors
-    """The public DRIP keys that receivers hold before the flight, by `authorities` of `remoteid.drip.settings`."""
+    """The public DRIP keys that receivers hold before the flight, by `authorities` of the settings of verification."""
 
     @property
     def radio(self) -> str:

@@ -27,8 +27,8 @@ from skyrange.radio import ground_receptions
 from skyrange.remoteid.tracks import ReceivedBroadcasts, TrackSnapshot, TrackTable
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
-    from skyrange.remoteid.drip.policy import Verification
-    from skyrange.remoteid.drip.verifier import Verifier
+    from skyrange.remoteid.drip.verification.policy import Verification
+    from skyrange.remoteid.drip.verification.verifier import Verifier
 
 UPDATE_PERIOD_NS: Final[Time] = NS_PER_S
 """How often new and lost tracks are determined."""
@@ -183,7 +183,7 @@ class TrafficPicture:
 def _verifier(verifications: Sequence[Verification | None], epoch: Epoch | None) -> Verifier | None:
     if epoch is None or all(one is None for one in verifications):
         return None
-    from skyrange.remoteid.drip.verifier import Verifier
+    from skyrange.remoteid.drip.verification.verifier import Verifier
 
     verifier = Verifier(verifications)
     for row in verifier.rows:

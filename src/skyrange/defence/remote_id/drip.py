@@ -20,10 +20,10 @@ from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import Alarm, DefenceTap, Protected, find_protected
 from skyrange.defence.remote_id.receptions import Finding, Held, OwnAircraft, Reader, Sender, defend, refuse
 from skyrange.remoteid.broadcast_profiles import sender_address
-from skyrange.remoteid.drip.policy import Verification
-from skyrange.remoteid.drip.settings import Authorities, ClockError, VerificationRate
-from skyrange.remoteid.drip.verdicts import Judged, Trust
-from skyrange.remoteid.drip.verifier import Verifier, printable_tag
+from skyrange.remoteid.drip.verification.policy import Verification
+from skyrange.remoteid.drip.verification.settings import Authorities, ClockError, VerificationRate
+from skyrange.remoteid.drip.verification.verdicts import Judged, Trust
+from skyrange.remoteid.drip.verification.verifier import Verifier, printable_tag
 from skyrange.remoteid.tracks import STALE_S
 
 REFUSED: Final = "drip.refused"

@@ -48,7 +48,7 @@ from skyrange.vehicle.companion.message_requests import MessageRequests
 from skyrange.vehicle.companion.spec import CompanionSpec
 
 if TYPE_CHECKING:  # its imports are slow, and only receivers that verify need them
-    from skyrange.remoteid.drip.verifier import Verifier
+    from skyrange.remoteid.drip.verification.verifier import Verifier
 
 SERVICE_NS: Final[Time] = LEAD_NS
 """Its own program runs at 20 Hz; what it forwards is handled by a route, more often."""
@@ -403,6 +403,6 @@ class Companion:
 def _verifier(specs: Sequence[CompanionSpec]) -> Verifier | None:
     if all(spec.verification is None for spec in specs):
         return None
-    from skyrange.remoteid.drip.verifier import Verifier
+    from skyrange.remoteid.drip.verification.verifier import Verifier
 
     return Verifier([spec.verification for spec in specs])

@@ -8,9 +8,9 @@ from typing import Final, NamedTuple
 from skyrange.codec.drip import EntityTag, Link, link_hash
 from skyrange.core.errors import DecodeError
 from skyrange.remoteid.drip.keys import verify
-from skyrange.remoteid.drip.observed_sender import bound
 from skyrange.remoteid.drip.registry import Anchor, Level, child_level
-from skyrange.remoteid.drip.verdicts import Policy, Refusal
+from skyrange.remoteid.drip.verification.observed_sender import bound
+from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal
 
 MAX_KEYS: Final = 4096
 """Keys held. Only registered parties fill this."""

@@ -9,8 +9,8 @@ from typing import Any, Final
 from skyrange.codec.drip import Evidence
 from skyrange.codec.f3411 import SIZE, MessageType
 from skyrange.codec.f3411.encode import PACK_HEADER
-from skyrange.remoteid.drip.reassembly import Reassembly
-from skyrange.remoteid.drip.verdicts import Policy, Refusal
+from skyrange.remoteid.drip.verification.reassembly import Reassembly
+from skyrange.remoteid.drip.verification.verdicts import Policy, Refusal
 
 MAX_WAITING: Final = 8
 """Signed messages that are held until their key is known; the oldest makes room."""

@@ -8,7 +8,7 @@ from enum import StrEnum
 from typing import Final, NamedTuple
 
 from skyrange.remoteid.drip.registry import Anchor
-from skyrange.remoteid.drip.verdicts import Policy, Trust
+from skyrange.remoteid.drip.verification.verdicts import Policy, Trust
 
 
 class Acceptance(StrEnum):
@@ -51,6 +51,6 @@ class Verification(NamedTuple):
     def of(
         cls, anchors: Sequence[Anchor], policy: str, clock_error_s: float, verifications_per_s: float | None
     ) -> Verification:
-        """That of a receiver with these settings (`remoteid.drip.settings`); `policy` is an `Acceptance`."""
+        """That of a receiver with these settings (`verification.settings`); `policy` is an `Acceptance`."""
         limit = math.inf if verifications_per_s is None else verifications_per_s
         return cls(tuple(anchors), Acceptance(policy), Policy(verifications_per_s=limit), clock_error_s)

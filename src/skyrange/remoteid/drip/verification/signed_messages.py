@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final, NamedTuple
 
-from skyrange.remoteid.drip.observed_sender import bound
+from skyrange.remoteid.drip.verification.observed_sender import bound
 
 MAX_SIGNED: Final = 4096
 """Hashes held: 64 senders with a message a second for a minute. The one signed longest ago makes room."""
