@@ -11,13 +11,13 @@ from pydantic import Field
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.radio import check_vehicle
 from skyrange.codec.mavlink import Packer, dialect
-from skyrange.contracts import plugins
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.params import Number, Params
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import endpoint, operator_of
 from skyrange.core.time import NS_PER_S, Time, from_seconds
+from tests.registered_kinds import registered
 
 KIND = "test.homeward"
 
@@ -76,13 +76,8 @@ HOMEWARD = AttackPlugin(Homeward, make, "Orders an aircraft home.", technique="T
 @contextmanager
 def offered() -> Iterator[None]:
     """The kind is registered inside."""
-    before = dict(plugins._registered)
-    plugins.register(plugins.ATTACKS, KIND, HOMEWARD)
-    try:
+    with registered((KIND, HOMEWARD)):
         yield
-    finally:
-        plugins._registered.clear()
-        plugins._registered.update(before)
 
 
 def scenario(start_s: float = 12.0, duration_s: float = 40.0) -> str:

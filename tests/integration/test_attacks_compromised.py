@@ -20,7 +20,6 @@ from skyrange.attack.mavlink.guided import GUIDED
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import decode
-from skyrange.contracts import plugins
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.plugins import NoParams
 from skyrange.core.time import NS_PER_S, Time, from_seconds
@@ -30,6 +29,7 @@ from skyrange.utm.approval_service import policy_plugin
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 from tests.conformance.test_attacks_companion import encounter
 from tests.conformance.test_attacks_telemetry import signed_squares
+from tests.registered_kinds import registered
 
 START_S = 9.0
 """When the squares are flown, after the take-off."""
@@ -212,12 +212,8 @@ def _rejecting() -> Iterator[None]:
         def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
             return ApprovalDecision(False, "closed")
 
-    before = dict(plugins._registered)
-    plugin = policy_plugin(NoParams, lambda params: RejectAll(), "Rejects every flight plan.")
-    plugins.register(plugins.APPROVALS, "reject-all", plugin)
-    yield
-    plugins._registered.clear()
-    plugins._registered.update(before)
+    with registered(("reject-all", policy_plugin(NoParams, lambda params: RejectAll(), "Rejects every flight plan."))):
+        yield
 
 
 def test_a_forged_rejection_keeps_an_approved_flight_on_the_ground() -> None:

@@ -3,34 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import pytest
-
-from skyrange.attack.link.connection_loss import BREAK
-from skyrange.attack.link.corrupt import CORRUPT
-from skyrange.attack.link.drop import DROP
-from skyrange.attack.link.eavesdrop import EAVESDROP
-from skyrange.contracts import plugins
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import load
 from skyrange.study.runs import fly
-
-KINDS = {"link.break": BREAK, "link.corrupt": CORRUPT, "link.drop": DROP, "link.eavesdrop": EAVESDROP}
-
-
-@pytest.fixture(autouse=True)
-def _offered() -> Iterator[None]:
-    """The kinds are there, whether or not the installed package offers them."""
-    before = dict(plugins._registered)
-    for name, kind in KINDS.items():
-        if name not in plugins.kinds(plugins.ATTACKS):
-            plugins.register(plugins.ATTACKS, name, kind)
-    yield
-    plugins._registered.clear()
-    plugins._registered.update(before)
 
 
 def flown(name: str, folder: Path, *overrides: str) -> RunRecord:

@@ -14,7 +14,6 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode, dialect
-from skyrange.contracts import plugins
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Params
@@ -23,6 +22,7 @@ from skyrange.core.time import Time
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair
+from tests.registered_kinds import registered
 
 FLEET = """
 name = "chains"
@@ -103,12 +103,12 @@ def cut(params: OnLink, context: AttackContext) -> Attack:
 
 @pytest.fixture(scope="module", autouse=True)
 def kinds() -> Iterator[None]:
-    before = dict(plugins._registered)
-    plugins.register(plugins.ATTACKS, "test.move", AttackPlugin(OnLink, move, "Moves a mission item."))
-    plugins.register(plugins.ATTACKS, "test.cut", AttackPlugin(OnLink, cut, "Cuts a link.", counterfactual="mute"))
-    yield
-    plugins._registered.clear()
-    plugins._registered.update(before)
+    offered = (
+        ("test.move", AttackPlugin(OnLink, move, "Moves a mission item.")),
+        ("test.cut", AttackPlugin(OnLink, cut, "Cuts a link.", counterfactual="mute")),
+    )
+    with registered(*offered):
+        yield
 
 
 def flown(folder: Path, attacks: str) -> tuple[Pair, list[dict[str, Any]]]:

@@ -18,7 +18,6 @@ from skyrange.codec import f3411
 from skyrange.codec.f3411 import BasicId, IdType, Location, MessagePack, Status, UaType
 from skyrange.codec.remote_id import link_payload, noise_request
 from skyrange.codec.remote_id.link_payload import RidHeader, Transport
-from skyrange.contracts import plugins
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Params
@@ -30,6 +29,7 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
 from tests.integration.twin_range import heard, plain
+from tests.registered_kinds import registered
 
 B1, B2 = "blue/b1", "blue/b2"
 KIND = "test.babble"
@@ -106,13 +106,8 @@ def babbling(payloads: Sequence[bytes]) -> Iterator[None]:
         agent = Broadcaster(context.radio, Port(context.radio, context.up), Babble(payloads))
         return Attack(agents=[agent], links=[up_link(context)], radios=[transmitter(context, (30.0, 30.0, 2.0), 20.0)])
 
-    before = dict(plugins._registered)
-    plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Params, make, "Babbles."))
-    try:
+    with registered((KIND, AttackPlugin(Params, make, "Babbles."))):
         yield
-    finally:
-        plugins._registered.clear()
-        plugins._registered.update(before)
 
 
 ATTACK = f'[[attacks]]\nid = "babble"\nkind = "{KIND}"\n'

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.attack.on_path import TapMaker
-from skyrange.contracts.plugins import DEFENCES, NoParams, register
+from skyrange.contracts.plugins import NoParams
 from skyrange.core.errors import InputError
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import DefenceTap, place_taps
@@ -15,6 +15,7 @@ from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario.toml_reader import load_text
 from tests.integration.live_programs import live
 from tests.ports import OFFSET
+from tests.registered_kinds import registered
 
 SCENARIO = """
 name = "defended"
@@ -94,16 +95,17 @@ def make_pair(params: NoParams, context: DefenceContext) -> Defence:
     return Defence(taps=taps, one_process=True)
 
 
-register(DEFENCES, "test.one_process", DefencePlugin(NoParams, make_pair, "Has parts that share state."))
+ONE_PROCESS = DefencePlugin(NoParams, make_pair, "Has parts that share state.")
 UNDEFENDED = SCENARIO.partition("[[attacks]]")[0]
 
 
 def test_parts_that_share_state_in_two_processes_are_named(tmp_path: Path) -> None:
-    scenario = load_text(f'{UNDEFENDED}[[defences]]\nid = "both"\nkind = "test.one_process"\n')
-    with pytest.raises(InputError, match=r"defences\.both: parts in the processes blue.*--group one"):
-        prepare_range(scenario, tmp_path / "two", group="component")
-    prepare_range(scenario, tmp_path / "operator", group="operator")  # station and companions in one process
-    prepare_range(scenario, tmp_path / "one", group="one")
+    with registered(("test.one_process", ONE_PROCESS)):
+        scenario = load_text(f'{UNDEFENDED}[[defences]]\nid = "both"\nkind = "test.one_process"\n')
+        with pytest.raises(InputError, match=r"defences\.both: parts in the processes blue.*--group one"):
+            prepare_range(scenario, tmp_path / "two", group="component")
+        prepare_range(scenario, tmp_path / "operator", group="operator")  # station and companions in one process
+        prepare_range(scenario, tmp_path / "one", group="one")
 
 
 @pytest.mark.parametrize("kind", ["mavlink.signing", "mission.hash", "mission.read_back"])

@@ -34,7 +34,6 @@ start_s = 20
 
 
 def flown(kind: AttackPlugin, params: str, monkeypatch: pytest.MonkeyPatch) -> MemoryObserver:
-    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     plugins.register(plugins.ATTACKS, "test.kind", kind)
     seen = MemoryObserver()
     kernel = Kernel(build(load_text(f"{SQUARE}params = {{ {params} }}\n")).wiring, [seen])

@@ -211,7 +211,6 @@ def wrong(kind: str, params: str) -> list[str]:
     ],
 )
 def test_what_is_wrong_is_said(kind: str, params: str, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     plugins.register(plugins.ATTACKS, "gnss.jump", JUMP)
     plugins.register(plugins.ATTACKS, "gnss.drift", DRIFT)
     found = wrong(f"gnss.{kind}", params)

@@ -6,11 +6,11 @@ import pytest
 
 from skyrange.assembly.build import build
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import DEFENCES, register
 from skyrange.core.errors import InputError
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.path_rules import PathEnd, Sends
 from skyrange.scenario.toml_reader import load_text
+from tests.registered_kinds import registered
 
 BASE = """
 name = "several"
@@ -161,11 +161,12 @@ def _make_stray(params: Place, context: DefenceContext) -> Defence:
     return Defence(path_rules=[Sends(PathEnd(params.link, params.side), "fwd", frozenset((0,)))])
 
 
-register(DEFENCES, "test.stray", DefencePlugin(Place, _make_stray, "Sends from where it is not."))
+STRAY = DefencePlugin(Place, _make_stray, "Sends from where it is not.")
 
 
 @pytest.mark.parametrize(("link", "side"), [("gcs:blue/b9", "gcs"), ("gcs:blue/b1", "proxy"), ("x", "gcs")])
 def test_a_rule_about_an_end_that_does_not_exist_is_refused(link: str, side: str) -> None:
-    text = refuse(scenario(("test.stray", f'params = {{ link = "{link}", side = "{side}" }}')))
+    with registered(("test.stray", STRAY)):
+        text = refuse(scenario(("test.stray", f'params = {{ link = "{link}", side = "{side}" }}')))
     assert f"{side} of {link}" in text
     assert "an end of a gcs, log or autopilot link" in text

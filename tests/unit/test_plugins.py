@@ -19,7 +19,6 @@ NO = policy_plugin(NoParams, lambda params: ApproveAll(), "Says no.")
 
 @pytest.fixture(autouse=True)
 def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     monkeypatch.setattr(plugins, "_loaded_files", dict(plugins._loaded_files))
 
 

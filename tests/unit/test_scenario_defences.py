@@ -15,7 +15,7 @@ from skyrange.attack.on_path import TapMaker
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import ATTACKS, DEFENCES, NoParams, kinds, register
+from skyrange.contracts.plugins import DEFENCES, NoParams, kinds
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, Time
@@ -24,6 +24,7 @@ from skyrange.defence.placement import Alarm, DefenceTap, place_taps
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_reader import load_text
+from tests.registered_kinds import registered
 
 BASE = """
 name = "defended"
@@ -206,15 +207,18 @@ def _loud(params: NoParams, context: AttackContext) -> Attack:
     return Attack(taps=place_taps("gcs", "companion", list(context.vehicles), context, maker))
 
 
-register(DEFENCES, "test.arriving", DefencePlugin(NoParams, _witness("fwd"), "Tells of what arrives."))
-register(DEFENCES, "test.leaving", DefencePlugin(NoParams, _witness("rev"), "Tells of what leaves."))
-register(DEFENCES, "test.blindfold", DefencePlugin(NoParams, _blindfold, "Tells what it can read."))
-register(ATTACKS, "test.loud", AttackPlugin(NoParams, _loud, "Raises an alert, which no attack may."))
+KINDS = (
+    ("test.arriving", DefencePlugin(NoParams, _witness("fwd"), "Tells of what arrives.")),
+    ("test.leaving", DefencePlugin(NoParams, _witness("rev"), "Tells of what leaves.")),
+    ("test.blindfold", DefencePlugin(NoParams, _blindfold, "Tells what it can read.")),
+    ("test.loud", AttackPlugin(NoParams, _loud, "Raises an alert, which no attack may.")),
+)
 
 
 def fly(more: str) -> MemoryObserver:
     seen = MemoryObserver()
-    kernel = Kernel(build(scenario(more)).wiring, [seen])
+    with registered(*KINDS):
+        kernel = Kernel(build(scenario(more)).wiring, [seen])
     kernel.advance(6 * NS_PER_S)
     kernel.finish()
     return seen

@@ -1,0 +1,24 @@
+"""Kinds of plugins that a test offers for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from skyrange.contracts import plugins
+from skyrange.contracts.plugins import Plugin
+
+
+@contextmanager
+def registered(*offers: tuple[str, Plugin[Any, Any]]) -> Iterator[None]:
+    """Each (kind, plugin) is registered in the plugin's group inside, as is what the body registers."""
+    known = plugins._registered
+    before = dict(known)
+    try:
+        for kind, plugin in offers:
+            plugins.register(plugin.group, kind, plugin)
+        yield
+    finally:
+        known.clear()
+        known.update(before)
