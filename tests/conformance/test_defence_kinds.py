@@ -12,12 +12,13 @@ from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import DEFENCES, NoParams, register
+from skyrange.contracts.plugins import NoParams
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin
 from skyrange.defence.placement import Alarm, DefenceTap, place_taps
 from skyrange.testing import NonConformance, check_defence
+from tests.registered_kinds import registered
 
 TERMINATE = {
     "kind": "mavlink.command",
@@ -72,25 +73,17 @@ class Shouting(DefenceTap):
         return [Drop(), *self.alarm.raise_at(now, "shout", 1.0)]
 
 
-def _register(name: str, tap: type[DefenceTap]) -> None:
+def _plugin(tap: type[DefenceTap]) -> DefencePlugin:
     def make(params: NoParams, context: DefenceContext) -> Defence:
         vehicles = list(context.vehicles)
         return Defence(taps=place_taps("gcs", "companion", vehicles, context, TapMaker(tap, (Alarm("blue/b1"),))))
 
     phrase = "something"
     said = {"place": phrase, "effect": phrase, "evasion": phrase, "cost": phrase}
-    kind = DefencePlugin(NoParams, make, "Is wrong.", ("gcs",), alerts=("told",), against=("*",), **said)
-    register(DEFENCES, name, kind)
+    return DefencePlugin(NoParams, make, "Is wrong.", ("gcs",), alerts=("told",), against=("*",), **said)
 
 
-_register("wrong.nervous", Nervous)
-_register("wrong.anxious", Anxious)
-_register("wrong.shouting", Shouting)
-
-
-@pytest.mark.parametrize(
-    ("name", "rule"), [("wrong.nervous", "nominal"), ("wrong.anxious", "nominal"), ("wrong.shouting", "acts")]
-)
-def test_defences_that_break_a_rule_are_found(name: str, rule: str) -> None:
-    with pytest.raises(NonConformance, match=rf"breaks defence\.{rule}:"):
-        check_defence(name, {}, TERMINATE)
+@pytest.mark.parametrize(("tap", "rule"), [(Nervous, "nominal"), (Anxious, "nominal"), (Shouting, "acts")])
+def test_defences_that_break_a_rule_are_found(tap: type[DefenceTap], rule: str) -> None:
+    with registered(("test.wrong", _plugin(tap))), pytest.raises(NonConformance, match=rf"breaks defence\.{rule}:"):
+        check_defence("test.wrong", {}, TERMINATE)

@@ -22,6 +22,10 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_loaded_files", dict(plugins._loaded_files))
 
 
+def test_no_test_module_registers_kinds_when_it_is_imported():
+    assert not plugins._registered, "every other test would see them; use tests.registered_kinds"
+
+
 def test_a_registered_kind_is_found_and_listed():
     plugins.register(plugins.APPROVALS, "test.say_yes", YES)
     assert plugins.find(plugins.APPROVALS, "test.say_yes") is YES
