@@ -11,11 +11,13 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
+from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
 from skyrange.study.matrix.report import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell, stops
+from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import load_pair
 
 SMALL = """
@@ -87,6 +89,53 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert "| `mode (m)` |" not in again.partition("## ")[0]
     opened = load_pair(tmp_path / "small" / "cells" / "terminate" / "firewall")
     assert 'id="defences"' in opened.report.read_text(encoding="utf-8")
+
+
+IDLE = """
+name = "idle"
+seeds = 1
+rows = [{ id = "terminate", scenario = "mavlink.command", measure = "departure_m", changes = ["duration_s=45"] }]
+columns = [
+    { id = "firewall", defences = [{ kind = "mavlink.firewall" }] },
+    { id = "barometer", defences = [{ kind = "gnss.barometer" }] },
+    { id = "hash", defences = [{ kind = "mission.hash" }] },  # holds each upload
+    { id = "watch", defences = [{ kind = "parameter.watch" }] },
+    { id = "both", defences = [{ kind = "gnss.receiver" }, { kind = "gnss.innovation" }] },
+    { id = "slow", defences = [{ kind = "mavlink.sequence", cost = { us_per_frame = 50 } }] },
+]
+"""
+
+
+def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path: Path) -> None:
+    path = tmp_path / "idle.toml"
+    path.write_text(IDLE, encoding="utf-8")
+    matrix = read_matrix(path)
+    result = fly_matrix(matrix, tmp_path / "idle", jobs=1)
+    undefended = result.cell("terminate")
+    assert undefended.idle == ("barometer", "both")
+    assert (tmp_path / "idle" / result.cell("terminate", "slow").folder).name == "slow"
+    scenario = matrix.rows[0].load()
+    bare = pair(scenario, tmp_path / "bare", arms="sham", jobs=1, run_reports=False)
+    for column in matrix.columns:
+        flown = pair(
+            scenario.model_copy(update={"defences": column.tables()}),
+            tmp_path / column.id,
+            arms="sham",
+            jobs=1,
+            run_reports=False,
+        )
+        ids = [table.id for table in column.tables()]
+        cell = measure_cell(flown, Cell("terminate", column.id), "departure_m", ids)
+        same = [flown.run(arm, 1).manifest["digests"]["frames"] for arm in flown.arms] == [
+            bare.run(arm, 1).manifest["digests"]["frames"] for arm in bare.arms
+        ]
+        if column.id in undefended.idle:
+            assert same
+            assert cell == replace(result.cell("terminate", column.id), folder="")
+        else:
+            assert not same
+    page = write_markdown(result, "", "", True).partition("## Defences with nothing to do")[2]
+    assert "| `terminate` | barometer, both |" in page
 
 
 def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> None:

@@ -233,6 +233,7 @@ def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: d
 
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     monkeypatch.setattr(plugins, "_loaded_files", {})
     before = set(sys.modules)
     names["__name__"] = "__main__"

@@ -22,11 +22,13 @@ TRIGGER_PERIOD_NS = 10 * NS_PER_MS
 class AttackState:
     """One attack at run time: when it acts, as far as that is known."""
 
-    __slots__ = ("_phase", "muted", "plan", "start_ns", "stop_ns")
+    __slots__ = ("_phase", "muted", "plan", "start_ns", "stop_ns", "withheld")
 
     def __init__(self, plan: AttackPlan) -> None:
         self.plan = plan
         self.muted = plan.muted
+        self.withheld = False
+        """Whether it would have done something if it were not muted. Until then the run is as if it were not."""
         self.start_ns: Time = NEVER
         self.stop_ns: Time = NEVER
         self._phase = 0  # 0 waits, 1 acts, 2 has ended: what has been noted
@@ -57,6 +59,12 @@ class AttackState:
             notes.append(self._note(self._events[1], self.stop_ns))
         return [] if self.muted else notes
 
+    def next_change(self, next_evaluation: Time) -> Time:
+        """When it begins or ends, or its trigger is evaluated next."""
+        if self._phase == 1:
+            return self.stop_ns
+        return self.start_ns if self.start_ns != NEVER else next_evaluation
+
     @property
     def ended(self) -> bool:
         """Whether nothing more will come of it."""
@@ -82,6 +90,12 @@ def takes_effect(attack: AttackState | None, now: Time) -> bool:
     return attack is None or (not attack.muted and attack.start_ns <= now < attack.stop_ns)
 
 
+def note_withheld(attack: AttackState | None, now: Time) -> None:
+    """Note that the output of a part of `attack` was discarded at `now`, if it was because the attack is muted."""
+    if attack is not None and attack.muted and attack.start_ns <= now < attack.stop_ns:
+        attack.withheld = True
+
+
 def _order_of(plan: AttackPlan) -> tuple[bool, str]:
     """Attacks and faults by id, then defences as they were given."""
     return (True, "") if plan.defence else (False, plan.id)
@@ -102,6 +116,8 @@ class AttackStates:
         }
         self._unfinished = list(self.each)
         self._next_evaluation: Time = 0
+        self.next_change: Time = -NEVER if self.each else NEVER
+        """When one begins or ends next, or a trigger is evaluated; a tick before that needs no `update`."""
 
     def by_id(self) -> Mapping[str, AttackState]:
         """Each by its attack's id."""
@@ -112,16 +128,17 @@ class AttackStates:
         """Attacks whose trigger has held, and since when they act."""
         return {one.id: one.start_ns for one in self.each if one.plan.trigger is not None and one.start_ns != NEVER}
 
+    @property
+    def withheld(self) -> Sequence[str]:
+        """Ids of the muted attacks and defences that would have done something."""
+        return [one.id for one in self.each if one.withheld]
+
     def begin(self, attack: str, start: Time) -> None:
         """Have an attack act from `start` on whose trigger held elsewhere; once only. `KeyError` for an unknown id."""
         state = self.by_id()[attack]
         if state.start_ns == NEVER:
             state.begin(start)
-
-    @property
-    def unfinished(self) -> bool:
-        """Whether any may still begin or end."""
-        return bool(self._unfinished)
+            self.next_change = min(self.next_change, start)
 
     def update(self, now: Time, world: World) -> list[Note]:
         """Evaluate the triggers that are due at a tick; returns what is to be noted."""
@@ -138,6 +155,8 @@ class AttackStates:
         notes = [note for attack in self._unfinished for note in attack.note_changes(now)]
         if notes:
             self._unfinished = [attack for attack in self._unfinished if not attack.ended]
+        changes = (attack.next_change(self._next_evaluation) for attack in self._unfinished)
+        self.next_change = min(changes, default=NEVER)
         return notes
 
     def _holds(self, id_: str, trigger: Trigger, now: Time, truth: Mapping[str, object]) -> bool:

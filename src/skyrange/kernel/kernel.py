@@ -32,11 +32,12 @@ from skyrange.contracts.components import (
     World,
 )
 from skyrange.contracts.mailboxes import EMPTY_INBOX, Note, Outbox
+from skyrange.contracts.tick_batches import BatchingEngine, BatchStop, TickBatch
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.attack_states import AttackState, AttackStates, takes_effect
+from skyrange.kernel.attack_states import AttackState, AttackStates, note_withheld, takes_effect
 from skyrange.kernel.body_faults import BodyFaultInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
@@ -134,6 +135,7 @@ class Kernel:
         self.now: Time = start - 1
         """Everything up to and including this instant has happened."""
         self._quantum = quantum
+        self._batch = self._make_batch()
         self._next_tick: Time = start if quantum else NEVER
         self._next_truth: Time = 0
         for slot in slots:
@@ -177,8 +179,16 @@ class Kernel:
                 head = heap[0][0] if heap else last + 1
                 if self._next_tick <= until and (self._next_tick << 3) <= head:
                     at = self._next_tick
-                    self._next_tick += self._quantum
-                    self._tick(at)
+                    stop = self._run_batch(min(until, head >> 3))
+                    if stop is None:
+                        self._next_tick += self._quantum
+                        self._tick(at)
+                        continue
+                    at = self._next_tick - self._quantum
+                    if stop is BatchStop.WORLD and self._batch is not None:
+                        self._tick(at, self._batch.complete_world_tick())
+                    elif stop is BatchStop.ENGINE:
+                        self._finish_engines(at)
                     continue
                 if head > last:
                     break
@@ -212,6 +222,11 @@ class Kernel:
     def triggered(self) -> Mapping[str, Time]:
         """Attacks whose trigger has held, and when they began to act."""
         return self._attacks.triggered
+
+    @property
+    def withheld(self) -> Sequence[str]:
+        """Muted attacks and defences that would have done something; not muted, the others would have done nothing."""
+        return self._attacks.withheld
 
     def begin(self, attack: str, start: Time) -> None:
         """Have an attack act from `start` on, as the kernel that has the world found; this one has none."""
@@ -259,16 +274,45 @@ class Kernel:
 
     # ---------------------------------------------------------------- world and engines
 
-    def _tick(self, now: Time) -> None:
+    def _make_batch(self) -> TickBatch | None:
+        """The ticks of the world with its only engine; `None` where something else belongs to each tick."""
+        if len(self._engines) != 1 or self._world is None or self._sensor_faults.present or self._body_faults.present:
+            return None
+        (slot,) = self._engines
+        batch = slot.engine.batch_ticks(self._world, slot.rows) if isinstance(slot.engine, BatchingEngine) else None
+        if batch is None:
+            return None
+        subscribers = [cast("TruthSubscriber", self._agents[name].agent) for name in self._truth_subscribers]
+        periods = [slot.box.service_ns, *(one.observe_period_ns for one in subscribers)]
+        return batch if all(period % batch.period_ns == 0 for period in periods) else None
+
+    def _run_batch(self, until: Time) -> BatchStop | None:
+        """Run ticks in a batch before something else is due; `None` if the next has to be run singly."""
+        batch, first = self._batch, self._next_tick
+        if batch is None or first % batch.period_ns < self._quantum:
+            return None
+        period = first - first % batch.period_ns + batch.period_ns
+        until = min(until, period - 1, self._next_truth - 1, self._attacks.next_change - 1)
+        if until < first:
+            return None
+        try:
+            begun, stop = batch.run(first, (until - first) // self._quantum + 1)
+        except Exception as error:
+            raise attribute_error(f"engine {self._engines[0].engine.name}", first, error) from error
+        self._next_tick = first + begun * self._quantum
+        return stop if begun else None
+
+    def _tick(self, now: Time, happened: Sequence[Note] | None = None) -> None:
+        """Run one tick; `happened` are the world's notes if it has advanced already."""
         world = self._world
         assert world is not None
-        for note in world.advance(now):
+        for note in world.advance(now) if happened is None else happened:
             self._observers.report_note(now, "world", note)
         for name in self._truth_subscribers:
             truth_subscriber = cast("TruthSubscriber", self._agents[name].agent)
             if now % truth_subscriber.observe_period_ns == 0:
                 truth_subscriber.observe(now, world)
-        if self._attacks.unfinished:
+        if now >= self._attacks.next_change:
             for note in self._attacks.update(now, world):
                 self._observers.report_note(now, "kernel", note)
         faults = self._sensor_faults
@@ -291,6 +335,14 @@ class Kernel:
                 slot.engine.begin(now, sensors, inbox)
             except Exception as error:
                 raise attribute_error(f"engine {slot.engine.name}", now, error) from error
+        self._finish_engines(now)
+        if now >= self._next_truth:
+            self._observers.report_truth(now, world)
+            self._next_truth = self._truth_after(now)
+
+    def _finish_engines(self, now: Time) -> None:
+        world = self._world
+        assert world is not None
         for slot in self._engines:
             try:
                 finished = slot.engine.finish(now, self._wall_deadline_s)
@@ -304,9 +356,6 @@ class Kernel:
                 self._dispatch(now, slot.sender, outbox)
             if finished.status is not None:
                 self._check_status(now, slot, finished.status)
-        if now >= self._next_truth:
-            self._observers.report_truth(now, world)
-            self._next_truth = self._truth_after(now)
 
     def _impose(self, now: Time, slot: _EngineSlot, poses: Poses) -> None:
         assert self._world is not None
@@ -382,11 +431,13 @@ class Kernel:
             heappush(self._network.heap, ((due << 3) | WAKEUP, "agent", slot.box.name, 0, STEP, slot.box))
 
     def _dispatch(self, now: Time, sender: Sender, outbox: Outbox) -> None:
-        if outbox.notes and takes_effect(sender.attack, now):  # a muted attack leaves no trace
+        if (outbox.notes or outbox.acts) and not takes_effect(sender.attack, now):  # it leaves no trace
+            note_withheld(sender.attack, now)
+        else:
             for note in outbox.notes:
                 self._observers.report_note(now, sender.name, note)
-        if outbox.acts and takes_effect(sender.attack, now):
-            self._carry_out(now, sender, outbox.acts)
+            if outbox.acts:
+                self._carry_out(now, sender, outbox.acts)
         self._network.send(now, sender, outbox)
 
     def _carry_out(self, now: Time, sender: Sender, acts: Sequence[ChannelOrder | Alert]) -> None:

@@ -26,7 +26,7 @@ from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verd
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time, ceil_to
-from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
 from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (
@@ -116,6 +116,8 @@ class Network:
         """
         attack = sender.attack
         if not takes_effect(attack, now):
+            if outbox.departures or outbox.blocks:
+                note_withheld(attack, now)
             return
         singles = outbox.departures if attack is None else outbox.each(sender.ports)  # hostile frames: a label each
         for port, payload, causes in singles:
@@ -196,7 +198,9 @@ class Network:
                 verdicts = slot.tap.on_frame(now, frame)
             except Exception as error:
                 raise attribute_error(f"tap {slot.name}", now, error) from error
-            if verdicts and takes_effect(slot.attack, now):
+            if verdicts and not takes_effect(slot.attack, now):
+                note_withheld(slot.attack, now)
+            elif verdicts:
                 passed = self._apply_verdicts(now, slot, link, frame, index + 1, sending, verdicts)
                 if passed is None:
                     self.schedule_tap(slot, now)
@@ -285,6 +289,7 @@ class Network:
                 problem = f"answered a wake-up with {verdict!r}; only Inject and Alert fit there"
                 raise ComponentError(f"tap {slot.name}", problem)
             if not effective:
+                note_withheld(slot.attack, now)
                 continue
             if isinstance(verdict, Inject):
                 self._inject(now, slot, verdict)

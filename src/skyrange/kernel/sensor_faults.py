@@ -21,7 +21,7 @@ from skyrange.contracts.components import SensorFault, Sensors, World
 from skyrange.core.errors import attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
 from skyrange.kernel.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
@@ -83,6 +83,8 @@ class SensorFaultInjector:
             except Exception as error:
                 raise attribute_error(f"sensor fault {fault.name}", now, error) from error
             rows.attitude = attitude
+            if not acts and not attack.withheld and (done or _differ(rows, table, places)):
+                note_withheld(attack, now)
             if acts:
                 if places is not None:
                     for kept, altered in zip(_arrays_of(table), _arrays_of(rows), strict=True):
@@ -158,6 +160,12 @@ class _Slot(NamedTuple):
     """Places of the same vehicles among all altered ones."""
     whole: bool
     """Whether the engine's vehicles are all that is altered, and nothing else is."""
+
+
+def _differ(rows: Sensors, table: Sensors, places: NDArray[np.int64] | None) -> bool:
+    """Whether readings, of the rows `places` of `table` or of all, are other ones than there."""
+    pairs = zip(_arrays_of(rows), _arrays_of(table), strict=True)
+    return any(one.tobytes() != (other if places is None else other[places]).tobytes() for one, other in pairs)
 
 
 def _order_of(owned: tuple[AttackState, SensorFault]) -> tuple[bool, str, str]:

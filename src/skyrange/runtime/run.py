@@ -199,6 +199,7 @@ class Run:
                 "max_lag_s": round(lag_s, 3),
                 "peak_memory_mb": round(peak_memory_mb(), 1),
             },
+            **({"withheld": list(withheld)} if (withheld := self.kernel.withheld) else {}),
         }
 
 

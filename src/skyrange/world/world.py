@@ -223,9 +223,7 @@ class World:
     def _tick(self, start: Time) -> Sequence[Note]:
         """One quantum from `start`."""
         end = self._now = start + self.quantum_ns
-        if self._wind.turbulence_mps > 0.0 and (
-            self._gusted_ns is None or start // turbulence.GUST_NS > self._gusted_ns // turbulence.GUST_NS
-        ):
+        if self._gust_due(start):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
         if len(self._imposed.rows):
@@ -234,10 +232,47 @@ class World:
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             self._discharge((end - self._discharged_ns) / NS_PER_S)
             self._discharged_ns = end
+        return self._resolve(end, events)
+
+    def _resolve(self, end: Time, events: int) -> Sequence[Note]:
+        """Resolve the collisions of the tick that ended; returns notes of these and of the bodies' events."""
         collided = self._contact_tracker.resolve_tick(end, self._step_s, float(self._max_step2_m2[0]), self._bodies)
         if events == 0:
             return collided
         return [*collided, *self._notes()]
+
+    def only_moves(self, first: Time) -> bool:
+        """Whether the tick `first` is the next, moves bodies by forces alone, and does not change the air."""
+        start = first - self.quantum_ns
+        return self._now == start and not len(self._imposed.rows) and not self._gust_due(start)
+
+    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """The arguments of `multirotor.advance`, and `SensorSuite.batch_state`, for a compiled call that runs ticks."""
+        return self._arguments, self._sensing.batch_state()
+
+    @property
+    def contact_search(self) -> tuple[bool, float, float, Floats, Floats]:
+        """`ContactTracker.search`."""
+        return self._contact_tracker.search
+
+    def end_batch(self, ticks: int, travelled: float) -> None:
+        """Take over what `ticks` complete ticks of a batch have done; `travelled` is what they found for contacts."""
+        assert self._now is not None
+        self._now += ticks * self.quantum_ns
+        self._contact_tracker.end_batch(travelled)
+
+    def complete_tick(self, events: int) -> Sequence[Note]:
+        """Do the rest of a tick whose bodies a batch has moved, with this number of `events`; returns its notes."""
+        assert self._now is not None
+        self._now += self.quantum_ns
+        notes = self._resolve(self._now, events)
+        self._sensing.sample(self._now)
+        return notes
+
+    def _gust_due(self, start: Time) -> bool:
+        if self._wind.turbulence_mps <= 0.0:
+            return False
+        return self._gusted_ns is None or start // turbulence.GUST_NS > self._gusted_ns // turbulence.GUST_NS
 
     def _gust(self, now: Time) -> None:
         since = self._gusted_ns

@@ -68,6 +68,15 @@ class Cell:
     """The same cell with each candidate of the adversaries who know the defence."""
     candidate: str = ""
     """What the adversary of an adaptive cell does."""
+    idle: Sequence[str] = ()
+    """Of an undefended cell: columns whose defences, present and muted, would have done nothing in any of its runs.
+
+    Had they not been muted, every run would be the same, so their cells are not flown: they are this one.
+    """
+
+    def idle_cell(self, column: str) -> Cell:
+        """The cell of one of the `idle` columns."""
+        return replace(self, column=column, idle=())
 
     @property
     def effect(self) -> Interval | None:

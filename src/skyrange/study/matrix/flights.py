@@ -8,7 +8,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -24,6 +24,7 @@ from skyrange.study.attribution.arms import Selection, acting_attacks, claiming_
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
 from skyrange.study.pairing import pair
+from skyrange.study.twins.pair_folder import Pair
 
 FORMAT: Final = "skyrange.matrix/1"
 MANIFEST: Final = "matrix.json"
@@ -47,9 +48,15 @@ class Task:
     seeds: int
     honest: bool
     candidate: str = ""
+    muted: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """Of an undefended cell: the defences of other cells that fly in it muted, ids by column."""
 
     def fly(self) -> Cell:
-        """Fly it as a pair in this process, and measure it."""
+        """Fly it as a pair in this process, and measure it.
+
+        An undefended cell says which columns are `idle` in it: their defences, present and muted, would have done
+        nothing in any of its runs, so in each cell of its row and one of these columns the runs would be the same.
+        """
         lies = "sham" in acting_attacks(self.scenario).values()
         arms: Selection = "baseline" if self.candidate else "sham" if lies else "nominal"
         flown = pair(
@@ -63,8 +70,16 @@ class Task:
             assumed=rests_on_assumption(self.scenario),
             folder=self.name,
             candidate=self.candidate,
+            idle=self._idle_columns(flown),
         )
         return measure_cell(flown, cell, self.row.measure, detectors)
+
+    def _idle_columns(self, flown: Pair) -> tuple[str, ...]:
+        if not self.muted:
+            return ()
+        runs = [flown.run(arm, seed) for arm in flown.arms for seed in flown.seeds]
+        withheld = {one for run in runs for one in run.manifest.get("withheld", ())}
+        return tuple(column for column, ids in self.muted.items() if withheld.isdisjoint(ids))
 
 
 def rests_on_assumption(scenario: Scenario) -> bool:
@@ -111,14 +126,13 @@ def fly_matrix(
     for (row, column), problems in refusals.items():
         cells[row, column] = Cell(row, column, refused="; ".join(str(problem) for problem in problems))
     make_new_folder(root)
-    found = _fly_all(tasks, root, jobs, on_cell)
-    for task, cell in zip(tasks, found, strict=True):
-        if not task.candidate:
-            cells[task.row.id, cell.column] = cell
-    for task, cell in zip(tasks, found, strict=True):
+    for task, cell in zip(tasks, _fly_all(tasks, root, jobs, on_cell), strict=True):
+        column = task.column.id if task.column is not None else UNDEFENDED
         if task.candidate:
-            known = cells[task.row.id, cell.column]
-            cells[task.row.id, cell.column] = replace(known, adaptive=(*known.adaptive, cell))
+            known = cells[task.row.id, column]
+            cells[task.row.id, column] = replace(known, adaptive=(*known.adaptive, cell))
+        else:
+            cells[task.row.id, column] = replace(cell, column=column)
     result = MatrixResult(root, matrix, cells)
     with atomic_write(root / MANIFEST) as file:
         file.write(f"{json.dumps(describe(result), indent=1)}\n".encode())
@@ -138,15 +152,23 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
         build(scenario)  # errors of the scenario itself come before those of defences in it
         folder = root / CELLS / row.id / UNDEFENDED
         honest = bool(claiming_attacks(scenario))
-        yield Task(row, None, scenario, folder, _name(folder, root), matrix.seeds, honest)
+        defended: dict[str, Scenario] = {}
         for column in matrix.columns:
-            folder = root / CELLS / row.id / column.id
             try:
-                defended = _defended(row, column)
+                defended[column.id] = _defended(row, column)
             except InputError as error:
                 refusals[row.id, column.id] = error.problems
-                continue
-            yield Task(row, column, defended, folder, _name(folder, root), matrix.seeds, honest)
+        columns = [column for column in matrix.columns if column.id in defended]
+        muted = [column for column in columns if column.can_idle]
+        tables = tuple(table for column in muted for table in column.tables(muted=True))
+        watched = scenario.model_copy(update={"defences": (*scenario.defences, *tables)})
+        ids = {column.id: [table.id for table in column.tables()] for column in muted}
+        if Scenario.cross_check(watched):  # two columns have ids in common
+            watched, ids = scenario, {}
+        yield Task(row, None, watched, folder, _name(folder, root), matrix.seeds, honest, muted=ids)
+        for column in columns:
+            folder = root / CELLS / row.id / column.id
+            yield Task(row, column, defended[column.id], folder, _name(folder, root), matrix.seeds, honest)
             candidates = [
                 (variant.about, changes)
                 for variant in row.adaptive
@@ -196,38 +218,65 @@ def _name(folder: Path, root: Path) -> str:
 
 
 def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -> list[Cell]:
-    """Fly all, `jobs` at a time, in processes that are forked where the system can, so that they know all plugins."""
+    """The cells of all tasks, flown `jobs` at a time, undefended ones first; those of idle columns need no flight."""
+    first = [number for number, task in enumerate(tasks) if task.column is None]
     done: dict[int, Cell] = {}
-    began = monotonic()
+    progress = _Progress(len(tasks), on_cell)
+    _fly_some(tasks, first, done, root, jobs, progress)
+    undefended = {tasks[number].row.id: done[number] for number in first}
+    for number, task in enumerate(tasks):
+        if task.column is not None and not task.candidate and task.column.id in undefended[task.row.id].idle:
+            done[number] = undefended[task.row.id].idle_cell(task.column.id)
+    progress.tell(done)
+    _fly_some(tasks, [number for number in range(len(tasks)) if number not in done], done, root, jobs, progress)
+    return [done[number] for number in range(len(tasks))]
 
-    def tell() -> None:
-        if on_cell is not None:
-            spent = monotonic() - began
-            on_cell(len(done), len(tasks), spent / len(done) * (len(tasks) - len(done)) if done else None)
 
-    tell()
-    if jobs == 1 or len(tasks) == 1:
-        for number, task in enumerate(tasks):
-            done[number] = task.fly()
-            tell()
-        return [done[number] for number in range(len(tasks))]
+class _Progress:
+    """How many cells are done, and how long the rest will take at the rate so far."""
+
+    def __init__(self, total: int, on_cell: OnCell | None) -> None:
+        self._total = total
+        self._on_cell = on_cell
+        self._began = monotonic()
+        self.flown = 0
+
+    def tell(self, done: Mapping[int, Cell]) -> None:
+        if self._on_cell is not None:
+            each = (monotonic() - self._began) / self.flown if self.flown else None
+            self._on_cell(len(done), self._total, None if each is None else each * (self._total - len(done)))
+
+
+def _fly_some(
+    tasks: Sequence[Task], chosen: Sequence[int], done: dict[int, Cell], root: Path, jobs: int, progress: _Progress
+) -> None:
+    """Fly the chosen tasks into `done`, in processes that are forked where the system can, so that they know all
+    plugins.
+    """
+    progress.tell(done)
+    if jobs == 1 or len(chosen) == 1:
+        for number in chosen:
+            done[number] = tasks[number].fly()
+            progress.flown += 1
+            progress.tell(done)
+        return
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupt) as pool:
-        waiting: dict[Future[Cell], int] = {pool.submit(task.fly): number for number, task in enumerate(tasks)}
+        waiting: dict[Future[Cell], int] = {pool.submit(tasks[number].fly): number for number in chosen}
         try:
             while waiting:
                 ended, _ = wait(waiting, return_when=FIRST_COMPLETED)
                 for future in ended:
                     done[waiting.pop(future)] = future.result()
-                    tell()
+                    progress.flown += 1
+                    progress.tell(done)
         except KeyboardInterrupt:
             pool.shutdown(wait=True, cancel_futures=True)
             raise ShortfallError(f"interrupted; {len(done)} of {len(tasks)} cells are in {root}", root) from None
         except SkyrangeError:
             pool.shutdown(wait=True, cancel_futures=True)
             raise
-    return [done[number] for number in range(len(tasks))]
 
 
 def _ignore_interrupt() -> None:

@@ -96,6 +96,13 @@ class Column(Model):
         """The kinds of its defences."""
         return tuple(part.kind for part in self.defences)
 
+    @property
+    def can_idle(self) -> bool:
+        """Whether its cell is the undefended one where its defences have nothing to do: they take no processor time,
+        and the scenario stays as it is.
+        """
+        return not self.changes and all(part.cost is None for part in self.defences)
+
     def tables(self, muted: bool = False) -> tuple[DefenceTable, ...]:
         """Its defences as tables of a scenario; their ids begin with that of the column."""
         ids = [self.id] if len(self.defences) == 1 else [f"{self.id}-{k}" for k in range(1, len(self.defences) + 1)]

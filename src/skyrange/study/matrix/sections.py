@@ -41,6 +41,11 @@ Effect of the fault with each defence, and alarms an aircraft-hour of the run wi
 """
 
 
+IDLE = """\
+In the undefended flights of these rows the defences were present and muted, and would have done nothing in any of them:
+no alarm, no verdict, no altered reading. Had they acted, every flight would be the same to the byte, so these cells are
+the undefended one and link to it.
+"""
 ASSUMED = """\
 The table of effects once more, without attacks on sensors whose reaction is assumed and not simulated or cited, by what
 their kinds say of their realism. Left out: {left_out}.
@@ -96,6 +101,16 @@ def make_sections(result: MatrixResult) -> list[Section]:
             "Candidates, and the effect of each.",
             ["attack", "defence", "candidate", "effect"],
             list(_candidates(result)),
+        ),
+        Section(
+            "Defences with nothing to do",
+            IDLE,
+            ["attack or fault", "defences"],
+            [
+                [Shown(row.id, True), Shown(", ".join(result.cell(row.id).idle))]
+                for row in result.matrix.rows
+                if result.cell(row.id).idle
+            ],
         ),
         Section("Cells that are not flown", "", ["defence", "why"], list(_reasons(result))),
     ]

@@ -12,13 +12,15 @@ from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, dialect
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.contracts.components import EngineBase, Finished, Sensors
+from skyrange.contracts.components import EngineBase, Finished, Sensors, World
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.tick_batches import TickBatch
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
@@ -36,7 +38,7 @@ from skyrange.vehicle.builtin.failsafes import checks, crash, ground_station
 from skyrange.vehicle.builtin.fence import fence
 from skyrange.vehicle.builtin.fleet import COMPONENT_ID, Causes, Fleet, Timer, Vehicle
 from skyrange.vehicle.builtin.flight_modes import guided, rtl
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, new_records
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, FlightEvent, Records, new_records
 from skyrange.vehicle.builtin.messages import files_and_logs, parameter_protocol, rc_override
 from skyrange.vehicle.builtin.messages.heartbeats import consume_heartbeats
 from skyrange.vehicle.builtin.mission import do_commands, execution, pause
@@ -47,8 +49,10 @@ from skyrange.vehicle.builtin.parameters.table import PARAMETERS, SETTINGS, fill
 from skyrange.vehicle.builtin.pilot import rc_channels
 from skyrange.vehicle.builtin.telemetry import streams, timesync
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS, Schedule
+from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin, VehicleSpec
 from skyrange.world.airframes import AIRFRAMES, MOTORS
+from skyrange.world.world import World as BuiltinWorld
 
 QUANTUM_S = 0.0025
 """Length of the first step. Later steps are the time between ticks (2.5 ms is ArduCopter's 400 Hz)."""
@@ -189,6 +193,11 @@ class BuiltinFleet(EngineBase):
             self._handle_timers(tick)
             checks.run_checks(fleet, self._actuators)
             self._schedule.send_due(fleet)
+        self._end_tick(tick)
+
+    def _end_tick(self, tick: Time) -> None:
+        """What a tick ends with, once its events are handled."""
+        fleet = self._fleet
         if fleet.aux_pending:
             aux_functions.run_pending(fleet)
         if self._signed is not None:
@@ -200,6 +209,48 @@ class BuiltinFleet(EngineBase):
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """Return motor commands (n, 4) and the messages of this tick. Never waits."""
         return Finished(self._actuators, self._fleet.outbox)
+
+    def batch_ticks(self, world: World, rows: slice | NDArray[np.int64]) -> TickBatch | None:
+        """Its ticks with a world of which it flies every body, in order."""
+        if not isinstance(world, BuiltinWorld) or not isinstance(rows, slice):
+            return None
+        count = len(world.vehicles)
+        if rows.indices(count) != (0, count, 1) or len(self.vehicles) != count:
+            return None
+        return FleetTickBatch(world, self, rows)
+
+    @property
+    def only_flies(self) -> bool:
+        """Whether the next tick, if it comes when due, has nothing but estimator and control loops to run."""
+        return not self._fleet.aux_pending and self._gain_sets.computed_for(QUANTUM_S)
+
+    @property
+    def gains(self) -> Records:
+        """The gains of the control loops; another object where they were computed anew."""
+        return self._gain_sets.gains
+
+    def batch_state(self, sensors: Sensors) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        """The arguments of `step_strapdown` but the step, and of `run_loop`, for a compiled call that runs ticks."""
+        fleet, gain_sets = self._fleet, self._gain_sets
+        return (sensors.gyro_radps, sensors.accel_mps2, fleet.estimate, self._estimator.filters), (
+            fleet.estimate,
+            fleet.flight,
+            fleet.legs,
+            gain_sets.set_index,
+            gain_sets.gains,
+            gain_sets.parameter_sets,
+            self._actuators,
+            QUANTUM_S,
+        )
+
+    def end_batch(self, last: Time, flagged: bool) -> None:
+        """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
+        fleet = self._fleet
+        fleet.now = self._last_tick = last
+        fleet.outbox = Outbox()
+        if flagged:
+            self._handle_events()
+            self._end_tick(last)
 
     def _set_clocks(self, now: Time, sensors: Sensors) -> None:
         """Set clocks by the receivers. A clock that is set sets the timestamps of signatures (`set_utc_usec`)."""

@@ -40,7 +40,7 @@ class UtcClocks:
         Without errors a fix sets a clock to what it shows already, which changes nothing and is left out.
         """
         self.receiver_error_ns = receiver_error_ns
-        if self._all_known and not receiver_error_ns.any():
+        if self._all_known and not np.count_nonzero(receiver_error_ns):
             return _NONE
         ahead = (armed == 0) & (receiver_error_ns > self.error_ns)
         rows = np.flatnonzero((fix >= _FIX_3D) & (ahead | ~self.known))

@@ -50,6 +50,17 @@ class ContactTracker:
             walls = self._city.walls()
             broad_phase.find_floors(walls, bodies.position, bodies.shape, bodies.airframe, bodies.floor, self._wall_due)
 
+    @property
+    def search(self) -> tuple[bool, float, float, Floats, Floats]:
+        """What tells whether a tick needs `resolve_tick`: whether none ever does, how far aircraft have travelled, from
+        where on near pairs are searched, and from where on pairs and walls are checked.
+        """
+        return self._idle, self._travelled, self._census_due, self._pair_due, self._wall_due
+
+    def end_batch(self, travelled: float) -> None:
+        """Take over how far aircraft have travelled in ticks that needed no `resolve_tick`."""
+        self._travelled = travelled
+
     def resolve_tick(self, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; `stride2_m2` is the square of the longest distance any
         aircraft moved.

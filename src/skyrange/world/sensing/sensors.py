@@ -126,6 +126,14 @@ class SensorSuite:
             )  # fmt: skip
         sensor_errors.read_inertial(rates, force, self._error, self._gyro, self._force)
 
+    def batch_state(self) -> tuple[Any, ...]:
+        """What readings are made of in ticks without new errors: whether sensors are ideal, the arguments of
+        `read_ideal` after the time, and those of `read_inertial`.
+        """
+        rates, force, attitude = self._state[:3]
+        inertial = (rates, force, self._error, self._gyro, self._force)
+        return self._level == 0.0, attitude, self._field, self._compass, self._time, inertial
+
     def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
         """The current readings of some vehicles: for a slice, read-only views that later ticks refill; otherwise
         copies.

@@ -38,6 +38,10 @@ class GainSets:
         self.gains: Records = new_records(GAINS, 0)
         """(sets,) GAINS."""
 
+    def computed_for(self, dt_s: float) -> bool:
+        """Whether the gains are those for this step."""
+        return dt_s == self._dt_s
+
     def update(self, now: Time, dt_s: float) -> None:
         """Apply changed parameters; `dt_s` is the step that the gains are computed for."""
         if dt_s == self._dt_s and now % UPDATE_NS != 0:

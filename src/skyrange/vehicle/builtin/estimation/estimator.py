@@ -225,6 +225,16 @@ def step_filters(
 
 
 @compiled
+def step_strapdown(gyro: Floats, accel: Floats, dt_s: float, estimate: Records, filters: Records) -> None:
+    """Run one tick of every row that is no filter step."""
+    for i in range(estimate.shape[0]):
+        e: Any = estimate[i]
+        k: Any = filters[i]
+        update_strapdown(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
+        update_output(e, k)
+
+
+@compiled
 def _finish_step(e: Any, k: Any, p: Any, step_s: float) -> None:
     """After a filter step, apply corrections over EK3_TAU_OUTPUT, normalise the attitude and limit the biases."""
     keep = 1.0 - step_s / max(clamp(0.01 * p.EK3_TAU_OUTPUT, 0.1, 0.5), step_s)

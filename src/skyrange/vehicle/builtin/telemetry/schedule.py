@@ -62,7 +62,7 @@ def _take_due(due: Ints, period: Ints, soonest: Ints, picked: Ints, now: int, ro
 class Schedule:
     """When which message of which aircraft is due: two (aircraft, message) arrays of nanoseconds."""
 
-    __slots__ = ("due", "offset", "period", "soonest")
+    __slots__ = ("_next", "due", "offset", "period", "soonest")
 
     def __init__(self, offsets_ns: Ints) -> None:
         """`offsets_ns` (aircraft,): the phase of each aircraft in its intervals, below one second."""
@@ -71,6 +71,7 @@ class Schedule:
         self.period = np.zeros((count, len(COLUMN)), dtype=np.int64)
         self.due = np.full((count, _SENT), NEVER, dtype=np.int64)
         self.soonest = np.full(count, NEVER, dtype=np.int64)
+        self._next: Time = NEVER  # nothing is due before
 
     def set(self, row: int, message: int, period_ns: Time, now: Time) -> None:
         """Send `message` every `period_ns` from now on, at most once per service; 0 stops it."""
@@ -80,6 +81,7 @@ class Schedule:
             offset = int(self.offset[row]) % period_ns if period_ns else 0
             self.due[row, column] = now + offset if period_ns else NEVER
             self.soonest[row] = self.due[row].min()
+            self._next = min(self._next, int(self.soonest[row]))
 
     def clear(self, row: int) -> None:
         """Stop all messages, as at power-on."""
@@ -89,12 +91,13 @@ class Schedule:
 
     def take(self, fleet: Fleet) -> list[Batch]:
         """Return the messages that are due, with contents and numbers; set their next times."""
-        picked = np.flatnonzero(self.soonest <= fleet.now)
-        if len(picked) == 0:
+        if fleet.now < self._next:
             return []
+        picked = np.flatnonzero(self.soonest <= fleet.now)
         rows = np.empty(len(picked) * _SENT, dtype=np.int64)
         ends = np.empty(_SENT, dtype=np.int64)
         _take_due(self.due, self.period, self.soonest, picked, fleet.now, rows, ends)
+        self._next = int(self.soonest.min())
         found: list[tuple[int, Ints]] = []
         start = 0
         for message, end in zip(_IN_ORDER, ends.tolist(), strict=True):

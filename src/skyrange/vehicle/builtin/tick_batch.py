@@ -1,0 +1,111 @@
+"""Ticks of a world with a builtin fleet as one compiled call."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.tick_batches import BatchStop
+from skyrange.core.compiled import compiled
+from skyrange.core.time import Time
+from skyrange.vehicle.builtin.estimation.estimator import step_strapdown
+from skyrange.vehicle.builtin.loop import run_loop
+from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
+from skyrange.world.collision.broad_phase import count_due
+from skyrange.world.multirotor import advance
+from skyrange.world.sensing.sensor_errors import read_ideal, read_inertial
+
+if TYPE_CHECKING:
+    from skyrange.vehicle.builtin.engine import BuiltinFleet
+    from skyrange.world.world import World
+
+_STOPS = tuple(BatchStop)
+_COMPLETE, _WORLD, _ENGINE = int(BatchStop.COMPLETE), int(BatchStop.WORLD), int(BatchStop.ENGINE)
+
+
+@compiled
+def run_ticks(
+    first: int,
+    quantum_ns: int,
+    count: int,
+    search: Any,
+    bodies: Any,
+    sensing: Any,
+    navigation: Any,
+    control: Any,
+) -> tuple[int, int, int, float]:
+    """Run at most `count` ticks; returns how many were begun, a `BatchStop`, the events that the bodies flagged in the
+    last, and how far aircraft have travelled for the search of contacts.
+
+    `search` is `World.contact_search`, `bodies` and `sensing` are `World.batch_state`, `navigation` and `control` are
+    `BuiltinFleet.batch_state`.
+    """
+    idle, travelled, census_due, pair_due, wall_due = search
+    odometer_m, max_step2_m2 = bodies[22], bodies[23]
+    ideal, attitude, field, compass, fix_time, inertial = sensing
+    gyro, accel, estimate, filters = navigation
+    commands, outputs, dt_s = bodies[10], control[6], control[7]
+    for tick in range(count):
+        events = advance(*bodies)
+        if idle:
+            if events > 0:
+                return tick + 1, _WORLD, events, travelled
+        else:
+            far = travelled + math.sqrt(max_step2_m2[0])
+            if events > 0 or far > census_due or count_due(far, pair_due, odometer_m, wall_due) > 0:
+                return tick + 1, _WORLD, events, travelled
+            travelled = far
+        if ideal:
+            read_ideal(first + tick * quantum_ns, attitude, field, compass, fix_time)
+        else:
+            read_inertial(*inertial)
+        step_strapdown(gyro, accel, dt_s, estimate, filters)
+        if run_loop(*control) > 0:
+            return tick + 1, _ENGINE, 0, travelled
+        for row in range(outputs.shape[0]):
+            for motor in range(outputs.shape[1]):
+                commands[row, motor] = outputs[row, motor]
+    return count, _COMPLETE, 0, travelled
+
+
+class FleetTickBatch:
+    """The ticks of a world all of whose bodies are one builtin fleet (contract: `TickBatch`). Deep-copyable."""
+
+    period_ns: Time = SERVICE_NS
+
+    def __init__(self, world: World, fleet: BuiltinFleet, rows: slice) -> None:
+        self._world = world
+        self._fleet = fleet
+        self._rows = rows
+        self._events = 0
+        self._arguments: tuple[Any, ...] | None = None
+        self._gains: Any = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the arguments, which refer to the arrays of the world and of the fleet."""
+        return {**self.__dict__, "_arguments": None, "_gains": None}
+
+    def run(self, first: Time, count: int) -> tuple[int, BatchStop]:
+        """Run at most `count` ticks; 0 where air, poses or gains have to change first."""
+        world, fleet = self._world, self._fleet
+        if not world.only_moves(first) or not fleet.only_flies:
+            return 0, BatchStop.COMPLETE
+        gains = fleet.gains
+        if self._arguments is None or gains is not self._gains:
+            self._gains = gains
+            self._arguments = (*world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
+        quantum_ns = world.quantum_ns
+        begun, stop, self._events, travelled = run_ticks(
+            first, quantum_ns, count, world.contact_search, *self._arguments
+        )
+        complete = begun - (stop == _WORLD)
+        world.end_batch(complete, travelled)
+        if complete:
+            fleet.end_batch(first + (complete - 1) * quantum_ns, stop == _ENGINE)
+        return begun, _STOPS[stop]
+
+    def complete_world_tick(self) -> Sequence[Note]:
+        """Resolve contacts and report events of the tick in which the batch ended, and sample its sensors."""
+        return self._world.complete_tick(self._events)
