@@ -28,7 +28,7 @@ class AttackState:
         self.plan = plan
         self.muted = plan.muted
         self.withheld = False
-        """Whether it would have done something if it were not muted. Until then the run is as if it were not."""
+        """Of a muted defence: whether it would have done something. Until then the run is as if it were not muted."""
         self.start_ns: Time = NEVER
         self.stop_ns: Time = NEVER
         self._phase = 0  # 0 waits, 1 acts, 2 has ended: what has been noted
@@ -91,8 +91,10 @@ def takes_effect(attack: AttackState | None, now: Time) -> bool:
 
 
 def note_withheld(attack: AttackState | None, now: Time) -> None:
-    """Note that the output of a part of `attack` was discarded at `now`, if it was because the attack is muted."""
-    if attack is not None and attack.muted and attack.start_ns <= now < attack.stop_ns:
+    """Note that the output of a part of a defence was discarded at `now`, if it was because the defence is muted."""
+    if attack is None or not attack.plan.defence:
+        return
+    if attack.muted and attack.start_ns <= now < attack.stop_ns:
         attack.withheld = True
 
 
@@ -130,7 +132,7 @@ class AttackStates:
 
     @property
     def withheld(self) -> Sequence[str]:
-        """Ids of the muted attacks and defences that would have done something."""
+        """Ids of the muted defences that would have done something."""
         return [one.id for one in self.each if one.withheld]
 
     def begin(self, attack: str, start: Time) -> None:

@@ -225,7 +225,7 @@ class Kernel:
 
     @property
     def withheld(self) -> Sequence[str]:
-        """Muted attacks and defences that would have done something; not muted, the others would have done nothing."""
+        """Ids of the muted defences that would have done something; not muted, the others would have done nothing."""
         return self._attacks.withheld
 
     def begin(self, attack: str, start: Time) -> None:

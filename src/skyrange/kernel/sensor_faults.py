@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import SensorFault, Sensors, World
+from skyrange.contracts.components import Floats, SensorFault, Sensors, World
 from skyrange.core.errors import attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
@@ -26,6 +26,8 @@ from skyrange.kernel.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 _arrays_of = attrgetter(*_ARRAYS)
+_ALIGNED = 8
+"""Bytes: each array begins at a multiple, as processors want it."""
 Rows = slice | NDArray[np.int64]
 
 
@@ -57,6 +59,7 @@ class SensorFaultInjector:
         """Of the altered vehicles, as the last sensor fault left them."""
         self._muted = _Readings()
         """What a sensor fault that does not act may write into."""
+        self._hidden: Floats | None = None
         self._slots: list[_Slot] = []
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId | Alert]]:
@@ -71,10 +74,10 @@ class SensorFaultInjector:
             if places is not None:
                 rows = Sensors(*[array[places] for array in _arrays_of(table)])
             else:
-                rows = table if acts else self._muted.fill(table)
+                rows = table if acts else self._muted.copy(self._readings)
             attitude = rows.attitude
             if attack.plan.defence:
-                rows.attitude = np.full_like(attitude, np.nan)
+                rows.attitude = self._hide(attitude)
             before = _arrays_of(rows)
             try:
                 done = list(fault.on_sensors(now, rows))
@@ -83,7 +86,7 @@ class SensorFaultInjector:
             except Exception as error:
                 raise attribute_error(f"sensor fault {fault.name}", now, error) from error
             rows.attitude = attitude
-            if not acts and not attack.withheld and (done or _differ(rows, table, places)):
+            if attack.muted and attack.plan.defence and not attack.withheld and (done or self._differ(rows, places)):
                 note_withheld(attack, now)
             if acts:
                 if places is not None:
@@ -92,6 +95,21 @@ class SensorFaultInjector:
                 numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
                 found += [(attack, fault, act) for act in numbered]
         return found
+
+    def _hide(self, attitude: Floats) -> Floats:
+        """An attitude that is not a number, for as many vehicles; the same array each time, where it is not written."""
+        hidden = self._hidden
+        if hidden is None or hidden.shape != attitude.shape:
+            hidden = self._hidden = np.empty_like(attitude)
+        hidden.fill(np.nan)
+        return hidden
+
+    def _differ(self, rows: Sensors, places: NDArray[np.int64] | None) -> bool:
+        """Whether what a muted sensor check was handed is now another than the readings."""
+        if places is None:
+            return self._muted.tobytes() != self._readings.tobytes()
+        table = _arrays_of(self._readings.table)
+        return any(one.tobytes() != other[places].tobytes() for one, other in zip(_arrays_of(rows), table, strict=True))
 
     def alter(self, rows: Rows, sensors: Sensors) -> Sensors:
         """An engine's sensor readings with what the sensor faults have made of them; `rows` are its world rows."""
@@ -115,39 +133,64 @@ class SensorFaultInjector:
 
 
 class _Readings:
-    """Sensor readings in arrays that are filled anew at each tick. Deep-copyable."""
+    """Sensor readings in arrays that are filled anew at each tick, one behind the other in memory. Deep-copyable."""
 
-    __slots__ = ("_shown", "_table")
+    __slots__ = ("_bytes", "_shown", "_table")
 
     def __init__(self) -> None:
+        self._bytes: NDArray[np.uint8] = np.zeros(0, dtype=np.uint8)
         self._table: Sensors | None = None
         self._shown: Sensors | None = None
 
     @property
+    def table(self) -> Sensors:
+        """The arrays."""
+        assert self._table is not None
+        return self._table
+
+    @property
     def shown(self) -> Sensors:
         """Read-only views."""
-        assert self._table is not None
         if self._shown is None:
-            self._shown = Sensors(*[array.view() for array in _arrays_of(self._table)])
+            self._shown = Sensors(*[array.view() for array in _arrays_of(self.table)])
             for array in _arrays_of(self._shown):
                 array.setflags(write=False)
         return self._shown
 
     def fill(self, sensors: Sensors) -> Sensors:
         """Copy `sensors`; returns the copy, whose arrays are those of the last call."""
-        if self._table is None:
-            self._table = Sensors(*[array.copy() for array in _arrays_of(sensors)])
-        else:
-            for mine, array in zip(_arrays_of(self._table), _arrays_of(sensors), strict=True):
-                mine[...] = array
+        table = self._table or self._allocate(_arrays_of(sensors))
+        for mine, array in zip(_arrays_of(table), _arrays_of(sensors), strict=True):
+            mine[...] = array
+        return table
+
+    def copy(self, other: _Readings) -> Sensors:
+        """Copy other readings at once; returns the copy, whose arrays are those of the last call."""
+        table = self._table or self._allocate(_arrays_of(other.table))
+        self._bytes[:] = other._bytes
+        return table
+
+    def tobytes(self) -> bytes:
+        """All of them, to be compared."""
+        return self._bytes.tobytes()
+
+    def _allocate(self, arrays: Sequence[NDArray[Any]]) -> Sensors:
+        ends = np.cumsum([-(-array.nbytes // _ALIGNED) * _ALIGNED for array in arrays]).tolist()
+        self._bytes = np.zeros(ends[-1], dtype=np.uint8)
+        starts = [0, *ends[:-1]]
+        places = [self._bytes[start : start + array.nbytes] for start, array in zip(starts, arrays, strict=True)]
+        own = [place.view(array.dtype).reshape(array.shape) for place, array in zip(places, arrays, strict=True)]
+        self._table = Sensors(*own)
         return self._table
 
     def __getstate__(self) -> Any:
-        """All but the views: a copy gets views of its own arrays."""
-        return (self._table,)
+        """Copies of the arrays: views would not stay views of the same memory."""
+        return (None if self._table is None else [array.copy() for array in _arrays_of(self._table)],)
 
     def __setstate__(self, state: Any) -> None:
-        (self._table,), self._shown = state, None
+        self.__init__()  # type: ignore[misc]
+        if state[0] is not None:
+            self.fill(Sensors(*state[0]))
 
 
 class _Slot(NamedTuple):
@@ -160,12 +203,6 @@ class _Slot(NamedTuple):
     """Places of the same vehicles among all altered ones."""
     whole: bool
     """Whether the engine's vehicles are all that is altered, and nothing else is."""
-
-
-def _differ(rows: Sensors, table: Sensors, places: NDArray[np.int64] | None) -> bool:
-    """Whether readings, of the rows `places` of `table` or of all, are other ones than there."""
-    pairs = zip(_arrays_of(rows), _arrays_of(table), strict=True)
-    return any(one.tobytes() != (other if places is None else other[places]).tobytes() for one, other in pairs)
 
 
 def _order_of(owned: tuple[AttackState, SensorFault]) -> tuple[bool, str, str]:

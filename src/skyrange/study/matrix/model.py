@@ -98,10 +98,12 @@ class Column(Model):
 
     @property
     def can_idle(self) -> bool:
-        """Whether its cell is the undefended one where its defences have nothing to do: they take no processor time,
-        and the scenario stays as it is.
+        """Whether its cell may be the undefended one, because its defences may have nothing to do.
+
+        Not where they take processor time, act in nominal flights by what their kinds say, or change the scenario.
         """
-        return not self.changes and all(part.cost is None for part in self.defences)
+        acts = any(table.plugin.nominal for table in self.tables())
+        return not self.changes and not acts and all(part.cost is None for part in self.defences)
 
     def tables(self, muted: bool = False) -> tuple[DefenceTable, ...]:
         """Its defences as tables of a scenario; their ids begin with that of the column."""
