@@ -20,6 +20,9 @@ FLIGHTS = {
     "city-fleet": ["duration_s=12"],  # walls, several operators, Remote ID
     "mitm-mission": ["duration_s=60"],
     "squares": ["duration_s=30", "sensors.noise=0"],
+    "gnss.jump": ["duration_s=45", "attacks.jump.start_s=20.0033"],  # sensor faults, called every 10 ms
+    "gnss.multipath": ["duration_s=30"],
+    "gnss.drift": ["duration_s=45", 'defences=[{id="check",kind="gnss.barometer"}]'],
 }
 
 

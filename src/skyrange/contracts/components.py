@@ -21,7 +21,7 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label, Verdict
 from skyrange.core.ids import Port
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_MS, Time
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -132,6 +132,11 @@ class Sensors:
     """(n, motors) how fast each rotor turns, as its speed controller measures it."""
 
 
+READINGS_NS: Time = 10 * NS_PER_MS
+"""Sensors have new readings at the first tick at or after each multiple of this; gyroscopes, accelerometers and rotors
+have some at every tick."""
+
+
 class SensorAct(NamedTuple):
     """One act of a sensor fault, to be labelled: the vehicle and the sensor that it altered."""
 
@@ -145,6 +150,10 @@ class SensorFault(Protocol):
 
     It is called once a tick, muted or not; while its attack does not act, on copies that are discarded. It is
     deep-copyable and pure: what it does depends on what it was handed and on the time alone.
+
+    One that reads and alters nothing that changes within `READINGS_NS`, which excludes `gyro_radps`, `accel_mps2`,
+    `attitude` and `rotor_radps`, may have an attribute `slow = True`. It is then called when there are new readings, at
+    least; what it writes lasts until then.
 
     That of a defence is a sensor check: it gets the readings as all attacks and faults have left them, it may raise
     alerts, and the true `attitude` in them is not a number, because no aircraft can read it.

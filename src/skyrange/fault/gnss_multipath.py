@@ -63,6 +63,7 @@ class ReflectedFixes:
     params: Multipath
     chance: Chance
     schedule: Schedule
+    slow: bool = True
     _seen: list[int] = field(init=False)
     _phase: Ints = field(init=False)
     _fix: Ints = field(init=False)

@@ -136,6 +136,7 @@ class Kernel:
         """Everything up to and including this instant has happened."""
         self._quantum = quantum
         self._batch = self._make_batch()
+        self._sensor_faults.slow &= self._batch is not None
         self._next_tick: Time = start if quantum else NEVER
         self._next_truth: Time = 0
         for slot in slots:
@@ -276,7 +277,9 @@ class Kernel:
 
     def _make_batch(self) -> TickBatch | None:
         """The ticks of the world with its only engine; `None` where something else belongs to each tick."""
-        if len(self._engines) != 1 or self._world is None or self._sensor_faults.present or self._body_faults.present:
+        if len(self._engines) != 1 or self._world is None or self._body_faults.present:
+            return None
+        if self._sensor_faults.present and not self._sensor_faults.slow:
             return None
         (slot,) = self._engines
         batch = slot.engine.batch_ticks(self._world, slot.rows) if isinstance(slot.engine, BatchingEngine) else None

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import Floats, SensorFault, Sensors, World
+from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sensors, World
 from skyrange.core.errors import attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
@@ -43,6 +43,8 @@ class SensorFaultInjector:
         altered = sorted({vehicles.index(vehicle) for _, fault in owned for vehicle in fault.vehicles})
         self.present = bool(owned)
         """Whether there are any."""
+        self.slow = all(getattr(fault, "slow", False) for _, fault in owned)
+        """Whether each of them needs to be called at new readings only; to be cleared where engines read in between."""
         self._count = len(altered)
         self._rows: Rows = np.array(altered, dtype=np.int64)
         self._place = np.full(len(vehicles), -1, dtype=np.int64)
@@ -67,6 +69,9 @@ class SensorFaultInjector:
 
         Alerts are among them. The order of the checks of defences is that of their plans.
         """
+        if self.slow and self._readings.filled and now % READINGS_NS >= world.quantum_ns:
+            self._readings.refresh(world.sensors(self._rows))
+            return []
         table = self._readings.fill(world.sensors(self._rows))
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
         for attack, fault, places in self._owned:
@@ -156,6 +161,19 @@ class _Readings:
             for array in _arrays_of(self._shown):
                 array.setflags(write=False)
         return self._shown
+
+    @property
+    def filled(self) -> bool:
+        """Whether there are any."""
+        return self._table is not None
+
+    def refresh(self, sensors: Sensors) -> None:
+        """Copy what changes at every tick."""
+        table = self.table
+        table.gyro_radps[...] = sensors.gyro_radps
+        table.accel_mps2[...] = sensors.accel_mps2
+        table.attitude[...] = sensors.attitude
+        table.rotor_radps[...] = sensors.rotor_radps
 
     def fill(self, sensors: Sensors) -> Sensors:
         """Copy `sensors`; returns the copy, whose arrays are those of the last call."""

@@ -80,6 +80,7 @@ class FalseFixes:
     vehicles: Sequence[str]
     track: Track
     schedule: Schedule
+    slow: bool = True
     _phases: list[int] = field(init=False)
     _fixes: tuple[Time, bytes, bytes] = (NEVER, b"", b"")
     """Of the latest shift: the start it counts from, and times and types of the fixes."""

@@ -183,6 +183,7 @@ class BarometerCheck:
     guard: FixGuard
     fixes: NewFixes
     heights: list[Heights]
+    slow: bool = True
 
     def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct | Alert]:
         """Test the new fixes; take away those of aircraft about which an alarm lasts."""
