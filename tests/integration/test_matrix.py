@@ -18,7 +18,7 @@ from skyrange.study.matrix.report import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
 from skyrange.study.matrix.summary import cost_of, describe_cell, stops
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import load_pair
+from skyrange.study.twins.pair_folder import Pair, load_pair
 
 SMALL = """
 name = "small"
@@ -115,25 +115,24 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
     assert undefended.idle == ("barometer", "both")
     assert (tmp_path / "idle" / result.cell("terminate", "slow").folder).name == "slow"
     scenario = matrix.rows[0].load()
-    bare = pair(scenario, tmp_path / "bare", arms="sham", jobs=1, run_reports=False)
-    for column in matrix.columns:
-        flown = pair(
-            scenario.model_copy(update={"defences": column.tables()}),
-            tmp_path / column.id,
-            arms="sham",
-            jobs=1,
-            run_reports=False,
-        )
-        ids = [table.id for table in column.tables()]
-        cell = measure_cell(flown, Cell("terminate", column.id), "departure_m", ids)
-        same = [flown.run(arm, 1).manifest["digests"]["frames"] for arm in flown.arms] == [
+    bare = load_pair(tmp_path / "idle" / undefended.folder)
+
+    def same_frames(other: Pair) -> bool:
+        return [other.run(arm, 1).manifest["digests"]["frames"] for arm in bare.arms] == [
             bare.run(arm, 1).manifest["digests"]["frames"] for arm in bare.arms
         ]
-        if column.id in undefended.idle:
-            assert same
-            assert cell == replace(result.cell("terminate", column.id), folder="")
-        else:
-            assert not same
+
+    for column in matrix.columns:
+        cell = result.cell("terminate", column.id)
+        if column.id not in undefended.idle:
+            assert not same_frames(load_pair(tmp_path / "idle" / cell.folder))
+            continue
+        defended = scenario.model_copy(update={"defences": column.tables()})
+        flown = pair(defended, tmp_path / column.id, arms="sham", jobs=1, run_reports=False)
+        assert same_frames(flown)
+        ids = [table.id for table in column.tables()]
+        measured = measure_cell(flown, Cell("terminate", column.id), "departure_m", ids)
+        assert measured == replace(cell, folder="")
     page = write_markdown(result, "", "", True).partition("## Defences with nothing to do")[2]
     assert "| `terminate` | barometer, both |" in page
 

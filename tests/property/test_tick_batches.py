@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import pytest
 
 import skyrange
+from skyrange.contracts.components import READINGS_NS, SensorAct, Sensors
+from skyrange.contracts.links import AttackPlan
 from skyrange.contracts.tick_batches import BatchStop
-from skyrange.core.time import Time
+from skyrange.core.errors import ComponentError
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel.kernel import Kernel
 from skyrange.scenario.shipped import load
 from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
@@ -49,3 +54,33 @@ def test_batches_are_single_ticks(
     single = skyrange.run(scenario, tmp_path / "single")
     assert batched.manifest["digests"] == single.manifest["digests"]
     assert batched.manifest["outcomes"] == single.manifest["outcomes"]
+
+
+@dataclass
+class Slow:
+    """A sensor fault that is called when there are new readings, and adds to one of them."""
+
+    adds_to: str
+    by: float
+    name: str = "slow"
+    vehicles: Sequence[str] = ("blue/b1",)
+    slow: bool = True
+    called: list[Time] = field(default_factory=list)
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        self.called.append(now)
+        getattr(sensors, self.adds_to)[:] += self.by
+        return ()
+
+
+def test_a_slow_sensor_fault_is_called_every_ten_milliseconds(tmp_path: Path) -> None:
+    fault = Slow("baro_up_m", 1.0)
+    skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", attacks=[AttackPlan("x", faults=[fault])])
+    assert fault.called == list(range(0, 2 * NS_PER_S + 1, READINGS_NS))
+
+
+@pytest.mark.parametrize("name", ["gyro_radps", "accel_mps2", "attitude", "rotor_radps"])
+def test_a_slow_sensor_fault_that_alters_fast_readings_is_an_error(name: str, tmp_path: Path) -> None:
+    plan = AttackPlan("x", faults=[Slow(name, 0.1)])
+    with pytest.raises(ComponentError, match=f"slow: altered {name}"):
+        skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", attacks=[plan])

@@ -133,8 +133,8 @@ class Sensors:
 
 
 READINGS_NS: Time = 10 * NS_PER_MS
-"""Sensors have new readings at the first tick at or after each multiple of this; gyroscopes, accelerometers and rotors
-have some at every tick."""
+"""The builtin autopilot reads its sensors, and those with errors have new readings, at the first tick at or after each
+multiple of this; gyroscopes, accelerometers and rotors have new ones at every tick."""
 
 
 class SensorAct(NamedTuple):
@@ -152,8 +152,8 @@ class SensorFault(Protocol):
     deep-copyable and pure: what it does depends on what it was handed and on the time alone.
 
     One that reads and alters nothing that changes within `READINGS_NS`, which excludes `gyro_radps`, `accel_mps2`,
-    `attitude` and `rotor_radps`, may have an attribute `slow = True`. It is then called when there are new readings, at
-    least; what it writes lasts until then.
+    `attitude` and `rotor_radps`, may have an attribute `slow = True`. Where all of a run are slow, they may be called
+    once in `READINGS_NS`, and what they write lasts until then. One that alters such a reading is an error.
 
     That of a defence is a sensor check: it gets the readings as all attacks and faults have left them, it may raise
     alerts, and the true `attitude` in them is not a number, because no aircraft can read it.

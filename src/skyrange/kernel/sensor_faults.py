@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sensors, World
-from skyrange.core.errors import attribute_error
+from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
 from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
@@ -28,6 +28,8 @@ _ARRAYS = tuple(field.name for field in fields(Sensors))
 _arrays_of = attrgetter(*_ARRAYS)
 _ALIGNED = 8
 """Bytes: each array begins at a multiple, as processors want it."""
+_FAST = ("gyro_radps", "accel_mps2", "attitude", "rotor_radps")
+"""What changes at every tick."""
 Rows = slice | NDArray[np.int64]
 
 
@@ -72,7 +74,8 @@ class SensorFaultInjector:
         if self.slow and self._readings.filled and now % READINGS_NS >= world.quantum_ns:
             self._readings.refresh(world.sensors(self._rows))
             return []
-        table = self._readings.fill(world.sensors(self._rows))
+        sensors = world.sensors(self._rows)
+        table = self._readings.fill(sensors)
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
         for attack, fault, places in self._owned:
             acts = takes_effect(attack, now)
@@ -99,7 +102,20 @@ class SensorFaultInjector:
                         kept[places] = altered
                 numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
                 found += [(attack, fault, act) for act in numbered]
+        if self.slow:
+            self._check_slow(table, sensors)
         return found
+
+    def _check_slow(self, table: Sensors, sensors: Sensors) -> None:
+        """Raise `ComponentError` where faults that call themselves slow have altered what changes at every tick."""
+        for name in _FAST:
+            if getattr(table, name).tobytes() != getattr(sensors, name).tobytes():
+                who = ", ".join(fault.name for _, fault, _ in self._owned)
+                raise ComponentError(
+                    f"sensor fault {who}",
+                    f"altered {name}, which changes at every tick, although it is slow",
+                    "Take out slow = True",
+                )
 
     def _hide(self, attitude: Floats) -> Floats:
         """An attitude that is not a number, for as many vehicles; the same array each time, where it is not written."""
@@ -169,11 +185,8 @@ class _Readings:
 
     def refresh(self, sensors: Sensors) -> None:
         """Copy what changes at every tick."""
-        table = self.table
-        table.gyro_radps[...] = sensors.gyro_radps
-        table.accel_mps2[...] = sensors.accel_mps2
-        table.attitude[...] = sensors.attitude
-        table.rotor_radps[...] = sensors.rotor_radps
+        for name in _FAST:
+            getattr(self.table, name)[...] = getattr(sensors, name)
 
     def fill(self, sensors: Sensors) -> Sensors:
         """Copy `sensors`; returns the copy, whose arrays are those of the last call."""

@@ -246,9 +246,11 @@ class World:
         start = first - self.quantum_ns
         return self._now == start and not len(self._imposed.rows) and not self._gust_due(start)
 
-    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """The arguments of `multirotor.advance`, and `SensorSuite.batch_state`, for a compiled call that runs ticks."""
-        return self._arguments, self._sensing.batch_state()
+    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """What a compiled call needs that runs ticks: the arguments of `multirotor.advance`; of these the motor
+        commands, the odometers and the longest step; and `SensorSuite.batch_state`.
+        """
+        return self._arguments, (self._commands, self._odometer_m, self._max_step2_m2), self._sensing.batch_state()
 
     @property
     def contact_search(self) -> tuple[bool, float, float, Floats, Floats]:

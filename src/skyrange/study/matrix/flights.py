@@ -227,7 +227,6 @@ def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -
     for number, task in enumerate(tasks):
         if task.column is not None and not task.candidate and task.column.id in undefended[task.row.id].idle:
             done[number] = undefended[task.row.id].idle_cell(task.column.id)
-    progress.tell(done)
     _fly_some(tasks, [number for number in range(len(tasks)) if number not in done], done, root, jobs, progress)
     return [done[number] for number in range(len(tasks))]
 

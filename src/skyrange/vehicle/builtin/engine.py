@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from skyrange.codec.mavlink import decode, dialect
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
-from skyrange.contracts.components import EngineBase, Finished, Sensors, World
+from skyrange.contracts.components import EngineBase, Finished, Floats, Sensors, World
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.plugins import NoParams
 from skyrange.contracts.tick_batches import TickBatch
@@ -178,16 +178,7 @@ class BuiltinFleet(EngineBase):
                 mail = self._signed.verify_inbox(tick, inbox, mail, fleet.outbox)
             for row in consume_heartbeats(fleet, mail):
                 self._receive(inbox.arrival(mail.order.item(row)))
-        if loop.run_loop(
-            fleet.estimate,
-            fleet.flight,
-            fleet.legs,
-            gain_sets.set_index,
-            gain_sets.gains,
-            gain_sets.parameter_sets,
-            self._actuators,
-            dt_s,
-        ):
+        if loop.run_loop(*self._loop_arguments(dt_s)):
             self._handle_events()
         if tick % SERVICE_NS == 0:
             self._handle_timers(tick)
@@ -217,6 +208,8 @@ class BuiltinFleet(EngineBase):
         count = len(world.vehicles)
         if rows.indices(count) != (0, count, 1) or len(self.vehicles) != count:
             return None
+        if world.quantum_ns / NS_PER_S != QUANTUM_S:
+            return None
         return FleetTickBatch(world, self, rows)
 
     @property
@@ -229,10 +222,15 @@ class BuiltinFleet(EngineBase):
         """The gains of the control loops; another object where they were computed anew."""
         return self._gain_sets.gains
 
-    def batch_state(self, sensors: Sensors) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        """The arguments of `step_strapdown` but the step, and of `run_loop`, for a compiled call that runs ticks."""
+    def batch_state(self, sensors: Sensors) -> tuple[tuple[Any, ...], tuple[Any, ...], Floats]:
+        """The arguments of `step_strapdown` and of `run_loop`, and of these the motor commands."""
+        inertial = sensors.gyro_radps, sensors.accel_mps2
+        navigation = (*inertial, QUANTUM_S, self._fleet.estimate, self._estimator.filters)
+        return navigation, self._loop_arguments(QUANTUM_S), self._actuators
+
+    def _loop_arguments(self, dt_s: float) -> tuple[Any, ...]:
         fleet, gain_sets = self._fleet, self._gain_sets
-        return (sensors.gyro_radps, sensors.accel_mps2, fleet.estimate, self._estimator.filters), (
+        return (
             fleet.estimate,
             fleet.flight,
             fleet.legs,
@@ -240,7 +238,7 @@ class BuiltinFleet(EngineBase):
             gain_sets.gains,
             gain_sets.parameter_sets,
             self._actuators,
-            QUANTUM_S,
+            dt_s,
         )
 
     def end_batch(self, last: Time, flagged: bool) -> None:

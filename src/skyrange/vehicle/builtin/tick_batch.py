@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.tick_batches import BatchStop
 from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.vehicle.builtin.estimation.estimator import step_strapdown
+from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.loop import run_loop
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
 from skyrange.world.collision.broad_phase import count_due
 from skyrange.world.multirotor import advance
 from skyrange.world.sensing.sensor_errors import read_ideal, read_inertial
-
-if TYPE_CHECKING:
-    from skyrange.vehicle.builtin.engine import BuiltinFleet
-    from skyrange.world.world import World
+from skyrange.world.world import World
 
 _STOPS = tuple(BatchStop)
 _COMPLETE, _WORLD, _ENGINE = int(BatchStop.COMPLETE), int(BatchStop.WORLD), int(BatchStop.ENGINE)
@@ -32,21 +31,21 @@ def run_ticks(
     count: int,
     search: Any,
     bodies: Any,
+    moved: Any,
     sensing: Any,
     navigation: Any,
     control: Any,
+    outputs: Any,
 ) -> tuple[int, int, int, float]:
     """Run at most `count` ticks; returns how many were begun, a `BatchStop`, the events that the bodies flagged in the
     last, and how far aircraft have travelled for the search of contacts.
 
-    `search` is `World.contact_search`, `bodies` and `sensing` are `World.batch_state`, `navigation` and `control` are
-    `BuiltinFleet.batch_state`.
+    `search` is `World.contact_search`; `bodies`, `moved` and `sensing` are `World.batch_state`; `navigation`, `control`
+    and `outputs` are `BuiltinFleet.batch_state`.
     """
     idle, travelled, census_due, pair_due, wall_due = search
-    odometer_m, max_step2_m2 = bodies[22], bodies[23]
+    commands, odometer_m, max_step2_m2 = moved
     ideal, attitude, field, compass, fix_time, inertial = sensing
-    gyro, accel, estimate, filters = navigation
-    commands, outputs, dt_s = bodies[10], control[6], control[7]
     for tick in range(count):
         events = advance(*bodies)
         if idle:
@@ -61,7 +60,7 @@ def run_ticks(
             read_ideal(first + tick * quantum_ns, attitude, field, compass, fix_time)
         else:
             read_inertial(*inertial)
-        step_strapdown(gyro, accel, dt_s, estimate, filters)
+        step_strapdown(*navigation)
         if run_loop(*control) > 0:
             return tick + 1, _ENGINE, 0, travelled
         for row in range(outputs.shape[0]):
@@ -70,18 +69,40 @@ def run_ticks(
     return count, _COMPLETE, 0, travelled
 
 
+class BatchedFleet(Protocol):
+    """The builtin fleet, as a batch of ticks sees it."""
+
+    @property
+    def only_flies(self) -> bool:
+        """Whether the next tick, if it comes when due, has nothing but estimator and control loops to run."""
+        ...
+
+    @property
+    def gains(self) -> Records:
+        """The gains of the control loops; another object where they were computed anew."""
+        ...
+
+    def batch_state(self, sensors: Sensors) -> tuple[tuple[Any, ...], tuple[Any, ...], Floats]:
+        """The arguments of `step_strapdown` and of `run_loop`, and of these the motor commands."""
+        ...
+
+    def end_batch(self, last: Time, flagged: bool) -> None:
+        """Take over complete ticks of a batch, the last at `last`; `flagged` if its loop raised an event."""
+        ...
+
+
 class FleetTickBatch:
     """The ticks of a world all of whose bodies are one builtin fleet (contract: `TickBatch`). Deep-copyable."""
 
     period_ns: Time = SERVICE_NS
 
-    def __init__(self, world: World, fleet: BuiltinFleet, rows: slice) -> None:
+    def __init__(self, world: World, fleet: BatchedFleet, rows: slice) -> None:
         self._world = world
         self._fleet = fleet
         self._rows = rows
         self._events = 0
         self._arguments: tuple[Any, ...] | None = None
-        self._gains: Any = None
+        self._gains: Records | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the arguments, which refer to the arrays of the world and of the fleet."""

@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.contracts.components import READINGS_NS
 from skyrange.core.chance import philox, uniform4
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import hash64
@@ -28,7 +29,7 @@ Words = NDArray[np.uint64]
 
 # inertial: [S] SIM_Aircraft.cpp `add_noise` (0.1 deg/s and 0.3 m/s² at full throttle) above the quantisation floor of
 # AP_InertialSensor_SITL.cpp (0.04 deg/s, 0.01 m/s²)
-IMU_PERIOD_NS: Final = 10 * NS_PER_MS
+IMU_PERIOD_NS: Final = READINGS_NS
 GYRO_FLOOR_RADPS: Final = math.radians(0.04)
 GYRO_MOTORS_RADPS: Final = math.radians(0.1)
 ACCEL_FLOOR_MPS2: Final = 0.01
