@@ -199,6 +199,8 @@ class Bodies:
             battery_v=height.copy(),
             battery_a=height.copy(),
             rotor_radps=np.zeros((n, 4)),
+            delta_angle_rad=np.zeros((n, 3)),
+            delta_velocity_mps=np.zeros((n, 3)),
         )
 
     def actuate(self, rows: slice | NDArray[np.int64], actuators: NDArray[np.float64]) -> None:

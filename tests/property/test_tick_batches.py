@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import skyrange
@@ -27,7 +28,10 @@ FLIGHTS = {
     "squares": ["duration_s=30", "sensors.noise=0"],
     "gnss.jump": ["duration_s=45", "attacks.jump.start_s=20.0033"],  # sensor faults, called every 10 ms
     "gnss.multipath": ["duration_s=30"],
-    "gnss.drift": ["duration_s=45", 'defences=[{id="check",kind="gnss.barometer"}]'],
+    "gnss.drift": [
+        "duration_s=45",
+        'defences=[{id="check",kind="gnss.barometer"},{id="innovation",kind="gnss.innovation",params={action="reject"}}]',
+    ],
 }
 
 
@@ -84,3 +88,45 @@ def test_a_slow_sensor_fault_that_alters_fast_readings_is_an_error(name: str, tm
     plan = AttackPlan("x", faults=[Slow(name, 0.1)])
     with pytest.raises(ComponentError, match=f"slow: altered {name}"):
         skyrange.run(load("squares", ["duration_s=2"]), tmp_path / "run", attacks=[plan])
+
+
+@dataclass
+class Shaker:
+    """A sensor fault that sets gyroscopes and accelerometers at every tick."""
+
+    name: str = "shaker"
+    vehicles: Sequence[str] = ("blue/b1",)
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        sensors.gyro_radps[:] = shaken(now)
+        sensors.accel_mps2[:] = -shaken(now)
+        return ()
+
+
+def shaken(now: Time) -> float:
+    return float(np.sin(now))
+
+
+@dataclass
+class Integrals:
+    """A sensor check that keeps the integrals that it is handed."""
+
+    name: str = "integrals"
+    vehicles: Sequence[str] = ("blue/b1",)
+    slow: bool = True
+    kept: dict[Time, tuple[float, float]] = field(default_factory=dict)
+
+    def on_sensors(self, now: Time, sensors: Sensors) -> Sequence[SensorAct]:
+        self.kept[now] = float(sensors.delta_angle_rad[0, 0]), float(sensors.delta_velocity_mps[0, 2])
+        return ()
+
+
+def test_a_sensor_check_gets_the_integrals_of_what_attacks_have_made_of_the_readings(tmp_path: Path) -> None:
+    check = Integrals()
+    plans = [AttackPlan("x", faults=[Shaker()]), AttackPlan("check", faults=[check], defence=True)]
+    skyrange.run(load("squares", ["duration_s=1"]), tmp_path / "run", attacks=plans)
+    tick = READINGS_NS // 4
+    for now in range(READINGS_NS, NS_PER_S, READINGS_NS):
+        turn = sum(shaken(now - k * tick) for k in range(4)) * tick / NS_PER_S
+        for held in range(4):
+            assert check.kept[now + held * tick] == pytest.approx((turn, -turn), abs=1e-12)

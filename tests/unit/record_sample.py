@@ -56,6 +56,7 @@ class StillWorld:
             np.full((n, 3), 0.1), np.full((n, 3), 9.8), np.full((n, 4), 0.5), np.full((n, 3), 7.0), np.zeros((n, 3)),
             ones * 2.5, ones * 1.5, np.full((n, 3), 0.25), np.full((n, 3), 1.5), np.full(n, 3), np.full(n, 10),
             np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), ones * 12.6, ones * 8.0, np.zeros((n, 4)),
+            np.full((n, 3), 0.001), np.full((n, 3), 0.098),
         )  # fmt: skip
 
 

@@ -53,6 +53,8 @@ def readings(count: int = 1) -> Sensors:
         battery_v=12.0 * one,
         battery_a=one,
         rotor_radps=np.zeros((count, 4)),
+        delta_angle_rad=np.zeros((count, 3)),
+        delta_velocity_mps=np.tile([0.0, 0.0, 0.0980665], (count, 1)),
     )
 
 
@@ -68,7 +70,7 @@ def innovation_check(action: str = "reject") -> InnovationCheck:
 def test_dead_reckoning_integrates_a_turn_and_a_push() -> None:
     """East for 2 s at 1 m/s² while it yaws by 90 degrees: its specific force turns in the body, not over ground."""
     reckoning, sensors = DeadReckoning(1, FIELD), readings()
-    step = 5 * NS_PER_MS
+    step = 10 * NS_PER_MS
     now = 0
     while now < 2 * NS_PER_S:
         reckoning.update(now, sensors)
@@ -76,9 +78,11 @@ def test_dead_reckoning_integrates_a_turn_and_a_push() -> None:
     start, rate = now, np.pi / 4.0
     sensors.rotor_radps[:] = 100.0
     while now <= start + 2 * NS_PER_S:
-        yaw = rate * ((now - start) / NS_PER_S - 0.0025)
+        yaw = rate * ((now - start) / NS_PER_S - 0.005)
         sensors.gyro_radps[0] = (0.0, 0.0, rate)
         sensors.accel_mps2[0] = (np.cos(yaw), -np.sin(yaw), 9.80665)
+        sensors.delta_angle_rad[:] = sensors.gyro_radps * 0.01
+        sensors.delta_velocity_mps[:] = sensors.accel_mps2 * 0.01
         reckoning.update(now, sensors)
         now += step
     found = reckoning.at(0, start + 2 * NS_PER_S - 10 * NS_PER_MS)

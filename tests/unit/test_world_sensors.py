@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
-from skyrange.contracts.components import Sensors
+from skyrange.contracts.components import READINGS_NS, Sensors
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64
+from skyrange.core.time import NS_PER_S
 from skyrange.world import Body, SensorSpec, World
 from skyrange.world.sensing import sensor_errors as models
 from skyrange.world.sensing.geomagnetism import magnetic_field_at
@@ -170,3 +171,21 @@ def test_the_field_is_the_world_magnetic_models(
     assert math.degrees(math.atan2(east, north)) == pytest.approx(declination, abs=3.0)
     assert math.degrees(math.atan2(-up, math.hypot(east, north))) == pytest.approx(inclination, abs=3.0)
     assert math.sqrt(east**2 + north**2 + up**2) == pytest.approx(gauss, rel=0.06)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_delta_angles_and_velocities_are_the_integrals_of_the_readings(noise: float) -> None:
+    world = standing(2, replace(SPEC, noise=noise))
+    world.actuate(slice(None), np.array([[0.9, 0.6, 0.6, 0.6], [0.0, 0.0, 0.0, 0.0]]))
+    turns, pushes = np.zeros((2, 3)), np.zeros((2, 3))
+    for now in range(0, 400_000_000, STEP):
+        world.advance(now)
+        read = readings(world)
+        if now:
+            turns += read["gyro_radps"] * STEP / NS_PER_S
+            pushes += read["accel_mps2"] * STEP / NS_PER_S
+        if now % READINGS_NS == 0:
+            assert read["delta_angle_rad"] == pytest.approx(turns, abs=1e-12)
+            assert read["delta_velocity_mps"] == pytest.approx(pushes, abs=1e-12)
+            turns, pushes = np.zeros((2, 3)), np.zeros((2, 3))
+    assert np.abs(read["delta_angle_rad"][0]).max() > 1e-4

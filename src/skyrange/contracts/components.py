@@ -130,6 +130,11 @@ class Sensors:
     """(n,) current drawn."""
     rotor_radps: Floats
     """(n, motors) how fast each rotor turns, as its speed controller measures it."""
+    delta_angle_rad: Floats
+    """(n, 3) integral of `gyro_radps`, as inertial sensors integrate their own samples (in ArduPilot
+    `AP_InertialSensor::get_delta_angle`): over the time between the last two multiples of `READINGS_NS`."""
+    delta_velocity_mps: Floats
+    """(n, 3) integral of `accel_mps2` over the same time."""
 
 
 READINGS_NS: Time = 10 * NS_PER_MS
@@ -151,9 +156,13 @@ class SensorFault(Protocol):
     It is called once a tick, muted or not; while its attack does not act, on copies that are discarded. It is
     deep-copyable and pure: what it does depends on what it was handed and on the time alone.
 
-    One that reads and alters nothing that changes within `READINGS_NS`, which excludes `gyro_radps`, `accel_mps2`,
-    `attitude` and `rotor_radps`, may have an attribute `slow = True`. Where all of a run are slow, they may be called
-    once in `READINGS_NS`, and what they write lasts until then. One that alters such a reading is an error.
+    One that needs readings at multiples of `READINGS_NS` only, and alters nothing that changes in between, which
+    excludes `gyro_radps`, `accel_mps2`, `attitude` and `rotor_radps`, may have an attribute `slow = True`. Where all of
+    a run are slow, they may be called once in `READINGS_NS`, and what they write lasts until then. One that alters such
+    a reading is an error.
+
+    None alters `delta_angle_rad` and `delta_velocity_mps`: sensor checks get those that follow from the `gyro_radps`
+    and `accel_mps2` which attacks and faults have left.
 
     That of a defence is a sensor check: it gets the readings as all attacks and faults have left them, it may raise
     alerts, and the true `attitude` in them is not a number, because no aircraft can read it.

@@ -20,7 +20,7 @@ from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sensors, World
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
 from skyrange.kernel.fault_acts import ActCounter, check_faults
 
@@ -30,6 +30,8 @@ _ALIGNED = 8
 """Bytes: each array begins at a multiple, as processors want it."""
 _FAST = ("gyro_radps", "accel_mps2", "attitude", "rotor_radps")
 """What changes at every tick."""
+_INTEGRALS = ("delta_angle_rad", "delta_velocity_mps")
+"""What follows from other readings."""
 Rows = slice | NDArray[np.int64]
 
 
@@ -64,6 +66,12 @@ class SensorFaultInjector:
         self._muted = _Readings()
         """What a sensor fault that does not act may write into."""
         self._hidden: Floats | None = None
+        checks = [place for place, (attack, _, _) in enumerate(self._owned) if attack.plan.defence]
+        self._first_check = checks[0] if checks else len(self._owned)
+        self._integrals: _Integrals | None = None
+        """Of the readings that attacks and faults leave; `None` where none can alter them, or no check reads them."""
+        if checks and any(not getattr(fault, "slow", False) for _, fault, _ in self._owned[: checks[0]]):
+            self._integrals = _Integrals(len(altered))
         self._slots: list[_Slot] = []
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, SensorFault, FrameId | Alert]]:
@@ -77,7 +85,9 @@ class SensorFaultInjector:
         sensors = world.sensors(self._rows)
         table = self._readings.fill(sensors)
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
-        for attack, fault, places in self._owned:
+        for place, (attack, fault, places) in enumerate(self._owned):
+            if place == self._first_check and self._integrals is not None:
+                self._integrals.update(now, table)
             acts = takes_effect(attack, now)
             if places is not None:
                 rows = Sensors(*[array[places] for array in _arrays_of(table)])
@@ -107,8 +117,10 @@ class SensorFaultInjector:
         return found
 
     def _check_slow(self, table: Sensors, sensors: Sensors) -> None:
-        """Raise `ComponentError` where faults that call themselves slow have altered what changes at every tick."""
-        for name in _FAST:
+        """Raise `ComponentError` where faults that call themselves slow have altered what changes at every tick, or
+        what follows from it.
+        """
+        for name in (*_FAST, *_INTEGRALS):
             if getattr(table, name).tobytes() != getattr(sensors, name).tobytes():
                 who = ", ".join(fault.name for _, fault, _ in self._owned)
                 raise ComponentError(
@@ -222,6 +234,29 @@ class _Readings:
         self.__init__()  # type: ignore[misc]
         if state[0] is not None:
             self.fill(Sensors(*state[0]))
+
+
+class _Integrals:
+    """Integrals of altered inertial readings, as the world's sensors have them of their own. Deep-copyable."""
+
+    __slots__ = ("_last_ns", "_shown", "_sums")
+
+    def __init__(self, count: int) -> None:
+        self._last_ns: Time | None = None
+        self._sums = np.zeros((count, 6))
+        self._shown = np.zeros((count, 6))
+
+    def update(self, now: Time, table: Sensors) -> None:
+        """Integrate the readings of a tick, and put the integrals that are due into them."""
+        last, self._last_ns = self._last_ns, now
+        step_s = 0.0 if last is None else (now - last) / NS_PER_S
+        self._sums[:, :3] += table.gyro_radps * step_s
+        self._sums[:, 3:] += table.accel_mps2 * step_s
+        if last is None or now // READINGS_NS != last // READINGS_NS:
+            self._shown[:] = self._sums
+            self._sums[:] = 0.0
+        table.delta_angle_rad[:] = self._shown[:, :3]
+        table.delta_velocity_mps[:] = self._shown[:, 3:]
 
 
 class _Slot(NamedTuple):

@@ -260,7 +260,9 @@ class World:
     def end_batch(self, ticks: int, travelled: float) -> None:
         """Take over what `ticks` complete ticks of a batch have done; `travelled` is what they found for contacts."""
         assert self._now is not None
-        self._now += ticks * self.quantum_ns
+        if ticks:
+            self._now += ticks * self.quantum_ns
+            self._sensing.end_batch(self._now)
         self._contact_tracker.end_batch(travelled)
 
     def complete_tick(self, events: int) -> Sequence[Note]:

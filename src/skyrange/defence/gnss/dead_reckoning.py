@@ -2,7 +2,8 @@
 
 While rotors and body rest, gyroscopes are calibrated, the accelerometers give the vertical and the compass the heading
 (TRIAD: Shuster and Oh, Three-axis attitude determination from vector observations, JGCD 4:1, 1981). In flight,
-gyroscopes and accelerometers alone are integrated, every 10 ms. Nothing of it depends on GNSS.
+the angles and velocities that gyroscopes and accelerometers have integrated are added up, every 10 ms. Nothing of it
+depends on GNSS.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Floats, Sensors
+from skyrange.contracts.components import READINGS_NS, Floats, Sensors
 from skyrange.core.compiled import compiled
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.core.time import NS_PER_S, Time
 
-STEP_NS: Final = 10 * NS_PER_MS
+STEP_NS: Final = READINGS_NS
 HISTORY: Final = 128
 """Steps that are kept: 1.28 s, more than the age of any fix that an estimator uses (EK3_HRT_FILT, GPS_DELAY_MS)."""
 ALIGN_STEPS: Final = 100
@@ -45,10 +46,7 @@ class DeadReckoning:
     """Whether it has stood still for long enough since it was last judged to rest."""
     since_ns: Times = field(init=False)
     """When each last began to rest."""
-    _last_ns: Time = -1
-    _step_ns: Time = -1
-    _turn: Floats = field(init=False)
-    _push: Floats = field(init=False)
+    _step_ns: Time | None = None
     _means: Floats = field(init=False)
     _steps: Floats = field(init=False)
     _body: Floats = field(init=False)
@@ -64,7 +62,6 @@ class DeadReckoning:
         self.resting, self.aligned = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_)
         self.since_ns = np.zeros(n, dtype=np.int64)
         self._due = np.zeros(n, dtype=np.bool_)
-        self._turn, self._push = np.zeros((n, 3)), np.zeros((n, 3))
         self._means, self._steps = np.zeros((n, 9)), np.zeros(n)
         self._body = np.tile(np.eye(3), (n, 1, 1))
         self._bias, self._gravity = np.zeros((n, 3)), np.full(n, _GRAVITY_MPS2)
@@ -72,24 +69,24 @@ class DeadReckoning:
         self._past = np.zeros((n, HISTORY, 18))
 
     def update(self, now: Time, sensors: Sensors) -> None:
-        """Take in the readings of a tick; integrate once a step is complete."""
-        dt_s = 0.0 if self._last_ns < 0 else (now - self._last_ns) / NS_PER_S
-        self._last_ns = now
-        _accumulate(sensors.gyro_radps, sensors.accel_mps2, dt_s, self._turn, self._push)
-        if self._step_ns < 0:
-            self._step_ns = now
+        """Integrate the readings of a tick if they are new."""
+        last = self._step_ns
+        if last is not None and now // STEP_NS == last // STEP_NS:
             return
-        if now - self._step_ns < STEP_NS:
-            return
-        step_s = (now - self._step_ns) / NS_PER_S
         self._step_ns = now
+        if last is None:
+            return
+        step_s = (now - last) / NS_PER_S
         if _judge_rest(
             now, sensors.gyro_radps, sensors.accel_mps2, sensors.compass_gauss, sensors.rotor_radps,
             self.resting, self.aligned, self.since_ns, self._means, self._steps, self._state, self._due,
         ):  # fmt: skip
             for row in np.flatnonzero(self._due).tolist():
                 self._align(row)
-        _integrate(step_s, self.resting, self._turn, self._push, self._bias, self._gravity, self._body, self._state)
+        _integrate(
+            step_s, self.resting, sensors.delta_angle_rad, sensors.delta_velocity_mps, self._bias, self._gravity,
+            self._body, self._state,
+        )  # fmt: skip
         self._newest = (self._newest + 1) % HISTORY
         self._past[:, self._newest] = self._state
 
@@ -98,6 +95,8 @@ class DeadReckoning:
 
         `None` for a time that the history does not reach.
         """
+        if self._step_ns is None:
+            return None
         back = (self._step_ns - time) / STEP_NS
         if not 0.0 <= back < HISTORY - 2:
             return None
@@ -132,15 +131,6 @@ def _limited(reading: float) -> float:
     if np.isnan(reading):
         return 0.0
     return min(max(reading, -_LIMIT), _LIMIT)
-
-
-@compiled
-def _accumulate(gyro_radps: Floats, accel_mps2: Floats, dt_s: float, turn: Floats, push: Floats) -> None:
-    """Add the readings of a tick, (n, 3) each, to the turns and pushes since the last step."""
-    for row in range(len(turn)):
-        for axis in range(3):
-            turn[row, axis] += _limited(gyro_radps[row, axis]) * dt_s
-            push[row, axis] += _limited(accel_mps2[row, axis]) * dt_s
 
 
 @compiled
@@ -198,17 +188,16 @@ def _integrate(
     body: Floats,
     state: Floats,
 ) -> None:
-    """Strapdown integration of the aircraft that move, over one step; clears turns and pushes."""
-    force, change, angle = np.empty(3), np.empty(3), np.empty(3)
+    """Strapdown integration of the aircraft that move, over one step, by its turns and pushes (n, 3)."""
+    force, change = np.empty(3), np.empty(3)
     cross, rotated = np.zeros((3, 3)), np.empty((3, 3))
     for row in range(len(resting)):
         if resting[row]:
-            turn[row], push[row] = 0.0, 0.0
             continue
-        for axis in range(3):
-            angle[axis] = turn[row, axis] - bias[row, axis] * step_s
-        x, y, z = angle
-        px, py, pz = push[row]
+        x = _limited(turn[row, 0]) - bias[row, 0] * step_s
+        y = _limited(turn[row, 1]) - bias[row, 1] * step_s
+        z = _limited(turn[row, 2]) - bias[row, 2] * step_s
+        px, py, pz = _limited(push[row, 0]), _limited(push[row, 1]), _limited(push[row, 2])
         # the push in the attitude of half the step: rotation by half of the turn, to first order
         px, py, pz = px + 0.5 * (y * pz - z * py), py + 0.5 * (z * px - x * pz), pz + 0.5 * (x * py - y * px)
         for axis in range(3):
@@ -237,4 +226,3 @@ def _integrate(
                     product += body[row, i, k] * (turned + (1.0 if k == j else 0.0))
                 rotated[i, j] = product
         body[row] = rotated
-        turn[row], push[row] = 0.0, 0.0

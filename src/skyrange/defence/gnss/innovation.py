@@ -243,6 +243,7 @@ class InnovationCheck:
     reckoning: DeadReckoning
     fixes: NewFixes
     filters: list[ErrorFilter]
+    slow: bool = True
     _fused_ns: list[Time] = field(init=False)
 
     def __post_init__(self) -> None:

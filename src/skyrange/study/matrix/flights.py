@@ -9,6 +9,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
 from pathlib import Path
 from time import monotonic
 from typing import Any, Final
@@ -50,6 +51,13 @@ class Task:
     candidate: str = ""
     muted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Of an undefended cell: the defences of other cells that fly in it muted, ids by column."""
+
+    @property
+    def work(self) -> float:
+        """How long its flights may take compared with others: aircraft-seconds."""
+        arms = 4 if self.honest else 2
+        aircraft = sum(1 for _ in self.scenario.fleet)
+        return aircraft * self.scenario.duration_s * self.seeds * arms
 
     def fly(self) -> Cell:
         """Fly it as a pair in this process, and measure it.
@@ -218,64 +226,94 @@ def _name(folder: Path, root: Path) -> str:
 
 
 def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -> list[Cell]:
-    """The cells of all tasks, flown `jobs` at a time, undefended ones first; those of idle columns need no flight."""
-    first = [number for number, task in enumerate(tasks) if task.column is None]
-    done: dict[int, Cell] = {}
-    progress = _Progress(len(tasks), on_cell)
-    _fly_some(tasks, first, done, root, jobs, progress)
-    undefended = {tasks[number].row.id: done[number] for number in first}
-    for number, task in enumerate(tasks):
-        if task.column is not None and not task.candidate and task.column.id in undefended[task.row.id].idle:
-            done[number] = undefended[task.row.id].idle_cell(task.column.id)
-    _fly_some(tasks, [number for number in range(len(tasks)) if number not in done], done, root, jobs, progress)
-    return [done[number] for number in range(len(tasks))]
-
-
-class _Progress:
-    """How many cells are done, and how long the rest will take at the rate so far."""
-
-    def __init__(self, total: int, on_cell: OnCell | None) -> None:
-        self._total = total
-        self._on_cell = on_cell
-        self._began = monotonic()
-        self.flown = 0
-
-    def tell(self, done: Mapping[int, Cell]) -> None:
-        if self._on_cell is not None:
-            each = (monotonic() - self._began) / self.flown if self.flown else None
-            self._on_cell(len(done), self._total, None if each is None else each * (self._total - len(done)))
-
-
-def _fly_some(
-    tasks: Sequence[Task], chosen: Sequence[int], done: dict[int, Cell], root: Path, jobs: int, progress: _Progress
-) -> None:
-    """Fly the chosen tasks into `done`, in processes that are forked where the system can, so that they know all
-    plugins.
+    """The cells of all tasks, flown `jobs` at a time in processes that are forked where the system can, so that they
+    know all plugins.
     """
-    progress.tell(done)
-    if jobs == 1 or len(chosen) == 1:
-        for number in chosen:
-            done[number] = tasks[number].fly()
-            progress.flown += 1
-            progress.tell(done)
-        return
+    queue = _Queue(tasks, on_cell)
+    if jobs == 1 or len(tasks) == 1:
+        while (number := queue.take()) is not None:
+            queue.complete(number, tasks[number].fly())
+        return queue.cells()
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupt) as pool:
-        waiting: dict[Future[Cell], int] = {pool.submit(tasks[number].fly): number for number in chosen}
+        flying: dict[Future[Cell], int] = {}
         try:
-            while waiting:
-                ended, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            while True:
+                while len(flying) < jobs and (number := queue.take()) is not None:
+                    flying[pool.submit(tasks[number].fly)] = number
+                if not flying:
+                    return queue.cells()
+                ended, _ = wait(flying, return_when=FIRST_COMPLETED)
                 for future in ended:
-                    done[waiting.pop(future)] = future.result()
-                    progress.flown += 1
-                    progress.tell(done)
+                    queue.complete(flying.pop(future), future.result())
         except KeyboardInterrupt:
             pool.shutdown(wait=True, cancel_futures=True)
-            raise ShortfallError(f"interrupted; {len(done)} of {len(tasks)} cells are in {root}", root) from None
+            raise ShortfallError(f"interrupted; {queue.progress} cells are in {root}", root) from None
         except SkyrangeError:
             pool.shutdown(wait=True, cancel_futures=True)
             raise
+
+
+class _Queue:
+    """Tasks in the order in which they are to be flown, with what is known of them, and their progress.
+
+    Undefended cells come first, because they tell which others need no flight; then those with the most work, so that
+    the last ones are short. A column that may be idle waits for the undefended cell of its row.
+    """
+
+    def __init__(self, tasks: Sequence[Task], on_cell: OnCell | None) -> None:
+        self._tasks = tasks
+        self._on_cell = on_cell
+        self._done: dict[int, Cell] = {}
+        self._ready: list[tuple[bool, float, int]] = []
+        self._held: dict[str, list[int]] = {}
+        self._began = monotonic()
+        self._flown = 0.0
+        watched = {(task.row.id, column) for task in tasks for column in task.muted}
+        for number, task in enumerate(tasks):
+            if task.column is not None and not task.candidate and (task.row.id, task.column.id) in watched:
+                self._held.setdefault(task.row.id, []).append(number)
+            else:
+                self._add(number)
+        self._tell()
+
+    def _add(self, number: int) -> None:
+        task = self._tasks[number]
+        heappush(self._ready, (task.column is not None, -task.work, number))
+
+    def take(self) -> int | None:
+        """The next task to be flown; `None` if none is ready."""
+        return heappop(self._ready)[2] if self._ready else None
+
+    def complete(self, number: int, cell: Cell) -> None:
+        """Take the cell of a task that was flown."""
+        task = self._tasks[number]
+        self._done[number] = cell
+        self._flown += task.work
+        if task.column is None:
+            for held in self._held.pop(task.row.id, ()):
+                column = self._tasks[held].column
+                if column is not None and column.id in cell.idle:
+                    self._done[held] = cell.idle_cell(column.id)
+                else:
+                    self._add(held)
+        self._tell()
+
+    def cells(self) -> list[Cell]:
+        """The cells of all tasks, in their order."""
+        return [self._done[number] for number in range(len(self._tasks))]
+
+    @property
+    def progress(self) -> str:
+        """How many cells are done, of how many."""
+        return f"{len(self._done)} of {len(self._tasks)}"
+
+    def _tell(self) -> None:
+        if self._on_cell is not None:
+            left = sum(task.work for number, task in enumerate(self._tasks) if number not in self._done)
+            left_s = (monotonic() - self._began) / self._flown * left if self._flown else None
+            self._on_cell(len(self._done), len(self._tasks), left_s)
 
 
 def _ignore_interrupt() -> None:

@@ -10,14 +10,14 @@ from skyrange.contracts.components import Floats, Sensors
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.tick_batches import BatchStop
 from skyrange.core.compiled import compiled
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.vehicle.builtin.estimation.estimator import step_strapdown
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.loop import run_loop
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
 from skyrange.world.collision.broad_phase import count_due
 from skyrange.world.multirotor import advance
-from skyrange.world.sensing.sensor_errors import read_ideal, read_inertial
+from skyrange.world.sensing.sensor_errors import integrate_inertial, read_ideal, read_inertial
 from skyrange.world.world import World
 
 _STOPS = tuple(BatchStop)
@@ -45,7 +45,8 @@ def run_ticks(
     """
     idle, travelled, census_due, pair_due, wall_due = search
     commands, odometer_m, max_step2_m2 = moved
-    ideal, attitude, field, compass, fix_time, inertial = sensing
+    ideal, attitude, field, compass, fix_time, inertial, (gyro, force, integrals) = sensing
+    step_s = quantum_ns / NS_PER_S
     for tick in range(count):
         events = advance(*bodies)
         if idle:
@@ -60,6 +61,7 @@ def run_ticks(
             read_ideal(first + tick * quantum_ns, attitude, field, compass, fix_time)
         else:
             read_inertial(*inertial)
+        integrate_inertial(gyro, force, step_s, integrals)
         step_strapdown(*navigation)
         if run_loop(*control) > 0:
             return tick + 1, _ENGINE, 0, travelled

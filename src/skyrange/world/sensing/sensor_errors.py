@@ -218,6 +218,15 @@ def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, for
 
 
 @compiled
+def integrate_inertial(gyro: Floats, force: Floats, step_s: float, sums: Floats) -> None:
+    """Add the readings of a tick, held for `step_s`, to the integrals (rows, 6): angles in rad, then velocities."""
+    for i in range(sums.shape[0]):
+        for axis in range(3):
+            sums[i, axis] += gyro[i, axis] * step_s
+            sums[i, 3 + axis] += force[i, axis] * step_s
+
+
+@compiled
 def draw_errors(
     now: int,
     level: float,

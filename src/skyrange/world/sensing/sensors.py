@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Floats, Sensors
+from skyrange.contracts.components import READINGS_NS, Floats, Sensors
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.world.sensing import sensor_errors
 from skyrange.world.sensing.geomagnetism import MagneticField
 
@@ -66,7 +66,7 @@ class SensorSuite:
         self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
         self._field = np.array(spec.field_enu_gauss, dtype=np.float64)
         self._started = False
-        self._slot: int | None = None
+        self._sampled_ns: Time | None = None
         self._compass, self._accuracy = np.zeros((n, 3)), np.zeros((n, 3))
         self._fix: NDArray[np.int64] = np.full(n, sensor_errors.FIX_RTK, dtype=np.int64)
         self._satellites: NDArray[np.int64] = np.full(n, sensor_errors.GNSS_SATELLITES, dtype=np.int64)
@@ -75,6 +75,7 @@ class SensorSuite:
         self._error, self._bias = np.zeros((n, 6)), np.zeros((n, 6))
         self._gyro, self._force = np.zeros((n, 3)), np.zeros((n, 3))
         self._gnss, self._gnss_vel = np.zeros((n, 3)), np.zeros((n, 3))
+        self._sums, self._deltas = np.zeros((n, 6)), np.zeros((n, 6))
         self._baro, self._range = np.zeros(n), np.zeros(n)
         self._wander, self._offset = np.zeros((n, 4)), np.zeros((n, 3))
         self._phase: NDArray[np.int64] = np.zeros((n, 4), dtype=np.int64)
@@ -94,6 +95,7 @@ class SensorSuite:
         else:
             shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
         shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, self._utc_error, *power]
+        shown += [self._deltas[:, :3], self._deltas[:, 3:]]
         self._shown = tuple(_locked(array) for array in shown)
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 
@@ -107,32 +109,47 @@ class SensorSuite:
     def sample(self, now: Time) -> None:
         """Sample every sensor that is due at `now`, of all aircraft; the first call switches the sensors on."""
         rates, force, attitude, position, velocity, height = self._state
+        last, self._sampled_ns = self._sampled_ns, now
+        new = last is None or now // READINGS_NS != last // READINGS_NS
         if self._level == 0.0:
             sensor_errors.read_ideal(now, attitude, self._field, self._compass, self._time)
+            self._integrate(rates, force, 0 if last is None else now - last, new)
             return
         fix = (self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time)
         drawn = (self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
         if not self._started:
             self._started = True
             sensor_errors.power_on(now, self._level, self._seed, self._who, position, *drawn, *fix)
-        slot = now // sensor_errors.IMU_PERIOD_NS
-        if slot != self._slot:
-            self._slot = slot
+        if new:
             sensor_errors.draw_errors(
-                slot * sensor_errors.IMU_PERIOD_NS, self._level, self._seed, self._who, self._commands, position,
+                now // READINGS_NS * READINGS_NS, self._level, self._seed, self._who, self._commands, position,
                 height,
                 velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range,
                 self._compass,
             )  # fmt: skip
         sensor_errors.read_inertial(rates, force, self._error, self._gyro, self._force)
+        self._integrate(self._gyro, self._force, 0 if last is None else now - last, new)
+
+    def _integrate(self, gyro: Floats, force: Floats, step_ns: Time, new: bool) -> None:
+        """Integrate inertial readings over a step; with `new`, show the integrals and begin anew."""
+        sensor_errors.integrate_inertial(gyro, force, step_ns / NS_PER_S, self._sums)
+        if new:
+            self._deltas[:] = self._sums
+            self._sums[:] = 0.0
+
+    def end_batch(self, last: Time) -> None:
+        """Take over the ticks of a batch, the last of which was at `last`."""
+        self._sampled_ns = last
 
     def batch_state(self) -> tuple[Any, ...]:
         """What readings are made of in ticks without new errors: whether sensors are ideal, the arguments of
-        `read_ideal` after the time, and those of `read_inertial`.
+        `read_ideal` after the time, those of `read_inertial`, and what `integrate_inertial` reads and writes.
         """
         rates, force, attitude = self._state[:3]
+        ideal = self._level == 0.0
         inertial = (rates, force, self._error, self._gyro, self._force)
-        return self._level == 0.0, attitude, self._field, self._compass, self._time, inertial
+        integrated = (rates, force) if ideal else (self._gyro, self._force)
+        return ideal, attitude, self._field, self._compass, self._time, inertial, (*integrated, self._sums)
 
     def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
         """The current readings of some vehicles: for a slice, read-only views that later ticks refill; otherwise
