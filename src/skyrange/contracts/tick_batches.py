@@ -28,16 +28,19 @@ class BatchStop(IntEnum):
     """In its last tick the bodies have moved and something happened to them; the rest of that tick is to be done."""
     ENGINE = 2
     """In its last tick the engine has something to report; what remains of that tick is to call `finish`."""
+    SERVICE = 3
+    """In its last tick, which begins a period, the world's part is complete; the rest is to be done."""
 
 
 class TickBatch(Protocol):
     """The ticks of a world and its only engine. After a batch their state is that after single ticks, to the bit."""
 
     period_ns: Time
-    """A tick that is the first at or after a multiple of this cannot be in a batch."""
+    """Of a tick that is the first at or after a multiple of this, a batch runs the part of the world at most."""
 
-    def run(self, first: Time, count: int) -> tuple[int, BatchStop]:
-        """Run at most `count` ticks from `first` on; returns how many were begun, and why the batch ended.
+    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+        """Run at most `count` ticks from `first` on, and with `service` the world's part of the one after them, which
+        begins a period; returns how many were begun, and why the batch ended.
 
         0 ticks mean that the next one has to be run singly.
         """

@@ -188,6 +188,8 @@ class Kernel:
                     at = self._next_tick - self._quantum
                     if stop is BatchStop.WORLD and self._batch is not None:
                         self._tick(at, self._batch.complete_world_tick())
+                    elif stop is BatchStop.SERVICE:
+                        self._tick(at, ())
                     elif stop is BatchStop.ENGINE:
                         self._finish_engines(at)
                     continue
@@ -295,11 +297,13 @@ class Kernel:
         if batch is None or first % batch.period_ns < self._quantum:
             return None
         period = first - first % batch.period_ns + batch.period_ns
-        until = min(until, period - 1, self._next_truth - 1, self._attacks.next_change - 1)
-        if until < first:
+        last = min(until, period - 1, self._next_truth - 1, self._attacks.next_change - 1)
+        if last < first:
             return None
+        count = (last - first) // self._quantum + 1
+        after = first + count * self._quantum
         try:
-            begun, stop = batch.run(first, (until - first) // self._quantum + 1)
+            begun, stop = batch.run(first, count, last == period - 1 and after <= until)
         except Exception as error:
             raise attribute_error(f"engine {self._engines[0].engine.name}", first, error) from error
         self._next_tick = first + begun * self._quantum

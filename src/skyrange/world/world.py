@@ -108,7 +108,7 @@ class World:
         self._sensing = SensorSuite(sensors, self.vehicles, self._sensed_state(), self._commands, self._power_state())
         self._bind()
         self._contact_tracker.begin(self._bodies)
-        self._discharge(0.0)
+        battery.discharge(0.0, *self._power)
         for i, body in enumerate(bodies):
             half_yaw = 0.5 * math.radians(90.0 - body.heading_deg)
             self._attitude[i, 0], self._attitude[i, 3] = math.cos(half_yaw), math.sin(half_yaw)
@@ -151,6 +151,17 @@ class World:
             self._odometer_m,
             self._max_step2_m2,
             self._imposed.is_imposed,
+        )
+        self._power: tuple[Any, ...] = (
+            self._batteries,
+            self._airframe,
+            self._alive,
+            self._speed_share,
+            self._work_j,
+            self._charge,
+            self._battery_v,
+            self._battery_a,
+            self._limit,
         )
         self._followed: tuple[Any, ...] = (
             self._parameters,
@@ -230,7 +241,7 @@ class World:
             self._present[:] = self._soon_present
             events += self._imposed.follow(*self._followed)
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
-            self._discharge((end - self._discharged_ns) / NS_PER_S)
+            battery.discharge((end - self._discharged_ns) / NS_PER_S, *self._power)
             self._discharged_ns = end
         return self._resolve(end, events)
 
@@ -246,20 +257,30 @@ class World:
         start = first - self.quantum_ns
         return self._now == start and not len(self._imposed.rows) and not self._gust_due(start)
 
-    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
+    def batch_state(self) -> tuple[tuple[Any, ...], tuple[Any, ...], tuple[Any, ...], tuple[Any, ...]]:
         """What a compiled call needs that runs ticks: the arguments of `multirotor.advance`; of these the motor
-        commands, the odometers and the longest step; and `SensorSuite.batch_state`.
+        commands, the odometers and the longest step; those of `battery.discharge` after the first; and
+        `SensorSuite.arguments`.
         """
-        return self._arguments, (self._commands, self._odometer_m, self._max_step2_m2), self._sensing.batch_state()
+        moved = self._commands, self._odometer_m, self._max_step2_m2
+        return self._arguments, moved, self._power, self._sensing.arguments
+
+    @property
+    def discharged_ns(self) -> Time:
+        """When the batteries were discharged last."""
+        return self._discharged_ns
 
     @property
     def contact_search(self) -> tuple[bool, float, float, Floats, Floats]:
         """`ContactTracker.search`."""
         return self._contact_tracker.search
 
-    def end_batch(self, ticks: int, travelled: float) -> None:
-        """Take over what `ticks` complete ticks of a batch have done; `travelled` is what they found for contacts."""
+    def end_batch(self, ticks: int, travelled: float, discharged_ns: Time) -> None:
+        """Take over what `ticks` complete ticks of a batch have done: `travelled` is what they found for contacts,
+        `discharged_ns` when batteries were discharged.
+        """
         assert self._now is not None
+        self._discharged_ns = discharged_ns
         if ticks:
             self._now += ticks * self.quantum_ns
             self._sensing.end_batch(self._now)
@@ -297,20 +318,6 @@ class World:
         self._gusted_ns = now
         if self._mean_air is not None:
             self._blow(self._mean_air)
-
-    def _discharge(self, seconds: float) -> None:
-        battery.discharge(
-            seconds,
-            self._batteries,
-            self._airframe,
-            self._alive,
-            self._speed_share,
-            self._work_j,
-            self._charge,
-            self._battery_v,
-            self._battery_a,
-            self._limit,
-        )
 
     def _notes(self) -> list[Note]:
         """The events that the last step of the dynamics flagged, in vehicle order; clears them."""

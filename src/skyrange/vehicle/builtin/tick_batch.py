@@ -15,13 +15,14 @@ from skyrange.vehicle.builtin.estimation.estimator import step_strapdown
 from skyrange.vehicle.builtin.layout import Records
 from skyrange.vehicle.builtin.loop import run_loop
 from skyrange.vehicle.builtin.telemetry.schedule import SERVICE_NS
+from skyrange.world.battery import discharge
 from skyrange.world.collision.broad_phase import count_due
 from skyrange.world.multirotor import advance
-from skyrange.world.sensing.sensor_errors import integrate_inertial, read_ideal, read_inertial
+from skyrange.world.sensing.sensor_errors import sample
 from skyrange.world.world import World
 
 _STOPS = tuple(BatchStop)
-_COMPLETE, _WORLD, _ENGINE = int(BatchStop.COMPLETE), int(BatchStop.WORLD), int(BatchStop.ENGINE)
+_COMPLETE, _WORLD, _ENGINE, _SERVICE = (int(stop) for stop in BatchStop)
 
 
 @compiled
@@ -29,26 +30,31 @@ def run_ticks(
     first: int,
     quantum_ns: int,
     count: int,
+    service: bool,
+    discharged_ns: int,
     search: Any,
     bodies: Any,
     moved: Any,
+    power: Any,
     sensing: Any,
     navigation: Any,
     control: Any,
     outputs: Any,
 ) -> tuple[int, int, int, float]:
-    """Run at most `count` ticks; returns how many were begun, a `BatchStop`, the events that the bodies flagged in the
-    last, and how far aircraft have travelled for the search of contacts.
+    """Run at most `count` ticks, and with `service` the world's part of one more, which discharges the batteries.
 
-    `search` is `World.contact_search`; `bodies`, `moved` and `sensing` are `World.batch_state`; `navigation`, `control`
-    and `outputs` are `BuiltinFleet.batch_state`.
+    Returns how many were begun, a `BatchStop`, the events that the bodies flagged in the last, and how far aircraft
+    have travelled for the search of contacts. `search` is `World.contact_search`; `bodies`, `moved`, `power` and
+    `sensing` are `World.batch_state`; `navigation`, `control` and `outputs` are `BuiltinFleet.batch_state`.
     """
     idle, travelled, census_due, pair_due, wall_due = search
     commands, odometer_m, max_step2_m2 = moved
-    ideal, attitude, field, compass, fix_time, inertial, (gyro, force, integrals) = sensing
     step_s = quantum_ns / NS_PER_S
-    for tick in range(count):
+    for tick in range(count + service):
+        now = first + tick * quantum_ns
         events = advance(*bodies)
+        if tick == count:
+            discharge((now - discharged_ns) / NS_PER_S, *power)
         if idle:
             if events > 0:
                 return tick + 1, _WORLD, events, travelled
@@ -57,11 +63,9 @@ def run_ticks(
             if events > 0 or far > census_due or count_due(far, pair_due, odometer_m, wall_due) > 0:
                 return tick + 1, _WORLD, events, travelled
             travelled = far
-        if ideal:
-            read_ideal(first + tick * quantum_ns, attitude, field, compass, fix_time)
-        else:
-            read_inertial(*inertial)
-        integrate_inertial(gyro, force, step_s, integrals)
+        sample(now, step_s, tick == count, *sensing)
+        if tick == count:
+            return count + 1, _SERVICE, 0, travelled
         step_strapdown(*navigation)
         if run_loop(*control) > 0:
             return tick + 1, _ENGINE, 0, travelled
@@ -110,8 +114,11 @@ class FleetTickBatch:
         """All but the arguments, which refer to the arrays of the world and of the fleet."""
         return {**self.__dict__, "_arguments": None, "_gains": None}
 
-    def run(self, first: Time, count: int) -> tuple[int, BatchStop]:
-        """Run at most `count` ticks; 0 where air, poses or gains have to change first."""
+    def run(self, first: Time, count: int, service: bool) -> tuple[int, BatchStop]:
+        """Run at most `count` ticks, and with `service` the world's part of the next.
+
+        0 where air, poses or gains have to change first.
+        """
         world, fleet = self._world, self._fleet
         if not world.only_moves(first) or not fleet.only_flies:
             return 0, BatchStop.COMPLETE
@@ -121,12 +128,14 @@ class FleetTickBatch:
             self._arguments = (*world.batch_state(), *fleet.batch_state(world.sensors(self._rows)))
         quantum_ns = world.quantum_ns
         begun, stop, self._events, travelled = run_ticks(
-            first, quantum_ns, count, world.contact_search, *self._arguments
+            first, quantum_ns, count, service, world.discharged_ns, world.contact_search, *self._arguments
         )
-        complete = begun - (stop == _WORLD)
-        world.end_batch(complete, travelled)
-        if complete:
-            fleet.end_batch(first + (complete - 1) * quantum_ns, stop == _ENGINE)
+        moved = begun - (stop == _WORLD)
+        discharged_ns = first + count * quantum_ns if begun > count else world.discharged_ns
+        world.end_batch(moved, travelled, discharged_ns)
+        flown = min(moved, count)
+        if flown:
+            fleet.end_batch(first + (flown - 1) * quantum_ns, stop == _ENGINE)
         return begun, _STOPS[stop]
 
     def complete_world_tick(self) -> Sequence[Note]:

@@ -218,6 +218,15 @@ def read_inertial(rates: Floats, accel: Floats, error: Floats, gyro: Floats, for
 
 
 @compiled
+def show_integrals(sums: Floats, deltas: Floats) -> None:
+    """Show integrals (rows, 6) as deltas, and begin anew."""
+    for i in range(sums.shape[0]):
+        for k in range(6):
+            deltas[i, k] = sums[i, k]
+            sums[i, k] = 0.0
+
+
+@compiled
 def integrate_inertial(gyro: Floats, force: Floats, step_s: float, sums: Floats) -> None:
     """Add the readings of a tick, held for `step_s`, to the integrals (rows, 6): angles in rad, then velocities."""
     for i in range(sums.shape[0]):
@@ -317,3 +326,86 @@ def draw_errors(
             epoch[i, RANGE] = count
             r = normal6(seed, _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
             rangefinder[i] = max(height[i] + level * RANGE_NOISE_M * r[0], 0.0)
+
+
+@compiled
+def sample(
+    now: int,
+    step_s: float,
+    new: bool,
+    ideal: bool,
+    level: float,
+    seed: np.uint64,
+    who: Words,
+    commands: Floats,
+    position: Floats,
+    height: Floats,
+    velocity: Floats,
+    attitude: Floats,
+    field: Floats,
+    rates: Floats,
+    accel: Floats,
+    bias: Floats,
+    error: Floats,
+    wander: Floats,
+    offset: Floats,
+    phase: Ints,
+    epoch: Ints,
+    pending: Floats,
+    pending_time: Ints,
+    gnss_enu_m: Floats,
+    gnss_vel: Floats,
+    accuracy: Floats,
+    fix: Ints,
+    satellites: Ints,
+    gnss_time: Ints,
+    baro: Floats,
+    rangefinder: Floats,
+    compass: Floats,
+    gyro: Floats,
+    force: Floats,
+    sums: Floats,
+    deltas: Floats,
+) -> None:
+    """Sample all sensors at the end of a tick of `step_s`; `new` at the first tick of each `READINGS_NS`.
+
+    `ideal` sensors read the state; of them only compass, time and integrals are written.
+    """
+    if ideal:
+        read_ideal(now, attitude, field, compass, gnss_time)
+        integrate_inertial(rates, accel, step_s, sums)
+    else:
+        if new:
+            draw_errors(
+                now // READINGS_NS * READINGS_NS,
+                level,
+                seed,
+                who,
+                commands,
+                position,
+                height,
+                velocity,
+                attitude,
+                field,
+                bias,
+                error,
+                wander,
+                offset,
+                phase,
+                epoch,
+                pending,
+                pending_time,
+                gnss_enu_m,
+                gnss_vel,
+                accuracy,
+                fix,
+                satellites,
+                gnss_time,
+                baro,
+                rangefinder,
+                compass,
+            )
+        read_inertial(rates, accel, error, gyro, force)
+        integrate_inertial(gyro, force, step_s, sums)
+    if new:
+        show_integrals(sums, deltas)

@@ -65,7 +65,6 @@ class SensorSuite:
         self._seed = np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF)
         self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)
         self._field = np.array(spec.field_enu_gauss, dtype=np.float64)
-        self._started = False
         self._sampled_ns: Time | None = None
         self._compass, self._accuracy = np.zeros((n, 3)), np.zeros((n, 3))
         self._fix: NDArray[np.int64] = np.full(n, sensor_errors.FIX_RTK, dtype=np.int64)
@@ -88,7 +87,6 @@ class SensorSuite:
     def bind(self, state: tuple[Floats, ...], commands: Floats, power: tuple[Floats, Floats, Floats]) -> None:
         """Read these arrays of the world from now on (a copied world has its own)."""
         self._state = state
-        self._commands = commands
         rates, force, attitude, position, velocity, height = state
         if self._level == 0.0:
             shown: list[NDArray[Any]] = [rates, force, attitude, position, velocity, position[:, 2], height]
@@ -96,60 +94,45 @@ class SensorSuite:
             shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
         shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, self._utc_error, *power]
         shown += [self._deltas[:, :3], self._deltas[:, 3:]]
+        bias, *drawn = self._drawn()
+        self.arguments: tuple[Any, ...] = (
+            self._level == 0.0, self._level, self._seed, self._who, commands, position, height, velocity, attitude,
+            self._field, rates, force, bias, self._error, *drawn, *self._fixes(), self._baro, self._range,
+            self._compass, self._gyro, self._force, self._sums, self._deltas,
+        )  # fmt: skip
+        """Of `sensor_errors.sample`, after the first three."""
         self._shown = tuple(_locked(array) for array in shown)
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the references to the world's arrays, which have to be bound again."""
         state = self.__dict__.copy()
-        for key in ("_state", "_commands", "_shown", "_by_slice"):
+        for key in ("_state", "_shown", "_by_slice", "arguments"):
             del state[key]
         return state
 
     def sample(self, now: Time) -> None:
         """Sample every sensor that is due at `now`, of all aircraft; the first call switches the sensors on."""
-        rates, force, attitude, position, velocity, height = self._state
         last, self._sampled_ns = self._sampled_ns, now
+        if last is None and self._level != 0.0:
+            position = self._state[3]
+            sensor_errors.power_on(now, self._level, self._seed, self._who, position, *self._drawn(), *self._fixes())
+        step_ns = 0 if last is None else now - last
         new = last is None or now // READINGS_NS != last // READINGS_NS
-        if self._level == 0.0:
-            sensor_errors.read_ideal(now, attitude, self._field, self._compass, self._time)
-            self._integrate(rates, force, 0 if last is None else now - last, new)
-            return
-        fix = (self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time)
-        drawn = (self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time)
-        if not self._started:
-            self._started = True
-            sensor_errors.power_on(now, self._level, self._seed, self._who, position, *drawn, *fix)
-        if new:
-            sensor_errors.draw_errors(
-                now // READINGS_NS * READINGS_NS, self._level, self._seed, self._who, self._commands, position,
-                height,
-                velocity, attitude, self._field, drawn[0], self._error, *drawn[1:], *fix, self._baro, self._range,
-                self._compass,
-            )  # fmt: skip
-        sensor_errors.read_inertial(rates, force, self._error, self._gyro, self._force)
-        self._integrate(self._gyro, self._force, 0 if last is None else now - last, new)
+        sensor_errors.sample(now, step_ns / NS_PER_S, new, *self.arguments)
 
-    def _integrate(self, gyro: Floats, force: Floats, step_ns: Time, new: bool) -> None:
-        """Integrate inertial readings over a step; with `new`, show the integrals and begin anew."""
-        sensor_errors.integrate_inertial(gyro, force, step_ns / NS_PER_S, self._sums)
-        if new:
-            self._deltas[:] = self._sums
-            self._sums[:] = 0.0
+    def _drawn(self) -> tuple[NDArray[Any], ...]:
+        """What was drawn, but for the noise of the inertial sensors."""
+        return (
+            self._bias, self._wander, self._offset, self._phase, self._epoch, self._pending, self._pending_time,
+        )  # fmt: skip
+
+    def _fixes(self) -> tuple[NDArray[Any], ...]:
+        return self._gnss, self._gnss_vel, self._accuracy, self._fix, self._satellites, self._time
 
     def end_batch(self, last: Time) -> None:
         """Take over the ticks of a batch, the last of which was at `last`."""
         self._sampled_ns = last
-
-    def batch_state(self) -> tuple[Any, ...]:
-        """What readings are made of in ticks without new errors: whether sensors are ideal, the arguments of
-        `read_ideal` after the time, those of `read_inertial`, and what `integrate_inertial` reads and writes.
-        """
-        rates, force, attitude = self._state[:3]
-        ideal = self._level == 0.0
-        inertial = (rates, force, self._error, self._gyro, self._force)
-        integrated = (rates, force) if ideal else (self._gyro, self._force)
-        return ideal, attitude, self._field, self._compass, self._time, inertial, (*integrated, self._sums)
 
     def read(self, rows: slice | NDArray[np.int64]) -> Sensors:
         """The current readings of some vehicles: for a slice, read-only views that later ticks refill; otherwise
