@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from skyrange.cli.app import app
 from skyrange.core.errors import InputError
+from skyrange.scenario.shipped import load
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
@@ -122,6 +123,14 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
             bare.run(arm, 1).manifest["digests"]["frames"] for arm in bare.arms
         ]
 
+    firewall = result.cell("terminate", "firewall")
+    taken = load_pair(tmp_path / "idle" / firewall.folder).run("nominal").path / "frames.parquet"
+    assert taken.stat().st_nlink > 1, "it withholds nothing while nobody attacks: the nominal run is the undefended one"
+    defended = scenario.model_copy(update={"defences": matrix.columns[0].tables()})
+    alone = pair(defended, tmp_path / "firewall", arms="sham", jobs=1, run_reports=False)
+    measured = measure_cell(alone, Cell("terminate", "firewall"), "departure_m", ["firewall"])
+    assert replace(measured, folder="") == replace(firewall, folder="")
+
     for column in matrix.columns:
         cell = result.cell("terminate", column.id)
         if column.id not in undefended.idle:
@@ -135,6 +144,38 @@ def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path
         assert measured == replace(cell, folder="")
     page = write_markdown(result, "", "", True).partition("## Defences with nothing to do")[2]
     assert "| `terminate` | barometer, both |" in page
+
+
+ADAPTIVE = """
+name = "adaptive"
+seeds = 1
+columns = [{ id = "barometer", defences = [{ kind = "gnss.barometer" }] }]
+
+[[rows]]
+id = "jump"
+scenario = "gnss.jump"
+measure = "strayed_m"
+changes = ["duration_s=40"]
+adaptive = [{ knows = ["gnss.barometer"], about = "is larger", candidates = [["attacks.jump.params.offset_m=[9,0,0]"]] }]
+"""
+
+
+def test_the_nominal_run_of_a_candidate_is_that_of_its_cell(tmp_path: Path) -> None:
+    path = tmp_path / "adaptive.toml"
+    path.write_text(ADAPTIVE, encoding="utf-8")
+    result = fly_matrix(read_matrix(path), tmp_path / "adaptive", jobs=2)
+    cell = result.cell("jump", "barometer")
+    (candidate,) = cell.adaptive
+    both = [load_pair(tmp_path / "adaptive" / one.folder).run("nominal") for one in (cell, candidate)]
+    assert both[0].path != both[1].path
+    assert (both[0].path / "frames.parquet").samefile(both[1].path / "frames.parquet")
+    changed = load("gnss.jump", ["duration_s=40", "attacks.jump.params.offset_m=[9,0,0]"])
+    changed = changed.model_copy(update={"defences": result.matrix.columns[0].tables()})
+    flown = pair(changed, tmp_path / "alone", arms="baseline", jobs=1, run_reports=False)
+    for arm in ("nominal", "attacked"):
+        mine = load_pair(tmp_path / "adaptive" / candidate.folder).run(arm)
+        for digest in ("frames", "truth"):  # that a muted defence begins to act is no event
+            assert mine.manifest["digests"][digest] == flown.run(arm).manifest["digests"][digest]
 
 
 def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from skyrange.vehicle.builtin.tick_batch import FleetTickBatch
 FLIGHTS = {
     "head-on": ["duration_s=60"],  # two collide, fall and hit the ground
     "wind": ["duration_s=40"],  # gusts, in which the air changes every 20 ms
+    "gust": ["duration_s=65"],  # a body fault, which acts from 20 s to 60 s
     "city-fleet": ["duration_s=12"],  # walls, several operators, Remote ID
     "mitm-mission": ["duration_s=60"],
     "squares": ["duration_s=30", "sensors.noise=0"],

@@ -49,7 +49,7 @@ class Weather:
         bodies.thrust_share[:, 1] = self.share
         bodies.wind_enu_mps[:, 2] = self.up_mps
         self.calls += 1
-        return [BodyAct(self.says or vehicle, "wind") for vehicle in self.vehicles] if self.calls == 9 else []
+        return [BodyAct(self.says or vehicle, "wind") for vehicle in self.vehicles] if self.calls == 1 else []
 
 
 def rig(*plans: AttackPlan, gusty: bool = False, moves: Sequence[str] = ()) -> tuple[Kernel, World, Log]:
@@ -117,7 +117,7 @@ def test_muted_it_leaves_the_world_the_same_to_the_bit(gusty: bool) -> None:
     clean.advance(300 * MS)
     assert state(world) == state(quiet)
     assert log.labels == []
-    assert fault.calls > 100
+    assert fault.calls == 0, "it is not asked"
 
 
 def test_acts_are_labelled_as_those_of_a_fault_with_an_id_of_their_own() -> None:

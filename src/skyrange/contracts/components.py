@@ -206,9 +206,8 @@ class BodyAct(NamedTuple):
 class BodyFault(Protocol):
     """Acts on bodies: on the thrust of their motors and on the air around them. It belongs to a benign fault.
 
-    It is called once a tick, muted or not; while its fault does not act, what it writes is discarded. It is
-    deep-copyable and pure: what it does depends on what it was handed and on the time alone. It reads true positions,
-    as nature does; an attack may have none.
+    It is called once a tick while its fault acts. It is deep-copyable and pure: what it does depends on what it was
+    handed and on the time alone. It reads true positions, as nature does; an attack may have none.
     """
 
     name: str

@@ -1,6 +1,6 @@
 """Body faults: what the benign faults of a kernel make of the motors of aircraft and of the air around them.
 
-At each tick every body fault is asked what it makes of its vehicles from there to the next tick. What those that act
+At each tick every body fault that acts is asked what it makes of its vehicles from there to the next tick. What they
 have written is combined, products of thrust and sums of wind, and handed to the world. The world is not touched before
 one acts, and is told once when the last has ended.
 """
@@ -49,8 +49,14 @@ class BodyFaultInjector:
         self._bodies: list[Disturbances] = []
         """Of all altered vehicles, then of those of each body fault: filled anew at each tick."""
 
+    def is_idle(self, now: Time) -> bool:
+        """Whether none acts at `now`, and the world is undisturbed."""
+        return not self._told and not any(takes_effect(attack, now) for attack, _, _ in self._owned)
+
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
-        """Ask every body fault, and disturb the world by those that act; returns each act with its own id."""
+        """Ask every body fault that acts, and disturb the world by what they write; returns each act with its own id."""
+        if self.is_idle(now):
+            return []
         position, _ = world.motion()
         if not self._bodies:
             motors = world.sensors(self._rows).rotor_radps.shape[1]
@@ -61,16 +67,17 @@ class BodyFaultInjector:
         acting = False
         found = []
         for (attack, fault, places), bodies in zip(self._owned, self._bodies[1:], strict=True):
+            if not takes_effect(attack, now):
+                continue
+            acting = True
             _calm(bodies, total.position_enu_m, places)
             try:
                 done = list(fault.on_bodies(now, bodies))
             except Exception as error:
                 raise attribute_error(f"body fault {fault.name}", now, error) from error
-            if takes_effect(attack, now):
-                acting = True
-                total.thrust_share[places] *= bodies.thrust_share
-                total.wind_enu_mps[places] += bodies.wind_enu_mps
-                found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
+            total.thrust_share[places] *= bodies.thrust_share
+            total.wind_enu_mps[places] += bodies.wind_enu_mps
+            found += [(attack, fault, self._acts.number(fault, *act)) for act in done]
         told = total.thrust_share.tobytes() + total.wind_enu_mps.tobytes() if acting else b""
         if told != self._told:
             world.disturb(self._rows, total.thrust_share, total.wind_enu_mps)

@@ -279,7 +279,7 @@ class Kernel:
 
     def _make_batch(self) -> TickBatch | None:
         """The ticks of the world with its only engine; `None` where something else belongs to each tick."""
-        if len(self._engines) != 1 or self._world is None or self._body_faults.present:
+        if len(self._engines) != 1 or self._world is None:
             return None
         if self._sensor_faults.present and not self._sensor_faults.slow:
             return None
@@ -298,7 +298,7 @@ class Kernel:
             return None
         period = first - first % batch.period_ns + batch.period_ns
         last = min(until, period - 1, self._next_truth - 1, self._attacks.next_change - 1)
-        if last < first:
+        if last < first or not self._body_faults.is_idle(first):
             return None
         count = (last - first) // self._quantum + 1
         after = first + count * self._quantum

@@ -85,6 +85,7 @@ class SensorFaultInjector:
         sensors = world.sensors(self._rows)
         table = self._readings.fill(sensors)
         found: list[tuple[AttackState, SensorFault, FrameId | Alert]] = []
+        acted = False
         for place, (attack, fault, places) in enumerate(self._owned):
             if place == self._first_check and self._integrals is not None:
                 self._integrals.update(now, table)
@@ -107,12 +108,13 @@ class SensorFaultInjector:
             if attack.muted and attack.plan.defence and not attack.withheld and (done or self._differ(rows, places)):
                 note_withheld(attack, now)
             if acts:
+                acted = True
                 if places is not None:
                     for kept, altered in zip(_arrays_of(table), _arrays_of(rows), strict=True):
                         kept[places] = altered
                 numbered = (act if isinstance(act, Alert) else self._acts.number(fault, *act) for act in done)
                 found += [(attack, fault, act) for act in numbered]
-        if self.slow:
+        if self.slow and acted:
             self._check_slow(table, sensors)
         return found
 

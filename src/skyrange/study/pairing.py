@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pyarrow as pa
@@ -48,7 +50,7 @@ from skyrange.study.attribution.attribute import (
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.parallel_runs import OnRunProgress, run_all
+from skyrange.study.parallel_runs import OnRunProgress, RunResult, run_all
 from skyrange.study.twins.effects import effect_rows, effects_table
 from skyrange.study.twins.lie_and_truth import compare_with_truth, lie_and_truth_table
 from skyrange.study.twins.pair_folder import (
@@ -78,6 +80,7 @@ def pair(
     threshold_m: float = DEPARTED_M,
     honest: bool = False,
     run_reports: bool = True,
+    known: Mapping[tuple[str, int], Path] = MappingProxyType({}),
     on_progress: OnRunProgress | None = None,
 ) -> Pair:
     """Run a scenario with its attacks and faults and with all of them muted: `skyrange pair` in Python.
@@ -90,7 +93,8 @@ def pair(
     seeds, beginning with the scenario's. `honest` adds the arm in which a real aircraft flies where an attack claims
     that one is and sends the same bytes (`honest.parquet`); it raises `InputError` if no attack claims any, or if no
     aircraft can fly where it is claimed. `run_reports` gives each run a report of its own beside that of the pair, as
-    `skyrange report` does later. `jobs` is the number of parallel runs, by default one per core. Raises
+    `skyrange report` does later. `known` are folders of complete runs, by arm and seed, that would be the same: they
+    are taken over instead of flown. `jobs` is the number of parallel runs, by default one per core. Raises
     `InputError`, before anything is written, for a scenario without attacks or faults that act; `ComponentError` if a
     run failed; `ShortfallError` after Ctrl-C. The folder then holds the runs that ended.
     """
@@ -119,15 +123,24 @@ def pair(
     folder = make_new_folder(expand_user(out) if out is not None else free_folder(f"{scenario.name}-pair"))
     numbers = [scenario.seed + k for k in range(seeds)]
     flights = [(arm, number) for number in numbers for arm in planned]
-    flown = run_all(
+    flown = [RunResult(0, "")] * len(flights)
+    missing = []
+    for place, (arm, number) in enumerate(flights):
+        if (arm.name, number) in known:
+            _take_over(known[arm.name, number], folder / folder_of(arm.name, number, numbers))
+        else:
+            missing.append(place)
+    results = run_all(
         [
             (scenario_of(scenario, arm, number), folder / folder_of(arm.name, number, numbers))
-            for arm, number in flights
+            for arm, number in (flights[place] for place in missing)
         ],
         jobs,
         on_progress,
         run_reports,
     )
+    for place, one in zip(missing, results, strict=True):
+        flown[place] = one
     manifest = {
         "format": FORMAT,
         "name": scenario.name,
@@ -161,6 +174,18 @@ def pair(
     result = Pair(folder, manifest)
     _write_comparison(result, planned, near_m, threshold_m)
     return result
+
+
+def _take_over(run: Path, folder: Path) -> None:
+    """A run's folder at another place: files are the same on disk where the file system can, else copied."""
+
+    def link(source: str, target: str) -> None:
+        try:
+            os.link(source, target)
+        except OSError:
+            shutil.copy2(source, target)
+
+    shutil.copytree(run, folder, copy_function=link)
 
 
 def _write_comparison(result: Pair, arms: Sequence[Arm], near_m: float, threshold_m: float) -> None:

@@ -73,10 +73,12 @@ class Cell:
 
     Had they not been muted, every run would be the same, so their cells are not flown: they are this one.
     """
+    quiet: Mapping[str, Sequence[tuple[str, int]]] = field(default_factory=dict)
+    """Of an undefended cell: by column, the runs (arm and seed) in which its defences would have done nothing."""
 
     def idle_cell(self, column: str) -> Cell:
         """The cell of one of the `idle` columns."""
-        return replace(self, column=column, idle=())
+        return replace(self, column=column, idle=(), quiet={})
 
     @property
     def effect(self) -> Interval | None:
@@ -97,7 +99,9 @@ class Cell:
 
     def data(self) -> dict[str, Any]:
         """As JSON data."""
-        return asdict(self)
+        data = asdict(self)
+        del data["quiet"]
+        return data
 
 
 def _mean_effect(cell: Cell) -> float:

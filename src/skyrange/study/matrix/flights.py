@@ -21,11 +21,11 @@ from skyrange.core.input_files import expand_user
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.study.attribution.arms import Selection, acting_attacks, claiming_attacks
+from skyrange.study.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
 from skyrange.study.pairing import pair
-from skyrange.study.twins.pair_folder import Pair
+from skyrange.study.twins.pair_folder import Pair, folder_of
 
 FORMAT: Final = "skyrange.matrix/1"
 MANIFEST: Final = "matrix.json"
@@ -51,6 +51,8 @@ class Task:
     candidate: str = ""
     muted: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """Of an undefended cell: the defences of other cells that fly in it muted, ids by column."""
+    waits_for: str | None = None
+    """The column of the same row whose cell has runs that this one can take over, and is flown before."""
 
     @property
     def work(self) -> float:
@@ -59,8 +61,8 @@ class Task:
         aircraft = sum(1 for _ in self.scenario.fleet)
         return aircraft * self.scenario.duration_s * self.seeds * arms
 
-    def fly(self) -> Cell:
-        """Fly it as a pair in this process, and measure it.
+    def fly(self, known: Mapping[tuple[str, int], Path]) -> Cell:
+        """Fly it as a pair in this process, and measure it; `known` are runs that need not be flown (`pair`).
 
         An undefended cell says which columns are `idle` in it: their defences, present and muted, would have done
         nothing in any of its runs, so in each cell of its row and one of these columns the runs would be the same.
@@ -68,8 +70,17 @@ class Task:
         lies = "sham" in acting_attacks(self.scenario).values()
         arms: Selection = "baseline" if self.candidate else "sham" if lies else "nominal"
         flown = pair(
-            self.scenario, self.folder, arms=arms, seeds=self.seeds, jobs=1, honest=self.honest, run_reports=False
+            self.scenario,
+            self.folder,
+            arms=arms,
+            seeds=self.seeds,
+            jobs=1,
+            honest=self.honest,
+            run_reports=False,
+            known=known,
         )
+        quiet = self._quiet_runs(flown)
+        every = len(flown.arms) * len(flown.seeds)
         detectors = [table.id for table in self.scenario.defences if not table.muted]
         cell = Cell(
             self.row.id,
@@ -78,16 +89,32 @@ class Task:
             assumed=rests_on_assumption(self.scenario),
             folder=self.name,
             candidate=self.candidate,
-            idle=self._idle_columns(flown),
+            idle=tuple(column for column, runs in quiet.items() if len(runs) == every),
+            quiet=quiet,
         )
         return measure_cell(flown, cell, self.row.measure, detectors)
 
-    def _idle_columns(self, flown: Pair) -> tuple[str, ...]:
-        if not self.muted:
-            return ()
-        runs = [flown.run(arm, seed) for arm in flown.arms for seed in flown.seeds]
-        withheld = {one for run in runs for one in run.manifest.get("withheld", ())}
-        return tuple(column for column, ids in self.muted.items() if withheld.isdisjoint(ids))
+    def _quiet_runs(self, flown: Pair) -> dict[str, list[tuple[str, int]]]:
+        quiet: dict[str, list[tuple[str, int]]] = {column: [] for column in self.muted}
+        for arm in flown.arms:
+            for seed in flown.seeds:
+                withheld = flown.run(arm, seed).manifest.get("withheld", ()) if self.muted else ()
+                for column, ids in self.muted.items():
+                    if set(ids).isdisjoint(withheld):
+                        quiet[column].append((arm, seed))
+        return quiet
+
+    def runs(self, of: Cell, root: Path) -> dict[tuple[str, int], Path]:
+        """The runs of the cell that it waited for, by arm and seed, that its own would be equal to."""
+        if self.candidate:
+            same: Sequence[tuple[str, int]] = [(NOMINAL, seed) for seed in self._numbers]
+        else:
+            same = of.quiet.get(self.column.id, ()) if self.column is not None else ()
+        return {(arm, seed): root / of.folder / folder_of(arm, seed, self._numbers) for arm, seed in same}
+
+    @property
+    def _numbers(self) -> list[int]:
+        return [self.scenario.seed + k for k in range(self.seeds)]
 
 
 def rests_on_assumption(scenario: Scenario) -> bool:
@@ -176,7 +203,9 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
         yield Task(row, None, watched, folder, _name(folder, root), matrix.seeds, honest, muted=ids)
         for column in columns:
             folder = root / CELLS / row.id / column.id
-            yield Task(row, column, defended[column.id], folder, _name(folder, root), matrix.seeds, honest)
+            cell = defended[column.id]
+            waits_for = UNDEFENDED if column.id in ids else None
+            yield Task(row, column, cell, folder, _name(folder, root), matrix.seeds, honest, waits_for=waits_for)
             candidates = [
                 (variant.about, changes)
                 for variant in row.adaptive
@@ -186,9 +215,21 @@ def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[P
             for number, (about, changes) in enumerate(candidates, start=1):
                 each = folder.with_name(f"{column.id}-adaptive-{number}")
                 what = f"{about}: {', '.join(changes)}"
+                changed = _defended(row, column, changes)
+                waits_for = column.id if _differ_in_muted(cell, changed) else None
                 yield Task(
-                    row, column, _defended(row, column, changes), each, _name(each, root), matrix.seeds, False, what
+                    row, column, changed, each, _name(each, root), matrix.seeds, False, what, waits_for=waits_for
                 )
+
+
+def _differ_in_muted(scenario: Scenario, changed: Scenario) -> bool:
+    """Whether two scenarios differ in attacks and faults alone, and the counterfactuals of these are muted.
+
+    Then their nominal runs are the same, and are their baselines.
+    """
+    bare = [one.model_copy(update={"attacks": (), "faults": ()}) for one in (scenario, changed)]
+    states = [*acting_attacks(scenario).values(), *acting_attacks(changed).values()]
+    return bare[0] == bare[1] and "sham" not in states
 
 
 def _check_columns(matrix: Matrix, refusals: Mapping[tuple[str, str], Sequence[Problem]]) -> None:
@@ -229,10 +270,10 @@ def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -
     """The cells of all tasks, flown `jobs` at a time in processes that are forked where the system can, so that they
     know all plugins.
     """
-    queue = _Queue(tasks, on_cell)
+    queue = _Queue(tasks, root, on_cell)
     if jobs == 1 or len(tasks) == 1:
         while (number := queue.take()) is not None:
-            queue.complete(number, tasks[number].fly())
+            queue.complete(number, tasks[number].fly(queue.known_runs(number)))
         return queue.cells()
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
@@ -241,7 +282,7 @@ def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -
         try:
             while True:
                 while len(flying) < jobs and (number := queue.take()) is not None:
-                    flying[pool.submit(tasks[number].fly)] = number
+                    flying[pool.submit(tasks[number].fly, queue.known_runs(number))] = number
                 if not flying:
                     return queue.cells()
                 ended, _ = wait(flying, return_when=FIRST_COMPLETED)
@@ -259,21 +300,25 @@ class _Queue:
     """Tasks in the order in which they are to be flown, with what is known of them, and their progress.
 
     Undefended cells come first, because they tell which others need no flight; then those with the most work, so that
-    the last ones are short. A column that may be idle waits for the undefended cell of its row.
+    the last ones are short. A column that may be idle waits for the undefended cell of its row, a candidate of an
+    adversary for its cell, if they may have runs in common.
     """
 
-    def __init__(self, tasks: Sequence[Task], on_cell: OnCell | None) -> None:
+    def __init__(self, tasks: Sequence[Task], root: Path, on_cell: OnCell | None) -> None:
         self._tasks = tasks
+        self._root = root
         self._on_cell = on_cell
         self._done: dict[int, Cell] = {}
         self._ready: list[tuple[bool, float, int]] = []
-        self._held: dict[str, list[int]] = {}
+        self._held: dict[tuple[str, str], list[int]] = {}
+        """Tasks that wait for the cell of a row and a column."""
+        self._cells: dict[tuple[str, str], Cell] = {}
+        """Cells by row and column, without candidates."""
         self._began = monotonic()
         self._flown = 0.0
-        watched = {(task.row.id, column) for task in tasks for column in task.muted}
         for number, task in enumerate(tasks):
-            if task.column is not None and not task.candidate and (task.row.id, task.column.id) in watched:
-                self._held.setdefault(task.row.id, []).append(number)
+            if task.waits_for is not None:
+                self._held.setdefault((task.row.id, task.waits_for), []).append(number)
             else:
                 self._add(number)
         self._tell()
@@ -288,17 +333,31 @@ class _Queue:
 
     def complete(self, number: int, cell: Cell) -> None:
         """Take the cell of a task that was flown."""
+        self._flown += self._tasks[number].work
+        self._settle(number, cell)
+        self._tell()
+
+    def _settle(self, number: int, cell: Cell) -> None:
+        """Take the cell of a task, and release those that wait for it; idle ones are settled by it."""
         task = self._tasks[number]
         self._done[number] = cell
-        self._flown += task.work
-        if task.column is None:
-            for held in self._held.pop(task.row.id, ()):
-                column = self._tasks[held].column
-                if column is not None and column.id in cell.idle:
-                    self._done[held] = cell.idle_cell(column.id)
-                else:
-                    self._add(held)
-        self._tell()
+        if task.candidate:
+            return
+        own = UNDEFENDED if task.column is None else task.column.id
+        self._cells[task.row.id, own] = cell
+        for held in self._held.pop((task.row.id, own), ()):
+            waiting = self._tasks[held]
+            if not waiting.candidate and waiting.column is not None and waiting.column.id in cell.idle:
+                self._settle(held, cell.idle_cell(waiting.column.id))
+            else:
+                self._add(held)
+
+    def known_runs(self, number: int) -> dict[tuple[str, int], Path]:
+        """Runs that a task need not fly."""
+        task = self._tasks[number]
+        if task.waits_for is None:
+            return {}
+        return task.runs(self._cells[task.row.id, task.waits_for], self._root)
 
     def cells(self) -> list[Cell]:
         """The cells of all tasks, in their order."""
