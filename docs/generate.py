@@ -17,7 +17,7 @@ if str(DOCS) not in sys.path:
     sys.path.insert(0, str(DOCS))
 
 from markdown_tables import keys, table  # noqa: E402
-from plugin_kinds import attacks, defences, faults  # noqa: E402
+from plugin_kinds import approvals, attacks, defences, faults  # noqa: E402
 from public_api import described as describe_api  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
@@ -114,6 +114,7 @@ _SECTIONS = (
     ("When", "`when` of an attack or a fault"),
     ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),
+    ("VolumeMargins", "`margins` of an operator"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
@@ -404,6 +405,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "attacks": attacks,
     "faults": faults,
     "defences": defences,
+    "approvals": approvals,
     "tables": tables,
     "pair-tables": pair_tables,
     "links": links,

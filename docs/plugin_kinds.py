@@ -1,4 +1,4 @@
-"""Kinds of attacks, faults and defences as the reference describes them."""
+"""Kinds of attacks, faults, defences and approvals as the reference describes them."""
 
 from __future__ import annotations
 
@@ -91,4 +91,16 @@ def defences() -> str:
         parts.append(f"### `{name}`\n\n{kind.about}\n")
         parts.append(table(("", ""), rows))
         parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
+    return "\n".join(parts)
+
+
+def approvals() -> str:
+    """Every kind of flight approval with its parameters."""
+    from skyrange.contracts.plugins import APPROVALS
+
+    parts = []
+    for name, kind in _shipped(APPROVALS):
+        parts.append(f"### `{name}`\n\n{kind.about}\n")
+        if kind.params.model_fields:
+            parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)

@@ -41,8 +41,8 @@ TOPICS: dict[str, dict[str, str]] = {
         "Detectors": """DetectorPlugin DetectorContext Monitor ObservedFrames ObservedFrame Alert MonitorPlacement
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
-            FlightApproval OperationalIntent ApprovalDecision Volume4D intent_id ApprovalRequest ApprovalResponse
-            encode_approval decode_approval_request decode_approval_response""",
+            FlightApproval OperationalIntent Alternative ApprovalDecision Volume4D intent_id ApprovalRequest
+            ApprovalResponse encode_approval decode_approval_request decode_approval_response""",
         "Avoidance": """AvoidancePlugin AvoidanceContext Avoidance AvoidanceLimits AvoidanceDecision AvoidanceAction
             Episode Own Tracks""",
         "Radio media": """MediumPlugin MediumContext Medium MediumBase ExternalMedium RadioSpec RadioTable

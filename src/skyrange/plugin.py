@@ -109,6 +109,7 @@ if TYPE_CHECKING:
     from skyrange.radio.external.medium import ExternalMedium
     from skyrange.utm.approval_service import FlightApproval, policy_plugin
     from skyrange.utm.contract import (
+        Alternative,
         ApprovalContext,
         ApprovalDecision,
         ApprovalPlugin,
@@ -149,6 +150,7 @@ __all__ = [
     "Aircraft",
     "Airframe",
     "Alert",
+    "Alternative",
     "ApprovalContext",
     "ApprovalDecision",
     "ApprovalPlugin",

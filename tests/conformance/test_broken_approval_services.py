@@ -12,12 +12,14 @@ from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Number, Params
 from skyrange.contracts.plugins import NoParams
+from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.testing import NonConformance, check_approval
 from skyrange.testing.checks.approval_services import SERVICE
 from skyrange.utm.approval_service import FlightApproval, policy_plugin
 from skyrange.utm.approve_all import APPROVE_ALL, ApproveAll
+from skyrange.utm.authority import AUTHORITY
 from skyrange.utm.contract import (
     ApprovalContext,
     ApprovalDecision,
@@ -26,6 +28,7 @@ from skyrange.utm.contract import (
     OperationalIntent,
     intent_id,
 )
+from skyrange.utm.hashgraph.plugin import HASHGRAPH
 from skyrange.utm.messages import Response, decode_request, encode
 
 
@@ -94,6 +97,8 @@ TWO = ApprovalPlugin(NoParams, two, "Two agents decide together.")
 
 def test_what_is_shipped_and_a_service_of_two_agents_conform() -> None:
     check_approval(APPROVE_ALL)
+    check_approval(AUTHORITY)
+    check_approval(HASHGRAPH)
     check_approval(TWO)
 
 
@@ -228,10 +233,12 @@ def test_every_rule_is_shown_to_fail() -> None:
 
 def test_the_rules_of_agents_hold_for_each_agent_of_a_service() -> None:
     class Fragile(FlightApproval):
-        def _refuse(self, operator: str, arrival: Any, response: Response, out: Outbox) -> None:
-            if response.status == 400:
-                raise KeyError("what is that?")
-            super()._refuse(operator, arrival, response, out)
+        def _answer(self, now: Time, arrival: Any, out: Outbox) -> None:
+            try:
+                decode_request(arrival.payload)
+            except DecodeError:
+                raise KeyError("what is that?") from None
+            super()._answer(now, arrival, out)
 
     with pytest.raises(NonConformance, match=r"agent of approval approval\.checked breaks agent\.") as found:
         check_approval(plugin(of(Fragile)), requests=[(0, _intent("blue/b1")), (NS_PER_S, _intent("green/g1"))])

@@ -13,7 +13,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.testing import NonConformance, check_approval
 from skyrange.testing.checks.approval_policies import APPROVAL, box
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent
 
 
 class FirstComes:
@@ -36,7 +36,10 @@ class FirstComes:
     def refuse(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         later = 600 * NS_PER_S
         moved = (replace(v, start_ns=v.start_ns + later, end_ns=v.end_ns + later) for v in request.volumes)
-        return ApprovalDecision(False, "overlaps an accepted intent", tuple(moved))
+        return ApprovalDecision(False, "overlaps an accepted intent", (Alternative(tuple(moved), later),))
+
+    def end(self, now: Time, intent: str) -> None:
+        self.granted.pop(intent, None)
 
 
 def overlap(a: Volume4D, b: Volume4D) -> bool:
@@ -109,6 +112,16 @@ class Shares(FirstComes):
         return ApprovalDecision(True, ovn=f"{len(self.granted)}")
 
 
+class Keeps(FirstComes):
+    """Releases nothing."""
+
+    def end(self, now: Time, intent: str) -> None:
+        pass
+
+    def grant(self, request: OperationalIntent) -> ApprovalDecision:
+        return ApprovalDecision(True, ovn=f"{request.id}-{len(self.granted)}")
+
+
 class Areas(FirstComes):
     def grant(self, request: OperationalIntent) -> ApprovalDecision:
         for volume in request.volumes:
@@ -120,22 +133,30 @@ class Areas(FirstComes):
 
 def nowhere(now: Time) -> ApprovalDecision:
     volume = box(40.0, -74.0, start_s=3_600.0)
-    return ApprovalDecision(False, "taken", (replace(volume, outline=((91.0, 0.0), (91.0, 1.0), (92.0, 1.0))),))
+    volume = replace(volume, outline=((91.0, 0.0), (91.0, 1.0), (92.0, 1.0)))
+    return ApprovalDecision(False, "taken", (Alternative((volume,)),))
 
 
 BREAKING: list[tuple[str, Any]] = [
     ("decides", Raises),
     ("decides", refusing(None)),
+    ("ends", Keeps),
     ("decides", refusing(False)),
     ("says-why", refusing(ApprovalDecision(False))),
     ("says-why", granting(ApprovalDecision(True))),
-    ("says-why", granting(ApprovalDecision(True, ovn="x", alternatives=(box(0.0, 0.0, start_s=1e6),)))),
+    ("says-why", granting(ApprovalDecision(True, ovn="x", alternatives=(Alternative((box(0.0, 0.0, start_s=1e6),)),)))),
     ("alternatives", refusing(nowhere)),
-    ("alternatives", refusing(lambda now: ApprovalDecision(False, "taken", (box(0.0, 0.0, start_s=-600.0),)))),
+    (
+        "alternatives",
+        refusing(lambda now: ApprovalDecision(False, "taken", (Alternative((box(0.0, 0.0, start_s=-600.0),)),))),
+    ),
     ("alternatives", refusing(ApprovalDecision(False, "taken", ("later",)))),  # type: ignore[arg-type]
     ("sendable", refusing(ApprovalDecision(False, "too long " * 99))),
     ("sendable", granting(ApprovalDecision(True, ovn="x" * 129))),
-    ("sendable", refusing(ApprovalDecision(False, "taken", (box(0.0, 0.0, lower_m=2e5, start_s=600.0),)))),
+    (
+        "sendable",
+        refusing(ApprovalDecision(False, "taken", (Alternative((box(0.0, 0.0, lower_m=2e5, start_s=600.0),)),))),
+    ),
     ("repeatable", Numbers),
     ("idempotent", SelfBlocked),
     ("pure", Clocked),

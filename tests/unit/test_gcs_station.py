@@ -213,13 +213,16 @@ def test_streams_that_do_not_flow_are_asked_for_again() -> None:
 
 class No:
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
-        return ApprovalDecision(accepted=False, reason="airspace closed", alternatives=request.volumes[:1])
+        return ApprovalDecision(accepted=False, reason="airspace closed")
+
+    def end(self, now: Time, intent: str) -> None:
+        pass
 
 
 def test_a_rejected_flight_fails_with_the_reason_and_says_nothing_to_the_aircraft() -> None:
     run = loop(approval=No()).run(30)
     assert outcome(run) == ("failed", "approval rejected: airspace closed")
-    assert run.note("decision.rejected", "blue/b1").data == {"reason": "airspace closed", "alternatives": 1}
+    assert run.note("decision.rejected", "blue/b1").data == {"reason": "airspace closed", "alternatives": 0}
     assert {message.id for _, _, message, _ in run.commands} == {0}
 
 

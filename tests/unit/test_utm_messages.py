@@ -12,7 +12,7 @@ import pytest
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import (
     MAX_FRAME_BYTES,
     PATH,
@@ -54,12 +54,19 @@ def test_round_trips() -> None:
     frame = encode(Request.of(INTENT, EPOCH))
     assert decode_request(frame).intent(EPOCH) == INTENT
     assert encode(decode_request(frame)) == frame
-    decision = ApprovalDecision(accepted=False, reason="Ümlaut conflict", alternatives=(VOLUME,), ovn="x")
+    decision = ApprovalDecision(
+        accepted=False,
+        reason="Ümlaut conflict",
+        alternatives=(Alternative((VOLUME,), 5 * NS_PER_S, 15.0, -2.0, 3.5),),
+        ovn="x",
+    )
     answer = decode_response(encode(Response.of(INTENT.id, decision, EPOCH)))
     assert isinstance(answer.body, DecisionBody)
     assert answer.body.decision == "Rejected"
     assert answer.body.reason == "Ümlaut conflict"
-    assert answer.body.alternatives[0].volume4d(EPOCH) == VOLUME
+    offered = answer.body.alternatives[0]
+    assert offered.volumes[0].volume4d(EPOCH) == VOLUME
+    assert (offered.delay_s, offered.climb_m, offered.east_m, offered.north_m) == (5.0, 15.0, -2.0, 3.5)
     error = decode_response(encode(Response.error(400, PATH, "no")))
     assert isinstance(error.body, ErrorBody)
 

@@ -8,10 +8,11 @@ from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.approval_service import REMEMBERED, FlightApproval
+from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.messages import DecisionBody, ErrorBody, Request, decode_response, encode
+from skyrange.utm.request_book import REMEMBERED
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
 VOLUME = Volume4D(((0.0, 0.0), (0.0, 0.1), (0.1, 0.1)), 0.0, 40.0, 0, NS_PER_S)
@@ -26,8 +27,11 @@ class FirstComes:
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         self.asked.append(request)
         if len(self.asked) > 1:
-            return ApprovalDecision(accepted=False, reason="conflict", alternatives=(VOLUME,))
+            return ApprovalDecision(accepted=False, reason="conflict", alternatives=(Alternative((VOLUME,)),))
         return ApprovalDecision(accepted=True, ovn="first")
+
+    def end(self, now: Time, intent: str) -> None:
+        self.asked = [one for one in self.asked if one.id != intent]
 
 
 def request(vehicle: str, operator: str = "", version: int = 0, priority: int = 0) -> bytes:
@@ -75,7 +79,7 @@ def test_a_repeated_request_is_decided_once_and_answered_alike() -> None:
     answer = body(changed)
     assert isinstance(answer, DecisionBody)
     assert (answer.decision, answer.reason) == ("Rejected", "conflict")
-    assert answer.alternatives[0].volume4d(EPOCH) == VOLUME
+    assert answer.alternatives[0].volumes[0].volume4d(EPOCH) == VOLUME
     assert changed.notes[0].kind == "decision.approval_rejected"
 
 

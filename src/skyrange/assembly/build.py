@@ -31,6 +31,7 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.plan.volumes import Margins
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, Oracle
@@ -132,7 +133,14 @@ def build(
         key = derive_keys(scenario, operator).station
         agents.append(
             GroundStation(
-                operator.id, flights, epoch, streams=operator.streams, traffic_picture=traffic_picture, key=key
+                operator.id,
+                flights,
+                epoch,
+                streams=operator.streams,
+                traffic_picture=traffic_picture,
+                key=key,
+                margins=Margins(**operator.margins.model_dump()),
+                city=city,
             )
         )
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None

@@ -166,6 +166,21 @@ def attacks_bench(
     benchmarks.bench_attacks(vehicles, seconds, as_json)
 
 
+@bench_app.command("approval", epilog="Example: skyrange bench approval --active 10000 --json")
+def approval_bench(
+    active: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="N", min=1, help="Number of accepted intents. May be repeated. Default: 100, 1000 and 10000."
+        ),
+    ] = None,
+    requests: Annotated[int, typer.Option(metavar="N", min=1, help="Number of requests to measure.")] = 1000,
+    as_json: AsJson = False,
+) -> None:
+    """Measure how fast the approval authority answers requests in memory while N intents are accepted."""
+    benchmarks.bench_approval(active or [100, 1000, 10_000], requests, as_json)
+
+
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
 def flight(
     scenario: ScenarioName,

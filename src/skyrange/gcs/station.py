@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
 from skyrange.codec.mavlink.sequence_numbers import FleetPacker, assign_sequence_numbers
@@ -24,6 +25,7 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
+from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.flight import Flight, FlightOutcome
 from skyrange.gcs.flight.lifecycle import ENDED, FlightState
 from skyrange.gcs.flight.sequencer import (
@@ -36,6 +38,7 @@ from skyrange.gcs.flight.sequencer import (
     STATION_SYSTEM,
     FlightSequencer,
 )
+from skyrange.gcs.plan.volumes import MARGINS, Margins
 from skyrange.gcs.telemetry.belief import Belief, BeliefTable
 from skyrange.gcs.telemetry.receiver import TelemetryReceiver
 from skyrange.gcs.telemetry.streams import PROFILES
@@ -66,8 +69,12 @@ class GroundStation:
         traffic_picture: TrafficPicture | None = None,
         key: SigningKey | None = None,
         service_ns: Time = SERVICE_NS,
+        margins: Margins = MARGINS,
+        city: City | None = None,
     ) -> None:
         """The plans must have no problems (`plan.checks.check`); `traffic_picture` is that of the ground receivers.
+
+        `margins` are those of the volumes that it claims; alternatives are kept clear of the buildings of `city`.
 
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
@@ -86,10 +93,10 @@ class GroundStation:
                 flight,
                 Port(self.name, link_name("gcs", flight.vehicle)),
                 approval,
-                epoch,
                 profile,
                 self._beliefs.of(place),
                 FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
+                AirspaceClaim(epoch, margins, city),
             )
             for place, flight in enumerate(flights)
         ]
@@ -185,7 +192,7 @@ class GroundStation:
         """Put a sequencer into the heap by its due time; superseded entries find nothing to do when they are popped."""
         sequencer = self._sequencers[place]
         due = sequencer.due
-        if sequencer.state is FlightState.REQUESTING:
+        if sequencer.submission is not None:
             self._by_intent[sequencer.intent] = place
         if due < self._queued[place]:
             self._queued[place] = due

@@ -54,7 +54,9 @@ class BodyFaultInjector:
         return not self._told and not any(takes_effect(attack, now) for attack, _, _ in self._owned)
 
     def apply(self, now: Time, world: World) -> list[tuple[AttackState, BodyFault, FrameId]]:
-        """Ask every body fault that acts, and disturb the world by what they write; returns each act with its own id."""
+        """Ask every body fault that acts, and disturb the world by what they write; returns each act with its own
+        id.
+        """
         if self.is_idle(now):
             return []
         position, _ = world.motion()

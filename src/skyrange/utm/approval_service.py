@@ -1,35 +1,38 @@
 """Flight approval service: one agent at the endpoint `approval`, for all operators.
 
-It reads requests, has its policy decide each distinct one once, and answers. A request that comes
-again (its answer may have been lost) gets the same answer, without another decision. Nothing an
-operator sends can stop it: bad bytes are counted, noted and answered with 400.
+It reads requests, has its policy decide each distinct one once, and answers.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from hashlib import blake2b
 from typing import Any
 
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.params import Params
-from skyrange.core.errors import DecodeError
-from skyrange.core.ids import APPROVAL, Port, link_name, operator_of
+from skyrange.contracts.scalars import Scalar
+from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
 from skyrange.core.time import NS_PER_MS, Epoch, Time
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalPolicy, ApprovalService
-from skyrange.utm.messages import PATH, ErrorBody, Response, decode_request, encode
+from skyrange.utm.contract import (
+    ApprovalContext,
+    ApprovalDecision,
+    ApprovalPlugin,
+    ApprovalPolicy,
+    ApprovalService,
+)
+from skyrange.utm.messages import EndBody, Response
+from skyrange.utm.request_book import OpenRequest, RequestBook
 
 SERVICE_NS = 20 * NS_PER_MS
 """How often it looks at its mail, as the ground stations do."""
-REMEMBERED = 4_096
-"""Answers kept per operator for requests that come again; older ones would be decided anew."""
 
 
 class FlightApproval:
     """The flight approval as an agent.
 
-    Notes: `decision.approval_accepted` and `decision.approval_rejected` about the vehicle, with the
-    request as cause; `decision.approval_bad_request` about the operator, at its 1st, 2nd, 4th, 8th …
+    Notes: `decision.approval_accepted`, `decision.approval_rejected`, `decision.approval_ended` and
+    `decision.approval_overruled` about the vehicle, with the request as cause; `decision.approval_bad_request` about
+    the operator, at its 1st, 2nd, 4th, 8th …
     """
 
     def __init__(
@@ -45,12 +48,14 @@ class FlightApproval:
         self.name = name
         self.service_ns = service_ns
         self.ports: Sequence[Port] = tuple(Port(APPROVAL, link_name("approval", operator)) for operator in operators)
-        self.bad_frames: dict[str, int] = dict.fromkeys(operators, 0)
-        """Requests per operator that were not understood."""
-        self._operator_of = {port.link: operator for port, operator in zip(self.ports, operators, strict=True)}
+        self._book = RequestBook(list(zip(operators, self.ports, strict=True)))
         self._epoch = epoch
         self._policy = policy
-        self._answers: dict[str, dict[str, tuple[bytes, bytes]]] = {operator: {} for operator in operators}
+
+    @property
+    def bad_frames(self) -> dict[str, int]:
+        """Requests per operator that were not understood."""
+        return self._book.bad_frames
 
     def next_wakeup(self) -> Time | None:
         """It acts on mail only."""
@@ -64,39 +69,46 @@ class FlightApproval:
         return out
 
     def _answer(self, now: Time, arrival: Arrival, out: Outbox) -> None:
-        operator = self._operator_of[arrival.port.link]
-        try:
-            request = decode_request(arrival.payload)
-        except DecodeError as error:
-            self._refuse(operator, arrival, Response.error(400, PATH, str(error)), out)
-            return
-        body = request.body
-        if body.operator != operator or operator_of(body.vehicle) != operator:
-            message = f"operator {operator!r} asks for {body.vehicle!r} of {body.operator!r}"
-            self._refuse(operator, arrival, Response.error(403, request.path, message), out)
-            return
-        digest = blake2b(arrival.payload, digest_size=16).digest()
-        answers = self._answers[operator]
-        known = answers.get(body.id)
-        if known is not None and known[0] == digest:
-            out.send(arrival.port, known[1], (arrival.ref,))
-            return
-        decision = self._policy.decide(now, request.intent(self._epoch))
-        answer = encode(Response.of(body.id, decision, self._epoch))
-        answers.pop(body.id, None)
-        answers[body.id] = (digest, answer)
-        if len(answers) > REMEMBERED:
-            del answers[next(iter(answers))]
-        kind = "decision.approval_accepted" if decision.accepted else "decision.approval_rejected"
-        out.note(kind, body.vehicle, {"intent": body.id, "reason": decision.reason}, (arrival.ref,))
-        out.send(arrival.port, answer, (arrival.ref,))
+        asked = self._book.read(arrival, out)
+        if asked is not None:
+            decide_request(now, asked, self._policy, self._book, self._epoch, out)
 
-    def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
-        count = self.bad_frames[operator] = self.bad_frames[operator] + 1
-        if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
-            reason = response.body.message if isinstance(response.body, ErrorBody) else ""
-            out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
-        out.send(arrival.port, encode(response), (arrival.ref,))
+
+def decide_request(
+    now: Time, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch, out: Outbox
+) -> None:
+    """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
+    body, causes = asked.request.body, (asked.cause,)
+    if isinstance(body, EndBody):
+        policy.end(now, body.id)
+        out.note("decision.approval_ended", body.vehicle, {"intent": body.id}, causes)
+        book.answer(asked, Response.ended(body.id), out)
+        return
+    decision = policy.decide(now, asked.request.intent(epoch))
+    note_decision(asked, decision, out)
+    tell_overruled(decision, book, epoch, asked.cause, out)
+    book.answer(asked, Response.of(body.id, decision, epoch, body.version), out)
+
+
+def tell_overruled(decision: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:
+    """Tell the operators of `book` whose intents a decision has overruled."""
+    for one in decision.overruled:
+        if one.operator in book.operators:
+            rejection = ApprovalDecision(accepted=False, reason=one.reason)
+            out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, (cause,))
+            book.retract(one.operator, one.id, Response.of(one.id, rejection, epoch, overruled=True), cause, out)
+
+
+def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:
+    """Record a decision on a request."""
+    body = asked.request.body
+    data: dict[str, Scalar] = {"intent": body.id, "reason": decision.reason}
+    if decision.tracked and not isinstance(body, EndBody):
+        data["state"] = body.state.value
+    if decision.alternatives:
+        data["alternatives"] = len(decision.alternatives)
+    kind = "decision.approval_accepted" if decision.accepted else "decision.approval_rejected"
+    out.note(kind, body.vehicle, data, (asked.cause,))
 
 
 def policy_plugin(params: type[Params], make: Callable[[Any], ApprovalPolicy], about: str) -> ApprovalPlugin:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from hashlib import blake2b
-
 from skyrange.contracts.plugins import NoParams
 from skyrange.core.time import Time
 from skyrange.utm.approval_service import policy_plugin
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, version_number
 
 
 class ApproveAll:
@@ -16,10 +14,11 @@ class ApproveAll:
     kind = "approve-all"
 
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
-        """Accepted, with an OVN that is a digest of the request's content."""
-        # OVNs are recorded: they keep the prefix "Intent" whatever the class is called
-        content = "Intent" + repr(request).removeprefix(type(request).__name__)
-        return ApprovalDecision(accepted=True, ovn=blake2b(content.encode(), digest_size=16).hexdigest())
+        """Accepted, with an OVN."""
+        return ApprovalDecision(accepted=True, ovn=version_number(request))
+
+    def end(self, now: Time, intent: str) -> None:
+        """Nothing was kept."""
 
 
 APPROVE_ALL = policy_plugin(NoParams, lambda params: ApproveAll(), "Accepts every flight plan.")

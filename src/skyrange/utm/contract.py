@@ -15,6 +15,7 @@ from skyrange.contracts.plugins import APPROVALS, Plugin
 from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
+from skyrange.utm.intent_states import IntentState
 
 if TYPE_CHECKING:
     from skyrange.city.city import City
@@ -30,7 +31,7 @@ class OperationalIntent:
     """One operational intent: `operator` asks to fly `vehicle` through `volumes`, in the order flown.
 
     `id` is a UUID (see `intent_id`); `vehicle` a vehicle id (`blue/b1`); `priority` follows F3548
-    (0 is routine, higher outranks).
+    (0 is routine, higher outranks). `state` is the one that the intent is to have.
     """
 
     id: str
@@ -38,6 +39,31 @@ class OperationalIntent:
     vehicle: str
     volumes: tuple[Volume4D, ...]
     priority: int = 0
+    state: IntentState = IntentState.ACCEPTED
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """What would be accepted instead of an intent: the flight delayed, raised or shifted, and about what it claims."""
+
+    volumes: tuple[Volume4D, ...]
+    delay_ns: Time = 0
+    """How much later the flight departs."""
+    climb_m: float = 0.0
+    """How much higher it flies."""
+    east_m: float = 0.0
+    north_m: float = 0.0
+    """How far aside it flies, but for take-off and landing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Overruled:
+    """An accepted intent that another one has overruled: its operator is told that it is rejected."""
+
+    id: str
+    operator: str
+    vehicle: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +72,13 @@ class ApprovalDecision:
 
     accepted: bool
     reason: str = ""
-    alternatives: tuple[Volume4D, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
     ovn: str = ""
+    tracked: bool = False
+    """Whether the approval wants to be told when an accepted intent is activated, when the aircraft leaves its volumes,
+    and when it has ended."""
+    overruled: tuple[Overruled, ...] = ()
+    """Accepted intents that are so no longer, because this one outranks them."""
 
 
 class ApprovalPolicy(Protocol):
@@ -58,6 +89,10 @@ class ApprovalPolicy(Protocol):
 
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         """Accept or reject `request` at `now`; called once per distinct request, in order of arrival."""
+        ...
+
+    def end(self, now: Time, intent: str) -> None:
+        """The operator has withdrawn the intent with this id, or flown it; one that is not known changes nothing."""
         ...
 
 
@@ -101,6 +136,15 @@ class ApprovalPlugin(Plugin[ApprovalContext, ApprovalService]):
 
     policy: Callable[[Any], ApprovalPolicy] | None = None
     """`policy(params)`: what decides, where that is one object (`policy_plugin`); None for another design."""
+
+
+def version_number(intent: OperationalIntent) -> str:
+    """An OVN for a version of an intent: a digest of its content, the same in every run."""
+    content = (
+        f"Intent(id={intent.id!r}, operator={intent.operator!r}, vehicle={intent.vehicle!r}, "
+        f"volumes={intent.volumes!r}, priority={intent.priority!r})"
+    )
+    return blake2b(content.encode(), digest_size=16).hexdigest()
 
 
 def intent_id(vehicle: str, version: int = 0) -> str:

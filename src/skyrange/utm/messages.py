@@ -1,7 +1,8 @@
 """Messages between operators and a flight approval: one JSON object per frame, HTTP-like.
 
-A request is `{"method", "path", "body"}`, a response `{"status", "path", "body"}`. Bodies use the JSON
-names of ASTM F3548-21 annex A4 (its OpenAPI interface): `outline_polygon.vertices[].lat/lng`,
+A request is `{"method", "path", "body"}`, a response `{"status", "path", "body"}`. PUT asks for an intent, or tells
+that it has another state; DELETE ends it. A response that nobody asked for says that an accepted intent is rejected.
+Bodies use the JSON names of ASTM F3548-21 annex A4 (its OpenAPI interface): `outline_polygon.vertices[].lat/lng`,
 `altitude_lower/upper` in metres above the WGS 84 ellipsoid, `time_start/end` in RFC 3339; so a service
 that speaks F3548 needs no other message. Unknown keys are ignored, as HTTP peers do.
 """
@@ -10,19 +11,30 @@ from __future__ import annotations
 
 import json
 from datetime import UTC, datetime, timedelta
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from skyrange.core.errors import DecodeError
-from skyrange.core.time import NS_PER_US, Epoch, Time
+from skyrange.core.time import NS_PER_US, Epoch, Time, to_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent
+from skyrange.utm.intent_states import IntentState
 
 MAX_FRAME_BYTES = 1_048_576
 """Longest frame that is looked at. A leg takes about 1.2 kB, so this holds the longest mission (700 items)."""
 MAX_VOLUMES = 2_048
 MAX_VERTICES = 1_024
+MAX_ALTERNATIVES = 16
 PATH = "/v1/operational_intents/"
 """Followed by the intent's id."""
 
@@ -30,6 +42,7 @@ _UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 _UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}$"
 _M = TypeVar("_M", bound=BaseModel)
 _Text = Annotated[str, Field(max_length=256)]
+_Version = Annotated[int, Field(ge=1, le=1_000_000)] | None
 
 
 class _Model(BaseModel):
@@ -139,53 +152,112 @@ class IntentBody(_Model):
     id: Annotated[str, Field(pattern=_UUID)]
     operator: _Text
     vehicle: _Text
-    state: Literal["Accepted", "Activated", "Nonconforming", "Contingent"] = "Accepted"
+    state: IntentState = IntentState.ACCEPTED
     priority: Annotated[int, Field(ge=0, le=1_000)] = 0
     volumes: Annotated[tuple[Volume4DMessage, ...], Field(min_length=1, max_length=MAX_VOLUMES)]
+    version: _Version = None
+    """Number of the request among those for the intent, which its answer repeats; none is the first."""
+
+
+class EndBody(_Model):
+    """An operational intent that its operator withdraws, or has flown."""
+
+    id: Annotated[str, Field(pattern=_UUID)]
+    operator: _Text
+    vehicle: _Text
+
+
+_INTENT, _END = "<intent>", "<end>"
+
+
+def _kind_of_body(body: Any) -> str:
+    """Which body JSON data is: one with volumes is an intent, even a wrong one."""
+    return _END if isinstance(body, EndBody) or (isinstance(body, dict) and "volumes" not in body) else _INTENT
 
 
 class Request(_Model):
     """Operator → approval."""
 
-    method: Literal["PUT"] = "PUT"
+    method: Literal["PUT", "DELETE"] = "PUT"
     path: _Text
-    body: IntentBody
+    body: Annotated[Annotated[IntentBody, Tag(_INTENT)] | Annotated[EndBody, Tag(_END)], Discriminator(_kind_of_body)]
 
     @model_validator(mode="after")
     def _names_its_intent(self) -> Request:
         if self.path != PATH + self.body.id:
             raise ValueError(f"path must be {PATH}<id of the body>")
+        if (self.method == "DELETE") != isinstance(self.body, EndBody):
+            raise ValueError("PUT takes volumes, and DELETE takes none")
+        if isinstance(self.body, IntentBody) and self.body.state is IntentState.ENDED:
+            raise ValueError("an intent is ended by DELETE")
         return self
 
     @classmethod
-    def of(cls, intent: OperationalIntent, epoch: Epoch) -> Request:
-        """The message that asks for `intent`."""
+    def end(cls, intent: OperationalIntent) -> Request:
+        """The message that ends `intent`."""
+        body = EndBody(id=intent.id, operator=intent.operator, vehicle=intent.vehicle)
+        return cls(method="DELETE", path=PATH + intent.id, body=body)
+
+    @classmethod
+    def of(cls, intent: OperationalIntent, epoch: Epoch, version: int = 0) -> Request:
+        """The message that asks for `intent` in its state, the `version`-th after the first."""
         return cls(
             path=PATH + intent.id,
             body=IntentBody(
                 id=intent.id,
                 operator=intent.operator,
                 vehicle=intent.vehicle,
+                state=intent.state,
                 priority=intent.priority,
                 volumes=tuple(Volume4DMessage.of(volume, epoch) for volume in intent.volumes),
+                version=version or None,
             ),
         )
 
     def intent(self, epoch: Epoch) -> OperationalIntent:
-        """What is asked for, on the scenario's clock."""
+        """What is asked for, on the scenario's clock; without volumes where it is to end."""
         body = self.body
+        if isinstance(body, EndBody):
+            return OperationalIntent(body.id, body.operator, body.vehicle, (), state=IntentState.ENDED)
         volumes = tuple(volume.volume4d(epoch) for volume in body.volumes)
-        return OperationalIntent(body.id, body.operator, body.vehicle, volumes, body.priority)
+        return OperationalIntent(body.id, body.operator, body.vehicle, volumes, body.priority, body.state)
+
+
+class AlternativeMessage(_Model):
+    """What would be accepted instead: by how much the flight would be delayed, raised and shifted."""
+
+    delay_s: Annotated[float, Field(ge=0.0, le=2_592_000.0)] = 0.0
+    climb_m: Annotated[float, Field(ge=-10_000.0, le=10_000.0)] = 0.0
+    east_m: Annotated[float, Field(ge=-100_000.0, le=100_000.0)] = 0.0
+    north_m: Annotated[float, Field(ge=-100_000.0, le=100_000.0)] = 0.0
+    volumes: _Volumes = ()
+
+    @classmethod
+    def of(cls, one: Alternative, epoch: Epoch) -> AlternativeMessage:
+        """The message that offers `one`."""
+        return cls(
+            delay_s=to_seconds(one.delay_ns),
+            climb_m=one.climb_m,
+            east_m=one.east_m,
+            north_m=one.north_m,
+            volumes=tuple(Volume4DMessage.of(volume, epoch) for volume in one.volumes),
+        )
 
 
 class DecisionBody(_Model):
     """The approval's answer to one intent."""
 
     id: Annotated[str, Field(pattern=_UUID)]
-    decision: Literal["Accepted", "Rejected"]
+    decision: Literal["Accepted", "Rejected", "Ended"]
     reason: _Text = ""
-    alternatives: _Volumes = ()
+    alternatives: Annotated[tuple[AlternativeMessage, ...], Field(max_length=MAX_ALTERNATIVES)] = ()
     ovn: Annotated[str, Field(max_length=128)] = ""
+    version: _Version = None
+    """That of the request which it answers."""
+    tracked: Literal[True] | None = None
+    """Whether the approval is to be told of further states of the intent."""
+    overruled: Literal[True] | None = None
+    """Whether it answers no request: another intent has overruled this one."""
 
 
 class ErrorBody(_Model):
@@ -202,7 +274,14 @@ class Response(_Model):
     body: DecisionBody | ErrorBody
 
     @classmethod
-    def of(cls, intent_id: str, decision: ApprovalDecision, epoch: Epoch) -> Response:
+    def of(
+        cls,
+        intent_id: str,
+        decision: ApprovalDecision,
+        epoch: Epoch,
+        version: int | None = None,
+        overruled: bool = False,
+    ) -> Response:
         """The message that tells `decision`."""
         return cls(
             status=200,
@@ -211,10 +290,18 @@ class Response(_Model):
                 id=intent_id,
                 decision="Accepted" if decision.accepted else "Rejected",
                 reason=decision.reason[:256],
-                alternatives=tuple(Volume4DMessage.of(volume, epoch) for volume in decision.alternatives),
+                alternatives=tuple(AlternativeMessage.of(one, epoch) for one in decision.alternatives),
                 ovn=decision.ovn,
+                version=version,
+                tracked=True if decision.tracked else None,
+                overruled=True if overruled else None,
             ),
         )
+
+    @classmethod
+    def ended(cls, intent_id: str) -> Response:
+        """The message that tells that an intent has ended."""
+        return cls(status=200, path=PATH + intent_id, body=DecisionBody(id=intent_id, decision="Ended"))
 
     @classmethod
     def error(cls, status: int, path: str, message: str) -> Response:
@@ -224,7 +311,8 @@ class Response(_Model):
 
 def encode(message: Request | Response) -> bytes:
     """The frame of a message: ASCII JSON, keys sorted, no spaces; equal messages give equal bytes."""
-    return json.dumps(message.model_dump(mode="json"), sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+    data = message.model_dump(mode="json", exclude_none=True)
+    return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
 def decode_request(payload: bytes) -> Request:
@@ -244,5 +332,5 @@ def _decode(model: type[_M], payload: bytes) -> _M:
         return model.model_validate_json(payload)
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "message"
+        where = ".".join(str(part) for part in first["loc"] if part not in (_INTENT, _END)) or "message"
         raise DecodeError(f"{where}: {first['msg']}") from error

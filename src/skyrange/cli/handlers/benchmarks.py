@@ -1,4 +1,4 @@
-"""The commands `skyrange bench fleet`, `bench ardupilot`, `bench radio` and `bench attacks`."""
+"""The commands `skyrange bench fleet`, `bench ardupilot`, `bench radio`, `bench attacks` and `bench approval`."""
 
 from __future__ import annotations
 
@@ -95,3 +95,22 @@ def bench_attacks(vehicles: int, seconds: float, as_json: bool) -> None:
             f"{row['case']:<18} {row['real_time_factor']:>11.2f} {row['speed']:>6.0%} {row['frames_per_s']:>9.0f} "
             f"{row['us_per_frame']:>8.2f} " + (f"{extra:>14.2f}" if extra is not None else "")
         )
+
+
+def bench_approval(active: Sequence[int], requests: int, as_json: bool) -> None:
+    """`skyrange bench approval`."""
+    from skyrange.bench.approval import measure
+
+    rows = []
+    if not as_json:
+        print_text(f"{'active':>7} {'decisions/s':>11} {'mean ms':>8} {'p50 ms':>8} {'p99 ms':>8} {'rejected':>8}")
+    for count in active:
+        row = measure(count, requests)
+        rows.append(row)
+        if not as_json:
+            print_text(
+                f"{row['active']:>7} {row['decisions_per_s']:>11.0f} {row['mean_ms']:>8.2f} {row['p50_ms']:>8.2f} "
+                f"{row['p99_ms']:>8.2f} {row['rejected']:>8.0%}"
+            )
+    if as_json:
+        print_json(rows)

@@ -1,4 +1,4 @@
-"""Submission of one operational intent to the flight approval, repeated until it is answered.
+"""Submission of one request to the flight approval, repeated until it is answered.
 
 Every repetition has the same bytes, so the approval recognises it as one request.
 """
@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from skyrange.contracts.scalars import Scalar
-from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
-from skyrange.gcs.flight.flight import Flight
-from skyrange.gcs.plan.volumes import volumes
-from skyrange.utm.contract import OperationalIntent, intent_id
-from skyrange.utm.messages import Request, encode
+from skyrange.utm.contract import OperationalIntent
+from skyrange.utm.intent_states import IntentState
+from skyrange.utm.messages import DecisionBody, Request, encode
 
 ANSWER_TIMEOUT_NS = 1_500 * NS_PER_MS
 MAX_RETRIES = 5
@@ -22,19 +20,20 @@ MAX_RETRIES = 5
 
 @dataclass(slots=True)
 class IntentSubmission:
-    """One intent that awaits its decision; `due` is when it is sent (again)."""
+    """One version of an intent that awaits its decision; `due` is when it is sent (again)."""
 
     intent: OperationalIntent
     payload: bytes
+    version: int
     due: Time
     tries: int = 0
 
     @classmethod
-    def for_flight(cls, flight: Flight, depart_ns: Time, epoch: Epoch) -> IntentSubmission:
-        """The submission for a flight that departs at `depart_ns`; due at once."""
-        vehicle = flight.vehicle
-        intent = OperationalIntent(intent_id(vehicle), operator_of(vehicle), vehicle, volumes(flight.plan, depart_ns))
-        return cls(intent, encode(Request.of(intent, epoch)), depart_ns)
+    def of(cls, intent: OperationalIntent, version: int, due: Time, epoch: Epoch) -> IntentSubmission:
+        """The submission of an intent, or of its end."""
+        ends = intent.state is IntentState.ENDED
+        request = Request.end(intent) if ends else Request.of(intent, epoch, version)
+        return cls(intent, encode(request), version, due)
 
     def count_attempt(self, now: Time) -> bool:
         """Count an attempt and return whether to send it now; false once all retries are used up."""
@@ -43,6 +42,12 @@ class IntentSubmission:
         self.tries += 1
         self.due = now + ANSWER_TIMEOUT_NS
         return True
+
+    def is_answered_by(self, decision: DecisionBody) -> bool:
+        """Whether a decision is about this request."""
+        if self.intent.state is IntentState.ENDED or decision.decision == "Ended":
+            return self.intent.state is IntentState.ENDED and decision.decision == "Ended"
+        return not decision.overruled and (decision.version or 0) == self.version
 
     def summary(self) -> dict[str, Scalar]:
         """The details that are recorded: intent id, number of volumes, and the time that they span."""

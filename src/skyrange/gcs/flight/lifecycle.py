@@ -33,6 +33,7 @@ class FlightState(StrEnum):
     STREAMING = "streaming"  # telemetry rates are requested
     PREPARING = "preparing"  # GUIDED mode is set, in which ArduCopter lets a ground station arm
     WAITING = "waiting"  # ready; it is too early to arm
+    ACTIVATING = "activating"  # the approval was told that the aircraft is about to take off
     ARMING = "arming"  # until a heartbeat reports the aircraft as armed
     HOLDING = "holding"  # armed before its departure time
     STARTING = "starting"  # mission start or take-off commanded
@@ -54,6 +55,8 @@ class FlightEvent(StrEnum):
     FOUND_FLOWN = "found_flown"  # on the ground, in a mode that shows that the flight took place
     FOUND_WAITING = "found_waiting"  # on the ground, not flown yet
     APPROVED = "approved"
+    ALTERED = "altered"  # rejected; an alternative is asked for
+    OVERRULED = "overruled"  # approved, and rejected later because of another intent
     REJECTED = "rejected"
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot arrived
     UPLOADED = "uploaded"
@@ -61,6 +64,8 @@ class FlightEvent(StrEnum):
     VERIFIED = "verified"
     STREAMS_SET = "streams_set"
     PREPARED = "prepared"
+    ACTIVATION_DUE = "activation_due"  # time to arm; the approval has to know
+    ACTIVATED = "activated"
     DUE = "due"  # time to arm, a little before departure
     ARMED = "armed"
     DEPARTED = "departed"  # departure time
@@ -81,13 +86,30 @@ TRANSITIONS: dict[FlightState, dict[FlightEvent, FlightState]] = {
         E.FOUND_WAITING: S.REQUESTING,
         E.GAVE_UP: S.FAILED,
     },
-    S.REQUESTING: {E.APPROVED: S.CONNECTING, E.REJECTED: S.FAILED, E.GAVE_UP: S.FAILED},
-    S.CONNECTING: {E.HEARD: S.UPLOADING, E.GAVE_UP: S.FAILED},
-    S.UPLOADING: {E.UPLOADED: S.VERIFYING, E.NOTHING_TO_UPLOAD: S.STREAMING, E.GAVE_UP: S.FAILED},
-    S.VERIFYING: {E.VERIFIED: S.STREAMING, E.GAVE_UP: S.FAILED},
-    S.STREAMING: {E.STREAMS_SET: S.PREPARING, E.GAVE_UP: S.FAILED},
-    S.PREPARING: {E.PREPARED: S.WAITING, E.GAVE_UP: S.FAILED},
-    S.WAITING: {E.DUE: S.ARMING},
+    S.REQUESTING: {
+        E.APPROVED: S.CONNECTING,
+        E.ALTERED: S.REQUESTING,
+        E.REJECTED: S.FAILED,
+        E.GAVE_UP: S.FAILED,
+    },
+    S.CONNECTING: {E.HEARD: S.UPLOADING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
+    S.UPLOADING: {
+        E.UPLOADED: S.VERIFYING,
+        E.NOTHING_TO_UPLOAD: S.STREAMING,
+        E.OVERRULED: S.REQUESTING,
+        E.GAVE_UP: S.FAILED,
+    },
+    S.VERIFYING: {E.VERIFIED: S.STREAMING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
+    S.STREAMING: {E.STREAMS_SET: S.PREPARING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
+    S.PREPARING: {E.PREPARED: S.WAITING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
+    S.WAITING: {E.DUE: S.ARMING, E.ACTIVATION_DUE: S.ACTIVATING, E.OVERRULED: S.REQUESTING},
+    S.ACTIVATING: {
+        E.ACTIVATED: S.ARMING,
+        E.ALTERED: S.REQUESTING,
+        E.OVERRULED: S.REQUESTING,
+        E.REJECTED: S.FAILED,
+        E.GAVE_UP: S.FAILED,
+    },
     S.ARMING: {E.ARMED: S.HOLDING, E.GAVE_UP: S.FAILED},
     S.HOLDING: {E.DEPARTED: S.STARTING, E.DISARMED: S.FAILED},
     S.STARTING: {E.STARTED: S.FLYING, E.DISARMED: S.FAILED, E.GAVE_UP: S.ABORTING},
@@ -106,6 +128,8 @@ ARMED = frozenset(
     {FlightState.HOLDING, FlightState.STARTING, FlightState.FLYING, FlightState.RETURNING, FlightState.ABORTING}
 )
 """States in which the station believes that the motors run."""
+OVERRULABLE = frozenset(state for state, row in TRANSITIONS.items() if FlightEvent.OVERRULED in row)
+"""States in which an approval may be taken back: before the aircraft is armed."""
 TRANSFERRING = frozenset({FlightState.UPLOADING, FlightState.VERIFYING})
 """States in which requests for mission items are answered, late and duplicate ones included."""
 

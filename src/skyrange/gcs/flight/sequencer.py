@@ -15,19 +15,29 @@ from skyrange.contracts.mailboxes import Arrival, Outbox
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
-from skyrange.core.time import NEVER, NS_PER_S, Epoch, Time, from_seconds, to_seconds
+from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
 from skyrange.gcs.flight import procedures
+from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.autopilot_texts import AutopilotTexts
 from skyrange.gcs.flight.flight import Flight, FlightOutcome
 from skyrange.gcs.flight.guided_sequencer import GuidedSequencer
 from skyrange.gcs.flight.intent_submission import IntentSubmission
-from skyrange.gcs.flight.lifecycle import ARMED, ENDED, TRANSFERRING, FlightEvent, FlightState, next_state
+from skyrange.gcs.flight.lifecycle import (
+    ARMED,
+    ENDED,
+    OVERRULABLE,
+    TRANSFERRING,
+    FlightEvent,
+    FlightState,
+    next_state,
+)
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
 from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
 from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
 from skyrange.gcs.telemetry.belief import Belief, Watch
 from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
+from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody
 
 STATION_SYSTEM = 255
@@ -57,6 +67,14 @@ _EXPLAINED = frozenset({FlightState.PREPARING, FlightState.ARMING, FlightState.S
 _TIMED = {FlightState.WAITING: FlightEvent.DUE, FlightState.HOLDING: FlightEvent.DEPARTED}
 """States that end at a fixed time, with the event that ends them."""
 
+_REPORTED = {
+    IntentState.ACTIVATED: "decision.intent_activated",
+    IntentState.NONCONFORMING: "decision.intent_nonconforming",
+    IntentState.CONTINGENT: "decision.intent_contingent",
+    IntentState.ENDED: "decision.intent_ended",
+}
+"""The kind of note of each report to the approval."""
+
 Refs = tuple[FrameId, ...]
 
 
@@ -67,17 +85,19 @@ class FlightSequencer:
     flight: Flight
     port: Port
     approval_port: Port
-    epoch: Epoch
     streams: StreamProfile
     belief: Belief
     packer: Packer
+    claim: AirspaceClaim
     state: FlightState = FlightState.PLANNED
     outcome: FlightOutcome | None = None
     due: Time = 0
     intent: str = ""
     link_lost: bool = False
     submission: IntentSubmission | None = None
-    """The intent that awaits the decision of the approval."""
+    """The intent that awaits the decision of the approval, before the aircraft is armed."""
+    report: IntentSubmission | None = None
+    """The report on the intent of a flight that has begun, or ended, until the approval confirms it."""
     deadline: Time = NEVER
     transfer: Transfer | None = None
     upload: Upload | None = None
@@ -116,16 +136,51 @@ class FlightSequencer:
         return True
 
     def on_decision(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
-        """Handle the approval's decision on this aircraft's intent; later decisions change nothing."""
-        if self.state is not FlightState.REQUESTING:
-            return
-        if decision.decision == "Accepted":
-            self._raise(FlightEvent.APPROVED, now, out, (ref,), {"ovn": decision.ovn})
-        else:
+        """Handle the approval's decision on this aircraft's intent; one that answers no open request changes
+        nothing.
+        """
+        if decision.overruled:
+            self._overruled(now, decision, ref, out)
+        elif self.report is not None and self.report.is_answered_by(decision):
+            if decision.decision == "Accepted":
+                self.claim.accept(self.report, True)
+            self.report = None
+        elif self.submission is not None and self.submission.is_answered_by(decision):
+            if decision.decision == "Accepted":
+                self.claim.accept(self.submission, decision.tracked is True)
+                activated = self.state is FlightState.ACTIVATING
+                event = FlightEvent.ACTIVATED if activated else FlightEvent.APPROVED
+                self._raise(event, now, out, (ref,), {"ovn": decision.ovn})
+            else:
+                self._rejected(now, decision, ref, out)
+        self._reschedule()
+
+    def _rejected(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
+        chosen = self.claim.choose(self.flight, decision.alternatives)
+        if chosen is None:
             self.reason = f"approval rejected: {decision.reason}" if decision.reason else "approval rejected"
             data: dict[str, Scalar] = {"reason": decision.reason, "alternatives": len(decision.alternatives)}
             self._raise(FlightEvent.REJECTED, now, out, (ref,), data)
-        self._reschedule()
+            return
+        self.flight, taken = chosen
+        data = {
+            "reason": decision.reason,
+            "delay_s": taken.delay_s,
+            "climb_m": taken.climb_m,
+            "east_m": taken.east_m,
+            "north_m": taken.north_m,
+        }
+        self._raise(FlightEvent.ALTERED, now, out, (ref,), data)
+
+    def _overruled(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
+        """On the ground, ask anew; in the air, return."""
+        data: dict[str, Scalar] = {"reason": decision.reason}
+        if self.state in OVERRULABLE:
+            self.claim.state = None
+            self._drop_commands()
+            self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
+        elif self.state in (FlightState.STARTING, FlightState.FLYING):
+            self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
 
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what is due."""
@@ -133,13 +188,15 @@ class FlightSequencer:
             self._raise(FlightEvent.BEGUN if now <= 0 else FlightEvent.BEGUN_ANEW, now, out, ())
         if self.submission is not None and now >= self.submission.due:
             self._submit_intent(self.submission, now, out)
+        if self.report is not None and now >= self.report.due:
+            self._send_report(self.report, now, out)
         if self.transfer is not None and now >= self.transfer.due:
             self._send(self.transfer.on_time(now), out, self.state_causes)
             self._transfer_ended(now, out, self.state_causes)
         if self.exchange is not None and now >= self.exchange.due:
             self._send_command(now, out, self.state_causes)
         if self.state in _TIMED and now >= self._timed_end_ns():
-            self._raise(_TIMED[self.state], now, out, self.state_causes)
+            self._raise(self._timed_event(), now, out, self.state_causes)
         if now >= self.deadline and self.state not in ENDED:
             self._give_up(f"{self.state.value} for too long", now, out, self.state_causes)
         self._reschedule()
@@ -165,6 +222,8 @@ class FlightSequencer:
 
     def _on_position(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         self.belief.set("position_ns", now)
+        if self.claim.tracked and self.state in ARMED:
+            self._watch_conformance(now, message, ref, out)
         guided = self.guided
         if guided is not None and self.state is FlightState.STARTING and guided.has_left(message.relative_alt):
             # the acknowledgement was lost; in the air, ArduCopter answers a repeated take-off command with FAILED
@@ -252,13 +311,16 @@ class FlightSequencer:
         state, plan = self.state, self.flight.plan
         if state not in TRANSFERRING:
             self.transfer = self.upload = None
-        if state is not FlightState.REQUESTING:
-            self.submission = None
-        else:
-            self.submission = IntentSubmission.for_flight(self.flight, max(now, self._depart_ns()), self.epoch)
+        self.submission = None
+        if state in (FlightState.REQUESTING, FlightState.ACTIVATING):
+            activating = state is FlightState.ACTIVATING
+            request = self.claim.activate if activating else self.claim.request
+            self.submission = request(self.flight, now)
             self.intent = self.submission.intent.id
-            out.note("decision.approval_requested", self.flight.vehicle, self.submission.summary())
-            self._submit_intent(self.submission, now, out)
+            kind = "decision.activation_requested" if activating else "decision.approval_requested"
+            out.note(kind, self.flight.vehicle, self.submission.summary())
+            if now >= self.submission.due:
+                self._submit_intent(self.submission, now, out)
         if state is FlightState.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
             self._raise(FlightEvent.HEARD, now, out, causes)
         elif state is FlightState.UPLOADING:
@@ -272,12 +334,14 @@ class FlightSequencer:
             download = Download(self.upload.items, self.flight.system_id, AUTOPILOT_COMPONENT)
             self._transfer(download, now, out, causes)
         elif state in _TIMED and now >= self._timed_end_ns():
-            self._raise(_TIMED[state], now, out, causes)
+            self._raise(self._timed_event(), now, out, causes)
         elif state is FlightState.PREPARING:
             self._mark_telemetry_fresh(now)
             self.texts.clear()
         elif state is FlightState.FLYING:
             self.belief.set("farthest_item", 0)
+        elif state is FlightState.ABORTING and self.claim.tracked:
+            self._report(IntentState.CONTINGENT, now, out, causes)
         elif state in ENDED:
             self._finish(now, out, causes)
         if state is FlightState.STREAMING:
@@ -289,6 +353,8 @@ class FlightSequencer:
 
     def _finish(self, now: Time, out: Outbox, causes: Refs) -> None:
         self._drop_commands()
+        if self.claim.tracked and self.claim.state is not None:
+            self._report(IntentState.ENDED, now, out, causes)
         if self.state is FlightState.LEFT:
             return
         self.outcome = FlightOutcome(self.state.value, self.reason if self.state is FlightState.FAILED else "", now)
@@ -336,6 +402,26 @@ class FlightSequencer:
             out.send(self.approval_port, submission.payload)
         else:
             self._give_up(f"approval: no answer after {submission.tries} requests", now, out, ())
+
+    def _watch_conformance(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
+        """Report that the aircraft has left its volumes, is back, or will not come back."""
+        up_m = self.flight.plan.origin.ellipsoid_of(message.alt * 1e-3)
+        state = self.claim.observe(now, message.lat * 1e-7, message.lon * 1e-7, up_m)
+        if state is not None and self.report is None:
+            self._report(state, now, out, (ref,))
+
+    def _report(self, state: IntentState, now: Time, out: Outbox, causes: Refs) -> None:
+        self.report = self.claim.report(self.flight, now, state)
+        out.note(_REPORTED[state], self.flight.vehicle, None, causes)
+        self._send_report(self.report, now, out)
+
+    def _send_report(self, report: IntentSubmission, now: Time, out: Outbox) -> None:
+        """Send a report (again); one that is not answered is given up, the flight goes on."""
+        if report.count_attempt(now):
+            out.send(self.approval_port, report.payload)
+            return
+        self.report = None
+        out.note("decision.approval_silent", self.flight.vehicle, {"tries": report.tries})
 
     def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
         self.transfer = transfer
@@ -411,6 +497,12 @@ class FlightSequencer:
     def _depart_ns(self) -> Time:
         return from_seconds(self.flight.depart_s)
 
+    def _timed_event(self) -> FlightEvent:
+        """The event that ends the current state of `_TIMED`."""
+        if self.state is FlightState.WAITING and self.claim.tracked:
+            return FlightEvent.ACTIVATION_DUE
+        return _TIMED[self.state]
+
     def _timed_end_ns(self) -> Time:
         """When the current state of `_TIMED` ends."""
         lead_s = procedures.ARM_LEAD_S if self.state is FlightState.WAITING else 0.0
@@ -422,6 +514,8 @@ class FlightSequencer:
         due = self.deadline
         if self.submission is not None:
             due = min(due, self.submission.due)
+        if self.report is not None:
+            due = min(due, self.report.due)
         if self.transfer is not None:
             due = min(due, self.transfer.due)
         if self.exchange is not None:
@@ -435,6 +529,8 @@ class FlightSequencer:
         if self.state in ARMED and not self.belief.armed:
             watch |= Watch.HEARTBEAT
         if self.guided is not None and self.state in (FlightState.STARTING, FlightState.FLYING):
+            watch |= Watch.POSITION
+        if self.claim.tracked and self.state in ARMED:
             watch |= Watch.POSITION
         if self.state is FlightState.FLYING:
             watch |= Watch.COMPLETE

@@ -89,6 +89,11 @@ def _guided_legs(plan: FlightPlan) -> tuple[Leg, ...]:
     return (*out, *_final_legs(plan, here, plan.cruise_mps, plan.end == "rtl"))
 
 
+def return_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:
+    """The legs of RETURN_TO_LAUNCH from `here`, at the plan's speed."""
+    return tuple(_final_legs(plan, here, plan.cruise_mps, rtl=True))
+
+
 def _final_legs(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
     """The legs of the landing, with the return home before it if `rtl`."""
     out: list[Leg] = []

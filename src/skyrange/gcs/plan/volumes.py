@@ -8,15 +8,19 @@ before to `late_s` after, plus a share of the time flown so far, because the err
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from shapely.geometry import LineString, Point, Polygon
+import shapely
+from shapely.geometry import LineString, Polygon
+from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time, from_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.gcs.plan.paths import Leg
+from skyrange.gcs.plan.paths import Leg, Point
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.routes import legs
 
@@ -41,30 +45,81 @@ _CIRCUMSCRIBE = 1.0 / math.cos(math.pi / 8.0)
 
 def volumes(plan: FlightPlan, depart_ns: Time, margins: Margins = MARGINS) -> tuple[Volume4D, ...]:
     """The volumes of `plan` with take-off at `depart_ns`: one per leg, in the order flown."""
+    return leg_volumes(plan.origin, legs(plan), depart_ns, margins)
+
+
+def leg_volumes(origin: Origin, flown: Sequence[Leg], begin_ns: Time, margins: Margins) -> tuple[Volume4D, ...]:
+    """The volumes of legs that are flown one after another from `begin_ns` on."""
     out: list[Volume4D] = []
     since_s = 0.0
-    for leg in legs(plan):
+    for leg in flown:
         until_s = since_s + leg.duration_s
-        out.append(_volume(plan, leg, depart_ns, since_s, until_s, margins))
+        out.append(_volume(origin, leg, begin_ns, since_s, until_s, margins))
         since_s = until_s
     return tuple(out)
 
 
-def _volume(plan: FlightPlan, leg: Leg, depart_ns: Time, since_s: float, until_s: float, margins: Margins) -> Volume4D:
-    origin = plan.origin
+def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:
+    """Whether a position (degrees, metres above the ellipsoid) lies in one of `volumes` at a time."""
+    return any(
+        one.start_ns <= time <= one.end_ns and one.lower_m <= up_m <= one.upper_m and _is_inside(one.outline, lat, lon)
+        for one in volumes
+    )
+
+
+def _is_inside(ring: Sequence[tuple[float, float]], lat: float, lon: float) -> bool:
+    """Whether a ray from a point to the east crosses a ring an odd number of times."""
+    inside = False
+    lat_0, lon_0 = ring[-1]
+    for lat_1, lon_1 in ring:
+        if (lat_0 > lat) != (lat_1 > lat) and lon < lon_0 + (lat - lat_0) / (lat_1 - lat_0) * (lon_1 - lon_0):
+            inside = not inside
+        lat_0, lon_0 = lat_1, lon_1
+    return inside
+
+
+def around(origin: Origin, point: Point, radius_m: float, height_m: float, begin_ns: Time, end_ns: Time) -> Volume4D:
+    """The volume within `radius_m` and `height_m` of a point, not below the ground."""
+    return _prism(
+        origin,
+        shapely.Point(point.east_m, point.north_m),
+        radius_m,
+        (point.up_m, point.up_m),
+        height_m,
+        begin_ns,
+        end_ns,
+    )
+
+
+def _volume(origin: Origin, leg: Leg, depart_ns: Time, since_s: float, until_s: float, margins: Margins) -> Volume4D:
     a, b = leg.start, leg.end
     still = (a.east_m, a.north_m) == (b.east_m, b.north_m)
-    line = Point(a.east_m, a.north_m) if still else LineString([(a.east_m, a.north_m), (b.east_m, b.north_m)])
-    ring: Polygon = orient(line.buffer(margins.horizontal_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
+    line = shapely.Point(a.east_m, a.north_m) if still else LineString([(a.east_m, a.north_m), (b.east_m, b.north_m)])
+    heights = min(a.up_m, b.up_m), max(a.up_m, b.up_m)
+    begin_ns = depart_ns + from_seconds(since_s - margins.early_s)
+    end_ns = depart_ns + from_seconds(until_s * (1.0 + margins.drift) + margins.late_s)
+    return _prism(origin, line, margins.horizontal_m, heights, margins.vertical_m, begin_ns, end_ns)
+
+
+def _prism(
+    origin: Origin,
+    line: BaseGeometry,
+    radius_m: float,
+    heights: tuple[float, float],
+    height_m: float,
+    begin_ns: Time,
+    end_ns: Time,
+) -> Volume4D:
+    ring: Polygon = orient(line.buffer(radius_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
     corners = np.asarray(ring.exterior.coords)[:-1]
     lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
     to_ellipsoid_m = origin.ellipsoid_of(origin.alt_msl_m)
-    lower_m = max(min(a.up_m, b.up_m) - margins.vertical_m, 0.0)
-    upper_m = max(a.up_m, b.up_m) + margins.vertical_m
+    lower_m = max(heights[0] - height_m, 0.0)
+    upper_m = heights[1] + height_m
     return Volume4D(
         outline=tuple(zip(lat.tolist(), lon.tolist(), strict=True)),
         lower_m=lower_m + to_ellipsoid_m,
         upper_m=upper_m + to_ellipsoid_m,
-        start_ns=depart_ns + from_seconds(since_s - margins.early_s),
-        end_ns=depart_ns + from_seconds(until_s * (1.0 + margins.drift) + margins.late_s),
+        start_ns=begin_ns,
+        end_ns=end_ns,
     )

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from skyrange.contracts.plugins import APPROVALS
 from skyrange.core.errors import nearest
-from skyrange.scenario.model.base import Id, Model, wrong
+from skyrange.scenario.model.base import Id, Model, Number, wrong
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle
 from skyrange.scenario.validation.plugin_params import known
 
@@ -40,6 +40,21 @@ def _known_streams(name: str) -> str:
     return name
 
 
+class VolumeMargins(Model):
+    """By how much the airspace that an operator claims for a leg exceeds the leg.
+
+    It has to cover the errors of navigation and control, wind, and the estimate of times.
+    """
+
+    horizontal_m: Number = Field(default=5.0, gt=0, le=1_000, description="On all sides, in metres.")
+    vertical_m: Number = Field(default=3.0, ge=0, le=1_000, description="Above and below, in metres.")
+    early_s: Number = Field(default=5.0, ge=0, le=3_600, description="Before the estimated time, in seconds.")
+    late_s: Number = Field(default=30.0, ge=0, le=3_600, description="After the estimated time, in seconds.")
+    drift: Number = Field(
+        default=0.25, ge=0, le=10, description="By how much a leg may be late, as a share of the flight time up to it."
+    )
+
+
 class Operator(Model):
     """One operator: its aircraft, and the ground station that flies them."""
 
@@ -56,6 +71,9 @@ class Operator(Model):
     )
     approval: Annotated[str, known(APPROVALS, "an approval service")] = Field(
         default="approve-all", description="Service that approves its flight plans, a plugin of skyrange.approvals."
+    )
+    margins: VolumeMargins = Field(
+        default_factory=VolumeMargins, description="Margins of the airspace that it claims for its flights."
     )
     streams: Annotated[str, AfterValidator(_known_streams)] = Field(
         default="light",

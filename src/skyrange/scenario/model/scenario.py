@@ -34,7 +34,7 @@ from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
-from skyrange.scenario.model.operators import Operator, name_operators
+from skyrange.scenario.model.operators import Operator, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
 from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
@@ -71,6 +71,7 @@ __all__ = [
     "Start",
     "Vehicle",
     "Verify",
+    "VolumeMargins",
     "When",
     "WifiParams",
     "Wind",

@@ -29,6 +29,7 @@ SHIPPED: dict[str, str] = {
     "gnss-pull-off": "A spoofer pulls an aircraft's fixes below its estimator's gates, into its neighbour's corridor.",
     "insider": "A program in a ground station gathers its aircraft at another operator's site and shows their plans.",
     "city-fleet": "48 aircraft of four operators make deliveries over a dense downtown; 500 with --set.",
+    "corridor-rush": "60 aircraft of six operators want two corridors at once, and an authority keeps them apart.",
     "crossing": "Eight aircraft of four operators cross at a street corner, separated by height and by time.",
     "head-on": "Two aircraft of two operators fly towards each other on the same line and collide.",
     "gnss-drift": "A spoofer makes the GNSS fixes of an aircraft drift, and the aircraft leaves its street.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch, Time
@@ -12,7 +12,7 @@ from skyrange.core.volumes import Volume4D
 from skyrange.testing.drivers.agent_driver import copied
 from skyrange.testing.drivers.purity import Call, plainly, watched
 from skyrange.testing.rules import Broken, RuleBook, need, same, short
-from skyrange.utm.contract import ApprovalDecision, ApprovalPolicy, OperationalIntent, intent_id
+from skyrange.utm.contract import Alternative, ApprovalDecision, ApprovalPolicy, OperationalIntent, intent_id
 from skyrange.utm.messages import MAX_VERTICES, MAX_VOLUMES, DecisionBody, Response, decode_response, encode
 
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
@@ -116,7 +116,9 @@ def _says_why(case: ApprovalCase) -> None:
 @APPROVAL.rule("alternatives", "Offers alternatives that can be asked for: on the globe, and not over before now.")
 def _alternatives(case: ApprovalCase) -> None:
     for (now, _), decision in zip(case.asked, _ask(case.make(), case.asked), strict=True):
-        for volume in decision.alternatives:
+        for alternative in decision.alternatives:
+            need(isinstance(alternative, Alternative), f"offered {short(alternative)}", "an Alternative")
+        for volume in [volume for alternative in decision.alternatives for volume in alternative.volumes]:
             need(isinstance(volume, Volume4D), f"offered {short(volume)}", "a Volume4D")
             corners = all(abs(lat) <= 90.0 and abs(lon) <= 180.0 for lat, lon in volume.outline)  # not NaN either
             need(corners, f"offered the outline {short(volume.outline)}", "degrees within ±90 and ±180")
@@ -145,7 +147,8 @@ def _repeatable(case: ApprovalCase) -> None:
 def _idempotent(case: ApprovalCase) -> None:
     approval = case.make()
     for now, intent in case.asked:
-        first, again = _ask(approval, [(now, intent), (now, intent)])
+        answers = _ask(approval, [(now, intent), (now, intent)])
+        first, again = (replace(one, overruled=()) for one in answers)  # what it overrules, it overrules once
         same(first, again, f"{intent.vehicle} asks twice and gets two answers", "the same answer")
 
 
@@ -170,6 +173,25 @@ def _copies(case: ApprovalCase) -> None:
 @APPROVAL.rule("extreme", "Decides on every valid volume, however unlikely, and goes on deciding afterwards.")
 def _extreme(case: ApprovalCase) -> None:
     _ask(case.make(), [*extreme(), *case.asked])
+
+
+@APPROVAL.rule("ends", "Ends an intent, known or not, and then decides as if it had never been.")
+def _ends(case: ApprovalCase) -> None:
+    fresh, used = case.make(), case.make()
+    for now, intent in case.asked:
+        _ask(used, [(now, intent)])
+        for each in (intent.id, intent_id("nobody/n1")):
+            try:
+                used.end(now, each)
+            except Exception as error:
+                raise Broken(f"end({now}, {each!r}) raised {error!r}", "the end of an intent, known or not") from error
+    again = [(case.asked[-1][0], case.asked[0][1])]
+    same(
+        _ask(fresh, again),
+        _ask(used, again),
+        "what was ended shows in later decisions",
+        "the airspace of an ended intent released",
+    )
 
 
 def _ask(approval: ApprovalPolicy, asked: Sequence[Asked], call: Call = plainly) -> list[ApprovalDecision]:

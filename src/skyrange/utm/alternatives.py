@@ -1,0 +1,175 @@
+"""Alternatives to an intent that cannot be accepted: later, at another height, beside, or a combination.
+
+For each change of the route the least delay is exact: while an intent is delayed, each overlap forbids an interval of
+delays, and the first delay that none forbids is free. A change of height or place is searched with volumes that are a
+little larger than those of the altered plan, which only its operator knows.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import shapely
+
+from skyrange.core.time import NS_PER_S, Time, ceil_to, from_seconds, to_seconds
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.airspace import Overlap
+from skyrange.utm.contract import Alternative
+
+Outline = tuple[tuple[float, float], ...]
+
+STEP_NS: Final = NS_PER_S
+"""Delays are whole seconds."""
+_M_PER_DEG: Final = 111_320.0
+"""Metres of a degree of latitude, and of longitude at the equator; a metre more or less does not matter here."""
+_CLIMB_MPS: Final = 2.5
+"""ArduCopter's WPNAV_SPEED_UP: what a change of height costs, up and down again."""
+_SPEED_MPS: Final = 5.0
+"""A usual ground speed in a city: what a way aside costs, out and back."""
+_LATE: Final = 1.5
+"""By how much longer than estimated a change may take, margins included, so that the altered plan stays within."""
+_LATER_S_PER_M: Final = _LATE * (1.0 / _CLIMB_MPS + 1.0 / 1.5)
+"""Of a climb: up at WPNAV_SPEED_UP, and down again at ArduCopter's WPNAV_SPEED_DN, 1.5 m/s."""
+_GROUND_M: Final = 1.0
+"""A volume that begins no higher above the lowest one touches the ground there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What alternatives may be."""
+
+    delay_s: float
+    climbs_m: tuple[float, ...]
+    aside_m: tuple[float, ...]
+    ceiling_m: float
+    """Greatest height above the lowest volume of the intent."""
+    count: int
+
+
+Search = Callable[[Sequence[Volume4D], Time], Sequence[Overlap]]
+"""`search(volumes, later_ns)`: the overlaps that forbid an intent, as `Airspace.find_overlaps` finds them."""
+
+
+def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limits) -> list[Alternative]:
+    """The cheapest alternatives of each kind of change, the cheapest first; their cost is the time by which the flight
+    ends later.
+    """
+    found: list[tuple[float, int, Alternative]] = []
+    best: dict[tuple[bool, bool], float] = {}
+    for number, change in enumerate(_changes(volumes, limits)):
+        own_s = _cost_s(change)
+        kind = (change.climb_m != 0.0, change.east_m != 0.0 or change.north_m != 0.0)
+        if best.get(kind, math.inf) <= own_s:
+            continue  # the changes of a kind become dearer, whatever their delay
+        delay_ns = least_delay(change.volumes, search, from_seconds(limits.delay_s))
+        if delay_ns is None:
+            continue
+        cost_s = own_s + to_seconds(delay_ns)
+        if cost_s < best.get(kind, math.inf):
+            best[kind] = cost_s
+            found.append(
+                (cost_s, number, replace(change, volumes=delayed(change.volumes, delay_ns), delay_ns=delay_ns))
+            )
+    found.sort(key=lambda one: one[:2])
+    return [alternative for _, _, alternative in found[: limits.count]]
+
+
+def least_delay(volumes: Sequence[Volume4D], search: Search, most_ns: Time) -> Time | None:
+    """The least delay in whole seconds, 0 included, after which `volumes` are free; `None` if it exceeds `most_ns`."""
+    forbidden = sorted(_forbid(volumes[one.place], one) for one in search(volumes, most_ns))
+    delay_ns = 0
+    for begin_ns, end_ns in forbidden:
+        if begin_ns >= delay_ns:
+            break  # those after it begin later still
+        if delay_ns < end_ns:
+            delay_ns = ceil_to(end_ns, STEP_NS)
+    return delay_ns if delay_ns <= most_ns else None
+
+
+def _forbid(volume: Volume4D, overlap: Overlap) -> tuple[Time, Time]:
+    """The delays, ends excluded, with which `volume` overlaps in time."""
+    return overlap.start_ns - volume.end_ns, overlap.end_ns - volume.start_ns
+
+
+def delayed(volumes: Sequence[Volume4D], delay_ns: Time) -> tuple[Volume4D, ...]:
+    """The volumes that much later."""
+    return tuple(replace(one, start_ns=one.start_ns + delay_ns, end_ns=one.end_ns + delay_ns) for one in volumes)
+
+
+def _changes(volumes: Sequence[Volume4D], limits: Limits) -> Iterator[Alternative]:
+    """The route as it is, then higher and beside, the least change of each kind first."""
+    yield Alternative(tuple(volumes))
+    ground_m = min(one.lower_m for one in volumes)
+    top_m = max(one.upper_m for one in volumes) - ground_m
+    climbs = [climb_m for climb_m in limits.climbs_m if top_m + climb_m <= limits.ceiling_m]
+    for climb_m in climbs:
+        yield Alternative(tuple(_raised(one, climb_m, ground_m) for one in volumes), climb_m=climb_m)
+    east, north = _right_of(volumes)
+    for aside_m in limits.aside_m:
+        east_m, north_m = round(east * aside_m, 2), round(north * aside_m, 2)
+        yield Alternative(_shifted(volumes, east_m, north_m, ground_m), east_m=east_m, north_m=north_m)
+
+
+def _cost_s(change: Alternative) -> float:
+    return 2.0 * abs(change.climb_m) / _CLIMB_MPS + 2.0 * math.hypot(change.east_m, change.north_m) / _SPEED_MPS
+
+
+def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
+    """A volume higher; one at the ground reaches higher. It lasts until a slower one would have climbed and sunk."""
+    at_ground = volume.lower_m <= ground_m + _GROUND_M
+    return replace(
+        volume,
+        lower_m=volume.lower_m + (0.0 if at_ground else climb_m),
+        upper_m=volume.upper_m + climb_m,
+        end_ns=volume.end_ns + from_seconds(_LATER_S_PER_M * climb_m),
+    )
+
+
+def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_m: float) -> tuple[Volume4D, ...]:
+    """The volumes beside; those at the ground stay, and their neighbours reach from the old place to the new one."""
+    at_ground = [one.lower_m <= ground_m + _GROUND_M for one in volumes]
+    spare_ns = from_seconds(2.0 * _LATE * math.hypot(east_m, north_m) / _SPEED_MPS)
+    found = []
+    for place, volume in enumerate(volumes):
+        outline = volume.outline
+        if not at_ground[place]:
+            outline = _moved(outline, east_m, north_m)
+            if any(at_ground[max(place - 1, 0) : place + 2]):
+                outline = _hull(outline + volume.outline)
+        found.append(
+            replace(volume, outline=outline, start_ns=volume.start_ns - spare_ns, end_ns=volume.end_ns + spare_ns)
+        )
+    return tuple(found)
+
+
+def _moved(outline: Outline, east_m: float, north_m: float) -> Outline:
+    d_lat = north_m / _M_PER_DEG
+    moved = []
+    for lat, lng in outline:
+        scale = max(math.cos(math.radians(lat)), 1e-6)
+        moved.append((min(max(lat + d_lat, -90.0), 90.0), min(max(lng + east_m / _M_PER_DEG / scale, -180.0), 180.0)))
+    return tuple(moved)
+
+
+def _hull(corners: Outline) -> Outline:
+    """The convex hull of some corners; these themselves if they have no area."""
+    hull = shapely.convex_hull(shapely.MultiPoint(corners))
+    return tuple(hull.exterior.coords[:-1]) if hull.geom_type == "Polygon" else corners
+
+
+def _right_of(volumes: Sequence[Volume4D]) -> tuple[float, float]:
+    """The direction (east, north) to the right of the way from the first volume to the farthest one."""
+    lat, lng = _middle(volumes[0])
+    scale = math.cos(math.radians(lat))
+    ways = [((there[1] - lng) * scale, there[0] - lat) for there in map(_middle, volumes)]
+    east, north = max(ways, key=lambda way: math.hypot(*way))
+    length = math.hypot(east, north)
+    return (north / length, -east / length) if length > 1e-9 else (1.0, 0.0)
+
+
+def _middle(volume: Volume4D) -> tuple[float, float]:
+    lats, lngs = zip(*volume.outline, strict=True)
+    return (min(lats) + max(lats)) / 2.0, (min(lngs) + max(lngs)) / 2.0

@@ -1,0 +1,239 @@
+"""Node of a hashgraph: the flight approval of one operator, which decides with all others without a server.
+
+A request of its operator becomes a transaction of the node's next event. Nodes gossip about events; each applies the
+requests in consensus order, at their consensus times, to an authority of its own. Because all do so in the same order,
+all come to the same decisions; the operator is answered when the order of its request is final.
+
+A node calls others only while it knows of a request whose order is not final, so that a silent airspace costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.scalars import Scalar
+from skyrange.core.chance import Chance
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import FrameId, Port, hash64, operator_of
+from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
+from skyrange.utm.approval_service import decide_request, tell_overruled
+from skyrange.utm.authority import Authority
+from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.hashgraph.graph import GraphError, Hashgraph
+from skyrange.utm.hashgraph.messages import MAX_EVENTS, EventMessage, Gossip, GossipBody, decode, encode
+from skyrange.utm.hashgraph.signatures import is_signed, public_of, sign
+from skyrange.utm.messages import EndBody, decode_request
+from skyrange.utm.request_book import OpenRequest, RequestBook
+
+SERVICE_NS: Final = 10 * NS_PER_MS
+STREAM: Final = "utm.hashgraph.gossip"
+
+
+@dataclass(frozen=True, slots=True)
+class Membership:
+    """What all nodes know of each other from the beginning."""
+
+    stakes: Mapping[str, int]
+    keys: Mapping[str, bytes]
+    """Public keys."""
+
+
+class HashgraphNode:
+    """The approval of one operator.
+
+    Notes: those of `FlightApproval`; `decision.consensus` about the vehicle of each request of its own whose order is
+    final, {rank, round, after_s}; `decision.fork_found` about a member that has signed two events with one self-parent,
+    once; `decision.bad_gossip` about the node, counted.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        operator: str,
+        approval: Port,
+        peers: Mapping[str, Port],
+        membership: Membership,
+        secret: bytes,
+        authority: Authority,
+        epoch: Epoch,
+        chance: Chance,
+        gossip_ns: Time,
+    ) -> None:
+        """`peers`: the port to each other member."""
+        self.name = name
+        self.operator = operator
+        self.service_ns = SERVICE_NS
+        self.ports: Sequence[Port] = (approval, *(peers[peer] for peer in sorted(peers)))
+        self.bad_gossip = 0
+        """Frames of other members that were not understood, or whose events were not signed by their creators."""
+        self._approval = approval
+        self._peers = dict(sorted(peers.items()))
+        self._peer_of = {port.link: peer for peer, port in self._peers.items()}
+        self._membership = membership
+        self._secret = secret
+        self._authority = authority
+        self._epoch = epoch
+        self._chance = chance
+        self._gossip_ns = gossip_ns
+        self._graph = Hashgraph(membership.stakes)
+        for member in sorted(membership.stakes):
+            # every member's first event is empty and known to all
+            self._graph.add(Event(member, NO_PARENT, NO_PARENT, 0))
+        self._book = RequestBook([(operator, approval)])
+        self._waiting: list[tuple[OpenRequest, Time]] = []
+        """Requests that are in no event yet, and when they arrived."""
+        self._sent: dict[bytes, tuple[OpenRequest, Time]] = {}
+        """Requests that are in an event, by their bytes, and when they arrived."""
+        self._undecided = 0
+        """Transactions in events whose order is not final."""
+        self._applied = 0
+        self._clock: Time = 0
+        self._due: Time | None = None
+        self._told: set[str] = set()
+
+    # --- the agent -----------------------------------------------------------------------------------------
+
+    def next_wakeup(self) -> Time | None:
+        """When it calls another member next."""
+        return self._due
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Read requests and gossip, call a member if it is time, and answer what is decided."""
+        out = Outbox()
+        for arrival in inbox:
+            if arrival.port.link == self._approval.link:
+                asked = self._book.read(arrival, out)
+                if asked is not None:
+                    self._waiting.append((asked, now))
+            else:
+                self._on_gossip(now, arrival, out)
+        if self._is_busy:
+            if self._due is None:
+                self._due = now
+        else:
+            self._due = None
+        if self._due is not None and now >= self._due:
+            self._call(now, out)
+            self._due = now + self._gossip_ns
+        return out
+
+    @property
+    def _is_busy(self) -> bool:
+        """Whether there is a request whose order is not final."""
+        return bool(self._waiting) or self._undecided > 0
+
+    # --- gossip --------------------------------------------------------------------------------------------
+
+    def _call(self, now: Time, out: Outbox) -> None:
+        """Ask a member, drawn by chance, for what it knows."""
+        peers = list(self._peers)
+        draw = self._chance.uniform4(STREAM, hash64(self.name), now, 0)[0]
+        peer = peers[min(int(draw * len(peers)), len(peers) - 1)]
+        self._send(peer, Gossip(method="GET", body=GossipBody(tips=self._tips())), (), out)
+
+    def _on_gossip(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+        peer = self._peer_of[arrival.port.link]
+        try:
+            message = decode(arrival.payload)
+            for event in message.body.events:
+                self._learn(event.event())
+        except (DecodeError, GraphError) as error:
+            self.bad_gossip += 1
+            if self.bad_gossip & (self.bad_gossip - 1) == 0:
+                data: dict[str, Scalar] = {"count": self.bad_gossip, "reason": str(error)[:200], "peer": peer}
+                out.note("decision.bad_gossip", self.name, data, (arrival.ref,))
+            return
+        if message.method == "GET":
+            body = GossipBody(tips=self._tips(), events=self._lacking(message.body.tips))
+            self._send(peer, Gossip(status=200, body=body), (arrival.ref,), out)
+        elif message.status is not None:
+            self._create(now, peer)
+            body = GossipBody(events=self._lacking(message.body.tips))
+            self._send(peer, Gossip(method="POST", body=body), (arrival.ref,), out)
+        self._apply(now, arrival.ref, out)
+
+    def _tips(self) -> tuple[str, ...]:
+        return tuple(tip.hex() for tip in self._graph.tips)
+
+    def _lacking(self, tips: Sequence[str]) -> tuple[EventMessage, ...]:
+        events = self._graph.missing([bytes.fromhex(tip) for tip in tips])
+        return tuple(EventMessage.of(event) for event in events[:MAX_EVENTS])
+
+    def _send(self, peer: str, message: Gossip, causes: tuple[FrameId, ...], out: Outbox) -> None:
+        out.send(self._peers[peer], encode(message), causes)
+
+    def _learn(self, event: Event) -> None:
+        """Add an event of another member. Raises `GraphError`."""
+        if event.hash in self._graph:
+            return
+        key = self._membership.keys.get(event.creator)
+        if key is None or not is_signed(event, key):
+            raise GraphError(f"an event of {event.creator} is not signed by it")
+        if self._graph.add(event):
+            self._undecided += len(event.transactions)
+
+    def _create(self, now: Time, peer: str) -> None:
+        """Create an event with the requests that wait, after hearing from `peer`."""
+        mine, other = self._graph.latest(self.operator), self._graph.latest(peer)
+        assert mine is not None  # every member's first event is known from the beginning
+        assert other is not None
+        payloads = []
+        for asked, since in self._waiting:
+            payloads.append(asked.payload)
+            self._sent[asked.payload] = asked, since
+        self._waiting = []
+        event = sign(Event(self.operator, mine.hash, other.hash, now, tuple(payloads)), self._secret)
+        self._graph.add(event)
+        self._undecided += len(payloads)
+
+    # --- decisions -----------------------------------------------------------------------------------------
+
+    def _apply(self, now: Time, cause: FrameId, out: Outbox) -> None:
+        """Decide on the requests whose order is final."""
+        ordered = self._graph.ordered
+        while self._applied < len(ordered):
+            event, round_, time = ordered[self._applied]
+            self._applied += 1
+            self._clock = max(self._clock, time)
+            for payload in event.transactions:
+                self._undecided -= 1
+                self._decide(now, event.creator, payload, round_, cause, out)
+        for fork in self._graph.forks:
+            if fork.member not in self._told:
+                self._told.add(fork.member)
+                data: dict[str, Scalar] = {
+                    "time_s": to_seconds(fork.first.time),
+                    "other_time_s": to_seconds(fork.second.time),
+                }
+                out.note("decision.fork_found", fork.member, data, (cause,))
+
+    def _decide(self, now: Time, creator: str, payload: bytes, round_: int, cause: FrameId, out: Outbox) -> None:
+        """Apply a request, its own or another member's; what is no request of its creator changes nothing, for all."""
+        sent = self._sent.pop(payload, None) if creator == self.operator else None
+        if sent is not None:
+            asked, since = sent
+            data: dict[str, Scalar] = {"rank": self._applied, "round": round_, "after_s": to_seconds(now - since)}
+            out.note("decision.consensus", asked.request.body.vehicle, data, (asked.cause,))
+            decide_request(self._clock, asked, self._authority, self._book, self._epoch, out)
+            return
+        try:
+            request = decode_request(payload)
+        except DecodeError:
+            return
+        body = request.body
+        if body.operator != creator or operator_of(body.vehicle) != creator:
+            return
+        if isinstance(body, EndBody):
+            if self._authority.owner_of(body.id) == creator:
+                self._authority.end(self._clock, body.id)
+            return
+        decision = self._authority.decide(self._clock, request.intent(self._epoch))
+        tell_overruled(decision, self._book, self._epoch, cause, out)
+
+
+def make_membership(stakes: Mapping[str, int], secrets: Mapping[str, bytes]) -> Membership:
+    """The membership of members with these stakes and private keys."""
+    return Membership(dict(stakes), {member: public_of(secret) for member, secret in secrets.items()})

@@ -1,0 +1,110 @@
+"""Requests of operators to a flight approval: read, checked, and answered once each.
+
+A request that comes again, because its answer may have been lost, gets the same answer without another decision. Bad
+bytes are counted, noted and answered with 400; requests in the name of others with 403.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from typing import Final
+
+from skyrange.contracts.mailboxes import Arrival, Outbox
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import FrameId, Port, operator_of
+from skyrange.utm.messages import PATH, ErrorBody, Request, Response, decode_request, encode
+
+REMEMBERED: Final = 4_096
+"""Answers kept per operator for requests that come again; older ones would be decided anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class OpenRequest:
+    """A request that awaits its answer."""
+
+    operator: str
+    request: Request
+    payload: bytes
+    cause: FrameId
+
+    @property
+    def digest(self) -> bytes:
+        """What tells it from other requests for the same intent."""
+        return blake2b(self.payload, digest_size=16).digest()
+
+
+class RequestBook:
+    """The requests of some operators, each on its own port. Deep-copyable."""
+
+    def __init__(self, ports: Sequence[tuple[str, Port]]) -> None:
+        """`ports`: (operator, port) of each."""
+        self.bad_frames: dict[str, int] = {operator: 0 for operator, _ in ports}
+        """Requests per operator that were not understood."""
+        self._operator_of = {port.link: operator for operator, port in ports}
+        self._port_of = dict(ports)
+        self._owners: dict[str, str] = {}
+        self._answers: dict[str, dict[str, tuple[bytes, bytes]]] = {operator: {} for operator, _ in ports}
+        self._open: dict[tuple[str, str], bytes] = {}
+
+    @property
+    def operators(self) -> Container[str]:
+        """Whose requests these are."""
+        return self._port_of
+
+    def read(self, arrival: Arrival, out: Outbox) -> OpenRequest | None:
+        """The request in a frame, if it is to be decided; otherwise it is answered here, or will be."""
+        operator = self._operator_of[arrival.port.link]
+        try:
+            request = decode_request(arrival.payload)
+        except DecodeError as error:
+            self._refuse(operator, arrival, Response.error(400, PATH, str(error)), out)
+            return None
+        body = request.body
+        if self._owners.get(body.id, operator) != operator:
+            message = f"operator {operator!r} names {body.id}, an intent of another operator"
+        elif body.operator != operator or operator_of(body.vehicle) != operator:
+            message = f"operator {operator!r} asks for {body.vehicle!r} of {body.operator!r}"
+        else:
+            message = ""
+        if message:
+            self._refuse(operator, arrival, Response.error(403, request.path, message), out)
+            return None
+        asked = OpenRequest(operator, request, arrival.payload, arrival.ref)
+        known = self._answers[operator].get(body.id)
+        if known is not None and known[0] == asked.digest:
+            out.send(arrival.port, known[1], (arrival.ref,))
+            return None
+        if self._open.get((operator, body.id)) == asked.digest:
+            return None
+        self._open[operator, body.id] = asked.digest
+        return asked
+
+    def answer(self, asked: OpenRequest, response: Response, out: Outbox) -> None:
+        """Send an answer, and remember it."""
+        operator, intent = asked.operator, asked.request.body.id
+        payload = encode(response)
+        if self._open.get((operator, intent)) == asked.digest:
+            del self._open[operator, intent]
+        self._owners[intent] = operator
+        answers = self._answers[operator]
+        answers.pop(intent, None)
+        answers[intent] = (asked.digest, payload)
+        if len(answers) > REMEMBERED:
+            forgotten = next(iter(answers))
+            del answers[forgotten]
+            self._owners.pop(forgotten, None)
+        out.send(self._port_of[operator], payload, (asked.cause,))
+
+    def retract(self, operator: str, intent: str, response: Response, cause: FrameId, out: Outbox) -> None:
+        """Send a response that nobody asked for, and forget the answer that it takes back."""
+        self._answers[operator].pop(intent, None)
+        out.send(self._port_of[operator], encode(response), (cause,))
+
+    def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
+        count = self.bad_frames[operator] = self.bad_frames[operator] + 1
+        if count & (count - 1) == 0:  # powers of two: a flood must not fill the record
+            reason = response.body.message if isinstance(response.body, ErrorBody) else ""
+            out.note("decision.approval_bad_request", operator, {"count": count, "reason": reason}, (arrival.ref,))
+        out.send(arrival.port, encode(response), (arrival.ref,))

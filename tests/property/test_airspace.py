@@ -1,0 +1,143 @@
+"""Does the airspace find the overlaps that a comparison of all pairs finds, and are the delays it leads to the
+least?"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import replace
+
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
+
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.airspace import CELL_DEG, Airspace
+from skyrange.utm.alternatives import Limits, delayed, find_alternatives, least_delay
+
+CORNERS = st.builds(lambda a, b: (40.0 + a * CELL_DEG, -74.0 + b * CELL_DEG), st.integers(0, 12), st.integers(0, 12))
+"""Corners of cells, and so edges that touch."""
+
+
+@st.composite
+def volumes(draw: st.DrawFn) -> Volume4D:
+    ring = tuple(draw(st.lists(CORNERS, min_size=3, max_size=5)))
+    if draw(st.integers(0, 9)) == 0:  # one that is in no cell
+        ring = ((-40.0, -74.0), (60.0, -74.0), (60.0, 100.0))
+    lower, start = draw(st.integers(0, 6)) * 10.0, draw(st.integers(0, 40)) * 10 * NS_PER_S
+    return Volume4D(
+        ring,
+        lower,
+        lower + draw(st.integers(1, 4)) * 10.0,
+        start,
+        start + draw(st.integers(1, 12)) * 10 * NS_PER_S,
+    )
+
+
+CLAIMS = st.lists(volumes(), min_size=1, max_size=4)
+
+
+def outline(volume: Volume4D) -> shapely.Geometry:
+    polygon = shapely.Polygon([(lng, lat) for lat, lng in volume.outline])
+    return polygon if polygon.is_valid else polygon.convex_hull
+
+
+def overlap(one: Volume4D, other: Volume4D, later_ns: Time = 0) -> bool:
+    return (
+        one.start_ns < other.end_ns
+        and other.start_ns < one.end_ns + later_ns
+        and one.lower_m < other.upper_m
+        and other.lower_m < one.upper_m
+        and bool(outline(one).intersects(outline(other)))
+    )
+
+
+class Claims(RuleBasedStateMachine):
+    """Intents come, change and go, in the airspace and in a dictionary."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.airspace = Airspace()
+        self.known: dict[str, list[Volume4D]] = {}
+
+    @rule(name=st.sampled_from("abcdefgh"), claim=CLAIMS)
+    def put(self, name: str, claim: list[Volume4D]) -> None:
+        self.airspace.put(name, claim)
+        self.known[name] = claim
+
+    @rule(name=st.sampled_from("abcdefgh"))
+    def remove(self, name: str) -> None:
+        self.airspace.remove(name)
+        self.known.pop(name, None)
+
+    @rule(claim=CLAIMS, later_s=st.sampled_from([0, 0, 100]), ignored=st.sampled_from(["", "a"]))
+    def find(self, claim: list[Volume4D], later_s: int, ignored: str) -> None:
+        later_ns = later_s * NS_PER_S
+        found = self.airspace.find_overlaps(claim, later_ns, ignored)
+        assert found == copy.deepcopy(self.airspace).find_overlaps(claim, later_ns, ignored)
+        expected = {
+            (place, name, other.start_ns, other.end_ns)
+            for place, volume in enumerate(claim)
+            for name, others in self.known.items()
+            for other in others
+            if name != ignored and overlap(volume, other, later_ns)
+        }
+        assert found == sorted(expected)
+
+    @invariant()
+    def knows_the_same(self) -> None:
+        if hasattr(self, "known"):
+            assert len(self.airspace) == len(self.known)
+            assert all(name in self.airspace for name in self.known)
+
+
+Claims.TestCase.settings = settings(stateful_step_count=30, deadline=None)
+TestClaims = Claims.TestCase
+
+
+def airspace_of(others: Sequence[Sequence[Volume4D]]) -> Airspace:
+    airspace = Airspace()
+    for number, claim in enumerate(others):
+        airspace.put(f"{number}", claim)
+    return airspace
+
+
+@given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6))
+@settings(deadline=None)
+def test_the_least_delay_is_free_and_no_earlier_second_is(claim: list[Volume4D], others: list[list[Volume4D]]) -> None:
+    airspace = airspace_of(others)
+
+    def free(delay_s: int) -> bool:
+        return not airspace.find_overlaps(delayed(claim, delay_s * NS_PER_S))
+
+    most_s = 300
+    found = least_delay(claim, airspace.find_overlaps, most_s * NS_PER_S)
+    expected = next((delay_s for delay_s in range(most_s + 1) if free(delay_s)), None)
+    assert found == (None if expected is None else expected * NS_PER_S)
+
+
+@given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6))
+@settings(deadline=None)
+def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
+    claim: list[Volume4D], others: list[list[Volume4D]]
+) -> None:
+    airspace = airspace_of(others)
+    limits = Limits(300.0, (15.0, 30.0), (25.0, -25.0), 90.0, 3)
+    offered = find_alternatives(claim, airspace.find_overlaps, limits)
+    assert len(offered) <= limits.count
+    ground_m = min(one.lower_m for one in claim)
+    for one in offered:
+        assert not airspace.find_overlaps(one.volumes)
+        assert one.delay_ns <= 300 * NS_PER_S
+        if one.climb_m:
+            assert max(volume.upper_m for volume in one.volumes) - ground_m <= limits.ceiling_m
+        if not (one.climb_m or one.east_m or one.north_m):
+            assert list(one.volumes) == [
+                replace(volume, start_ns=volume.start_ns + one.delay_ns, end_ns=volume.end_ns + one.delay_ns)
+                for volume in claim
+            ]
+    if not airspace.find_overlaps(claim):
+        assert offered[0].delay_ns == 0
+        assert offered[0].volumes == tuple(claim)
