@@ -156,7 +156,7 @@ def _moved(outline: Outline, east_m: float, north_m: float) -> Outline:
 
 def _hull(corners: Outline) -> Outline:
     """The convex hull of some corners; these themselves if they have no area."""
-    hull = shapely.convex_hull(shapely.MultiPoint(corners))
+    hull = shapely.convex_hull(shapely.linestrings(corners))
     return tuple(hull.exterior.coords[:-1]) if hull.geom_type == "Polygon" else corners
 
 

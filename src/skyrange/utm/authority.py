@@ -76,6 +76,13 @@ class Authority:
 
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         """Accept `request`, or reject it with the reason, and with alternatives if others are in its way."""
+        return self._decide(now, request, offers=True)
+
+    def follow(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
+        """The same decision without alternatives, which take time, for one who only keeps up with what is decided."""
+        return self._decide(now, request, offers=False)
+
+    def _decide(self, now: Time, request: OperationalIntent, offers: bool) -> ApprovalDecision:
         self._forget(now)
         held = self._held.get(request.id)
         if held is not None and held.intent == request:
@@ -90,9 +97,8 @@ class Authority:
         overlaps = self._airspace.find_overlaps(request.volumes, ignored=request.id)
         blocking = [one for one in overlaps if self._blocks(one, request)]
         if blocking:
-            return ApprovalDecision(
-                accepted=False, reason=self._describe(blocking), alternatives=tuple(self._offer(request))
-            )
+            alternatives = tuple(self._offer(request)) if offers else ()
+            return ApprovalDecision(accepted=False, reason=self._describe(blocking), alternatives=alternatives)
         return self._accept(request, tuple(sorted({one.intent for one in overlaps})))
 
     def owner_of(self, intent: str) -> str | None:

@@ -230,7 +230,7 @@ class HashgraphNode:
             if self._authority.owner_of(body.id) == creator:
                 self._authority.end(self._clock, body.id)
             return
-        decision = self._authority.decide(self._clock, request.intent(self._epoch))
+        decision = self._authority.follow(self._clock, request.intent(self._epoch))
         tell_overruled(decision, self._book, self._epoch, cause, out)
 
 
