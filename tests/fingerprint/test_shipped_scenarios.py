@@ -16,6 +16,7 @@ from skyrange.study.runs import fly
 EVENTS = {
     "chain": "3eebf910faa0bed6f397499af57a25f5",
     "city-fleet": "8445bb9deaec5b9568cc62e80b5370e3",
+    "corridor-rush": "76c042c270d1da220309b01f82453038",
     "crossing": "2145c6e2ace0e2a696e7242279bfc21c",
     "falsified-log": "709805673ba7cfd87307d589f73ccc7b",
     "gcs-flood": "ae53ccfa45d80dc0d72c6d8ef497c7d0",
@@ -47,7 +48,13 @@ def test_every_shipped_scenario_is_pinned() -> None:
     assert set(EVENTS) == set(SHIPPED)
 
 
-@pytest.mark.parametrize("name", sorted(EVENTS))
+LONG = {"corridor-rush"}
+"""Flights that take minutes."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(EVENTS)]
+)
 def test_events_are_what_they_were(name: str, tmp_path: Path) -> None:
     record = fly(load(name), tmp_path / "run", report=False)
     assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]

@@ -56,6 +56,8 @@ FLIGHTS: Final[Mapping[str, Flight]] = {
     "city-fleet": Flight(230.0, group="operator"),
     # which broadcast makes either turn away first is chance, addressed by the time at which it was sent
     "chain": Flight(160.0, group="one", only_outcomes=True),
+    # which of two requests for one corridor comes first is chance of microseconds, and so is who gets an alternative
+    "corridor-rush": Flight(1740.0, group="operator", only_outcomes=True),
     "crossing": Flight(140.0),
     "head-on": Flight(50.0),
     # it departs when it is ready, the attack begins by the clock: that finds it up to 5 m from where it would be
