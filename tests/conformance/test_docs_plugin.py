@@ -51,8 +51,12 @@ def test_the_broken_rule_reads_as_shown(ran: dict[str, Ran]) -> None:
 
 
 def test_the_run_asked_the_approval_of_the_page(ran: dict[str, Ran]) -> None:
-    decided = ran["approval"].printed[1:]
-    assert len([line for line in decided if "accepted" in line or "rejected" in line]) == 5
+    decided = [line.split() for line in ran["approval"].printed[1:]]
+    accepted = [vehicle for vehicle, kind in decided if kind == "decision.approval_accepted"]
+    rejected = [vehicle for vehicle, kind in decided if kind == "decision.approval_rejected"]
+    assert sorted(set(accepted)) == ["blue/b1", "blue/b2", "green/g1", "green/g2", "green/g3"]
+    assert rejected, "squares beside each other overlap"
+    assert set(rejected) < set(accepted), "who is rejected asks again, for the alternative"
 
 
 def test_the_aircraft_with_the_pages_autopilot_is_held_at_ten_metres(ran: dict[str, Ran]) -> None:

@@ -201,13 +201,15 @@ def test_without_two_thirds_nothing_is_decided_and_with_them_it_is() -> None:
         assert decisions(stations["blue"]) == expected
 
 
-def test_what_a_member_says_in_the_name_of_another_changes_nothing() -> None:
+INTENT = OperationalIntent(intent_id("blue/a"), "red", "red/r", ())
+
+
+@pytest.mark.parametrize("forged", [ask("green/g"), encode_request(Request.end(INTENT))], ids=["asks", "ends"])
+def test_what_a_member_says_about_the_intents_of_another_changes_nothing(forged: bytes) -> None:
     service = service_of(NAMES)
-    forged = ask("green/g")
 
     class Forger(HashgraphNode):
-        def next_wakeup(self) -> Time | None:
-            return 50 * NS_PER_MS if not self._waiting and not len(self._sent) else super().next_wakeup()
+        """Says so in each of its events, also after the intent was accepted."""
 
         def _create(self, now: Time, peer: str) -> None:
             mine, other = self._graph.latest(self.operator), self._graph.latest(peer)
@@ -220,7 +222,10 @@ def test_what_a_member_says_in_the_name_of_another_changes_nothing() -> None:
     agents[3].__class__ = Forger
     asks: dict[str, Sequence[tuple[float, bytes]]] = {name: [] for name in NAMES}
     asks["blue"] = [(0.1, ask("blue/a", box(LAT + 0.05, LON, start_s=600.0)))]
-    flown(asks, 10.0, agents, service)
+    stations, _, _ = flown(asks, 10.0, agents, service)
+    assert decisions(stations["blue"]) == ["Accepted"]
+    applied = [forged in one.event.transactions for one in agents[0]._graph.ordered]
+    assert any(applied[-len(applied) // 2 :]), "it is ordered, and late as well"
     for state in held(service)[:3]:
         assert [intent.vehicle for intent in state.values()] == ["blue/a"]
 

@@ -156,8 +156,10 @@ id = "jump"
 scenario = "gnss.jump"
 measure = "strayed_m"
 changes = ["duration_s=40"]
-adaptive = [{ knows = ["gnss.barometer"], about = "is larger", candidates = [["attacks.jump.params.offset_m=[9,0,0]"]]
-}]
+  [[rows.adaptive]]
+  knows = ["gnss.barometer"]
+  about = "is larger"
+  candidates = [["attacks.jump.params.offset_m=[9,0,0]"]]
 """
 
 

@@ -122,7 +122,7 @@ class Never(Watched):
 
 def test_an_approval_that_never_accepts_is_given_up() -> None:
     approver = Never()
-    run = loop(approver, 8.0).run(120)
+    run = loop(approver, 8.0).run(600)
     assert outcome(run) == ("failed", "approval rejected: taken")
     assert len(approver.asked) == ROUNDS
 

@@ -141,6 +141,7 @@ def build(
                 key=key,
                 margins=Margins(**operator.margins.model_dump()),
                 city=city,
+                chance=chance,
             )
         )
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None

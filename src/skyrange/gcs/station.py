@@ -22,6 +22,7 @@ from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedCo
 from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.scalars import Scalar
+from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest
 from skyrange.core.ids import Port, endpoint, link_name, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
@@ -49,6 +50,7 @@ from skyrange.utm.messages import DecisionBody, decode_response
 SERVICE_NS = 20 * NS_PER_MS
 LINK_ID = 0
 """Link id in MAVLink signatures; the station has one connection with each aircraft (pymavlink's default)."""
+NO_CHANCE = Chance(0)
 MAX_SYSTEM_ID = 250
 """Higher ids belong to ground stations and similar systems; 0 is the broadcast id."""
 
@@ -71,10 +73,12 @@ class GroundStation:
         service_ns: Time = SERVICE_NS,
         margins: Margins = MARGINS,
         city: City | None = None,
+        chance: Chance = NO_CHANCE,
     ) -> None:
         """The plans must have no problems (`plan.checks.check`); `traffic_picture` is that of the ground receivers.
 
-        `margins` are those of the volumes that it claims; alternatives are kept clear of the buildings of `city`.
+        `margins` are those of the volumes that it claims; alternatives are kept clear of the buildings of `city`;
+        `chance` draws the pauses between requests for one flight.
 
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
@@ -96,7 +100,7 @@ class GroundStation:
                 profile,
                 self._beliefs.of(place),
                 FleetPacker(STATION_SYSTEM, STATION_COMPONENT, self._sequences, place),
-                AirspaceClaim(epoch, margins, city),
+                AirspaceClaim(epoch, chance, margins, city),
             )
             for place, flight in enumerate(flights)
         ]

@@ -21,6 +21,7 @@ from skyrange.gcs.flight.intent_submission import IntentSubmission
 from skyrange.gcs.plan.alterations import altered
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.routes import enu_points, return_legs
 from skyrange.gcs.plan.volumes import MARGINS, Margins, around, contains, leg_volumes, volumes
 from skyrange.utm.contract import OperationalIntent, intent_id
@@ -51,6 +52,7 @@ class AirspaceClaim:
     """The operational intent of one flight, as its operator knows it."""
 
     epoch: Epoch
+    chance: Chance
     margins: Margins = MARGINS
     city: City | None = None
     tracked: bool = False
@@ -80,7 +82,7 @@ class AirspaceClaim:
     def _pause_ns(self, flight: Flight, now: Time) -> Time:
         if self.rounds <= 2:
             return 0
-        share = Chance(0).uniform4(_STREAM, hash64(flight.vehicle), now, self.rounds)[0]
+        share = self.chance.uniform4(_STREAM, hash64(flight.vehicle), now, self.rounds)[0]
         return int(share * min(PAUSE_NS * self.rounds, MAX_PAUSE_NS))
 
     def activate(self, flight: Flight, now: Time) -> IntentSubmission:
@@ -122,17 +124,17 @@ class AirspaceClaim:
             if moved and self.rounds >= FREE_ROUNDS:
                 continue
             plan = altered(flight.plan, one.climb_m, one.east_m, one.north_m) if moved else flight.plan
-            if moved and not self._can_fly(flight, replace(flight, plan=plan)):
+            if moved and not self._can_fly(plan):
                 continue
             depart_s = to_seconds(self.depart_ns) + one.delay_s
             self.wanted = flight
             return replace(flight, plan=plan, depart_s=depart_s), one
         return None
 
-    def _can_fly(self, flight: Flight, changed: Flight) -> bool:
-        if check(changed.plan, "alternative"):
+    def _can_fly(self, plan: FlightPlan) -> bool:
+        if check(plan, "alternative"):
             return False
-        return self.city is None or self.city.is_clear(enu_points(changed.plan), CLEARANCE_M)
+        return self.city is None or self.city.is_clear(enu_points(plan), CLEARANCE_M)
 
     # --- conformance ---------------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ a filter of 100 Hz; drawing it at 400 Hz would cost four times as much and be av
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -334,78 +334,25 @@ def sample(
     step_s: float,
     new: bool,
     ideal: bool,
-    level: float,
-    seed: np.uint64,
-    who: Words,
-    commands: Floats,
-    position: Floats,
-    height: Floats,
-    velocity: Floats,
-    attitude: Floats,
-    field: Floats,
-    rates: Floats,
-    accel: Floats,
-    bias: Floats,
-    error: Floats,
-    wander: Floats,
-    offset: Floats,
-    phase: Ints,
-    epoch: Ints,
-    pending: Floats,
-    pending_time: Ints,
-    gnss_enu_m: Floats,
-    gnss_vel: Floats,
-    accuracy: Floats,
-    fix: Ints,
-    satellites: Ints,
-    gnss_time: Ints,
-    baro: Floats,
-    rangefinder: Floats,
-    compass: Floats,
-    gyro: Floats,
-    force: Floats,
-    sums: Floats,
+    read: Any,
+    drawn: Any,
+    inertial: Any,
+    integrated: Any,
     deltas: Floats,
 ) -> None:
     """Sample all sensors at the end of a tick of `step_s`; `new` at the first tick of each `READINGS_NS`.
 
-    `ideal` sensors read the state; of them only compass, time and integrals are written.
+    `read` are the arguments of `read_ideal` after the time, `drawn` those of `draw_errors` after it, `inertial` those
+    of `read_inertial`, `integrated` the readings that are integrated and their integrals, `deltas` (rows, 6) what is
+    shown of these.
     """
     if ideal:
-        read_ideal(now, attitude, field, compass, gnss_time)
-        integrate_inertial(rates, accel, step_s, sums)
+        read_ideal(now, *read)
     else:
         if new:
-            draw_errors(
-                now // READINGS_NS * READINGS_NS,
-                level,
-                seed,
-                who,
-                commands,
-                position,
-                height,
-                velocity,
-                attitude,
-                field,
-                bias,
-                error,
-                wander,
-                offset,
-                phase,
-                epoch,
-                pending,
-                pending_time,
-                gnss_enu_m,
-                gnss_vel,
-                accuracy,
-                fix,
-                satellites,
-                gnss_time,
-                baro,
-                rangefinder,
-                compass,
-            )
-        read_inertial(rates, accel, error, gyro, force)
-        integrate_inertial(gyro, force, step_s, sums)
+            draw_errors(now // READINGS_NS * READINGS_NS, *drawn)
+        read_inertial(*inertial)
+    gyro, force, sums = integrated
+    integrate_inertial(gyro, force, step_s, sums)
     if new:
         show_integrals(sums, deltas)

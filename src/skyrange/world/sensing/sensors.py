@@ -94,11 +94,18 @@ class SensorSuite:
             shown = [self._gyro, self._force, attitude, self._gnss, self._gnss_vel, self._baro, self._range]
         shown += [self._compass, self._accuracy, self._fix, self._satellites, self._time, self._utc_error, *power]
         shown += [self._deltas[:, :3], self._deltas[:, 3:]]
+        ideal = self._level == 0.0
         bias, *drawn = self._drawn()
         self.arguments: tuple[Any, ...] = (
-            self._level == 0.0, self._level, self._seed, self._who, commands, position, height, velocity, attitude,
-            self._field, rates, force, bias, self._error, *drawn, *self._fixes(), self._baro, self._range,
-            self._compass, self._gyro, self._force, self._sums, self._deltas,
+            ideal,
+            (attitude, self._field, self._compass, self._time),
+            (
+                self._level, self._seed, self._who, commands, position, height, velocity, attitude, self._field, bias,
+                self._error, *drawn, *self._fixes(), self._baro, self._range, self._compass,
+            ),
+            (rates, force, self._error, self._gyro, self._force),
+            (*((rates, force) if ideal else (self._gyro, self._force)), self._sums),
+            self._deltas,
         )  # fmt: skip
         """Of `sensor_errors.sample`, after the first three."""
         self._shown = tuple(_locked(array) for array in shown)
