@@ -275,14 +275,17 @@ def test_parameters_are_locked_while_armed_and_set_back() -> None:
     assert (restored.param_id, restored.param_value) == ("FS_GCS_ENABLE", 1.0)
 
 
-def test_the_watch_asks_for_what_it_does_not_know_first() -> None:
-    (tap,) = taps(WATCH, watched=["A", "B"])
+def test_the_watch_asks_oftener_for_what_it_does_not_know_and_still_for_the_rest() -> None:
+    (tap,) = taps(WATCH, watched=["A", "B", "C"])
     asked = []
-    for step in range(4):
+    for step in range(40):
         (payload,) = injected(tap.on_wakeup(step * NS_PER_S))
         asked.append(decode(payload).param_id)
         tap.on_frame(0, told(value_of("A", 1.0)))
-    assert set(asked[1:]) == {"B"}
+        tap.on_frame(0, told(value_of("C", 1.0)))
+    assert set(asked[:3]) == {"A", "B", "C"}
+    assert asked.count("B") > asked.count("A") > 5
+    assert asked.count("C") > 5
 
 
 # --- numbering ------------------------------------------------------------------------------------------

@@ -36,6 +36,11 @@ id = "blue"
   id = "b1"
   plan = { square = { side_m = 10, alt_m = 8 } }
 """
+NATIVE = (
+    BASE.replace('id = "b1"', 'id = "b1"\n  autopilot = "ardupilot"')
+    + '[autopilots.options.ardupilot]\nphysics = "native"\n'
+)
+UNREAD = "params.vehicles: blue/b1 — expected an aircraft that flies by"
 FIREWALL = '[[defences]]\nid = "a"\nkind = "mavlink.firewall"\n'
 
 
@@ -130,6 +135,27 @@ def test_a_check_of_sensors_outside_the_range_is_named(kind: str) -> None:
         InputError, match=r"defences\.a\.params\.vehicles: blue/b1 — expected an aircraft that flies by"
     ):
         build(load_text(text + declare(kind)))
+
+
+@pytest.mark.parametrize("kind", ["gnss.barometer", "gnss.innovation", "gnss.receiver"])
+def test_a_check_of_the_sensors_of_native_physics_is_named(kind: str) -> None:
+    with pytest.raises(
+        InputError, match=r"defences\.a\.params\.vehicles: blue/b1 — expected an aircraft that flies by"
+    ):
+        build(load_text(NATIVE + declare(kind)))
+
+
+@pytest.mark.parametrize(
+    ("table", "kind", "params"),
+    [
+        ("attacks", "gnss.jump", 'vehicles = ["blue/b1"], offset_m = [9, 0, 0]'),
+        ("faults", "gnss.outage", 'vehicles = ["blue/b1"]'),
+    ],
+)
+def test_an_attack_or_a_fault_of_the_sensors_of_native_physics_is_named(table: str, kind: str, params: str) -> None:
+    more = f'[[{table}]]\nid = "a"\nkind = "{kind}"\nstart_s = 1\nparams = {{ {params} }}\n'
+    with pytest.raises(InputError, match=rf"{table}\.a\.{UNREAD}"):
+        build(load_text(NATIVE + more))
 
 
 @pytest.mark.parametrize("signed", [declare("mavlink.signing"), "signing"])

@@ -72,15 +72,6 @@ def _rows_of(places: Sequence[int]) -> slice | NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def list_own_sensors(scenario: Scenario) -> list[str]:
-    """The vehicles that fly by sensors of their own, because they are outside the range."""
-    return [
-        vehicle_id(operator.id, vehicle.id)
-        for operator, vehicle in scenario.fleet
-        if not AutopilotPlugin.find(vehicle.autopilot).reads_sensors
-    ]
-
-
 def describe_engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
     """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
     return [{"kind": mount.engine.name, **mount.engine.manifest} for mount in mounts]

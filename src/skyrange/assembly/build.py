@@ -9,7 +9,8 @@ from typing import Any
 from skyrange.assembly.acts.attacks import check_transmitters, make_attack_context, make_attacks
 from skyrange.assembly.acts.defences import make_defences
 from skyrange.assembly.acts.honest_arm import describe_aircraft
-from skyrange.assembly.aircraft import build_aircraft, describe_engines, list_own_sensors
+from skyrange.assembly.acts.own_sensors import list_own_sensors
+from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import build_control_links, check_links_over_air, make_links_over_air
@@ -88,8 +89,9 @@ def build(
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
     context = make_attack_context(scenario, links, city)
-    made = make_attacks(scenario, context)
-    defences = make_defences(scenario.defences, context, over_air, list_own_sensors(scenario))
+    own_sensors = list_own_sensors(scenario)
+    made = make_attacks(scenario, context, own_sensors)
+    defences = make_defences(scenario.defences, context, over_air, own_sensors)
     faults = [
         *check_starts(scenario, city),
         *made.faults,

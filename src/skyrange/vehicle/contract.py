@@ -57,6 +57,10 @@ def _accepts_all(item: Any) -> int:
     return 0
 
 
+def _always(params: Any) -> bool:
+    return True
+
+
 @dataclass(frozen=True, slots=True)
 class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
     """A kind of autopilot."""
@@ -65,8 +69,9 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
 
     signs: bool = False
     """Whether they obey `VehicleSpec.signing_key`."""
-    reads_sensors: bool = True
-    """Whether they fly by the range's sensors; a vehicle outside has its own, which no sensor check can read."""
+    reads_sensors: Callable[[Any], bool] = _always
+    """`reads_sensors(params)`: whether they fly by the range's sensors. Physics of their own, or a vehicle outside, has
+    others, which no attack on sensors, no sensor fault and no sensor check can reach."""
     opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none
     """`opened_ports(params, count)`: the ports where that many aircraft obey whoever connects; of each one, or none."""
     mission_result: Callable[[Any], int] = _accepts_all

@@ -10,6 +10,7 @@ from typing import Any
 
 from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
 from skyrange.assembly.acts.honest_arm import HonestAircraft, aircraft_of, carried, find_claim_problems, is_honest
+from skyrange.assembly.acts.own_sensors import find_unread
 from skyrange.assembly.control_links import describe_to_attackers
 from skyrange.assembly.radio import uas_id_of
 from skyrange.assembly.radio_checks import check_place
@@ -81,10 +82,11 @@ def make_attack_context(scenario: Scenario, links: Sequence[LinkSpec], city: Cit
     )
 
 
-def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
+def make_attacks(scenario: Scenario, context: AttackContext, own_sensors: Sequence[str]) -> MadeAttacks:
     """Make every attack and every fault; what is wrong with them is in `faults`.
 
-    `context` is that of all of them; id, schedule and sham are filled in for each.
+    `context` is that of all of them; id, schedule and sham are filled in for each. `own_sensors` are vehicles that do
+    not fly by the range's sensors.
     """
     made = MadeAttacks()
     exclusive: list[Acting] = []
@@ -108,6 +110,7 @@ def make_attacks(scenario: Scenario, context: AttackContext) -> MadeAttacks:
             value = f"{attack.start_s:g}" if attack.when is None else "a trigger"
             expected = f"0 without a trigger: {attack.kind} alters what is loaded at the start"
             made.faults.append(Problem(f"{where}.start_s", value, expected))
+        made.faults += find_unread(found.faults, own_sensors, f"{where}.params.vehicles")
         names = [*context.links, *(spec.name for spec in found.links)]
         for tap in found.taps:
             if not any(fnmatchcase(name, tap.match) for name in names):

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 from skyrange.assembly.acts.exclusions import Acting, find_exclusions, window_of
+from skyrange.assembly.acts.own_sensors import find_unread
 from skyrange.assembly.acts.path_checks import Declared, check_paths, find_wrong_ends
 from skyrange.assembly.control_links import LinksOverAir, make_channel_agent
 from skyrange.attack.contract import AttackContext
@@ -57,11 +58,7 @@ def make_defences(
             if not any(fnmatchcase(name, tap.match) for name in context.links):
                 hint = nearest(tap.match, context.links)
                 made.problems.append(Problem(f"{where}.params", tap.match, "a link of the scenario", hint))
-        unread = sorted({one for check in found.checks for one in check.vehicles if one in own_sensors})
-        if unread:
-            hint = "Name the others in vehicles: its sensors are outside the range."
-            expected = "an aircraft that flies by the range's sensors"
-            made.problems.append(Problem(f"{where}.params.vehicles", ", ".join(unread), expected, hint))
+        made.problems += find_unread(found.checks, own_sensors, f"{where}.params.vehicles")
         wrong = list(find_wrong_ends(found.path_rules, context.links))
         made.problems += [Problem(f"{where}.params", one, "an end of a gcs, log or autopilot link") for one in wrong]
         if not table.muted and not wrong:

@@ -106,6 +106,9 @@ class ParameterTap(DefenceTap):
     """Values of watched parameters, and their types, as the autopilot told them."""
     due: Time | None = 0
     turn: int = 0
+    """Parameters that were asked for so far."""
+    asked: dict[str, int] = field(default_factory=dict)
+    """The turn in which each was asked for last."""
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Drop what is locked; learn and compare values."""
@@ -136,11 +139,23 @@ class ParameterTap(DefenceTap):
         self.due = now + from_seconds(self.params.every_s)
         if now < self.schedule.start_ns or not self.params.watched:
             return ()
-        unknown = [name for name in self.params.watched if name not in self.known]
-        names = self.params.watched if not unknown else tuple(unknown)
-        self.turn = (self.turn + 1) % len(names)
-        name = names[self.turn]
+        name = self._choose()
         return [self._say(mav.MAVLink_param_request_read_message(self.system, _AUTOPILOT, name.encode(), -1))]
+
+    def _choose(self) -> str:
+        """The parameter that was not asked for the longest time; that of one that is not known counts twice.
+
+        So values are learned before the aircraft is armed, and a parameter that the autopilot does not have keeps the
+        watch from no other.
+        """
+        self.turn += 1
+        ages = {
+            name: (self.turn - self.asked.get(name, 0)) * (1 if name in self.known else 2)
+            for name in self.params.watched
+        }
+        name = max(ages, key=ages.__getitem__)
+        self.asked[name] = self.turn
+        return name
 
     def _find_locked(self, now: Time, payload: bytes) -> str:
         """What of a frame is locked; "" for nothing."""

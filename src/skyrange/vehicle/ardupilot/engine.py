@@ -20,11 +20,16 @@ def _opened_ports(options: Options, count: int) -> Sequence[int]:
     return options.opened(count)
 
 
+def _reads_sensors(options: Options) -> bool:
+    return options.physics == "shared"
+
+
 ARDUPILOT = AutopilotPlugin(
     Options,
     _make,
     "Runs ArduPilot's ArduCopter, one process per aircraft.",
     signs=True,
+    reads_sensors=_reads_sensors,
     opened_ports=_opened_ports,
 )
 """The autopilot `ardupilot`. Raises `InputError` as `ProcessFleet` does."""

@@ -144,10 +144,14 @@ def _make(options: Options, context: AutopilotContext) -> ExternalEngine:
     return ExternalEngine(context.name, context.specs, context.origin, options, context.motion)
 
 
+def _reads_sensors(options: Options) -> bool:
+    return False
+
+
 EXTERNAL = AutopilotPlugin(
     Options,
     _make,
     "Connects to vehicles that skyrange does not start: real ones, or other simulations.",
-    reads_sensors=False,
+    reads_sensors=_reads_sensors,
 )
 """The autopilot `external`. Raises `InputError` as `ExternalEngine` does."""
