@@ -10,8 +10,9 @@ import pytest
 from skyrange.core.time import NS_PER_S
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.approval_service import FlightApproval
-from skyrange.utm.authority import KEPT_NS, Authority, AuthorityParams
+from skyrange.utm.authority import Authority, AuthorityParams
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
+from skyrange.utm.intent_register import KEPT_NS
 from skyrange.utm.intent_states import MAX_HORIZON_NS, OFF_NOMINAL, TRANSITIONS, IntentState, may_follow
 from tests.unit.test_utm_service import EPOCH, body, request, send
 

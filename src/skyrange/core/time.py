@@ -19,6 +19,8 @@ NS_PER_S = 1_000_000_000
 GPS_LEAP_S = 18
 """Seconds by which GPS time is ahead of UTC since 2017 (IERS Bulletin C 52)."""
 
+_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
+
 NEVER: Time = 2**63 - 1
 """Later than any time that a run can reach (292 years)."""
 
@@ -59,7 +61,7 @@ class Epoch:
     def from_datetime(cls, moment: datetime) -> Epoch:
         """An aware datetime is converted; a naive one is taken as UTC."""
         aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
-        since = aware - datetime(1970, 1, 1, tzinfo=UTC)
+        since = aware - _UNIX
         return cls((since.days * 86_400 + since.seconds) * NS_PER_S + since.microseconds * NS_PER_US)
 
     def utc_us(self, time: Time) -> int:
@@ -68,5 +70,17 @@ class Epoch:
 
     def iso(self, time: Time) -> str:
         """ISO 8601 with milliseconds and Z, as CSV files carry it."""
-        moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=self.utc_us(time))
+        moment = _UNIX + timedelta(microseconds=self.utc_us(time))
         return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+    def rfc3339(self, time: Time, *, up: bool = False) -> str:
+        """RFC 3339 with Z, of the microsecond at or before `time`, or at or after it with `up`."""
+        moment = _UNIX + timedelta(microseconds=self.utc_us(time + (NS_PER_US - 1 if up else 0)))
+        return moment.isoformat(timespec="microseconds").replace("+00:00", "Z")
+
+    def parse(self, text: str) -> Time:
+        """The simulated time of a moment in RFC 3339. `ValueError` for other text, and for one without offset or Z."""
+        moment = datetime.fromisoformat(text)
+        if moment.utcoffset() is None:
+            raise ValueError("an RFC 3339 time carries its offset or Z")
+        return ((moment - _UNIX) // timedelta(microseconds=1)) * NS_PER_US - self.unix_ns

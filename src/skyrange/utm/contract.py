@@ -148,12 +148,17 @@ def version_number(intent: OperationalIntent) -> str:
 
 
 def intent_id(vehicle: str, version: int = 0) -> str:
-    """A UUID for the `version`-th intent of a vehicle, the same in every run.
+    """A UUID for the `version`-th intent of a vehicle, the same in every run."""
+    return make_uuid(f"{vehicle}#{version}")
+
+
+def make_uuid(name: str) -> str:
+    """A UUID for a name, the same in every run.
 
     Its form is that of version 4, as F3548-21's EntityID asks (RFC 9562, 5.4); its bits come from
     BLAKE2b of the name, since a random one would differ between twins.
     """
-    raw = bytearray(blake2b(f"{vehicle}#{version}".encode(), digest_size=16).digest())
+    raw = bytearray(blake2b(name.encode(), digest_size=16).digest())
     raw[6] = raw[6] & 0x0F | 0x40
     raw[8] = raw[8] & 0x3F | 0x80
     text = raw.hex()

@@ -10,7 +10,7 @@ that speaks F3548 needs no other message. Unknown keys are ignored, as HTTP peer
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime, timedelta
+from datetime import datetime
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
@@ -25,7 +25,7 @@ from pydantic import (
 )
 
 from skyrange.core.errors import DecodeError
-from skyrange.core.time import NS_PER_US, Epoch, Time, to_seconds
+from skyrange.core.time import Epoch, Time, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent
 from skyrange.utm.intent_states import IntentState
@@ -38,7 +38,6 @@ MAX_ALTERNATIVES = 16
 PATH = "/v1/operational_intents/"
 """Followed by the intent's id."""
 
-_UNIX = datetime(1970, 1, 1, tzinfo=UTC)
 _UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}$"
 _M = TypeVar("_M", bound=BaseModel)
 _Text = Annotated[str, Field(max_length=256)]
@@ -86,14 +85,11 @@ class Instant(_Model):
     @classmethod
     def at(cls, time: Time, epoch: Epoch, *, up: bool = False) -> Instant:
         """The microsecond at or before `time`, or at or after it with `up`."""
-        microseconds = epoch.utc_us(time + (NS_PER_US - 1 if up else 0))
-        moment = _UNIX + timedelta(microseconds=microseconds)
-        return cls(value=moment.isoformat(timespec="microseconds").replace("+00:00", "Z"))
+        return cls(value=epoch.rfc3339(time, up=up))
 
     def time(self, epoch: Epoch) -> Time:
         """The simulated time of this moment."""
-        since = datetime.fromisoformat(self.value) - _UNIX
-        return (since // timedelta(microseconds=1)) * NS_PER_US - epoch.unix_ns
+        return epoch.parse(self.value)
 
 
 class Volume3D(_Model):
