@@ -182,11 +182,17 @@ def test_overrides_reach_a_dotted_kind_in_quotes() -> None:
         ("[approvals.'test.strict']\napart_m = -1", "approvals.test.strict.apart_m: -1 — expected more than 0"),
         ("[approvals.'test.strict']\napart = 3", "apart = 3 — expected a known key. Write apart_m"),
         ("[approvals.'test.strit']\napart_m = 3", "expected an approval service. Did you mean 'test.strict'?"),
-        (STRICT + "[approvals.'test.federated']\napart_m = 3", "expected an approval service that an operator uses"),
+        (STRICT + "[approvals.'test.federated']\napart_m = -1", "apart_m: -1 — expected more than 0"),
     ],
 )
 def test_what_is_wrong_with_an_approvals_parameters_is_named(text: str, words: str) -> None:
     assert words in faults(FLEET + text)
+
+
+def test_parameters_of_an_approval_that_is_not_used_wait_for_an_override() -> None:
+    both = FLEET + STRICT + "[approvals.'test.federated']\napart_m = 3"
+    assert load_text(both).approvals["test.federated"]["apart_m"] == 3.0
+    assert load_text(both, overrides=["operators.*.approval=test.federated"]).operators[0].approval == "test.federated"
 
 
 def test_an_approval_may_have_several_agents_and_links_between_them() -> None:

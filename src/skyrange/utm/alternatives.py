@@ -33,6 +33,8 @@ _LATE: Final = 1.5
 """By how much longer than estimated a change may take, margins included, so that the altered plan stays within."""
 _LATER_S_PER_M: Final = _LATE * (1.0 / _CLIMB_MPS + 1.0 / 1.5)
 """Of a climb: up at WPNAV_SPEED_UP, and down again at ArduCopter's WPNAV_SPEED_DN, 1.5 m/s."""
+_SPARE_S_PER_M: Final = 2.0 * _LATE / _SPEED_MPS
+"""Of a way aside, before and after."""
 _GROUND_M: Final = 1.0
 """A volume that begins no higher above the lowest one touches the ground there."""
 
@@ -75,6 +77,24 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
             )
     found.sort(key=lambda one: one[:2])
     return [alternative for _, _, alternative in found[: limits.count]]
+
+
+def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
+    """The volume that encloses an intent and all alternatives to it."""
+    lats, lngs = zip(*(corner for one in volumes for corner in one.outline), strict=True)
+    aside_deg = (max(map(abs, limits.aside_m), default=0.0) + 1.0) / _M_PER_DEG
+    south, north = max(min(lats) - aside_deg, -90.0), min(max(lats) + aside_deg, 90.0)
+    wide_deg = aside_deg / max(math.cos(math.radians(max(abs(south), abs(north)))), 1e-6)
+    west, east = max(min(lngs) - wide_deg, -180.0), min(max(lngs) + wide_deg, 180.0)
+    spare_ns = from_seconds(_SPARE_S_PER_M * max(map(abs, limits.aside_m), default=0.0))
+    climb_m = max(limits.climbs_m, default=0.0)
+    return Volume4D(
+        ((south, west), (south, east), (north, east), (north, west)),
+        min(one.lower_m for one in volumes),
+        max(one.upper_m for one in volumes) + climb_m,
+        min(one.start_ns for one in volumes) - spare_ns,
+        max(one.end_ns for one in volumes) + spare_ns + from_seconds(limits.delay_s + _LATER_S_PER_M * climb_m),
+    )
 
 
 def least_delay(volumes: Sequence[Volume4D], search: Search, most_ns: Time) -> Time | None:
@@ -131,7 +151,7 @@ def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
 def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_m: float) -> tuple[Volume4D, ...]:
     """The volumes beside; those at the ground stay, and their neighbours reach from the old place to the new one."""
     at_ground = [one.lower_m <= ground_m + _GROUND_M for one in volumes]
-    spare_ns = from_seconds(2.0 * _LATE * math.hypot(east_m, north_m) / _SPEED_MPS)
+    spare_ns = from_seconds(_SPARE_S_PER_M * math.hypot(east_m, north_m))
     found = []
     for place, volume in enumerate(volumes):
         outline = volume.outline

@@ -78,16 +78,28 @@ def decide_request(
     now: Time, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch, out: Outbox
 ) -> None:
     """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
-    body, causes = asked.request.body, (asked.cause,)
+    body = asked.request.body
     if isinstance(body, EndBody):
         policy.end(now, body.id)
-        out.note("decision.approval_ended", body.vehicle, {"intent": body.id}, causes)
-        book.answer(asked, Response.ended(body.id), out)
-        return
-    decision = policy.decide(now, asked.request.intent(epoch))
+        answer_end(asked, book, out)
+    else:
+        answer_intent(asked, policy.decide(now, asked.request.intent(epoch)), book, epoch, out)
+
+
+def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:
+    """Answer a request that has ended an intent."""
+    body = asked.request.body
+    out.note("decision.approval_ended", body.vehicle, {"intent": body.id}, (asked.cause,))
+    book.answer(asked, Response.ended(body.id), out)
+
+
+def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch, out: Outbox) -> None:
+    """Answer a request for an intent, and tell those whose intents the decision overrules."""
     note_decision(asked, decision, out)
     tell_overruled(decision, book, epoch, asked.cause, out)
-    book.answer(asked, Response.of(body.id, decision, epoch, body.version), out)
+    body = asked.request.body
+    version = None if isinstance(body, EndBody) else body.version
+    book.answer(asked, Response.of(body.id, decision, epoch, version), out)
 
 
 def tell_overruled(decision: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:

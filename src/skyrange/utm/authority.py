@@ -47,7 +47,6 @@ class AuthorityParams(Params):
     )
     alternatives: int = Field(default=3, ge=0, le=16, description="Most alternatives that a rejection carries.")
 
-
     @property
     def limits(self) -> Limits:
         """The limits of alternatives."""

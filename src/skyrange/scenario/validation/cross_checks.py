@@ -43,7 +43,6 @@ def cross_check(scenario: Any) -> list[Problem]:
     if not isinstance(scenario, Mapping):
         faults += _rule_faults(scenario)
         faults += _processing_faults(scenario)
-        faults += _approval_faults(scenario)
         faults += _authentication_faults(scenario)
         faults += _signing_faults(scenario)
         vehicles = [vehicle_id(o.id, v.id) for o, v in scenario.fleet]
@@ -147,14 +146,6 @@ def _processing_faults(scenario: Any) -> Iterator[Problem]:
             yield Problem(where, table.match, "endpoints that no other table matches", hint)
         for name in found:
             taken.setdefault(name, index)
-
-
-def _approval_faults(scenario: Any) -> Iterator[Problem]:
-    """A problem for each approval service that has parameters and is not used."""
-    used = sorted({operator.approval for operator in scenario.operators})
-    for kind in scenario.approvals:
-        if kind not in used:
-            yield Problem(f"approvals.{kind}", kind, "an approval service that an operator uses", nearest(kind, used))
 
 
 _FIRST_SIGNING = datetime(2019, 1, 2, tzinfo=UTC)

@@ -1,0 +1,79 @@
+"""Checks of bodies against the types of F3548's interface, as the package `uas_standards` has them.
+
+Its types are made into pydantic's once, so that a body is checked at the speed of compiled code, and fields, their
+names and their enumerations stay those of the package. Text that the package leaves open is limited, because it comes
+from strangers.
+"""
+
+from __future__ import annotations
+
+import types
+from datetime import datetime
+from enum import Enum
+from functools import cache
+from typing import Annotated, Any, Final, NotRequired, Union, get_args, get_origin, get_type_hints
+
+from implicitdict import ImplicitDict, StringBasedDateTime
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+from typing_extensions import TypedDict
+
+from skyrange.codec.f3548.frames import describe
+
+MAX_TEXT: Final = 8_192
+MAX_ITEMS: Final = 10_000
+"""Longest list: that of vertices, OiMaxVertices."""
+
+
+def _check_time(value: str) -> str:
+    if datetime.fromisoformat(value).utcoffset() is None:
+        raise ValueError("an RFC 3339 time carries its offset or Z")
+    return value
+
+
+_Text = Annotated[str, Field(max_length=MAX_TEXT)]
+_Moment = Annotated[str, Field(max_length=40), AfterValidator(_check_time)]
+_Number = Annotated[float, Field(allow_inf_nan=False)]
+_Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
+_PLAIN: Final = {str: _Text, float: _Number, int: _Whole, bool: bool, StringBasedDateTime: _Moment}
+
+
+def check(body: Any, model: type[Any]) -> dict[str, Any]:
+    """`body` if it is one of `model`, an `ImplicitDict`: known fields only, enumerations as their members.
+
+    Raises `DecodeError`.
+    """
+    try:
+        return _adapter(model).validate_python(body)  # type: ignore[arg-type]
+    except ValidationError as error:
+        raise describe(error) from error
+
+
+@cache
+def _adapter(model: type[Any]) -> TypeAdapter[dict[str, Any]]:
+    return TypeAdapter(_typed(model))  # type: ignore[arg-type]
+
+
+@cache
+def _typed(model: type[Any]) -> Any:
+    """A typed dictionary with the fields of a type of the package."""
+    fields: dict[str, Any] = {}
+    for name, hint in get_type_hints(model).items():
+        given = _pydantic(hint)
+        is_optional = type(None) in get_args(hint) or hasattr(model, name)
+        fields[name] = NotRequired[given] if is_optional else given
+    return with_config(ConfigDict(extra="ignore"))(TypedDict(model.__name__, fields))  # type: ignore[operator]
+
+
+def _pydantic(hint: Any) -> Any:
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    origin = get_origin(hint)
+    if origin is list:
+        return Annotated[list[_pydantic(get_args(hint)[0])], Field(max_length=MAX_ITEMS)]  # type: ignore[misc]
+    if origin in (Union, types.UnionType):
+        return Union[tuple(arg if arg is type(None) else _pydantic(arg) for arg in get_args(hint))]  # noqa: UP007
+    if isinstance(hint, type) and issubclass(hint, ImplicitDict):
+        return _typed(hint)
+    if isinstance(hint, type) and issubclass(hint, Enum):
+        return hint
+    raise TypeError(f"no check is known for {hint!r}")

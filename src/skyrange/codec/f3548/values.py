@@ -1,0 +1,165 @@
+"""Values of F3548's bodies on the clock of the scenario: volumes, and references and details of intents."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabilityState
+
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import Epoch, Time
+from skyrange.core.volumes import Volume4D
+
+Body = dict[str, Any]
+
+HIDDEN_OVN: Final = "Available from USS"
+"""What a DSS tells instead of the OVN of another USS's intent, so that who claims airspace has asked that USS."""
+NO_SUBSCRIPTION: Final = "00000000-0000-4000-8000-000000000000"
+"""Subscription of an intent that has none, as the DSS of InterUSS writes it."""
+MIN_ALTITUDE_M: Final = -8_000.0
+MAX_ALTITUDE_M: Final = 100_000.0
+"""Bounds of the standard's Altitude."""
+_CORNERS: Final = 16
+"""Of the polygon that is drawn around a circle."""
+_EARTH_M: Final = 6_371_010.0
+"""Mean radius of the earth; a circle's polygon is larger than the circle by more than the error of this."""
+_MAX_RADIUS_M: Final = 100_000.0
+
+
+@dataclass(frozen=True, slots=True)
+class IntentReference:
+    """What the DSS knows of an operational intent (OperationalIntentReference)."""
+
+    id: str
+    manager: str
+    """The USS that manages it."""
+    version: int
+    state: OperationalIntentState
+    ovn: str
+    start_ns: Time
+    end_ns: Time
+    uss_base_url: str
+    subscription_id: str = NO_SUBSCRIPTION
+    uss_availability: UssAvailabilityState = UssAvailabilityState.Unknown
+
+    def body(self, epoch: Epoch) -> Body:
+        """As JSON."""
+        return {
+            "id": self.id,
+            "manager": self.manager,
+            "version": self.version,
+            "state": self.state.value,
+            "ovn": self.ovn,
+            "time_start": _moment(self.start_ns, epoch),
+            "time_end": _moment(self.end_ns, epoch, up=True),
+            "uss_base_url": self.uss_base_url,
+            "subscription_id": self.subscription_id,
+            "uss_availability": self.uss_availability.value,
+        }
+
+    @classmethod
+    def of(cls, body: Mapping[str, Any], epoch: Epoch) -> IntentReference:
+        """From a checked body."""
+        return cls(
+            body["id"],
+            body["manager"],
+            body["version"],
+            body["state"],
+            body.get("ovn") or "",
+            epoch.parse(body["time_start"]["value"]),
+            epoch.parse(body["time_end"]["value"]),
+            body["uss_base_url"],
+            body["subscription_id"],
+            body["uss_availability"],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class IntentDetails:
+    """What the managing USS knows of an operational intent (OperationalIntentDetails)."""
+
+    volumes: tuple[Volume4D, ...]
+    off_nominal_volumes: tuple[Volume4D, ...] = ()
+    priority: int = 0
+
+    def body(self, epoch: Epoch) -> Body:
+        """As JSON."""
+        return {
+            "volumes": [volume_body(one, epoch) for one in self.volumes],
+            "off_nominal_volumes": [volume_body(one, epoch) for one in self.off_nominal_volumes],
+            "priority": self.priority,
+        }
+
+    @classmethod
+    def of(cls, body: Mapping[str, Any], epoch: Epoch) -> IntentDetails:
+        """From a checked body. Raises `DecodeError` for volumes that are none."""
+        return cls(
+            volumes_of(body.get("volumes") or (), epoch),
+            volumes_of(body.get("off_nominal_volumes") or (), epoch),
+            body.get("priority") or 0,
+        )
+
+
+def volume_body(volume: Volume4D, epoch: Epoch) -> Body:
+    """A volume as JSON, its times widened to whole microseconds."""
+    return {
+        "volume": {
+            "outline_polygon": {"vertices": [{"lat": lat, "lng": lng} for lat, lng in volume.outline]},
+            "altitude_lower": {"value": volume.lower_m, "reference": "W84", "units": "M"},
+            "altitude_upper": {"value": volume.upper_m, "reference": "W84", "units": "M"},
+        },
+        "time_start": _moment(volume.start_ns, epoch),
+        "time_end": _moment(volume.end_ns, epoch, up=True),
+    }
+
+
+def volumes_of(bodies: Sequence[Mapping[str, Any]], epoch: Epoch) -> tuple[Volume4D, ...]:
+    """The volumes of checked bodies. Raises `DecodeError` for one without bounds, or with wrong ones."""
+    return tuple(volume_of(body, epoch, f"volume {number}") for number, body in enumerate(bodies, 1))
+
+
+def volume_of(body: Mapping[str, Any], epoch: Epoch, where: str = "volume") -> Volume4D:
+    """The volume of a checked body; a circle becomes the polygon around it. Raises `DecodeError`."""
+    solid = body["volume"]
+    lower, upper = solid.get("altitude_lower"), solid.get("altitude_upper")
+    start, end = body.get("time_start"), body.get("time_end")
+    if lower is None or upper is None or start is None or end is None:
+        raise DecodeError(f"{where}: it needs altitude_lower, altitude_upper, time_start and time_end")
+    for one in (lower, upper):
+        if not MIN_ALTITUDE_M <= one["value"] <= MAX_ALTITUDE_M:
+            raise DecodeError(f"{where}: altitude {one['value']} is not within {MIN_ALTITUDE_M} to {MAX_ALTITUDE_M} m")
+    polygon, circle = solid.get("outline_polygon"), solid.get("outline_circle")
+    if (polygon is None) == (circle is None):
+        raise DecodeError(f"{where}: it needs either outline_polygon or outline_circle")
+    outline = _circle(circle, where) if polygon is None else _ring(polygon["vertices"], where)
+    try:
+        return Volume4D(outline, lower["value"], upper["value"], epoch.parse(start["value"]), epoch.parse(end["value"]))
+    except ValueError as error:
+        raise DecodeError(f"{where}: {error}") from error
+
+
+def _ring(vertices: Sequence[Mapping[str, float]], where: str) -> tuple[tuple[float, float], ...]:
+    for one in vertices:
+        if not (-90.0 <= one["lat"] <= 90.0 and -180.0 <= one["lng"] <= 180.0):
+            raise DecodeError(f"{where}: {one['lat']}, {one['lng']} is no place in degrees")
+    return tuple((one["lat"], one["lng"]) for one in vertices)
+
+
+def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float], ...]:
+    """The corners of a polygon that encloses a circle."""
+    center, radius = circle.get("center"), circle.get("radius")
+    if center is None or radius is None or not 0.0 < radius["value"] <= _MAX_RADIUS_M:
+        raise DecodeError(f"{where}: a circle needs a center, and a radius of at most {_MAX_RADIUS_M} m")
+    ((lat, lng),) = _ring([center], where)
+    across_deg = math.degrees(radius["value"] / math.cos(math.pi / _CORNERS) / _EARTH_M) * 1.01
+    scale = max(math.cos(math.radians(lat)), 1e-6)
+    turns = [2.0 * math.pi * corner / _CORNERS for corner in range(_CORNERS)]
+    ring = [(lat + across_deg * math.sin(turn), lng + across_deg * math.cos(turn) / scale) for turn in turns]
+    return tuple((min(max(a, -90.0), 90.0), min(max(b, -180.0), 180.0)) for a, b in ring)
+
+
+def _moment(time: Time, epoch: Epoch, *, up: bool = False) -> Body:
+    return {"value": epoch.rfc3339(time, up=up), "format": "RFC3339"}

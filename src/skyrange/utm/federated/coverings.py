@@ -1,0 +1,100 @@
+"""Coverings of volumes by S2 cells, as the DSS of InterUSS compares intents and subscriptions.
+
+A DSS finds what may intersect: two entities that share a cell of level 13 (about 1 km across), and whose heights and
+times overlap. USSs compare the volumes themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final
+
+from s2sphere import LatLng, LatLngRect, RegionCoverer
+
+from skyrange.core.time import Time
+from skyrange.core.volumes import Volume4D
+
+LEVEL: Final = 13
+"""Level of the cells, which the DSSs of a pool have to agree on; InterUSS has this one."""
+MAX_AREA_KM2: Final = 10_000.0
+"""Largest area that a request may cover; CstrMaxArea of F3548."""
+_KM_PER_DEG: Final = 111.32
+_STEP_DEG: Final = 1e-4
+"""Boxes are widened to multiples of this, 11 m, so that those of one place share a covering."""
+
+
+class AreaError(Exception):
+    """An area that is not searched."""
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What a DSS knows of the volumes of an entity: cells, and the range of heights and times of all together."""
+
+    cells: frozenset[int]
+    lower_m: float
+    upper_m: float
+    start_ns: Time
+    end_ns: Time
+
+    def may_intersect(self, other: Extent) -> bool:
+        """Whether volumes of the two may intersect."""
+        return (
+            self.start_ns <= other.end_ns
+            and other.start_ns <= self.end_ns
+            and self.lower_m <= other.upper_m
+            and other.lower_m <= self.upper_m
+            and not self.cells.isdisjoint(other.cells)
+        )
+
+    def joined(self, other: Extent) -> Extent:
+        """The extent of both together."""
+        return Extent(
+            self.cells | other.cells,
+            min(self.lower_m, other.lower_m),
+            max(self.upper_m, other.upper_m),
+            min(self.start_ns, other.start_ns),
+            max(self.end_ns, other.end_ns),
+        )
+
+
+def extent_of(volumes: Sequence[Volume4D]) -> Extent:
+    """The extent of at least one volume. Raises `AreaError`."""
+    cells: set[int] = set()
+    for volume in volumes:
+        cells |= _cover(_box(volume))
+    return Extent(
+        frozenset(cells),
+        min(one.lower_m for one in volumes),
+        max(one.upper_m for one in volumes),
+        min(one.start_ns for one in volumes),
+        max(one.end_ns for one in volumes),
+    )
+
+
+def _box(volume: Volume4D) -> tuple[int, int, int, int]:
+    """South, west, north and east in steps."""
+    lats, lngs = zip(*volume.outline, strict=True)
+    return (
+        math.floor(min(lats) / _STEP_DEG),
+        math.floor(min(lngs) / _STEP_DEG),
+        math.ceil(max(lats) / _STEP_DEG),
+        math.ceil(max(lngs) / _STEP_DEG),
+    )
+
+
+@lru_cache(maxsize=65_536)
+def _cover(box: tuple[int, int, int, int]) -> frozenset[int]:
+    south, west, north, east = (step * _STEP_DEG for step in box)
+    height_km = (north - south) * _KM_PER_DEG
+    width_km = (east - west) * _KM_PER_DEG * math.cos(math.radians((south + north) / 2.0))
+    if height_km * width_km > MAX_AREA_KM2:
+        raise AreaError(f"an area of {height_km * width_km:.0f} km²; at most {MAX_AREA_KM2:.0f} km² are searched")
+    rect = LatLngRect(LatLng.from_degrees(south, west), LatLng.from_degrees(north, east))
+    coverer = RegionCoverer()
+    coverer.min_level = coverer.max_level = LEVEL
+    coverer.max_cells = 1_000_000
+    return frozenset(cell.id() for cell in coverer.get_covering(rect))

@@ -1,0 +1,100 @@
+"""Requests of other services to a USS: details of its intents, and notifications of theirs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+from uas_standards.astm.f3548.v21.constants import Scope
+
+from skyrange.codec.f3548.values import IntentDetails, IntentReference
+from skyrange.contracts.mailboxes import Outbox
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import Epoch, Time
+from skyrange.utm.contract import OperationalIntent, make_uuid
+from skyrange.utm.federated.exchanges import Asked, Server
+from skyrange.utm.federated.shared_intents import SharedIntents
+from skyrange.utm.intent_states import OFF_NOMINAL
+
+_COORDINATION: Final = frozenset({Scope.StrategicCoordination})
+_MONITORING: Final = frozenset({Scope.ConformanceMonitoringForSituationalAwareness})
+SERVES: Final[Mapping[Op, frozenset[Scope]]] = {
+    Op.GetOperationalIntentDetails: _COORDINATION | _MONITORING,
+    Op.GetOperationalIntentTelemetry: _MONITORING,
+    Op.NotifyOperationalIntentDetailsChanged: _COORDINATION | _MONITORING,
+    Op.MakeUssReport: frozenset(Scope),
+}
+"""The operations of the standard that a USS has, and the scopes of which a token has to have one."""
+
+
+@dataclass(slots=True)
+class PeerRequests:
+    """Answers to the requests of others. Deep-copyable, with the server and the intents that it shares."""
+
+    server: Server
+    intents: SharedIntents
+    epoch: Epoch
+
+    def answer(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
+        """Answer a request; returns the intent of another USS that it was told of."""
+        return _HANDLERS[asked.operation](self, now, asked, out)
+
+    def _get_details(self, now: Time, asked: Asked, out: Outbox) -> None:
+        id_ = asked.parameters["entityid"]
+        own, intent = self.intents.own.get(id_), self.intents.get(id_)
+        if own is None or intent is None:
+            self.server.answer(asked, 404, {"message": f"there is no intent {id_}"}, out)
+        else:
+            self.server.answer(asked, 200, {"operational_intent": self.intents.show(intent, own)}, out)
+
+    def _get_telemetry(self, now: Time, asked: Asked, out: Outbox) -> None:
+        """Operators report states, not positions: an aircraft outside its volumes has no telemetry here."""
+        id_ = asked.parameters["entityid"]
+        own = self.intents.get(id_) if id_ in self.intents.own else None
+        if own is None:
+            self.server.answer(asked, 404, {"message": f"there is no intent {id_}"}, out)
+        elif own.state not in OFF_NOMINAL:
+            message = f"the intent is {own.state.value}: its aircraft is within its volumes"
+            self.server.answer(asked, 409, {"message": message}, out)
+        else:
+            self.server.answer(asked, 200, {"operational_intent_id": id_}, out)
+
+    def _be_notified(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
+        """Another USS has a new version of an intent, or has ended it."""
+        id_, body = asked.body["operational_intent_id"], asked.body.get("operational_intent")
+        known, manager = self.intents.other(id_), asked.claims.uss
+        if id_ in self.intents.own or (known is not None and known.manager != manager):
+            self.server.answer(asked, 403, {"message": "the intent is managed by another USS"}, out)
+            return None
+        if body is None:
+            self.intents.lose(id_)
+            self.server.answer(asked, 204, None, out)
+            return None
+        try:
+            reference = IntentReference.of(body["reference"], self.epoch)
+            if (reference.id, reference.manager) != (id_, manager):
+                raise DecodeError("the reference is that of another intent, or of another USS")
+            if known is None or known.version < reference.version:
+                self.intents.learn(reference, IntentDetails.of(body["details"], self.epoch))
+        except DecodeError as error:
+            self.server.answer(asked, 400, {"message": str(error)}, out)
+            return None
+        self.server.answer(asked, 204, None, out)
+        return self.intents.get(id_)
+
+    def _be_reported(self, now: Time, asked: Asked, out: Outbox) -> None:
+        problem = str(asked.body["exchange"].get("problem") or "")[:256]
+        out.note("decision.uss_report", asked.claims.uss, {"problem": problem}, (asked.ref,))
+        body = {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {now} {asked.exchange}")}
+        self.server.answer(asked, 201, body, out)
+
+
+_Handler = Callable[[PeerRequests, Time, Asked, Outbox], OperationalIntent | None]
+_HANDLERS: Final[Mapping[Op, _Handler]] = {
+    Op.GetOperationalIntentDetails: PeerRequests._get_details,
+    Op.GetOperationalIntentTelemetry: PeerRequests._get_telemetry,
+    Op.NotifyOperationalIntentDetailsChanged: PeerRequests._be_notified,
+    Op.MakeUssReport: PeerRequests._be_reported,
+}

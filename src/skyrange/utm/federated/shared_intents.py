@@ -1,0 +1,118 @@
+"""Intents that a USS knows: those that it manages, and those of others of which it was told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+from skyrange.codec.f3548.values import IntentDetails, IntentReference
+from skyrange.core.errors import DecodeError
+from skyrange.core.time import Epoch, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.alternatives import Limits
+from skyrange.utm.contract import OperationalIntent
+from skyrange.utm.intent_register import Examination, IntentRegister
+from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
+
+UNKNOWN_VERSION: Final = -1
+"""Of an intent whose USS did not tell what it claims."""
+
+
+class SharedIntents:
+    """References by id, and what they claim in one register. Deep-copyable."""
+
+    def __init__(self, limits: Limits, epoch: Epoch) -> None:
+        """`limits` of the alternatives that are offered."""
+        self.own: dict[str, IntentReference] = {}
+        """References of the intents that it manages, as the DSS has accepted them."""
+        self._others: dict[str, IntentReference] = {}
+        self._register = IntentRegister(limits)
+        self._epoch = epoch
+
+    def forget(self, now: Time) -> None:
+        """Forget intents that are long over."""
+        for id_ in self._register.forget(now):
+            self.own.pop(id_, None)
+            self._others.pop(id_, None)
+
+    def get(self, id_: str) -> OperationalIntent | None:
+        """What an intent claims, if it is known."""
+        return self._register.get(id_)
+
+    def other(self, id_: str) -> IntentReference | None:
+        """The reference of an intent of another USS."""
+        return self._others.get(id_)
+
+    def examine(self, intent: OperationalIntent) -> Examination:
+        """What of all that is known is in the way of an intent, and alternatives to it."""
+        return self._register.examine(intent)
+
+    # --- own intents ---------------------------------------------------------------------------------------
+
+    def accept(self, intent: OperationalIntent, reference: IntentReference) -> None:
+        """The DSS has accepted a version of an own intent."""
+        self.own[intent.id] = reference
+        self._register.put(intent)
+
+    def release(self, id_: str) -> None:
+        """Release the airspace of an own intent, which may still be known to the DSS."""
+        self._register.remove(id_)
+
+    def end(self, id_: str) -> None:
+        """An own intent has ended."""
+        self.own.pop(id_, None)
+        self._register.remove(id_)
+
+    def find_outranked(self, intent: OperationalIntent) -> list[OperationalIntent]:
+        """Own intents that one of higher priority overlaps, and that are not flown outside their volumes."""
+        found = []
+        for id_ in self._register.overlapping(intent.volumes, ignored=intent.id):
+            own = self._register.get(id_) if id_ in self.own else None
+            if own is not None and own.priority < intent.priority and own.state not in OFF_NOMINAL:
+                found.append(own)
+        return found
+
+    # --- those of others -----------------------------------------------------------------------------------
+
+    def learn(self, reference: IntentReference, details: IntentDetails) -> None:
+        """Know a version of an intent of another USS. Raises `DecodeError` for one without volumes."""
+        volumes = (*details.volumes, *details.off_nominal_volumes)
+        if not volumes:
+            raise DecodeError("an intent without volumes")
+        vehicle = f"{reference.manager} ({reference.id[:8]})"
+        state = IntentState(reference.state.value)
+        self._others[reference.id] = reference
+        self._register.put(
+            OperationalIntent(reference.id, reference.manager, vehicle, volumes, details.priority, state)
+        )
+
+    def assume(self, reference: IntentReference, area: Volume4D, priority: int) -> None:
+        """Suppose that an intent claims `area`, because its USS does not tell; it is asked again the next time."""
+        self.learn(replace(reference, version=UNKNOWN_VERSION), IntentDetails((area,), (), priority))
+
+    def lose(self, id_: str) -> None:
+        """Know an intent of another USS no more."""
+        if self._others.pop(id_, None) is not None:
+            self._register.remove(id_)
+
+    def lose_all_but(self, ids: Iterable[str], area: Sequence[Volume4D]) -> None:
+        """Know no other intents of others in an area than these, because the DSS knows no others."""
+        there = frozenset(ids)
+        for id_ in self._register.overlapping(area):
+            if id_ not in there:
+                self.lose(id_)
+
+    # --- what is told --------------------------------------------------------------------------------------
+
+    def key(self, ids: Iterable[str]) -> list[str]:
+        """The OVNs of the versions of intents that are known."""
+        known = (self.own.get(id_) or self._others.get(id_) for id_ in ids)
+        return sorted(one.ovn for one in known if one is not None)
+
+    def show(self, intent: OperationalIntent, reference: IntentReference) -> dict[str, Any]:
+        """An own intent as JSON, for another USS."""
+        off_nominal = intent.state in OFF_NOMINAL
+        nominal, outside = ((), intent.volumes) if off_nominal else (intent.volumes, ())
+        details = IntentDetails(nominal, outside, intent.priority)
+        return {"reference": reference.body(self._epoch), "details": details.body(self._epoch)}

@@ -1,0 +1,67 @@
+"""Tasks of a USS: requests of its operators, one after the other; what cannot wait goes before the rest."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from skyrange.codec.f3548.values import IntentReference
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NEVER, Time
+from skyrange.utm.contract import OperationalIntent
+from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
+from skyrange.utm.request_book import OpenRequest
+
+
+@dataclass(slots=True)
+class Task:
+    """A request of an operator, or the end of an intent that was overruled, in progress."""
+
+    intent: OperationalIntent
+    asked: OpenRequest | None
+    causes: tuple[FrameId, ...]
+    due: Time = 0
+    """When it may begin."""
+    relevant: dict[str, None] = field(default_factory=dict)
+    """Intents whose OVNs the key has to have."""
+    awaited: dict[int, IntentReference] = field(default_factory=dict)
+    """Intents whose details are asked for, by exchange."""
+    conflicts: int = 0
+    """How often the DSS knew more."""
+
+    @property
+    def ends(self) -> bool:
+        """Whether it ends the intent."""
+        return self.intent.state is IntentState.ENDED
+
+    @property
+    def is_urgent(self) -> bool:
+        """Whether it goes before others: an end, and an aircraft that is outside its volumes."""
+        return self.ends or self.intent.state in OFF_NOMINAL
+
+
+class TaskQueue:
+    """Tasks that wait: urgent ones first, otherwise in order of arrival. Deep-copyable."""
+
+    def __init__(self) -> None:
+        self._tasks: deque[Task] = deque()
+
+    @property
+    def due(self) -> Time:
+        """When the next one may begin."""
+        return min((task.due for task in self._tasks), default=NEVER)
+
+    def add(self, task: Task) -> None:
+        """Add a task."""
+        if task.is_urgent:
+            self._tasks.insert(sum(1 for one in self._tasks if one.is_urgent), task)
+        else:
+            self._tasks.append(task)
+
+    def take(self, now: Time) -> Task | None:
+        """Take the first task that may begin."""
+        for task in self._tasks:
+            if task.due <= now:
+                self._tasks.remove(task)
+                return task
+        return None

@@ -1,0 +1,124 @@
+"""Access tokens of USSs: JSON Web Tokens (RFC 7519), signed with Ed25519 (RFC 8037), with the scopes of F3548.
+
+An authorization service, which is part of the range, issues them for one receiver each; receivers know its public key.
+Times are those of the scenario.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Final
+
+import jwt
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+
+from skyrange.core.time import NS_PER_S, Epoch, Time
+
+LIFETIME_S: Final = 3_600
+"""How long a token is valid."""
+RENEWED_S: Final = 300
+"""A token is renewed when it is valid for no longer."""
+ISSUER: Final = "auth.skyrange"
+_ALGORITHM: Final = "EdDSA"
+_JWS: Final = jwt.PyJWS()
+_REMEMBERED: Final = 256
+
+
+class TokenError(Exception):
+    """A token that gives no access; the message says why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Claims:
+    """What a token that was checked says."""
+
+    uss: str
+    scopes: frozenset[str]
+    expires_s: int
+
+
+@dataclass(slots=True)
+class TokenStore:
+    """The tokens of one USS, one for each receiver and set of scopes. Deep-copyable."""
+
+    uss: str
+    secret: bytes
+    """The private key of the authorization service."""
+    epoch: Epoch
+    _tokens: dict[tuple[str, str], tuple[str, int]] = field(default_factory=dict)
+
+    def get(self, now: Time, receiver: str, *scopes: str) -> str:
+        """A token for `receiver` that is valid for a while."""
+        now_s = _seconds(now, self.epoch)
+        key = receiver, " ".join(scopes)
+        token, expires_s = self._tokens.get(key, ("", 0))
+        if expires_s - now_s <= RENEWED_S:
+            expires_s = now_s + LIFETIME_S
+            claims = {
+                "iss": ISSUER,
+                "sub": self.uss,
+                "aud": receiver,
+                "scope": key[1],
+                "iat": now_s,
+                "exp": expires_s,
+                "jti": f"{self.uss}.{receiver}.{now_s}",
+            }
+            token = jwt.encode(claims, Ed25519PrivateKey.from_private_bytes(self.secret), _ALGORITHM)
+            self._tokens[key] = token, expires_s
+        return token
+
+
+@dataclass(slots=True)
+class TokenChecker:
+    """Checks of the tokens that one receiver is shown. Deep-copyable."""
+
+    receiver: str
+    public: bytes
+    """The public key of the authorization service."""
+    epoch: Epoch
+    _known: dict[str, Claims] = field(default_factory=dict)
+    """Tokens whose signatures were right, so that each is verified once."""
+
+    def check(self, now: Time, token: str) -> Claims:
+        """What a token says. Raises `TokenError`."""
+        claims = self._known.get(token)
+        if claims is None:
+            claims = self._verify(token)
+            if len(self._known) >= _REMEMBERED:
+                del self._known[next(iter(self._known))]
+            self._known[token] = claims
+        if claims.expires_s <= _seconds(now, self.epoch):
+            raise TokenError("the token has expired")
+        return claims
+
+    def _verify(self, token: str) -> Claims:
+        if not token:
+            raise TokenError("no token")
+        # JWS alone: the claims are compared here, because those of time are by the scenario's clock
+        try:
+            read = json.loads(_JWS.decode(token, Ed25519PublicKey.from_public_bytes(self.public), [_ALGORITHM]))
+        except (jwt.PyJWTError, ValueError, RecursionError) as error:
+            raise TokenError(f"the token is not valid: {error}"[:200]) from error
+        if not isinstance(read, dict):
+            raise TokenError("the token is not valid: it has no claims")
+        uss, scope, expires_s = read.get("sub"), read.get("scope", ""), read.get("exp")
+        if not isinstance(uss, str) or not isinstance(scope, str) or type(expires_s) is not int:
+            raise TokenError("the token is not valid: sub, scope or exp is missing, or of a wrong type")
+        if read.get("iss") != ISSUER:
+            raise TokenError("the token is of another issuer")
+        audiences = read.get("aud")
+        if self.receiver not in (audiences if isinstance(audiences, list) else [audiences]):
+            raise TokenError(f"the token is for another receiver than {self.receiver}")
+        return Claims(uss, frozenset(scope.split()), expires_s)
+
+
+@lru_cache(maxsize=16)
+def public_of(secret: bytes) -> bytes:
+    """The public key of a private one, 32 bytes."""
+    return Ed25519PrivateKey.from_private_bytes(secret).public_key().public_bytes_raw()
+
+
+def _seconds(now: Time, epoch: Epoch) -> int:
+    return (epoch.unix_ns + now) // NS_PER_S

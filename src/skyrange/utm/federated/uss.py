@@ -1,0 +1,414 @@
+"""UAS service supplier (USS) of a federation: decides on the intents of its operators by what all USSs share.
+
+Nobody approves its decisions. It asks the DSS which intents of others may be in the way, their USSs what these claim,
+and compares. The DSS then accepts its intent only if it knows all of them in their current versions; otherwise it
+learns what it has missed, and compares again. Whoever has a subscription there is told of the new intent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from uas_standards.astm.f3548.v21.api import OperationalIntentState as State
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+from uas_standards.astm.f3548.v21.api import UssAvailabilityState
+from uas_standards.astm.f3548.v21.constants import Scope
+
+from skyrange.codec.f3548.frames import UssRequest, decode
+from skyrange.codec.f3548.values import IntentDetails, IntentReference, volume_body
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.scalars import Scalar
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.alternatives import Limits, reach
+from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled
+from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server
+from skyrange.utm.federated.peer_requests import SERVES, PeerRequests
+from skyrange.utm.federated.shared_intents import SharedIntents
+from skyrange.utm.federated.tasks import Task, TaskQueue
+from skyrange.utm.federated.tokens import TokenChecker, TokenStore
+from skyrange.utm.intent_register import find_problem
+from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
+from skyrange.utm.request_book import RequestBook
+
+SERVICE_NS: Final = 10 * NS_PER_MS
+MAX_CONFLICTS: Final = 32
+"""How often the DSS may know more than the USS, before the operator is told to ask again."""
+RETRY_NS: Final = 5 * NS_PER_S
+"""After which a USS tries again to end an intent that the DSS did not let it end; OiMaxCancelTime."""
+Refs = tuple[FrameId, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """Another service of the federation."""
+
+    name: str
+    """As tokens name it."""
+    port: Port
+
+
+class Uss:
+    """A USS as an agent: requests of its operators on `approval` links, the federation on `uss` links.
+
+    Requests of operators are worked on one after the other.
+
+    Notes: those of `FlightApproval`; `decision.uss_conflict` about the vehicle whenever the DSS knew more, {intent,
+    missing}; `decision.uss_failed` about the vehicle or a USS, {reason}; `decision.uss_bad_request` about itself.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        uss: str,
+        operators: Sequence[tuple[str, Port]],
+        dss: Peer,
+        peers: Mapping[str, Peer],
+        base_url: str,
+        tokens: TokenStore,
+        checker: TokenChecker,
+        limits: Limits,
+        epoch: Epoch,
+    ) -> None:
+        """`uss` is what tokens call it; `peers`: the other USSs by base URL, this one's is `base_url`."""
+        self.name = name
+        self.uss = uss
+        self.service_ns = SERVICE_NS
+        self.ports: Sequence[Port] = (
+            *(port for _, port in operators),
+            dss.port,
+            *(peers[url].port for url in sorted(peers)),
+        )
+        self._book = RequestBook(operators)
+        self._approvals = frozenset(port.link for _, port in operators)
+        self._dss = dss
+        self._peers = dict(sorted(peers.items()))
+        self._base_url = base_url
+        self._tokens = tokens
+        self._limits = limits
+        self._epoch = epoch
+        self._server = Server(name, checker, SERVES)
+        self._caller = Caller()
+        self._intents = SharedIntents(limits, epoch)
+        self._peer_requests = PeerRequests(self._server, self._intents, epoch)
+        self._queue = TaskQueue()
+        self._task: Task | None = None
+
+    @property
+    def bad_requests(self) -> int:
+        """Frames of the federation that were not understood, or refused unseen."""
+        return self._server.bad_requests
+
+    # --- the agent -----------------------------------------------------------------------------------------
+
+    def next_wakeup(self) -> Time | None:
+        """When a call is repeated, or a task is tried again."""
+        due = self._caller.due
+        if self._task is None:
+            due = min(due, self._queue.due)
+        return None if due == NEVER else due
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Read requests and the mail of the federation, and go on with what is in progress."""
+        out = Outbox()
+        self._intents.forget(now)
+        for arrival in inbox:
+            if arrival.port.link in self._approvals:
+                asked = self._book.read(arrival, out)
+                if asked is not None:
+                    self._queue.add(Task(asked.request.intent(self._epoch), asked, (asked.cause,)))
+            else:
+                self._on_frame(now, arrival, out)
+        for call in self._caller.on_time(now, out):
+            self._on_silence(now, call, out)
+        while self._task is None and (task := self._queue.take(now)) is not None:
+            self._begin(now, task, out)
+        return out
+
+    def _on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+        try:
+            frame = decode(arrival.payload)
+            if isinstance(frame, UssRequest):
+                asked = self._server.read(now, arrival, frame, out)
+                if asked is not None:
+                    self._be_told(self._peer_requests.answer(now, asked, out), asked, out)
+                return
+            reply = self._caller.read(arrival, frame)
+            if reply is not None:
+                self._on_reply(now, reply, out)
+        except DecodeError as error:
+            self._server.count_bad(str(error), arrival.ref, out)
+
+    def _be_told(self, intent: OperationalIntent | None, asked: Asked, out: Outbox) -> None:
+        """Take an intent of another USS into account: it ends own ones that it outranks."""
+        if intent is None:
+            return
+        if self._task is not None:
+            self._task.relevant[intent.id] = None
+        overruled = self._overrule(intent, (asked.ref,))
+        tell_overruled(ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch, asked.ref, out)
+
+    def _overrule(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
+        """End the own intents that an intent outranks."""
+        reason = f"{intent.vehicle}, of priority {intent.priority}, has claimed a part of it"
+        outranked = self._intents.find_outranked(intent)
+        for one in outranked:
+            self._intents.release(one.id)
+            self._queue.add(Task(replace(one, volumes=(), state=IntentState.ENDED), None, causes))
+        return tuple(Overruled(one.id, one.operator, one.vehicle, reason) for one in outranked)
+
+    # --- a task --------------------------------------------------------------------------------------------
+
+    def _begin(self, now: Time, task: Task, out: Outbox) -> None:
+        intent, held = task.intent, self._intents.get(task.intent.id)
+        own = self._intents.own.get(intent.id)
+        self._task = task
+        if task.ends:
+            if own is None:
+                self._finish_end(task, out)
+            else:
+                self._call_dss(now, task, Op.DeleteOperationalIntentReference, {"ovn": own.ovn}, None, out)
+            return
+        if own is not None and held == intent:
+            self._answer(task, ApprovalDecision(accepted=True, ovn=own.ovn, tracked=True), out)
+            return
+        problem = find_problem(now, intent, held.state if held is not None else None)
+        if not problem and own is None and intent.state in OFF_NOMINAL:
+            problem = f"an intent that is unknown cannot become {intent.state.value}"
+        if problem:
+            self._answer(task, ApprovalDecision(accepted=False, reason=problem), out)
+        elif intent.state in OFF_NOMINAL:
+            self._put(now, task, out)
+        else:
+            area = {"area_of_interest": volume_body(self._area(task), self._epoch)}
+            self._call_dss(now, task, Op.QueryOperationalIntentReferences, {}, area, out)
+
+    def _area(self, task: Task) -> Volume4D:
+        return reach(task.intent.volumes, self._limits)
+
+    def _on_reply(self, now: Time, reply: Reply, out: Outbox) -> None:
+        call, task = reply.call, self._task
+        if call.operation is Op.NotifyOperationalIntentDetailsChanged:
+            if reply.status != 204:
+                self._note_failure(self._name_of(call.port), f"notification: status {reply.status}", (reply.ref,), out)
+            return
+        if task is None:
+            return  # its task was given up
+        task.causes = (*task.causes[:1], reply.ref)
+        if call.operation is Op.GetOperationalIntentDetails:
+            self._on_details(now, task, reply, out)
+        elif reply.status in (200, 201):
+            _ACCEPTED[call.operation](self, now, task, reply, out)
+        elif reply.status == 409:
+            self._on_conflict(now, task, reply, out)
+        elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
+            self._finish_end(task, out)
+        elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:
+            self._intents.own.pop(task.intent.id, None)
+            self._begin(now, task, out)
+        else:
+            self._fail(now, task, f"DSS: {reply.body.get('message') or f'status {reply.status}'}", out)
+
+    def _on_references(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        """The DSS has told what may be in the way."""
+        found = [IntentReference.of(one, self._epoch) for one in reply.body["operational_intent_references"]]
+        self._intents.lose_all_but((one.id for one in found), [self._area(task)])
+        for one in found:
+            if one.manager == self.uss:
+                task.relevant[one.id] = None
+            else:
+                self._inquire(now, task, one, out)
+        self._decide_if_told(now, task, out)
+
+    def _inquire(self, now: Time, task: Task, reference: IntentReference, out: Outbox) -> None:
+        """Ask the managing USS what an intent claims, unless the version is known."""
+        known = self._intents.other(reference.id)
+        task.relevant[reference.id] = None
+        if known is not None and (known.version, known.manager) == (reference.version, reference.manager):
+            return
+        peer = self._peers.get(reference.uss_base_url)
+        if peer is None:
+            self._assume(task, reference)
+            return
+        token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
+        parameters = {"entityid": reference.id}
+        operation = Op.GetOperationalIntentDetails
+        exchange = self._caller.call(now, peer.port, token, operation, parameters, None, task.causes, out)
+        task.awaited[exchange] = reference
+
+    def _on_details(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        reference = task.awaited.pop(reply.call.exchange, None)
+        if reference is None:
+            return
+        if reply.status == 200:
+            try:
+                body = reply.body["operational_intent"]
+                told = IntentReference.of(body["reference"], self._epoch)
+                if (told.id, told.manager) != (reference.id, reference.manager):
+                    raise DecodeError("the details are those of another intent")
+                self._intents.learn(told, IntentDetails.of(body["details"], self._epoch))
+            except DecodeError as error:
+                self._note_failure(reference.manager, f"details: {error}", (reply.ref,), out)
+                self._assume(task, reference)
+        elif reply.status == 404:  # it has ended since the DSS was asked
+            self._intents.lose(reference.id)
+            task.relevant.pop(reference.id, None)
+        else:
+            self._note_failure(reference.manager, f"details: status {reply.status}", (reply.ref,), out)
+            self._assume(task, reference)
+        self._decide_if_told(now, task, out)
+
+    def _assume(self, task: Task, reference: IntentReference) -> None:
+        """Suppose what an intent claims whose USS does not tell: nothing if that is down and nobody flies, else the
+        whole area.
+        """
+        is_down = reference.uss_availability is UssAvailabilityState.Down
+        if is_down and reference.state is State.Accepted:
+            task.relevant.pop(reference.id, None)
+            self._intents.lose(reference.id)
+            return
+        self._intents.assume(reference, self._area(task), task.intent.priority + 1)
+
+    def _decide_if_told(self, now: Time, task: Task, out: Outbox) -> None:
+        if task.awaited:
+            return
+        found = self._intents.examine(task.intent)
+        if found.reason:
+            rejection = ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)
+            self._answer(task, rejection, out)
+        else:
+            self._put(now, task, out)
+
+    def _put(self, now: Time, task: Task, out: Outbox) -> None:
+        """Have the DSS accept the intent, with the OVNs of all that is known to be there."""
+        intent, own = task.intent, self._intents.own.get(task.intent.id)
+        body = {
+            "extents": [volume_body(one, self._epoch) for one in intent.volumes],
+            "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
+            "state": intent.state.value,
+            "uss_base_url": self._base_url,
+            "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": False},
+        }
+        operation = Op.CreateOperationalIntentReference if own is None else Op.UpdateOperationalIntentReference
+        self._call_dss(now, task, operation, {} if own is None else {"ovn": own.ovn}, body, out)
+
+    def _on_accepted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        intent = task.intent
+        self._intents.accept(intent, reference)
+        self._notify(now, intent, reference, reply, out)
+        overruled = self._overrule(intent, task.causes)
+        accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True, overruled=overruled)
+        self._answer(task, accepted, out)
+
+    def _on_deleted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        self._notify(now, None, reference, reply, out)
+        self._finish_end(task, out)
+
+    def _on_own_reference(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        """The DSS has told the current version of an own intent."""
+        self._intents.own[task.intent.id] = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        self._begin(now, task, out)
+
+    def _on_conflict(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
+        """The DSS knows intents that this USS does not, or another version of this one."""
+        task.conflicts += 1
+        if task.conflicts > MAX_CONFLICTS:
+            self._fail(now, task, "others claim airspace there all the time", out)
+            return
+        missing = [IntentReference.of(one, self._epoch) for one in reply.body.get("missing_operational_intents") or ()]
+        data: dict[str, Scalar] = {"intent": task.intent.id, "missing": len(missing)}
+        out.note("decision.uss_conflict", task.intent.vehicle, data, (reply.ref,))
+        if not missing:
+            self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+            return
+        for one in missing:
+            if one.manager != self.uss:
+                self._intents.lose(one.id)  # the version that was known is not the current one
+                self._inquire(now, task, one, out)
+        self._decide_if_told(now, task, out)
+
+    def _on_silence(self, now: Time, call: Call, out: Outbox) -> None:
+        """A call was not answered."""
+        name, task = self._name_of(call.port), self._task
+        self._note_failure(name, f"{call.operation.value} is not answered", call.causes, out)
+        if task is None or call.operation is Op.NotifyOperationalIntentDetailsChanged:
+            return
+        if call.operation is Op.GetOperationalIntentDetails:
+            reference = task.awaited.pop(call.exchange, None)
+            if reference is not None:
+                self._assume(task, reference)
+                self._decide_if_told(now, task, out)
+        else:
+            self._fail(now, task, f"{name} does not answer", out)
+
+    def _fail(self, now: Time, task: Task, reason: str, out: Outbox) -> None:
+        """Nothing can be decided now: an end is tried again later; an operator may ask again for the same."""
+        self._note_failure(task.intent.vehicle, reason, task.causes, out)
+        if task.ends:
+            task.due = now + RETRY_NS
+            self._task = None
+            self._queue.add(task)
+            return
+        again = (Alternative(task.intent.volumes),) if task.intent.volumes else ()
+        self._answer(task, ApprovalDecision(accepted=False, reason=reason[:256], alternatives=again), out)
+
+    def _answer(self, task: Task, decision: ApprovalDecision, out: Outbox) -> None:
+        self._task = None
+        if task.asked is not None:
+            answer_intent(task.asked, decision, self._book, self._epoch, out)
+
+    def _finish_end(self, task: Task, out: Outbox) -> None:
+        self._task = None
+        self._intents.end(task.intent.id)
+        if task.asked is not None:
+            answer_end(task.asked, self._book, out)
+
+    # --- the federation ------------------------------------------------------------------------------------
+
+    def _call_dss(
+        self, now: Time, task: Task, operation: Op, more: Mapping[str, str], body: Mapping[str, Any] | None, out: Outbox
+    ) -> None:
+        off_nominal = task.intent.state in OFF_NOMINAL
+        scope = Scope.ConformanceMonitoringForSituationalAwareness if off_nominal else Scope.StrategicCoordination
+        token = self._tokens.get(now, self._dss.name, scope.value)
+        parameters = {"entityid": task.intent.id, **more}
+        self._caller.call(now, self._dss.port, token, operation, parameters, body, task.causes, out)
+
+    def _notify(
+        self, now: Time, intent: OperationalIntent | None, reference: IntentReference, reply: Reply, out: Outbox
+    ) -> None:
+        """Tell the subscribers of an intent, or of its end."""
+        for one in reply.body.get("subscribers") or ():
+            peer = self._peers.get(one["uss_base_url"])
+            if peer is None:
+                continue  # its own, or a USS that it cannot reach
+            body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": one["subscriptions"]}
+            if intent is not None:
+                body["operational_intent"] = self._intents.show(intent, reference)
+            token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
+            operation = Op.NotifyOperationalIntentDetailsChanged
+            self._caller.call(now, peer.port, token, operation, {}, body, (reply.ref,), out)
+
+    def _name_of(self, port: Port) -> str:
+        names = {peer.port: peer.name for peer in self._peers.values()}
+        return names.get(port, self._dss.name)
+
+    def _note_failure(self, about: str, reason: str, causes: Refs, out: Outbox) -> None:
+        out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
+
+
+_Accepted = Callable[[Uss, Time, Task, Reply, Outbox], None]
+_ACCEPTED: Final[Mapping[Op, _Accepted]] = {
+    Op.QueryOperationalIntentReferences: Uss._on_references,
+    Op.CreateOperationalIntentReference: Uss._on_accepted,
+    Op.UpdateOperationalIntentReference: Uss._on_accepted,
+    Op.DeleteOperationalIntentReference: Uss._on_deleted,
+    Op.GetOperationalIntentReference: Uss._on_own_reference,
+}
