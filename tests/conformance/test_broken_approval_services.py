@@ -28,6 +28,7 @@ from skyrange.utm.contract import (
     OperationalIntent,
     intent_id,
 )
+from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.hashgraph.plugin import HASHGRAPH
 from skyrange.utm.messages import Response, decode_request, encode
 
@@ -99,6 +100,8 @@ def test_what_is_shipped_and_a_service_of_two_agents_conform() -> None:
     check_approval(APPROVE_ALL)
     check_approval(AUTHORITY)
     check_approval(HASHGRAPH)
+    check_approval(FEDERATED)
+    check_approval(FEDERATED, {"services": {"both": ["blue", "green"]}})
     check_approval(TWO)
 
 

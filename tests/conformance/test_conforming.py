@@ -34,7 +34,12 @@ BLUE = FLEET[:2]
 
 def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", {})
-    assert set(kinds(APPROVALS)) == {"approve-all", "authority", "hashgraph"}  # test_broken_approval_services
+    assert set(kinds(APPROVALS)) == {
+        "approve-all",
+        "authority",
+        "federated",
+        "hashgraph",
+    }  # test_broken_approval_services
     assert set(kinds(MEDIA)) == {"builtin", "ns3", "omnetpp"}  # test_radio_media, test_network_simulators
     assert set(kinds(DETECTORS)) == {"heartbeat.gap"}  # test_broken_monitors
     assert set(kinds(AUTOPILOTS)) == {

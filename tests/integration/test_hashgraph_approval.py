@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import pytest
 
-from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
+from skyrange.core.ids import APPROVAL
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.core.volumes import Volume4D
-from skyrange.kernel import Kernel, Wiring
 from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalService, OperationalIntent, intent_id
@@ -25,50 +21,11 @@ from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, en
 from skyrange.utm.hashgraph.node import HashgraphNode
 from skyrange.utm.hashgraph.plugin import HASHGRAPH
 from skyrange.utm.hashgraph.signatures import secret_of, sign
-from skyrange.utm.messages import DecisionBody, Request, decode_response
+from skyrange.utm.messages import Request
 from skyrange.utm.messages import encode as encode_request
+from tests.approval_stations import LAT, LON, Station, ask, decisions, fly_requests
 
 SEED = 7
-LAT, LON = 40.778, -73.955
-
-
-@dataclass
-class Station:
-    """Asks for intents at their times, and keeps the answers."""
-
-    operator: str
-    asks: Sequence[tuple[float, bytes]]
-    sent: int = 0
-    answers: list[tuple[Time, DecisionBody]] = field(default_factory=list)
-    service_ns: Time = 20 * NS_PER_MS
-
-    @property
-    def name(self) -> str:
-        return endpoint(self.operator, "gcs")
-
-    @property
-    def ports(self) -> Sequence[Port]:
-        return (Port(self.name, link_name(APPROVAL, self.operator)),)
-
-    def step(self, now: Time, inbox: Inbox) -> Outbox:
-        out = Outbox()
-        for arrival in inbox:
-            body = decode_response(arrival.payload).body
-            assert isinstance(body, DecisionBody), body
-            self.answers.append((now, body))
-        while self.sent < len(self.asks) and self.asks[self.sent][0] * NS_PER_S <= now:
-            out.send(self.ports[0], self.asks[self.sent][1])
-            self.sent += 1
-        return out
-
-    def next_wakeup(self) -> Time | None:
-        return round(self.asks[self.sent][0] * NS_PER_S) if self.sent < len(self.asks) else None
-
-
-def ask(vehicle: str, *volumes: Volume4D) -> bytes:
-    operator = vehicle.split("/", maxsplit=1)[0]
-    claimed = volumes or (box(LAT, LON, start_s=600.0),)
-    return encode_request(Request.of(OperationalIntent(intent_id(vehicle), operator, vehicle, claimed), EPOCH))
 
 
 def service_of(operators: Sequence[str], **params: Any) -> ApprovalService:
@@ -83,27 +40,15 @@ def flown(
     service: ApprovalService | None = None,
 ) -> tuple[dict[str, Station], MemoryObserver, ApprovalService]:
     service = service or service_of(list(asks))
-    stations = [Station(operator, rows) for operator, rows in asks.items()]
-    channel = Channel(mode="reliable", latency_ns=25 * NS_PER_MS)
-    links = [LinkSpec(station.ports[0].link, station.name, APPROVAL, channel) for station in stations]
-    seen = MemoryObserver()
-    kernel = Kernel(
-        Wiring(seed=SEED, links=[*links, *service.links], agents=[*stations, *(agents or service.agents)]), [seen]
-    )
-    kernel.advance(round(until_s * NS_PER_S))
-    kernel.finish()
-    return {station.operator: station for station in stations}, seen, service
+    stations, seen = fly_requests(asks, until_s, [*(agents or service.agents)], service.links, SEED)
+    return stations, seen, service
 
 
 NAMES = ("blue", "green", "orange", "red")
 
 
-def decisions(station: Station) -> list[str]:
-    return [body.decision for _, body in station.answers]
-
-
 def held(service: ApprovalService) -> list[dict[str, Any]]:
-    return [{key: one.intent for key, one in node._authority._held.items()} for node in service.agents]  # type: ignore[attr-defined]
+    return [dict(node._authority._register._intents) for node in service.agents]  # type: ignore[attr-defined]
 
 
 def test_of_two_who_ask_at_once_one_is_accepted_by_all_and_the_other_gets_an_alternative() -> None:

@@ -6,10 +6,10 @@ import re
 from functools import cache
 from typing import Any, NamedTuple
 
-from implicitdict import ImplicitDict
 from uas_standards.astm.f3548.v21.api import OPERATIONS, OperationID
 
 from skyrange.codec.f3548.schemas import check
+from skyrange.core.errors import DecodeError
 
 _ID = r"[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}"
 """UUIDv4Format."""
@@ -47,9 +47,15 @@ def check_request(operation: OperationID, body: Any) -> dict[str, Any]:
 
 
 def check_response(operation: OperationID, status: int, body: Any) -> dict[str, Any]:
-    """The body of a response, empty where the standard has none for the status. Raises `DecodeError`."""
-    model = OPERATIONS[operation].response_body_type.get(status)
-    return check(body, model) if isinstance(model, type) and issubclass(model, ImplicitDict) else {}
+    """The body of a response, empty where the standard has none for the status.
+
+    Raises `DecodeError` for another body, and for a success that the operation does not have.
+    """
+    models = OPERATIONS[operation].response_body_type
+    if status < 400 and status not in models:
+        raise DecodeError(f"status {status} is none of {operation.value}")
+    model = models.get(status)
+    return {} if model is None else check(body, model)
 
 
 @cache

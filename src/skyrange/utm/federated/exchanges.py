@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import Any, Final
 
 from uas_standards.astm.f3548.v21.api import OperationID
@@ -117,6 +118,8 @@ class Asked:
 
     port: Port
     exchange: int
+    digest: bytes
+    """What tells it from other requests."""
     operation: OperationID
     parameters: Mapping[str, str]
     body: Mapping[str, Any]
@@ -140,14 +143,15 @@ class Server:
     serves: Mapping[OperationID, frozenset[Scope]]
     """The operations that it has, each with the scopes of which a token has to have one."""
     bad_requests: int = 0
-    _answers: dict[str, dict[int, bytes | None]] = field(default_factory=dict)
-    """Responses by link and exchange; None while a request is open."""
+    _answers: dict[str, dict[bytes, bytes | None]] = field(default_factory=dict)
+    """Responses by link and digest of the request; None while it is open."""
 
     def read(self, now: Time, arrival: Arrival, request: UssRequest, out: Outbox) -> Asked | None:
         """What is asked, if it is to be decided; otherwise it is answered here, or will be."""
         answers = self._answers.setdefault(arrival.port.link, {})
-        if request.exchange in answers:
-            known = answers[request.exchange]
+        digest = blake2b(arrival.payload, digest_size=16).digest()
+        if digest in answers:
+            known = answers[digest]
             if known is not None:
                 out.send(arrival.port, known, (arrival.ref,))
             return None
@@ -168,14 +172,16 @@ class Server:
         if not claims.scopes.intersection(needed):
             self.refuse(arrival, request.exchange, 403, f"it needs the scope {' or '.join(needed)}", out)
             return None
-        answers[request.exchange] = None
-        return Asked(arrival.port, request.exchange, operation.id, operation.parameters, body, claims, arrival.ref)
+        answers[digest] = None
+        return Asked(
+            arrival.port, request.exchange, digest, operation.id, operation.parameters, body, claims, arrival.ref
+        )
 
     def answer(self, asked: Asked, status: int, body: Body | None, out: Outbox) -> None:
         """Send the response, and remember it."""
         payload = _response(asked.exchange, status, body)
         answers = self._answers[asked.port.link]
-        answers[asked.exchange] = payload
+        answers[asked.digest] = payload
         if len(answers) > REMEMBERED:
             del answers[next(iter(answers))]
         out.send(asked.port, payload, (asked.ref,))

@@ -216,7 +216,7 @@ class Uss:
 
     def _on_references(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         """The DSS has told what may be in the way."""
-        found = [IntentReference.of(one, self._epoch) for one in reply.body["operational_intent_references"]]
+        found = [IntentReference.of(one, self._epoch) for one in reply.body.get("operational_intent_references", ())]
         self._intents.lose_all_but((one.id for one in found), [self._area(task)])
         for one in found:
             if one.manager == self.uss:
