@@ -17,7 +17,7 @@ from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalService, OperationalIntent, intent_id
 from skyrange.utm.hashgraph.events import Event
-from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode
+from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, decode, encode
 from skyrange.utm.hashgraph.node import HashgraphNode
 from skyrange.utm.hashgraph.plugin import HASHGRAPH
 from skyrange.utm.hashgraph.signatures import secret_of, sign
@@ -73,6 +73,20 @@ def test_a_silent_airspace_costs_nothing() -> None:
     )
     last_s = max(frame.sent_ns for frame in seen.frames) / NS_PER_S
     assert last_s < 10.0
+
+
+def test_gossip_carries_what_is_new_and_not_the_history() -> None:
+    asks = {
+        name: [(4.0 * k, ask(f"{name}/{k}", box(LAT + 0.01 * place, LON + 0.002 * k))) for k in range(12)]
+        for place, name in enumerate(NAMES)
+    }
+    _, seen, service = flown(asks, 60.0)
+    messages = [decode(frame.payload) for frame in seen.frames if frame.link.startswith("uss:")]
+    sent = sum(len(message.body.events) for message in messages)
+    events = len(service.agents[0]._graph)  # type: ignore[attr-defined]
+    assert events > 200
+    assert sent <= 2 * events * (len(NAMES) - 1), "each event reaches each other member once, and little is sent twice"
+    assert max(len(message.body.events) for message in messages) < events // 4
 
 
 def test_a_request_that_comes_again_while_it_is_undecided_is_answered_once() -> None:

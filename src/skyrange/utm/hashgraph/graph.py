@@ -23,8 +23,16 @@ COIN_ROUNDS: Final = 10
 _NONE: Final = -1
 
 
+_DISTANCES: Final = (1, 4, 16, 64, 256, 1_024)
+"""Distances of self-ancestors that a member tells: what is sent in vain is at most four times what is missing."""
+
+
 class GraphError(ValueError):
     """An event that cannot be added: a parent is unknown or wrong, or its creator is no member."""
+
+
+class UnknownParentError(GraphError):
+    """An event whose parents are not known, as when a message before it was lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,13 +108,27 @@ class Hashgraph:
         return None if index == _NONE else self.events[index]
 
     @property
-    def tips(self) -> list[bytes]:
-        """The events without a self-child, of all members: what another member has to know to tell what is missing."""
-        return [self.events[index].hash for index in sorted(self._heads)]
+    def known(self) -> list[bytes]:
+        """What another member has to know to tell what is missing here.
 
-    def missing(self, tips: Sequence[bytes]) -> list[Event]:
-        """The events that a member with these tips does not know, parents before children."""
-        known = [self._index[tip] for tip in tips if tip in self._index]
+        These are the events without a self-child, of all members, and some of their self-ancestors, at distances that
+        grow: the other member may not know the newest ones.
+        """
+        found = []
+        for head in sorted(self._heads):
+            found.append(self.events[head].hash)
+            at, gone = self._self_parent[head], 1
+            for distance in _DISTANCES:
+                while at != _NONE and gone < distance:
+                    at, gone = self._self_parent[at], gone + 1
+                if at == _NONE:
+                    break
+                found.append(self.events[at].hash)
+        return found
+
+    def missing(self, known_there: Sequence[bytes]) -> list[Event]:
+        """The events that a member which has told what is `known` there may not know, parents before children."""
+        known = [self._index[one] for one in known_there if one in self._index]
         theirs: dict[int, list[int]] = {}
         for index in known:
             theirs.setdefault(self._creator[index], []).append(index)
@@ -163,7 +185,7 @@ class Hashgraph:
         parents = []
         for name, parent in (("self-parent", event.self_parent), ("other-parent", event.other_parent)):
             if parent not in self._index:
-                raise GraphError(f"the {name} of an event of {event.creator} is not known")
+                raise UnknownParentError(f"the {name} of an event of {event.creator} is not known")
             parents.append(self._index[parent])
         if self._creator[parents[0]] != member or self._creator[parents[1]] == member:
             raise GraphError(f"the parents of an event of {event.creator} are not one of its own and one of another")

@@ -1,7 +1,7 @@
 """Gossip of a hashgraph on `uss` links: one JSON object per frame, HTTP-like, as on the `approval` link.
 
-A member asks another for what it does not know (GET, with its tips), and then tells it what that does not know (POST).
-Hashes, signatures and transactions are written in base 16 and 64.
+A member asks another for what it does not know (GET, with hashes of what it knows), and then tells it what that does
+not know (POST). Hashes, signatures and transactions are written in base 16 and 64.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ PATH: Final = "/hashgraph/v1/events"
 MAX_FRAME_BYTES = 4_194_304
 MAX_EVENTS = 4_096
 MAX_TRANSACTIONS = 64
-MAX_TIPS = 1_024
+MAX_KNOWN = 1_024
 _Hash = Annotated[str, Field(pattern=rf"^([0-9a-f]{{{2 * HASH_BYTES}}})?$")]
 
 
@@ -75,7 +75,7 @@ class Gossip(_Model):
 class GossipBody(_Model):
     """What its sender knows, and events that the receiver may lack."""
 
-    tips: Annotated[tuple[_Hash, ...], Field(max_length=MAX_TIPS)] = ()
+    known: Annotated[tuple[_Hash, ...], Field(max_length=MAX_KNOWN)] = ()
     events: Annotated[tuple[EventMessage, ...], Field(max_length=MAX_EVENTS)] = ()
 
 

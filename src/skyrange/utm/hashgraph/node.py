@@ -18,11 +18,11 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, hash64, operator_of
-from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
 from skyrange.utm.approval_service import decide_request, tell_overruled
 from skyrange.utm.authority import Authority
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
-from skyrange.utm.hashgraph.graph import GraphError, Hashgraph
+from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
 from skyrange.utm.hashgraph.messages import MAX_EVENTS, EventMessage, Gossip, GossipBody, decode, encode
 from skyrange.utm.hashgraph.signatures import is_signed, public_of, sign
 from skyrange.utm.messages import EndBody, decode_request
@@ -30,6 +30,8 @@ from skyrange.utm.request_book import OpenRequest, RequestBook
 
 SERVICE_NS: Final = 10 * NS_PER_MS
 STREAM: Final = "utm.hashgraph.gossip"
+RESENT_NS: Final = NS_PER_S
+"""After which an event is sent again to a member that does not tell that it knows it: a message may have been lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,8 @@ class HashgraphNode:
         """Requests that are in no event yet, and when they arrived."""
         self._sent: dict[bytes, tuple[OpenRequest, Time]] = {}
         """Requests that are in an event, by their bytes, and when they arrived."""
+        self._shared: dict[str, dict[bytes, Time]] = {peer: {} for peer in self._peers}
+        """Events that were sent to each member lately, or came from it, and when."""
         self._undecided = 0
         """Transactions in events whose order is not final."""
         self._applied = 0
@@ -132,14 +136,13 @@ class HashgraphNode:
         peers = list(self._peers)
         draw = self._chance.uniform4(STREAM, hash64(self.name), now, 0)[0]
         peer = peers[min(int(draw * len(peers)), len(peers) - 1)]
-        self._send(peer, Gossip(method="GET", body=GossipBody(tips=self._tips())), (), out)
+        self._send(peer, Gossip(method="GET", body=GossipBody(known=self._known())), (), out)
 
     def _on_gossip(self, now: Time, arrival: Arrival, out: Outbox) -> None:
         peer = self._peer_of[arrival.port.link]
         try:
             message = decode(arrival.payload)
-            for event in message.body.events:
-                self._learn(event.event())
+            self._learn_all(now, peer, message.body.events)
         except (DecodeError, GraphError) as error:
             self.bad_gossip += 1
             if self.bad_gossip & (self.bad_gossip - 1) == 0:
@@ -147,23 +150,40 @@ class HashgraphNode:
                 out.note("decision.bad_gossip", self.name, data, (arrival.ref,))
             return
         if message.method == "GET":
-            body = GossipBody(tips=self._tips(), events=self._lacking(message.body.tips))
+            body = GossipBody(known=self._known(), events=self._lacking(now, peer, message.body.known))
             self._send(peer, Gossip(status=200, body=body), (arrival.ref,), out)
         elif message.status is not None:
             self._create(now, peer)
-            body = GossipBody(events=self._lacking(message.body.tips))
+            body = GossipBody(events=self._lacking(now, peer, message.body.known))
             self._send(peer, Gossip(method="POST", body=body), (arrival.ref,), out)
         self._apply(now, arrival.ref, out)
 
-    def _tips(self) -> tuple[str, ...]:
-        return tuple(tip.hex() for tip in self._graph.tips)
+    def _known(self) -> tuple[str, ...]:
+        return tuple(one.hex() for one in self._graph.known)
 
-    def _lacking(self, tips: Sequence[str]) -> tuple[EventMessage, ...]:
-        events = self._graph.missing([bytes.fromhex(tip) for tip in tips])
-        return tuple(EventMessage.of(event) for event in events[:MAX_EVENTS])
+    def _lacking(self, now: Time, peer: str, known: Sequence[str]) -> tuple[EventMessage, ...]:
+        """What a member that knows these events lacks, without what is on its way to it, or has just come from it."""
+        shared = self._shared[peer]
+        for one in [one for one, since in shared.items() if since + RESENT_NS <= now]:
+            del shared[one]
+        events = self._graph.missing([bytes.fromhex(one) for one in known])
+        told = [event for event in events if event.hash not in shared][:MAX_EVENTS]
+        shared.update((event.hash, now) for event in told)
+        return tuple(EventMessage.of(event) for event in told)
 
     def _send(self, peer: str, message: Gossip, causes: tuple[FrameId, ...], out: Outbox) -> None:
         out.send(self._peers[peer], encode(message), causes)
+
+    def _learn_all(self, now: Time, peer: str, messages: Sequence[EventMessage]) -> None:
+        """Add the events of a message, up to one whose parents have not arrived. Raises `GraphError`, `DecodeError`."""
+        shared = self._shared[peer]
+        for message in messages:
+            event = message.event()
+            try:
+                self._learn(event)
+            except UnknownParentError:
+                return  # they are sent again
+            shared[event.hash] = now
 
     def _learn(self, event: Event) -> None:
         """Add an event of another member. Raises `GraphError`."""
