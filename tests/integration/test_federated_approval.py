@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -13,7 +14,7 @@ from uas_standards.astm.f3548.v21.api import UssAvailabilityState
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.chance import Chance
-from skyrange.core.errors import InputError
+from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL
 from skyrange.core.time import NS_PER_S, Time
@@ -377,3 +378,12 @@ def test_frames_come_back_as_they_were() -> None:
 def test_services_that_make_no_sense_are_named(services: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         service_of(services=services)
+
+
+def test_without_its_packages_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("skyrange.utm.federated.")]:
+        if not name.endswith(".plugin"):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "s2sphere", None)
+    with pytest.raises(ComponentError, match=r"s2sphere is not installed.*skyrange\[utm\]"):
+        service_of()
