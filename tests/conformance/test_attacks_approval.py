@@ -3,21 +3,49 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import pytest
 
+from skyrange.attack.approval.equivocate import EQUIVOCATE
+from skyrange.attack.approval.false_details import FALSE_DETAILS
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
+from skyrange.attack.approval.squat import SQUAT
+from skyrange.attack.approval.stolen_token import STOLEN_TOKEN
 from skyrange.attack.contract import AttackPlugin
+from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Start, Vehicle, square
 from skyrange.testing import check_attack
 
 BLUE = {"vehicles": ["blue/b1"]}
-KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
-    (FORGED_DECISION, BLUE),
-    (FORGED_DECISION, {"vehicles": ["blue/b1", "green/g1"], "decision": "Accepted"}),
+CORRIDOR = {"operator": "green", "from_m": [-20, 0], "to_m": [60, 0]}
+KINDS: list[tuple[AttackPlugin, Mapping[str, Any], str, str]] = [
+    (FORGED_DECISION, BLUE, "approve-all", "inject"),
+    (FORGED_DECISION, {"vehicles": ["blue/b1", "green/g1"], "decision": "Accepted"}, "approve-all", "inject"),
+    (SQUAT, CORRIDOR, "authority", "inject"),
+    (SQUAT, {**CORRIDOR, "requests": 20, "every_s": 0.05}, "approve-all", "inject"),
+    (FALSE_DETAILS, {"uss": "blue"}, "federated", "replace"),
+    (STOLEN_TOKEN, {"uss": "blue"}, "federated", "inject"),
+    (EQUIVOCATE, CORRIDOR, "hashgraph", "inject"),
 ]
 
 
-@pytest.mark.parametrize(("kind", "params"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)])
-def test_approval_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any]) -> None:
-    check_attack(kind, params, acts={"inject"}, start_s=0.0, stop_s=4.0)
+def with_approval(approval: str, duration_s: float) -> Scenario:
+    """Three aircraft of three operators near each other."""
+    operators = tuple(
+        Operator(
+            id=name,
+            approval=approval,
+            vehicles=(Vehicle(id=f"{name[0]}1", start=Start(east_m=40.0 * place), plan=square(10, 8)),),
+        )
+        for place, name in enumerate(("blue", "green", "red"))
+    )
+    origin = Origin(lat=-35.363328, lon=149.1652241)
+    return Scenario(name="checked", seed=7, duration_s=duration_s, origin=origin, operators=operators)
+
+
+@pytest.mark.parametrize(
+    ("kind", "params", "approval", "act"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
+)
+def test_approval_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any], approval: str, act: str) -> None:
+    check_attack(kind, params, scenario=partial(with_approval, approval), acts={act}, start_s=0.0, stop_s=4.0)

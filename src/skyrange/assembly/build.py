@@ -88,7 +88,9 @@ def build(
     scenario = apply_placing(scenario, city)
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
-    context = make_attack_context(scenario, links, city)
+    approvals = build_approvals(scenario, city)
+    between = [spec for service in approvals for spec in service.links]
+    context = make_attack_context(scenario, [*links, *between], city)
     own_sensors = list_own_sensors(scenario)
     made = make_attacks(scenario, context, own_sensors)
     defences = make_defences(scenario.defences, context, over_air, own_sensors)
@@ -103,8 +105,7 @@ def build(
     faults += check_transmitters(made.radios, city)
     if faults:
         raise InputError(f"scenario {scenario.name}", faults)
-    approvals = build_approvals(scenario, city)
-    links += [*made.links, *(spec for service in approvals for spec in service.links)]
+    links += [*made.links, *between]
     detectors, rows = build_detectors(scenario, links)
     rows += map(describe_monitor, monitors)
     here: Container[str] = _Everywhere() if local is None else local

@@ -23,16 +23,26 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Params, items, refuse
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.errors import InputError, Problem, nearest
-from skyrange.core.ids import endpoint, operator_of
+from skyrange.core.ids import APPROVAL, endpoint, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 
 _NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
 _POLL_NS: Final = 100 * NS_PER_MS
 LEARNED: Final = "event.learned"
 """Kind of the notes on what an attacker has learnt from a frame."""
+USS: Final = "uss"
+"""Role of the links between services of a flight approval: `uss:dss~blue`."""
 SIDES: Final = {"gcs": "companion", "log": "proxy", "autopilot": "proxy", "rid_data": "companion", "approval": "gcs",
                 "rid_up": "companion", "rid_down": "companion", "oracle": "gcs"}  # fmt: skip
 """By role of a link: the end at which an attacker's tap is."""
+EVERY_LINK: Final = ("gcs", "log", "autopilot", "rid_data", "approval", USS, "rid_up", "rid_down", "oracle")
+"""The roles of all links: the surface of what acts on any of them."""
+
+
+def side_of(link: str) -> str:
+    """The end of a link at which an attacker's tap is; of a link between two services the first one's."""
+    role, _, owner = link.partition(":")
+    return owner.partition("~")[0] if role == USS else SIDES[role]
 
 
 def _known_messages(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -107,12 +117,16 @@ def place_taps(patterns: Sequence[str], context: AttackContext, make: TapMaker) 
             hint = nearest(pattern, context.links)
             raise InputError.one(context.id, f"links.{place}", pattern, "a link of the scenario", hint)
         chosen += found
-    return [TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in dict.fromkeys(chosen)]
+    return [TapPlacement(name, side_of(name), make) for name in dict.fromkeys(chosen)]
 
 
 def ends_of(link: str, direction: Direction) -> tuple[str, str]:
-    """Claimed source and destination of a frame injected on a `gcs`, `log` or `autopilot` link."""
+    """Claimed source and destination of a frame injected on a `gcs`, `log`, `autopilot` or `uss` link."""
     role, _, vehicle = link.partition(":")
+    if role == USS:
+        one, _, other = vehicle.partition("~")
+        here, there = endpoint(APPROVAL, one), endpoint(APPROVAL, other)
+        return (here, there) if direction == "fwd" else (there, here)
     first, second = {
         "gcs": (endpoint(operator_of(vehicle), "gcs"), endpoint(vehicle, "companion")),
         "log": (endpoint(vehicle, "companion"), endpoint(vehicle, "proxy")),

@@ -10,14 +10,14 @@ from typing import Final
 from pydantic import Field
 
 from skyrange.attack.link.frame_taps import FrameTap
-from skyrange.attack.on_path import TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.ids import hash64
 from skyrange.core.time import Time, from_seconds
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
-from skyrange.fault.links import LINK_SURFACE, Links, rule_for
+from skyrange.fault.links import Links, rule_for
 
 STREAM: Final = "fault.link_loss"
 _DROP: Final = (Drop(),)
@@ -80,7 +80,7 @@ LINK_LOSS = FaultPlugin(
     LossBursts,
     make,
     "Loses frames of links in bursts.",
-    surface=LINK_SURFACE,
+    surface=EVERY_LINK,
     effect="frames are lost in bursts: telemetry has gaps, and commands are repeated",
     cause="fading, interference from other users of the band, or a full queue in a network",
     not_modelled="delay: frames that arrive are as early as before",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from skyrange.attack.link.drop import Dropper
-from skyrange.attack.on_path import TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, TapMaker, place_taps
 from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
-from skyrange.fault.links import LINK_SURFACE, Links, rule_for
+from skyrange.fault.links import Links, rule_for
 
 
 class LostLink(Links):
@@ -22,7 +22,7 @@ LINK_OUTAGE = FaultPlugin(
     LostLink,
     make,
     "Takes links down for as long as it acts.",
-    surface=LINK_SURFACE,
+    surface=EVERY_LINK,
     effect="the ends lose each other: failsafes for a lost link fire, and recover when it is back",
     cause="a modem without power, an unplugged cable, or an aircraft out of range",
     not_modelled="the time that a modem takes to register again: the link is back at once",

@@ -11,9 +11,6 @@ from skyrange.attack.on_path import Names, Selection
 from skyrange.contracts.params import Params
 from skyrange.fault.contract import FaultContext
 
-LINK_SURFACE = ("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle")
-"""Roles of the links that a fault of a link can hit."""
-
 
 class Links(Params):
     """Which links fail, and in which direction."""

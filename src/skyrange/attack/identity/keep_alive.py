@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.identity.silence_station import ROLES
-from skyrange.attack.on_path import SIDES, Names, Repetition, ends_of
+from skyrange.attack.on_path import Names, Repetition, ends_of, side_of
 from skyrange.attack.telemetry.alteration import telemetry_links
 from skyrange.codec.mavlink import Packer, message_id
 from skyrange.codec.mavlink import dialect as mav
@@ -100,7 +100,7 @@ def make(params: KeptAlive, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or of another kind."""
     maker = _MakeSubstitute(params, context.schedule, context.sham)
     links = telemetry_links(params.links, context, ROLES)
-    return Attack(taps=[TapPlacement(name, SIDES[name.partition(":")[0]], maker) for name in links])
+    return Attack(taps=[TapPlacement(name, side_of(name), maker) for name in links])
 
 
 KEEP_ALIVE = AttackPlugin(

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.identity.silence_station import ROLES
-from skyrange.attack.on_path import SIDES, InjectingTap, Names, Repetition
+from skyrange.attack.on_path import InjectingTap, Names, Repetition, side_of
 from skyrange.attack.telemetry.alteration import put, read_fields, telemetry_links, write_fields
 from skyrange.attack.telemetry.mode import MODES, ModeName
 from skyrange.codec.mavlink import dialect as mav
@@ -153,7 +153,7 @@ def make(params: SecondVehicle, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or of another kind."""
     maker = _MakeTap(params, context)
     links = telemetry_links(params.links, context, ROLES)
-    taps = [TapPlacement(name, SIDES[name.partition(":")[0]], maker) for name in links]
+    taps = [TapPlacement(name, side_of(name), maker) for name in links]
     return Attack(taps=taps, shown={"second aircraft": params.at})
 
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Drop, Verdict
@@ -50,7 +50,7 @@ BREAK = AttackPlugin(
     "Takes a link down for stretches of time.",
     technique="T0814",
     counterfactual="mute",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="the ends lose each other: failsafes for a lost link fire, and recover when it is back",
     threat=ThreatModel(
         knowledge="the length of the failsafes' timeouts",

@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 from skyrange.contracts.frames.frame import Frame
@@ -125,7 +125,7 @@ CORRUPT = AttackPlugin(
     make,
     "Flips bits of selected frames, and can mend their checksums.",
     technique="T0830",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="receivers reject damaged frames, or accept values that nobody sent",
     threat=ThreatModel(
         knowledge="nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",

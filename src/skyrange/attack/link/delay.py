@@ -9,7 +9,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Delay, Verdict
@@ -62,7 +62,7 @@ DELAY = AttackPlugin(
     "Delays selected frames of a link by a constant and a random time.",
     technique="T0830",
     counterfactual="mute",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="commands and reports arrive late, in their order",
     threat=ThreatModel(
         knowledge="nothing for all frames; the message ids to select some",

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import MAX_INJECTS, FrameTap, benign_payload, inject_again, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole
 from skyrange.contracts.verdicts import Inject, Verdict
@@ -75,7 +75,7 @@ DUPLICATE = AttackPlugin(
     make,
     "Puts copies of selected frames on a link, some time after them.",
     technique="T0830",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="receivers get frames a second time, and obey a command again that a later one replaced",
     threat=ThreatModel(
         knowledge="nothing for all frames; the message ids to select some",

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import MAX_INJECTS, Rule, benign_payload, inject_again, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
@@ -117,7 +117,7 @@ REPLAY = AttackPlugin(
     make,
     "Records frames of a link and puts them on it again later, once or in a loop.",
     technique="T0855",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="an aircraft obeys commands of earlier, or a station sees a flight of earlier",
     threat=ThreatModel(
         knowledge="nothing of the protocol; it learns the frames that it records",

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import OnPath, TapMaker, place_taps
+from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole
 from skyrange.contracts.verdicts import Delay, Drop, Verdict
@@ -65,7 +65,7 @@ THROTTLE = AttackPlugin(
     "Limits the rate of a link; frames wait in a bounded queue, and are dropped where it is full.",
     technique="T0814",
     counterfactual="mute",
-    surface=("gcs", "log", "autopilot", "rid_data", "approval", "rid_up", "rid_down", "oracle"),
+    surface=EVERY_LINK,
     effect="frames queue, and are lost where the queue is full, the more so the more is sent",
     threat=ThreatModel(
         knowledge="nothing",

@@ -9,7 +9,7 @@ from typing import Annotated, Final
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import SIDES, Names, Repetition, ends_of
+from skyrange.attack.on_path import Names, Repetition, ends_of, side_of
 from skyrange.attack.signing.stolen_key import ROLES
 from skyrange.attack.telemetry.alteration import telemetry_links
 from skyrange.codec.mavlink import dialect as mav
@@ -96,7 +96,7 @@ def make(params: SignedReplay, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or of another kind."""
     links = telemetry_links(params.links, context, ROLES)
     maker = _MakeTap(params, context)
-    return Attack(taps=[TapPlacement(name, SIDES[name.partition(":")[0]], maker) for name in links])
+    return Attack(taps=[TapPlacement(name, side_of(name), maker) for name in links])
 
 
 REPLAY = AttackPlugin(

@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import SIDES, InjectingTap, Names, Repetition
+from skyrange.attack.on_path import InjectingTap, Names, Repetition, side_of
 from skyrange.attack.telemetry.alteration import telemetry_links
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
@@ -129,7 +129,7 @@ def make(params: SignedOrders, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or of another kind."""
     links = telemetry_links(params.links, context, ROLES)
     maker = _MakeTap(params, context)
-    return Attack(taps=[TapPlacement(name, SIDES[name.partition(":")[0]], maker) for name in links])
+    return Attack(taps=[TapPlacement(name, side_of(name), maker) for name in links])
 
 
 STOLEN_KEY = AttackPlugin(

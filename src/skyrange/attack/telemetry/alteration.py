@@ -19,7 +19,7 @@ from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import SIDES, Names
+from skyrange.attack.on_path import Names, side_of
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNATURE, SIGNED, checksum
@@ -196,7 +196,7 @@ def alter_telemetry(patterns: Sequence[str], context: AttackContext, alteration:
                 expected = f"{name} or {second}, not both"
                 raise InputError.one(context.id, "links", f"{name}, {second}", expected, "One frame passes both.")
     return Attack(
-        taps=[TapPlacement(name, SIDES[name.partition(":")[0]], make) for name in links],
+        taps=[TapPlacement(name, side_of(name), make) for name in links],
         exclusive=[
             exclusive_messages(name, FROM_AIRCRAFT[name.partition(":")[0]], alteration.messages) for name in links
         ],

@@ -1,0 +1,120 @@
+"""Equivocation: an operator's node of the hashgraph tells half of the others of one claim, and half of another one.
+
+Both claims are in events that name the same event before them, so that each half takes its own for the operator's next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
+from skyrange.attack.exclusive import Exclusive
+from skyrange.attack.on_path import USS, Repetition, TapMaker, ends_of
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.verdicts import Direction, Inject, Verdict
+from skyrange.core.errors import InputError
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode
+from skyrange.utm.hashgraph.signatures import secret_of, sign
+from skyrange.utm.messages import Request
+from skyrange.utm.messages import encode as encode_request
+
+_FLIGHTS: Final = ("twin-a", "twin-b")
+
+
+@dataclass(slots=True)
+class EquivocatingTap:
+    """Tells one member of one of the two events, once."""
+
+    link: str
+    params: Corridor
+    context: AttackContext
+    when: Repetition
+    members: tuple[str, ...]
+    """Operators of the other nodes, in order: every second one is told of the second event."""
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Let it pass."""
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """When it tells."""
+        return self.when.due
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Tell."""
+        if not self.when.take(now):
+            return ()
+        one, _, other = self.link.partition(":")[2].partition("~")
+        peer = other if one == self.params.operator else one
+        way: Direction = "fwd" if one == self.params.operator else "rev"
+        return [Inject(self._message(now, self.members.index(peer) % 2), way, *ends_of(self.link, way))]
+
+    def _message(self, now: Time, which: int) -> bytes:
+        """The second event after the member's first; of the sham one that is known, as long as the other."""
+        intent = make_intent(self.params, self.context, _FLIGHTS[which], now)
+        payload = encode_request(Request.of(intent, self.context.epoch))
+        mine = Event(self.params.operator, NO_PARENT, NO_PARENT, 0)
+        theirs = Event(self.members[0], NO_PARENT, NO_PARENT, 0)
+        secret = secret_of(self.context.chance.seed, self.params.operator)
+        event = sign(Event(self.params.operator, mine.hash, theirs.hash, now, (payload,)), secret)
+        message = encode(Gossip(method="POST", body=GossipBody(events=(EventMessage.of(event),))))
+        if not self.context.sham:
+            return message
+        return encode(Gossip(method="POST", body=GossipBody())).ljust(len(message))
+
+
+@dataclass(frozen=True, slots=True)
+class _Maker:
+    """Makes the tap of each link, with a clock of its own."""
+
+    params: Corridor
+    context: AttackContext
+    members: tuple[str, ...]
+
+    def __call__(self, link: str) -> EquivocatingTap:
+        when = Repetition(self.context.schedule, NS_PER_S, times=1)
+        return EquivocatingTap(link, self.params, self.context, when, self.members)
+
+
+def make(params: Corridor, context: AttackContext) -> Attack:
+    """The attack. Raises `InputError` for an operator without a node."""
+    check_operator(params, context)
+    pairs = [name.partition(":")[2].split("~") for name in context.links if name.startswith(f"{USS}:")]
+    own = [pair for pair in pairs if params.operator in pair]
+    members = tuple(sorted(one for pair in own for one in pair if one != params.operator))
+    if len(members) < 2 or "dss" in members:
+        expected = "an operator whose approval is hashgraph, with two others at least"
+        raise InputError.one(context.id, "operator", repr(params.operator), expected)
+    maker = TapMaker(_Maker(params, context, members))
+    return Attack(
+        taps=[TapPlacement(f"{USS}:{one}~{other}", params.operator, maker) for one, other in own],
+        exclusive=[Exclusive(f"events of {params.operator}")],
+    )
+
+
+EQUIVOCATE = AttackPlugin(
+    Corridor,
+    make,
+    "Books a corridor twice: tells half of the nodes of a hashgraph of one claim, and half of another.",
+    technique="T0856",
+    surface=("uss",),
+    effect="nodes that decide on different claims for one corridor, if a third of all stake or more is byzantine; "
+    "otherwise at most one of the claims is accepted, and the pair of events is a proof",
+    threat=ThreatModel(
+        knowledge="the keys of its own node, the members of the hashgraph",
+        position="a member: an operator whose node is byzantine",
+        equipment="a node of its own",
+        budget="one message of about 3 kB to each other node",
+    ),
+    controls=Controls(
+        load="the sham: as many messages of the same length, without an event",
+        content="one claim, told to all",
+        placement="an operator without stake",
+    ),
+)

@@ -1,0 +1,32 @@
+"""Links of one USS to the DSS and to other USSs, and a tap at its end of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from skyrange.attack.contract import AttackContext
+from skyrange.attack.on_path import USS
+from skyrange.contracts.components import Tap
+from skyrange.contracts.links import TapPlacement
+from skyrange.core.errors import InputError, nearest
+
+DSS: Final = "dss"
+
+
+def _pairs(context: AttackContext) -> list[tuple[str, str]]:
+    names = [name.partition(":")[2] for name in context.links if name.startswith(f"{USS}:")]
+    return [(one, other) for one, _, other in (name.partition("~") for name in names)]
+
+
+def check_uss(uss: str, context: AttackContext) -> None:
+    """Raise `InputError` for a USS that the scenario does not have."""
+    known = sorted({other for one, other in _pairs(context) if one == DSS})
+    if uss not in known:
+        hint = nearest(uss, known) or 'Set approval = "federated" for its operator.'
+        raise InputError.one(context.id, "uss", repr(uss), "a USS of the scenario", hint)
+
+
+def uss_taps(uss: str, context: AttackContext, make: Callable[[str], Tap]) -> list[TapPlacement]:
+    """A tap at the USS's end of each of its links."""
+    return [TapPlacement(f"{USS}:{one}~{other}", uss, make) for one, other in _pairs(context) if uss in (one, other)]
