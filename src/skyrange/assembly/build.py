@@ -67,6 +67,11 @@ class BuiltScenario:
             self.oracle.close()
 
 
+def _request_s(ahead_s: float | None, depart_s: float) -> float:
+    """When a flight is requested, in seconds of simulated time."""
+    return 0.0 if ahead_s is None else max(depart_s - ahead_s, 0.0)
+
+
 def build(
     scenario: Scenario,
     *,
@@ -129,6 +134,7 @@ def build(
                 network=vehicle.network,
                 plan=plans[vehicle_id(operator.id, vehicle.id)],
                 depart_s=vehicle.depart_s,
+                request_s=_request_s(operator.request_ahead_s, vehicle.depart_s),
             )
             for vehicle in operator.vehicles
         ]

@@ -14,13 +14,14 @@ class Flight:
 
     `vehicle` is the range-wide id (`blue/b1`). `system_id` is the MAVLink system id, 1…250, unique within the
     operator's MAVLink network number `network`. The ground station arms and starts the aircraft at `depart_s`
-    (seconds of simulated time), or as soon after that as the aircraft is ready.
+    (seconds of simulated time), or as soon after that as the aircraft is ready. It asks for approval at `request_s`.
     """
 
     vehicle: str
     system_id: int
     plan: FlightPlan
     depart_s: float = 0.0
+    request_s: float = 0.0
     network: int = 0
 
 

@@ -56,6 +56,8 @@ STALE_NS = 3 * NS_PER_S
 
 An acknowledgement of SET_MESSAGE_INTERVAL does not name the message that it concerns, so a duplicate can be mistaken
 for the acknowledgement of the next command. Only the telemetry that arrives shows whether the streams are set."""
+_BEGUN_NS = NS_PER_S
+"""A station that begins a flight later than this after the time of its request was restarted in between."""
 _FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_RTL, mav.COPTER_MODE_SMART_RTL})
 """Modes that show that a disarmed aircraft has flown: no aircraft is prepared in them."""
 _STREAM_CHECKED = frozenset({FlightState.WAITING, FlightState.HOLDING, FlightState.FLYING})
@@ -91,7 +93,7 @@ class FlightSequencer:
     claim: AirspaceClaim
     state: FlightState = FlightState.PLANNED
     outcome: FlightOutcome | None = None
-    due: Time = 0
+    due: Time = field(init=False)
     intent: str = ""
     link_lost: bool = False
     submission: IntentSubmission | None = None
@@ -112,6 +114,9 @@ class FlightSequencer:
     """Why the plan was given up, while the aircraft returns home."""
     texts: AutopilotTexts = field(default_factory=AutopilotTexts)
     """What the autopilot said since the ground station began to prepare it."""
+
+    def __post_init__(self) -> None:
+        self.due = from_seconds(self.flight.request_s)
 
     # --- inputs --------------------------------------------------------------------------------
 
@@ -185,7 +190,9 @@ class FlightSequencer:
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what is due."""
         if self.state is FlightState.PLANNED:
-            self._raise(FlightEvent.BEGUN if now <= 0 else FlightEvent.BEGUN_ANEW, now, out, ())
+            request_ns = from_seconds(self.flight.request_s)
+            begins = now <= request_ns + (_BEGUN_NS if request_ns else 0)
+            self._raise(FlightEvent.BEGUN if begins else FlightEvent.BEGUN_ANEW, now, out, ())
         if self.submission is not None and now >= self.submission.due:
             self._submit_intent(self.submission, now, out)
         if self.report is not None and now >= self.report.due:

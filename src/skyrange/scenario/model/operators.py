@@ -75,6 +75,13 @@ class Operator(Model):
     margins: VolumeMargins = Field(
         default_factory=VolumeMargins, description="Margins of the airspace that it claims for its flights."
     )
+    request_ahead_s: Number | None = Field(
+        default=None,
+        ge=0,
+        le=86_400,
+        description="How long before its departure approval of a flight is requested, in seconds; default: of all "
+        "flights at the beginning.",
+    )
     streams: Annotated[str, AfterValidator(_known_streams)] = Field(
         default="light",
         description="Telemetry profile that its ground station requests: light, or operator (that of QGroundControl).",
