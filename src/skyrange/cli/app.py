@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli import live_app
-from skyrange.cli.handlers import installation, matrices, runs
+from skyrange.cli.handlers import installation, matrices, runs, variants
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
     Arms,
@@ -156,6 +156,50 @@ def pair(
         changes or [],
         as_json,
     )
+
+
+@app.command(
+    epilog='Example: skyrange compare corridor-rush --variant "federated:operators.*.approval=federated" --seeds 5'
+)
+def compare(
+    scenario: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="Name of a shipped scenario or a TOML file.",
+            autocompletion=complete_scenario,
+            show_default=False,
+        ),
+    ],
+    variant: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NAME:PATH=VALUE",
+            help="A variant, and a value of the scenario that it changes; * in the path matches all elements. May be "
+            "repeated; a name that is repeated changes another value.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the runs, empty or new. Default: runs/NAME-comparison, then -2 …"),
+    ] = None,
+    seeds: Annotated[
+        int,
+        typer.Option(metavar="K", min=1, help="Repeat with K seeds, and compute means and 95 % confidence intervals."),
+    ] = 1,
+    jobs: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=1, help="Number of parallel runs, one process each. Default: one per core."),
+    ] = None,
+    seed: Annotated[int | None, typer.Option(metavar="N", help="The first seed; overrides the scenario's.")] = None,
+    buildings: Buildings = None,
+    changes: Changes = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a scenario and variants of it with the same seeds, and compare missions, separation, approvals and delays."""
+    runs.load_plugins(plugin)
+    variants.compare(scenario, variant, out, seeds, jobs, seed, buildings, changes or [], as_json)
 
 
 @app.command(epilog="Example: skyrange show runs/squares")

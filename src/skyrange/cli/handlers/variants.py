@@ -1,0 +1,56 @@
+"""Handler of `skyrange compare`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from skyrange.cli.output.console import print_json, print_text, tell_if_cold, terminal
+
+
+def compare(
+    name: str,
+    variants: Sequence[str],
+    out: Path | None,
+    seeds: int,
+    jobs: int | None,
+    seed: int | None,
+    buildings: Path | None,
+    changes: Sequence[str],
+    as_json: bool,
+) -> None:
+    """`skyrange compare`."""
+    from rich.table import Table
+
+    from skyrange.cli.output.progress import parallel_progress
+    from skyrange.study.variants.flights import compare_variants, read_variants
+    from skyrange.study.variants.report import write_comparison_report
+    from skyrange.study.variants.sections import make_tables
+
+    chosen = read_variants(variants)
+    tell_if_cold(quiet=as_json)
+    with parallel_progress(name, seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
+        result = compare_variants(
+            name,
+            chosen,
+            out,
+            seeds=seeds,
+            jobs=jobs,
+            seed=seed,
+            buildings=buildings,
+            changes=changes,
+            on_progress=on_progress,
+        )
+    report = write_comparison_report(result)
+    if as_json:
+        print_json({**result.describe(), "path": str(result.path), "report": str(report)})
+        return
+    for one in make_tables(result):
+        table = Table(title=one.title, title_justify="left", title_style="bold")
+        for number, text in enumerate(one.head):
+            table.add_column(text, justify="right" if number else "left")
+        for row in one.rows:
+            table.add_row(*row)
+        terminal().print(table)
+    print_text(f"runs   {result.path}")
+    print_text(f"report {report}")

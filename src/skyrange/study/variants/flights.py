@@ -1,0 +1,157 @@
+"""Flights of the variants of a scenario, in one folder, with the same seeds."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from skyrange.assembly.build import build
+from skyrange.core.errors import ComponentError, InputError, Problem, ShortfallError
+from skyrange.core.files import atomic_write
+from skyrange.core.ids import ID_PATTERN
+from skyrange.core.input_files import expand_user
+from skyrange.record import load as load_run
+from skyrange.record.folder import make_new_folder
+from skyrange.runtime.run import free_folder
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.parallel_runs import OnRunProgress, run_all
+from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.variants.run_measures import QUANTITIES, RunMeasures, measure_run
+
+UNCHANGED: Final = "unchanged"
+"""Name of the scenario as it is."""
+MANIFEST: Final = "comparison.json"
+FORMAT: Final = "skyrange.comparison/1"
+MAX_VARIANTS: Final = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """The measures of all runs."""
+
+    path: Path
+    name: str
+    seeds: tuple[int, ...]
+    changes: Mapping[str, Sequence[str]]
+    """By variant, in order: the changes of the scenario."""
+    measured: Mapping[tuple[str, int], RunMeasures]
+    """By variant and seed."""
+
+    def folder(self, variant: str, seed: int) -> str:
+        """The folder of a run, in that of the comparison."""
+        return folder_of(variant, seed, self.seeds)
+
+    def interval(self, variant: str, quantity: str) -> Interval | None:
+        """The mean of a measure over the seeds; `None` if no run of the variant has it."""
+        runs = (self.measured[variant, seed].values for seed in self.seeds)
+        return interval([values[quantity] for values in runs if quantity in values])
+
+    def delays_s(self, variant: str) -> dict[str, Interval]:
+        """The mean delay of each operator's flights over the seeds."""
+        found: dict[str, list[float]] = {}
+        for seed in self.seeds:
+            for operator, delay_s in self.measured[variant, seed].delays_s.items():
+                found.setdefault(operator, []).append(delay_s)
+        means = {operator: interval(delays) for operator, delays in found.items()}
+        return {operator: mean for operator, mean in means.items() if mean is not None}
+
+    def describe(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "format": FORMAT,
+            "name": self.name,
+            "seeds": list(self.seeds),
+            "variants": [
+                {
+                    "name": variant,
+                    "changes": list(changes),
+                    "measures": {
+                        one.name: mean._asdict()
+                        for one in QUANTITIES
+                        if (mean := self.interval(variant, one.name)) is not None
+                    },
+                    "delays_s": {name: mean._asdict() for name, mean in self.delays_s(variant).items()},
+                }
+                for variant, changes in self.changes.items()
+            ],
+        }
+
+
+def folder_of(variant: str, seed: int, seeds: Sequence[int]) -> str:
+    """The folder of a run."""
+    return variant if len(seeds) == 1 else f"seed-{seed}/{variant}"
+
+
+def read_variants(texts: Sequence[str]) -> dict[str, list[str]]:
+    """Variants by name from `NAME:PATH=VALUE`; a name that comes again has another change. Raises `InputError`."""
+    found: dict[str, list[str]] = {}
+    problems = []
+    for text in texts:
+        name, colon, change = text.partition(":")
+        if not colon or not ID_PATTERN.match(name) or name == UNCHANGED:
+            expected = f"NAME:PATH=VALUE, with a name other than {UNCHANGED!r}"
+            problems.append(Problem("variant", repr(text), expected, "federated:operators.*.approval=federated"))
+        else:
+            found.setdefault(name, []).append(change.strip())
+    if not problems and not 1 <= len(found) <= MAX_VARIANTS:
+        problems.append(Problem("variant", str(len(found)), f"1 to {MAX_VARIANTS} variants"))
+    if problems:
+        raise InputError("compare", problems)
+    return found
+
+
+def compare_variants(
+    name: str | Path,
+    variants: Mapping[str, Sequence[str]],
+    out: str | Path | None = None,
+    *,
+    seeds: int = 1,
+    jobs: int | None = None,
+    seed: int | None = None,
+    buildings: str | Path | None = None,
+    changes: Sequence[str] = (),
+    on_progress: OnRunProgress | None = None,
+) -> Comparison:
+    """Run a scenario as it is and each of its variants, with the same seeds, and measure the runs.
+
+    `name` is a shipped scenario or a file. `variants` has the changes of each, as `--set` has them, in addition to
+    `changes` of all. `out` defaults to the first free folder of `runs/NAME-comparison`, `runs/NAME-comparison-2` …
+    Raises `InputError` before anything is written, `ComponentError` if a run failed, `ShortfallError` after Ctrl-C.
+    """
+    jobs = jobs if jobs is not None else os.cpu_count() or 1
+    all_changes = {UNCHANGED: list(changes), **{one: [*changes, *more] for one, more in variants.items()}}
+    scenarios: dict[str, Scenario] = {}
+    for variant, given in all_changes.items():
+        scenarios[variant] = load_scenario(str(name), given, seed=seed, buildings=buildings)
+        build(scenarios[variant])  # raises errors in the scenario before a folder is created
+    base = scenarios[UNCHANGED]
+    numbers = tuple(base.seed + k for k in range(seeds))
+    folder = make_new_folder(expand_user(out) if out is not None else free_folder(f"{base.name}-comparison"))
+    flights = [(variant, number) for number in numbers for variant in scenarios]
+    results = run_all(
+        [
+            (scenarios[variant].model_copy(update={"seed": number}), folder / folder_of(variant, number, numbers))
+            for variant, number in flights
+        ],
+        jobs,
+        on_progress,
+    )
+    worst = max(results, key=lambda one: one.exit_code)
+    if worst.exit_code == ShortfallError.exit_code:
+        raise ShortfallError(f"interrupted; the runs so far are in {folder}", folder)
+    if worst.exit_code:
+        variant, number = flights[results.index(worst)]
+        raise ComponentError(f"run {variant}, seed {number}", worst.message)
+    measured = {
+        (variant, number): measure_run(load_run(folder / folder_of(variant, number, numbers)))
+        for variant, number in flights
+    }
+    result = Comparison(folder, base.name, numbers, all_changes, measured)
+    with atomic_write(folder / MANIFEST) as file:
+        file.write(f"{json.dumps(result.describe(), indent=2)}\n".encode())
+    return result

@@ -1,0 +1,89 @@
+"""Measures of one run by which variants of a scenario are compared."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.record.read.run import RunRecord
+from skyrange.study.measures.aircraft_measures import measure, read_ticks
+from skyrange.study.measures.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
+from skyrange.study.measures.separation import NEAR_M
+
+
+class Quantity(NamedTuple):
+    """One measure of a whole run."""
+
+    name: str
+    unit: str
+    about: str
+
+
+QUANTITIES: Final = (
+    Quantity("missions complete", "", "aircraft whose mission is complete"),
+    Quantity("collisions", "", "times that two aircraft collided"),
+    Quantity("near misses", "", f"times that two aircraft in the air came nearer than {NEAR_M:g} m"),
+    Quantity("least separation", "m", "least distance of two aircraft in the air, centre to centre"),
+    Quantity("way flown", "km", "of all aircraft together"),
+    Quantity("last mission ends", "s", "when the last mission was complete"),
+    Quantity("requests", "", "requests for approval and activation"),
+    Quantity("rejections", "", "requests that were rejected, with or without alternatives"),
+    Quantity("answer, median", "s", "from a request to its answer at the ground station"),
+    Quantity("answer, longest", "s", "the longest of these"),
+    Quantity("all approved", "s", "when the last flight was approved"),
+    Quantity("delay, mean", "s", "how much later than wanted the approved flights take place"),
+    Quantity("delay, longest", "s", "the longest of these"),
+    Quantity("climb, mean", "m", "how much higher than planned the approved flights fly"),
+    Quantity("fairness", "", "Jain's index of the operators' mean delays: 1 if all are equal"),
+)
+"""In the order in which they are reported."""
+
+
+class RunMeasures(NamedTuple):
+    """The measures of one run."""
+
+    values: dict[str, float]
+    """By name of the quantity; what a run does not have is missing."""
+    delays_s: dict[str, float]
+    """Mean delay of the approved flights of each operator."""
+
+
+def measure_run(record: RunRecord) -> RunMeasures:
+    """Measure a run."""
+    flights = measure_approvals(record)
+    delays_s = delays_by_operator(flights)
+    values = {**_of_aircraft(record), **_of_approvals(flights, delays_s)}
+    return RunMeasures({name: value for name, value in values.items() if value is not None}, delays_s)
+
+
+def _of_aircraft(record: RunRecord) -> dict[str, float | None]:
+    measured = measure(record, read_ticks(record), NEAR_M)
+    ends = [one.finished_s for one in measured if one.outcome == "complete" and one.finished_s is not None]
+    apart = [one.min_separation_m for one in measured if one.min_separation_m is not None]
+    return {
+        "missions complete": float(sum(one.outcome == "complete" for one in measured)),
+        "collisions": sum(one.collisions for one in measured) / 2.0,
+        "near misses": sum(one.near_misses for one in measured) / 2.0,
+        "least separation": min(apart, default=None),
+        "way flown": math.fsum(one.distance_m for one in measured) / 1e3,
+        "last mission ends": max(ends, default=None),
+    }
+
+
+def _of_approvals(flights: list[FlightApprovals], delays_s: dict[str, float]) -> dict[str, float | None]:
+    answers = [second for flight in flights for second in flight.answers_s]
+    delays = [flight.delay_s for flight in flights if flight.delay_s is not None]
+    approved = [flight.approved_s for flight in flights if flight.approved_s is not None]
+    return {
+        "requests": float(sum(flight.requests for flight in flights)),
+        "rejections": float(sum(flight.rejections for flight in flights)),
+        "answer, median": float(np.median(answers)) if answers else None,
+        "answer, longest": max(answers, default=None),
+        "all approved": max(approved, default=None),
+        "delay, mean": float(np.mean(delays)) if delays else None,
+        "delay, longest": max(delays, default=None),
+        "climb, mean": float(np.mean([one.climb_m for one in flights if one.delay_s is not None])) if delays else None,
+        "fairness": fairness(list(delays_s.values())),
+    }

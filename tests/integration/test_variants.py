@@ -1,0 +1,47 @@
+"""Does `skyrange compare` fly every variant with every seed, and tell what differs?"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from skyrange.core.errors import InputError
+from skyrange.study.variants.flights import compare_variants
+from skyrange.study.variants.report import write_comparison_report
+from skyrange.study.variants.sections import make_tables
+
+APPROVALS = {"all": ["operators.*.approval=approve-all"], "hash": ["operators.*.approval=hashgraph"]}
+
+
+def test_three_approvals_of_one_scenario_are_compared(tmp_path: Path) -> None:
+    result = compare_variants("approval.squat", APPROVALS, tmp_path / "cmp", seeds=2, jobs=2)
+    assert list(result.changes) == ["unchanged", "all", "hash"]
+    assert len(result.measured) == 6
+    delays = {variant: result.delays_s(variant)["blue"].mean for variant in result.changes}
+    assert delays["all"] == 0.0
+    assert delays["unchanged"] > 30.0
+    assert delays["hash"] > 30.0
+    latency = {variant: result.interval(variant, "answer, median") for variant in result.changes}
+    assert latency["hash"] is not None
+    assert latency["unchanged"] is not None
+    assert latency["hash"].mean > latency["unchanged"].mean
+    first, second = make_tables(result)
+    assert first.head == ["measure", "unchanged", "all", "hash"]
+    assert ["rejections", "1", "0", "1"] in first.rows
+    assert [row[0] for row in second.rows] == ["blue", "amber"] or [row[0] for row in second.rows] == ["amber", "blue"]
+    report = write_comparison_report(result)
+    page = report.read_text()
+    for variant in result.changes:
+        for seed in result.seeds:
+            assert f'href="{result.folder(variant, seed)}/report.html"' in page
+            assert (result.path / result.folder(variant, seed) / "report.html").is_file()
+    assert "<svg" in page
+    assert json.loads((result.path / "comparison.json").read_text())["variants"][1]["name"] == "all"
+
+
+def test_what_is_wrong_with_a_variant_is_named_before_a_folder_is_made(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nobody"):
+        compare_variants("approval.squat", {"x": ["operators.*.approval=nobody"]}, tmp_path / "cmp")
+    assert not (tmp_path / "cmp").exists()
