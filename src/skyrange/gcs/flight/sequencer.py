@@ -63,6 +63,8 @@ _FLOWN = frozenset({mav.COPTER_MODE_AUTO, mav.COPTER_MODE_LAND, mav.COPTER_MODE_
 _STREAM_CHECKED = frozenset({FlightState.WAITING, FlightState.HOLDING, FlightState.FLYING})
 """States in which the streams must arrive and in which no other required command can be in progress."""
 
+_FLIGHT = frozenset({FlightState.STARTING, FlightState.FLYING})
+
 _EXPLAINED = frozenset({FlightState.PREPARING, FlightState.ARMING, FlightState.STARTING})
 """States in which the texts of the autopilot say why it rejects a command."""
 
@@ -184,7 +186,7 @@ class FlightSequencer:
             self.claim.state = None
             self._drop_commands()
             self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
-        elif self.state in (FlightState.STARTING, FlightState.FLYING):
+        elif self.state in _FLIGHT:
             self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
 
     def on_time(self, now: Time, out: Outbox) -> None:
@@ -423,12 +425,16 @@ class FlightSequencer:
         self._send_report(self.report, now, out)
 
     def _send_report(self, report: IntentSubmission, now: Time, out: Outbox) -> None:
-        """Send a report (again); one that is not answered is given up, the flight goes on."""
+        """Send a report (again). One that is not answered is given up; the flight goes on unless it is outside its
+        volumes, which nobody else knows then: the aircraft flies its contingency.
+        """
         if report.count_attempt(now):
             out.send(self.approval_port, report.payload)
             return
         self.report = None
         out.note("decision.approval_silent", self.flight.vehicle, {"tries": report.tries})
+        if report.intent.state is IntentState.NONCONFORMING and self.state in _FLIGHT:
+            self._give_up("outside its volumes, and approval: no answer", now, out, ())
 
     def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
         self.transfer = transfer
@@ -535,7 +541,7 @@ class FlightSequencer:
             watch |= Watch.HEARTBEAT
         if self.state in ARMED and not self.belief.armed:
             watch |= Watch.HEARTBEAT
-        if self.guided is not None and self.state in (FlightState.STARTING, FlightState.FLYING):
+        if self.guided is not None and self.state in _FLIGHT:
             watch |= Watch.POSITION
         if self.claim.tracked and self.state in ARMED:
             watch |= Watch.POSITION
