@@ -9,6 +9,7 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.study.measures.approvals import delays_by_operator, fairness, measure_approvals
+from skyrange.study.measures.time_series import read_notes
 from skyrange.study.variants.flights import read_variants
 
 
@@ -46,7 +47,7 @@ def test_a_flight_that_is_rejected_once_is_delayed_and_higher() -> None:
         (80.0, "approval_requested", "red/a", {"from_s": 90.0}),
         (80.5, "rejected", "red/a", {"alternatives": 0}),
     )
-    blue, green, red = measure_approvals(record)
+    blue, green, red = measure_approvals(read_notes(record, "decisions"))
     assert (blue.requests, blue.rejections, blue.climb_m) == (3, 1, 15.0)
     assert blue.delay_s == pytest.approx(30.5)
     assert blue.approved_s == pytest.approx(0.9)

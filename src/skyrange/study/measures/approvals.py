@@ -4,7 +4,7 @@ took place than their operators wanted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.study.measures.time_series import Record, read_notes
+from skyrange.study.measures.time_series import RecordedNote
 
 _ASKED: Final = frozenset({"decision.approval_requested", "decision.activation_requested"})
 _ANSWERED: Final = frozenset(
@@ -46,12 +46,12 @@ class FlightApprovals:
         return self.given_s - self.wanted_s
 
 
-def measure_approvals(record: Record) -> list[FlightApprovals]:
+def measure_approvals(decisions: Iterable[RecordedNote]) -> list[FlightApprovals]:
     """The approvals of all flights that were requested, in the order of their first requests."""
     flights: dict[str, FlightApprovals] = {}
     asked: dict[str, tuple[Time, float]] = {}
     climbs: dict[str, float] = {}
-    for note in read_notes(record, "decisions"):
+    for note in decisions:
         vehicle = note.about
         if note.kind in _ASKED:
             flight = flights.setdefault(vehicle, FlightApprovals(vehicle))

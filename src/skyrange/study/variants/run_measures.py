@@ -10,7 +10,9 @@ import numpy as np
 from skyrange.record.read.run import RunRecord
 from skyrange.study.measures.aircraft_measures import measure, read_ticks
 from skyrange.study.measures.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
+from skyrange.study.measures.claims import inside_share, is_tracked, read_claims
 from skyrange.study.measures.separation import NEAR_M
+from skyrange.study.measures.time_series import read_notes, truth_tracks
 
 
 class Quantity(NamedTuple):
@@ -33,6 +35,7 @@ QUANTITIES: Final = (
     Quantity("answer, median", "s", "from a request to its answer at the ground station"),
     Quantity("answer, longest", "s", "the longest of these"),
     Quantity("all approved", "s", "when the last flight was approved"),
+    Quantity("time in claimed airspace", "%", "of the time in flight, while an approval tracks the flight"),
     Quantity("delay, mean", "s", "how much later than wanted the approved flights take place"),
     Quantity("delay, longest", "s", "the longest of these"),
     Quantity("climb, mean", "m", "how much higher than planned the approved flights fly"),
@@ -52,10 +55,19 @@ class RunMeasures(NamedTuple):
 
 def measure_run(record: RunRecord) -> RunMeasures:
     """Measure a run."""
-    flights = measure_approvals(record)
+    flights = measure_approvals(read_notes(record, "decisions"))
     delays_s = delays_by_operator(flights)
-    values = {**_of_aircraft(record), **_of_approvals(flights, delays_s)}
+    values = {**_of_aircraft(record), **_of_approvals(flights, delays_s), "time in claimed airspace": _inside(record)}
     return RunMeasures({name: value for name, value in values.items() if value is not None}, delays_s)
+
+
+def _inside(record: RunRecord) -> float | None:
+    """The share of the flight time in claimed airspace, in percent, over all flights that an approval tracks."""
+    claims = {vehicle: own for vehicle, own in read_claims(record).items() if is_tracked(own)}
+    tracks = truth_tracks(record) if claims else {}
+    shares = [inside_share(own, tracks[vehicle]) for vehicle, own in claims.items() if vehicle in tracks]
+    known = [share for share in shares if share is not None]
+    return 100.0 * float(np.mean(known)) if known else None
 
 
 def _of_aircraft(record: RunRecord) -> dict[str, float | None]:

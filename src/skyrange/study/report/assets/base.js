@@ -16,15 +16,14 @@ RUN.vehicles.forEach((v, i) => {
   v.truth = unpack(v.truth);
   v.belief = unpack(v.belief);
 });
-RUN.buildings = RUN.buildings.h.map((h, i) => ({
-  h: h / 10,
-  rings: RUN.buildings.r[i].map((flat) => {
-    const ring = [];
-    let e = 0, n = 0;
-    for (let k = 0; k < flat.length; k += 2) ring.push([(e += flat[k]) / 10, (n += flat[k + 1]) / 10]);
-    return ring;
-  }),
-}));
+const unpackRing = (flat) => {
+  const ring = [];
+  let e = 0, n = 0;
+  for (let k = 0; k < flat.length; k += 2) ring.push([(e += flat[k]) / 10, (n += flat[k + 1]) / 10]);
+  return ring;
+};
+RUN.buildings = RUN.buildings.h.map((h, i) => ({ h: h / 10, rings: RUN.buildings.r[i].map(unpackRing) }));
+RUN.airspace = RUN.airspace.map((a) => ({ v: RUN.vehicles[a.v], from: a.t[0], until: a.t[1], low: a.h[0] / 10, high: a.h[1] / 10, ring: unpackRing(a.r) }));
 
 // Row of the last sample not after t, or -1.
 const rowAt = (track, t) => {

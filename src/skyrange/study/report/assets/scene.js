@@ -62,7 +62,7 @@ const buildScene = () => {
   $("overview").hidden = true;
   stage.classList.add("live");
   const camera = makeCamera();
-  const options = { city: true, belief: false, names: RUN.vehicles.length <= 60, size: bounds.size, dash: Math.max((RUN.end - RUN.start) / 120, 0.5), drift: !stillness.matches, quality: 1 };
+  const options = { city: true, belief: false, names: RUN.vehicles.length <= 60, size: bounds.size, dash: Math.max((RUN.end - RUN.start) / 120, 0.5), drift: !stillness.matches, quality: 1, airspace: RUN.airspace.length > 0 && RUN.vehicles.length <= 12 };
   let spots = [], lasting = 1;                                         // the quality that this machine keeps up with in motion
   const fingers = new Map();
 
@@ -87,6 +87,7 @@ const buildScene = () => {
   tools.append(view("3-D", -0.62, 0.46), view("Top", 0, 1.5607), view("Side", 0, 0.06),
     chip("Names", options.names, () => (options.names = !options.names)));
   if (RUN.vehicles.some((v) => v.belief.size)) tools.append(chip("Beliefs", false, () => (options.belief = !options.belief)));
+  if (RUN.airspace.length) tools.append(chip("Airspace", options.airspace, () => (options.airspace = !options.airspace)));
   if (RUN.buildings.length) tools.append(chip("Buildings", true, () => (options.city = !options.city)));
   stage.append(chips, tools, make("div", { className: "hint", textContent: matchMedia("(pointer: coarse)").matches ? "one finger turns · two move and zoom" : "drag to turn · shift-drag to move · click, then scroll to zoom" }));
 
@@ -106,6 +107,32 @@ const buildScene = () => {
       ctx.beginPath();
       ctx.ellipse(p[0], p[1], 6, Math.max(6 * Math.sin(camera.pitch), 1.5), 0, 0, 7);
       ctx.stroke();
+      ctx.globalAlpha = 1;
+    }
+  };
+  const drawAirspace = (ctx) => {                                       // what is claimed now, as prisms
+    for (const a of RUN.airspace) {
+      if (state.t < a.from || state.t > a.until || !visible(a.v)) continue;
+      const low = a.ring.map((p) => camera.project(p[0], p[1], a.low)), high = a.ring.map((p) => camera.project(p[0], p[1], a.high));
+      if (low.includes(null) || high.includes(null)) continue;
+      const near = state.focus < 0 || state.focus === a.v.index;
+      const trace = (ring) => {
+        ctx.moveTo(ring[0][0], ring[0][1]);
+        for (const p of ring) ctx.lineTo(p[0], p[1]);
+        ctx.closePath();
+      };
+      ctx.fillStyle = ctx.strokeStyle = ink(a.v);
+      ctx.lineWidth = 1;
+      ctx.beginPath();
+      trace(low);
+      trace(high);
+      low.forEach((p, i) => { ctx.moveTo(p[0], p[1]); ctx.lineTo(high[i][0], high[i][1]); });
+      ctx.globalAlpha = near ? 0.5 : 0.15;
+      ctx.stroke();
+      ctx.beginPath();
+      trace(high);
+      ctx.globalAlpha = near ? 0.1 : 0.03;
+      ctx.fill();
       ctx.globalAlpha = 1;
     }
   };
@@ -231,6 +258,7 @@ const buildScene = () => {
       render(camera, options, w, h);
     }
     drawHomes(ctx);
+    if (options.airspace) drawAirspace(ctx);
     drawAircraft(ctx);
     drawMarks(ctx);
     drawCompass(ctx, w, h);

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.study.figures.palette import ThemeColour, base_colours, theme_colour
 from skyrange.study.figures.subject import Subject, subject_of
+from skyrange.study.measures.approvals import FlightApprovals, measure_approvals
+from skyrange.study.measures.claims import Claim, read_claims
 from skyrange.study.measures.flight_summary import FlightSummary, summarise_flights
 from skyrange.study.measures.link_statistics import LinkStatistics, link_statistics
 from skyrange.study.measures.mishaps import Mishap, find_mishaps
@@ -53,6 +55,8 @@ class RunContents:
     links: Sequence[LinkStatistics]
     flights: Sequence[FlightSummary]
     reception_summaries: Sequence[ReceptionSummary]
+    approvals: Sequence[FlightApprovals]
+    claims: Mapping[str, Sequence[Claim]]
     start_ns: int
     end_ns: int
     recorded_ns: int
@@ -101,6 +105,8 @@ def read_run(record: Record) -> RunContents:
         links=link_statistics(record),
         flights=summarise_flights(record, subject.fleet, truth, belief, events),
         reception_summaries=reception_summaries(record),
+        approvals=measure_approvals(decisions),
+        claims=read_claims(record),
         start_ns=start,
         end_ns=view,
         recorded_ns=recorded,

@@ -15,6 +15,7 @@ from skyrange.study.measures.time_series import Record
 from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.report.run import link_tables, overview, radio_coverage, timeline
+from skyrange.study.report.run.airspace import render_airspace
 from skyrange.study.report.run.contents import RunContents, read_run
 from skyrange.study.report.run.scene_data import pack_scene
 
@@ -45,6 +46,7 @@ def render_run(record: Record) -> str:
         marked=bool(run.marks),
         altitude=run_figures.draw_altitude(run.subject, run.truth),
         gaps=overview.render_gaps(run),
+        airspace=render_airspace(run),
         quiet=timeline.quiet_end(run),
         recorded=quantities.duration(run.recorded_ns / NS_PER_S),
         lanes=timeline.render_lanes(run),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.study.figures.track_simplification import select_samples
+from skyrange.study.measures.claims import shown_prisms
 from skyrange.study.measures.time_series import Track, belief_errors_m
 from skyrange.study.report.run.contents import RunContents
 
@@ -23,6 +24,8 @@ MAX_BELIEF_POINTS = 40_000
 MAX_PER_TRACK = 3_000
 MAX_CITY_VERTICES = 60_000
 """Corners of all drawn buildings; those nearest to the flights are kept."""
+MAX_VOLUMES = 4_000
+"""Claimed volumes that are drawn."""
 TOLERANCE_M = 0.02
 """A dropped sample lies no farther than this from the drawn line, unless a track exceeds the limits above."""
 _SPEED_WEIGHT_S = 0.3
@@ -75,8 +78,24 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
             for mark in run.marks
         ],
         "buildings": buildings,
+        "airspace": _airspace(run),
     }
     return data, notes
+
+
+def _airspace(run: RunContents) -> list[dict[str, Any]]:
+    """Claimed volumes: place of the aircraft, begin and end in seconds, heights and ring in decimetres."""
+    places = {vehicle.id: place for place, vehicle in enumerate(run.fleet)}
+    found = [one for one in shown_prisms(run.claims, run.end_ns) if one[0] in places]
+    return [
+        {
+            "v": places[vehicle],
+            "t": [round(prism.start_ns * 1e-9, 1), round(prism.end_ns * 1e-9, 1)],
+            "h": [round(prism.lower_m * 10), round(prism.upper_m * 10)],
+            "r": _ring(prism.ring_m),
+        }
+        for vehicle, prism in found[:MAX_VOLUMES]
+    ]
 
 
 def _budget(total: int, count: int) -> int:

@@ -1,0 +1,64 @@
+"""Are claims read from a record as they were made, and shown in its report?"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+import skyrange
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.record import RunRecord
+from skyrange.scenario.shipped import load
+from skyrange.study.measures.claims import Claim, inside_share, is_tracked, read_claims, shown_prisms
+from skyrange.study.measures.time_series import truth_tracks
+from skyrange.utm.intent_states import IntentState
+
+
+@pytest.fixture(scope="module")
+def record(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:
+    return skyrange.run(load("approval.false_details"), tmp_path_factory.mktemp("claims") / "run")
+
+
+def test_a_flight_claims_is_activated_and_ends(record: RunRecord) -> None:
+    claims = read_claims(record)
+    assert set(claims) == {"blue/b1", "green/g1"}
+    for own in claims.values():
+        assert [claim.state for claim in own] == [IntentState.ACCEPTED, IntentState.ACTIVATED]
+        assert own[0].until_ns == own[1].from_ns
+        assert own[1].until_ns < NEVER, "it was ended"
+        assert is_tracked(own)
+    depart_ns = 20 * NS_PER_S
+    first = claims["blue/b1"][0].volumes[0]
+    assert first.start_ns <= depart_ns <= first.end_ns
+    assert abs(first.ring_m.mean(axis=0)).max() < 1.0, "it begins where the aircraft stands"
+
+
+def test_an_aircraft_that_keeps_to_its_volumes_was_inside_all_the_time(record: RunRecord) -> None:
+    tracks, claims = truth_tracks(record), read_claims(record)
+    for vehicle, own in claims.items():
+        share = inside_share(own, tracks[vehicle])
+        assert share is not None
+        assert share > 0.99
+    assert inside_share(claims["blue/b1"], tracks["green/g1"]) < 0.9  # type: ignore[operator]
+    assert inside_share([], tracks["blue/b1"]) is None
+    outside = [Claim("blue/b1", IntentState.NONCONFORMING, 0, NEVER, claims["blue/b1"][0].volumes)]
+    assert inside_share(outside, tracks["blue/b1"]) == 0.0
+
+
+def test_the_report_has_a_row_for_each_flight_and_the_volumes_at_their_times(record: RunRecord) -> None:
+    page = (record.path / "report.html").read_text()
+    assert 'id="airspace"' in page
+    data = re.search(r'<script type="application/json" id="run">(.*?)</script>', page, re.DOTALL)
+    assert data is not None
+    scene = json.loads(data[1])
+    shown = shown_prisms(read_claims(record), round(scene["end"] * NS_PER_S))
+    assert len(scene["airspace"]) == len(shown) > 5
+    assert all(one["t"][0] < one["t"][1] <= scene["end"] + 0.1 for one in scene["airspace"])
+
+
+def test_where_everything_is_approved_at_once_there_is_no_section(tmp_path: Path) -> None:
+    run = skyrange.run(load("squares", ["duration_s=3"]), tmp_path / "run")
+    assert 'id="airspace"' not in (run.path / "report.html").read_text()
