@@ -124,6 +124,7 @@ _SECTIONS = (
     ("Plan", "`plan`"),
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),
+    ("Route", "`plan.route`"),
 )
 
 

@@ -93,9 +93,9 @@ def test_paths_have_heights():
 @pytest.mark.parametrize(
     ("keys", "expected"),
     [
-        ({}, "exactly one of square, path and file"),
+        ({}, "exactly one of square, path, route and file"),
         ({"square": {"side_m": 1, "alt_m": 1}, "file": "x.plan"}, "square and file — expected exactly one"),
-        ({"square": {"side_m": 1, "alt_m": 1}, "anchor": "start"}, "relative to the start"),
+        ({"square": {"side_m": 1, "alt_m": 1}, "anchor": "start"}, "only a mission file has coordinates of its own"),
         ({"file": "x.plan", "end": "rtl"}, "no end, because the mission file sets it"),
         ({"file": "x.plan", "mode": "guided"}, "the autopilot flies a mission file"),
         ({"file": "x.plan", "speed_mps": 3}, "WPNAV_SPEED"),

@@ -18,6 +18,7 @@ from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.route_planning import plan_routes
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
 from skyrange.assembly.radio_checks import check_radios
@@ -90,7 +91,7 @@ def build(
     outside may be moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
     """
     city = build_city(scenario)
-    scenario = apply_placing(scenario, city)
+    scenario = apply_placing(plan_routes(scenario, city), city)
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
     approvals = build_approvals(scenario, city)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
     from skyrange.scenario.model.links import Link
     from skyrange.scenario.model.operators import Operator
-    from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
+    from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
     from skyrange.scenario.model.processing import Processing
     from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
     from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
@@ -52,6 +52,7 @@ __all__ = [
     "Receiver",
     "Record",
     "RemoteId",
+    "Route",
     "Scenario",
     "Sensors",
     "Square",
@@ -66,6 +67,7 @@ __all__ = [
     "load_toml",
     "mission_file",
     "path",
+    "route",
     "square",
     "to_toml",
 ]

@@ -25,7 +25,7 @@ class Corridor(Params):
 
     operator: str = Field(description="Operator in whose name it is claimed, such as 'red': the adversary.")
     from_m: Point = Field(description="One end, [east, north] in metres from the origin.")
-    to_m: Point = Field(description="The other end.")
+    to_m: Point = Field(description="The other end, [east, north] in metres.")
     width_m: Number = Field(default=20.0, gt=0, le=10_000, description="Its width in metres.")
     heights_m: tuple[Number, Number] = Field(
         default=(0.0, 120.0), description="Its lowest and highest height above the ground in metres."

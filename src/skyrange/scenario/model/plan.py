@@ -62,11 +62,35 @@ class Path(Model):
         return tuple((point[0], point[1], point[2] if len(point) == 3 else alt_m) for point in self.points)
 
 
+Ground = tuple[Number, Number]
+
+
+class Route(Model):
+    """A route that skyrange plans around the buildings of the city. The aircraft takes off at its start."""
+
+    to: Ground = Field(description="Where it ends, [east_m, north_m] in metres from the start.")
+    via: Annotated[tuple[Ground, ...], BeforeValidator(items)] = Field(
+        default=(), max_length=64, description="Places that it leads through, in order, as `to`."
+    )
+    alt_m: Number = Field(gt=0, le=10_000, description="Height above the ground in metres that it keeps where it can.")
+    ceiling_m: Number = Field(default=120.0, gt=0, le=10_000, description="Its greatest height in metres.")
+    clearance_m: Number = Field(default=5.0, ge=1, le=15, description="Least distance from walls and roofs, in metres.")
+
+    @model_validator(mode="after")
+    def _below_the_ceiling(self) -> Route:
+        if self.alt_m > self.ceiling_m:
+            raise wrong(f"{self.alt_m:g}", f"at most the ceiling_m of {self.ceiling_m:g} m", where="alt_m")
+        if self.to == (0.0, 0.0) and not self.via:
+            raise wrong("[0, 0]", "another place than the start", where="to")
+        return self
+
+
 class Plan(Model):
-    """A flight plan: exactly one of `square`, `path` and `file`, and how to fly it."""
+    """A flight plan: exactly one of `square`, `path`, `route` and `file`, and how to fly it."""
 
     square: Square | None = Field(default=None, description="Square to fly.")
     path: Path | None = Field(default=None, description="Path to fly.")
+    route: Route | None = Field(default=None, description="Route to plan around buildings, and fly.")
     file: FileName | None = Field(
         default=None,
         description="Mission file to fly: a QGroundControl .plan, or QGC WPL 110 (.waypoints, .txt). "
@@ -79,14 +103,14 @@ class Plan(Model):
     )
     end: Literal["land", "rtl"] | None = Field(
         default=None,
-        description="End of the flight: land in place, or return to launch. Default: land for a square, rtl for a "
-        "path. A mission file sets its own end.",
+        description="End of the flight: land in place, or return to launch. Default: land for a square or a route, rtl "
+        "for a path. A mission file sets its own end.",
     )
     speed_mps: Number | None = Field(
         default=None,
         gt=0,
         le=50,
-        description="Ground speed in m/s on a square or path; default: 5 m/s. A mission file sets its own speed.",
+        description="Ground speed in m/s, except of a mission file, which sets its own; default: 5 m/s.",
     )
     anchor: Literal["file", "start"] | None = Field(
         default=None,
@@ -101,17 +125,17 @@ class Plan(Model):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Plan:
-        kinds = ("square", "path", "file")
+        kinds = ("square", "path", "route", "file")
         given = [name for name in kinds if getattr(self, name) is not None]
         if len(given) != 1:
-            raise wrong(" and ".join(given) or "none", "exactly one of square, path and file")
+            raise wrong(" and ".join(given) or "none", "exactly one of square, path, route and file")
         if self.file is None:
             if self.anchor is not None:
                 raise wrong(
-                    self.anchor, "no anchor, because a square or path is always relative to the start", where="anchor"
+                    self.anchor, "no anchor, because only a mission file has coordinates of its own", where="anchor"
                 )
             if self.end is None:
-                object.__setattr__(self, "end", "land" if self.square is not None else "rtl")
+                object.__setattr__(self, "end", "rtl" if self.path is not None else "land")
             return self
         faults = []
         if self.mode != "auto":
@@ -145,3 +169,11 @@ def path(points: Any, alt_m: float | None = None, **how: Any) -> Plan:
 def mission_file(name: str | PathLike[str], **how: Any) -> Plan:
     """A plan to fly a mission file; `how` accepts `anchor`."""
     return Plan(file=fspath(name), **how)
+
+
+def route(to: Any, alt_m: float, **how: Any) -> Plan:
+    """A plan to fly to `to`, [east_m, north_m] from the start, around buildings; `how` accepts those of `Route` and of
+    `square`.
+    """
+    own = {name: how.pop(name) for name in ("via", "ceiling_m", "clearance_m") if name in how}
+    return Plan(route=Route(to=to, alt_m=alt_m, **own), **how)

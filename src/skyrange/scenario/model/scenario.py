@@ -35,7 +35,7 @@ from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, VolumeMargins, name_operators
-from skyrange.scenario.model.plan import Path, Plan, Square, mission_file, path, square
+from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
 from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
@@ -65,6 +65,7 @@ __all__ = [
     "Receiver",
     "Record",
     "RemoteId",
+    "Route",
     "Scenario",
     "Sensors",
     "Square",
@@ -78,6 +79,7 @@ __all__ = [
     "json_schema",
     "mission_file",
     "path",
+    "route",
     "square",
 ]
 

@@ -1,0 +1,146 @@
+"""Routes of flights: the quickest way over a city from place to place, within limits of height and clearance."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from skyrange.city.city import City
+from skyrange.planning.lattice import EXHAUSTED, NO_WAY, is_free, raise_field, search
+
+Floats = NDArray[np.float64]
+Place = tuple[float, float]
+"""East and north in metres."""
+
+CLIMB_MPS: Final = 2.5
+SINK_MPS: Final = 1.5
+"""ArduCopter's WPNAV_SPEED_UP and WPNAV_SPEED_DN."""
+AROUND_M: Final = 250.0
+"""How far around its places a route may lead."""
+MAX_STATES: Final = 40_000_000
+MAX_EXPANDED: Final = 20_000_000
+_DIAGONAL: Final = math.sqrt(0.5)
+
+
+class NoRouteError(Exception):
+    """There is no way; the message says what is in it, and from which height on there is one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """What a route may be."""
+
+    alt_m: float
+    """Height above the ground at which it begins and ends, and that it keeps where it can."""
+    ceiling_m: float
+    """Greatest height above the ground."""
+    clearance_m: float = 5.0
+    """Least distance from walls and roofs."""
+    step_m: float = 3.0
+    """Distance of two places of the lattice. A gap narrower than two clearances and three of these may be missed."""
+    layer_m: float = 5.0
+    """Distance of two layers of height."""
+    speed_mps: float = 5.0
+    """Ground speed: what a way around costs, against a climb."""
+
+
+def find_route(city: City | None, places: Sequence[Place], limits: Limits) -> list[tuple[float, float, float]]:
+    """The points of the quickest way through `places` in their order, the first one included: east, north, up.
+
+    Turns are the corners of the way after shortcuts that keep the same clearance. Without a city the way is straight.
+    Raises `NoRouteError`.
+    """
+    if city is None:
+        return [(east, north, limits.alt_m) for east, north in places]
+    found: list[tuple[float, float, float]] = []
+    for number, (one, other) in enumerate(pairwise(places), 1):
+        leg = _find_leg(city, one, other, limits, f"leg {number}")
+        found += leg if not found else leg[1:]
+    return found
+
+
+def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -> list[tuple[float, float, float]]:
+    walls, step = city.walls(), limits.step_m
+    west, south = min(one[0], other[0]) - AROUND_M, min(one[1], other[1]) - AROUND_M
+    columns = math.ceil((max(one[0], other[0]) + AROUND_M - west) / step) + 1
+    rows = math.ceil((max(one[1], other[1]) + AROUND_M - south) / step) + 1
+    layers = int((limits.ceiling_m - limits.alt_m) / limits.layer_m + 1e-9) + 1
+    if columns * rows * layers > MAX_STATES:
+        raise NoRouteError(f"{name} is too long for one search; give places between (via)")
+    reach_m = limits.clearance_m + step * _DIAGONAL
+    field = raise_field(walls, west, south, step, columns, rows, reach_m)
+    heights = limits.alt_m + limits.layer_m * np.arange(layers, dtype=np.float64)
+
+    def state_of(place: Place) -> int:
+        return round((place[1] - south) / step) * columns + round((place[0] - west) / step)
+
+    start, goal = state_of(one), state_of(other)
+    for place, state, what in ((one, start, "begins"), (other, goal, "ends")):
+        top = float(field.flat[state])
+        if top > 0.0 and top + limits.clearance_m > limits.alt_m:
+            raise NoRouteError(
+                f"{name} {what} at ({place[0]:g}, {place[1]:g}) m, nearer than {limits.clearance_m:g} m to a building "
+                f"{top:.0f} m high; it is free there above {top + limits.clearance_m:.0f} m"
+            )
+    margin, speed = limits.clearance_m, limits.speed_mps
+    done, way = search(field, step, heights, margin, start, goal, speed, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
+    if done == EXHAUSTED:
+        raise NoRouteError(f"{name} is too long for one search; give places between (via)")
+    if done == NO_WAY:
+        raise NoRouteError(_explain(city, field, one, other, (start, goal), limits, name))
+    if len(way) == 1:  # both ends are nearest to one place of the lattice
+        way = np.repeat(way, 2)
+    plane = columns * rows
+    rows_of, columns_of = way % plane // columns, way % columns
+    points = np.column_stack([west + columns_of * step, south + rows_of * step, heights[way // plane]])
+    points[0, :2], points[-1, :2] = one, other
+    kept = _shorten(points, field, west, south, limits)
+    return [(float(east), float(north), float(up)) for east, north, up in kept]
+
+
+def _shorten(points: Floats, field: Floats, west: float, south: float, limits: Limits) -> Floats:
+    """The points that are left when shortcuts at one height are taken, from each point a long one."""
+    kept = [0]
+    while kept[-1] < len(points) - 1:
+        at = kept[-1]
+        level = at + 1
+        while level + 1 < len(points) and points[level + 1, 2] == points[at, 2]:
+            level += 1
+        if points[level, 2] != points[at, 2]:  # a climb or a descent, on the spot
+            while level + 1 < len(points) and (points[level + 1, :2] == points[at, :2]).all():
+                level += 1
+            kept.append(level)
+            continue
+        low, high = at + 1, level
+        while high > low and not is_free(
+            field, west, south, limits.step_m, limits.clearance_m, points[at], points[high]
+        ):
+            high = max(low, high - max(1, (high - low) // 8))
+        kept.append(high)
+    return np.asarray(points[kept])
+
+
+def _explain(
+    city: City, field: Floats, one: Place, other: Place, ends: tuple[int, int], limits: Limits, name: str
+) -> str:
+    """Who is in the way, and from which height on there is a way."""
+    straight = [(*one, limits.alt_m), (*other, limits.alt_m)]
+    building = city.first_obstruction(straight, limits.clearance_m)
+    who = f"{building.name or building.id}, {building.height_m:g} m high, is in the way" if building else "no way"
+    tops = np.unique(field[field + limits.clearance_m > limits.ceiling_m])
+    for top in tops.tolist():
+        heights = np.array([limits.alt_m, top + limits.clearance_m])
+        margin, step = limits.clearance_m, limits.step_m
+        start, goal = ends
+        done, _ = search(field, step, heights, margin, start, goal, 5.0, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
+        if done >= 0:
+            return (
+                f"{name}: {who}, and there is no way below {limits.ceiling_m:g} m; there is one at {heights[1]:.0f} m"
+            )
+    return f"{name}: {who}, and there is no way at any height within {AROUND_M:g} m of its ends"
