@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
 
@@ -110,17 +111,11 @@ class Airspace:
         """
         outlines, boxes = _shapes(volumes)
         near = [self._near(box) for box in boxes]
-        rows = np.concatenate(near)
-        places = np.repeat(np.arange(len(volumes)), [len(each) for each in near])
-        heights = np.array([(one.lower_m, one.upper_m) for one in volumes])[places]
-        times = np.array([(one.start_ns, one.end_ns + later_ns) for one in volumes], dtype=np.int64)[places]
-        around = boxes[places]
-        both = (self._times[rows, 0] < times[:, 1]) & (self._times[rows, 1] > times[:, 0])
-        both &= (self._heights[rows, 0] < heights[:, 1]) & (self._heights[rows, 1] > heights[:, 0])
-        both &= (self._boxes[rows, :2] <= around[:, 2:]).all(axis=1) & (self._boxes[rows, 2:] >= around[:, :2]).all(
-            axis=1
-        )
-        rows, places = rows[both], places[both]
+        heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
+        times = np.array([(one.start_ns, one.end_ns + later_ns) for one in volumes], dtype=np.int64)
+        ends = np.cumsum(np.array([len(rows) for rows in near], dtype=np.int64))
+        claimed = self._boxes, self._heights, self._times
+        rows, places = _filter(np.concatenate(near), ends, *claimed, boxes, heights, times)
         met = np.flatnonzero(shapely.intersects(self._outlines[rows], outlines[places]))
         owners = self._owners
         found = {
@@ -156,6 +151,33 @@ class Airspace:
             self._times = np.concatenate([self._times, np.zeros_like(self._times)])
             self._outlines = np.concatenate([self._outlines, np.empty_like(self._outlines)])
         return row
+
+
+@compiled
+def _filter(
+    near: Ints, ends: Ints, boxes: Floats, heights: Floats, times: Ints, asked: Floats, high: Floats, when: Ints
+) -> tuple[Ints, Ints]:
+    """The claimed volumes whose times, heights and boxes overlap those of a query: their rows, and its volumes.
+
+    `near[ends[k - 1] : ends[k]]` are the rows to be compared with volume k. A row may come several times.
+    """
+    rows, places = np.empty(len(near), dtype=np.int64), np.empty(len(near), dtype=np.int64)
+    count = begin = 0
+    for place in range(len(ends)):
+        for k in range(begin, ends[place]):
+            row = near[k]
+            if times[row, 0] >= when[place, 1] or times[row, 1] <= when[place, 0]:
+                continue
+            if heights[row, 0] >= high[place, 1] or heights[row, 1] <= high[place, 0]:
+                continue
+            if boxes[row, 0] > asked[place, 2] or boxes[row, 2] < asked[place, 0]:
+                continue
+            if boxes[row, 1] > asked[place, 3] or boxes[row, 3] < asked[place, 1]:
+                continue
+            rows[count], places[count] = row, place
+            count += 1
+        begin = ends[place]
+    return rows[:count], places[:count]
 
 
 def outlines_of(volumes: Sequence[Volume4D]) -> NDArray[Any]:

@@ -58,15 +58,19 @@ Search = Callable[[Sequence[Volume4D], Time], Sequence[Overlap]]
 def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limits) -> list[Alternative]:
     """The cheapest alternatives of each kind of change, the cheapest first; their cost is the time by which the flight
     ends later.
+
+    What costs more than a mere delay is not offered: every operator can fly the delayed flight.
     """
     found: list[tuple[float, int, Alternative]] = []
     best: dict[tuple[bool, bool], float] = {}
+    most_s = math.inf
     for number, change in enumerate(_changes(volumes, limits)):
         own_s = _cost_s(change)
         kind = (change.climb_m != 0.0, change.east_m != 0.0 or change.north_m != 0.0)
-        if best.get(kind, math.inf) <= own_s:
+        spare_s = min(best.get(kind, math.inf), most_s) - own_s
+        if spare_s <= 0.0:
             continue  # the changes of a kind become dearer, whatever their delay
-        delay_ns = least_delay(change.volumes, search, from_seconds(limits.delay_s))
+        delay_ns = least_delay(change.volumes, search, from_seconds(min(limits.delay_s, spare_s)))
         if delay_ns is None:
             continue
         cost_s = own_s + to_seconds(delay_ns)
@@ -75,6 +79,8 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
             found.append(
                 (cost_s, number, replace(change, volumes=delayed(change.volumes, delay_ns), delay_ns=delay_ns))
             )
+            if number == 0:
+                most_s = cost_s
     found.sort(key=lambda one: one[:2])
     return [alternative for _, _, alternative in found[: limits.count]]
 
