@@ -181,6 +181,26 @@ def approval_bench(
     benchmarks.bench_approval(active or [100, 1000, 10_000], requests, as_json)
 
 
+@bench_app.command("planning", epilog="Example: skyrange bench planning --buildings manhattan.geojson --alt-m 60")
+def planning_bench(
+    buildings: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="File of buildings. Default: a generated downtown.")
+    ] = None,
+    routes: Annotated[int, typer.Option(metavar="N", min=1, help="Number of routes to plan at each height.")] = 100,
+    length_m: Annotated[
+        float, typer.Option(metavar="M", min=10.0, max=5_000.0, help="Their straight length.")
+    ] = 1000.0,
+    alt_m: Annotated[
+        list[float] | None,
+        typer.Option(metavar="M", min=1.0, max=1_000.0, help="Height. May be repeated. Default: 30, 60 and 90 m."),
+    ] = None,
+    ceiling_m: Annotated[float, typer.Option(metavar="M", min=1.0, max=1_000.0, help="Greatest height.")] = 120.0,
+    as_json: AsJson = False,
+) -> None:
+    """Measure how fast routes around the buildings of a city are planned."""
+    benchmarks.bench_planning(buildings, routes, length_m, alt_m or [30.0, 60.0, 90.0], ceiling_m, as_json)
+
+
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")
 def flight(
     scenario: ScenarioName,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 from skyrange.cli.output.console import print_json, print_text
 
@@ -95,6 +96,28 @@ def bench_attacks(vehicles: int, seconds: float, as_json: bool) -> None:
             f"{row['case']:<18} {row['real_time_factor']:>11.2f} {row['speed']:>6.0%} {row['frames_per_s']:>9.0f} "
             f"{row['us_per_frame']:>8.2f} " + (f"{extra:>14.2f}" if extra is not None else "")
         )
+
+
+def bench_planning(
+    buildings: Path | None, routes: int, length_m: float, heights_m: Sequence[float], ceiling_m: float, as_json: bool
+) -> None:
+    """`skyrange bench planning`."""
+    from skyrange.bench.planning import load_city, measure
+
+    city = load_city(buildings)
+    rows = []
+    if not as_json:
+        print_text(f"{'alt_m':>7} {'routes':>7} {'no way':>7} {'p50 ms':>8} {'p95 ms':>8} {'detour':>7}")
+    for alt_m in heights_m:
+        row = measure(city, routes, length_m, alt_m, max(ceiling_m, alt_m))
+        rows.append(row)
+        if not as_json and row["routes"]:
+            print_text(
+                f"{alt_m:>7g} {row['routes']:>7} {row['no_way']:>7} {row['p50_ms']:>8} {row['p95_ms']:>8} "
+                f"{row['detour']:>7}"
+            )
+    if as_json:
+        print_json(rows)
 
 
 def bench_approval(active: Sequence[int], requests: int, as_json: bool) -> None:

@@ -1,0 +1,34 @@
+"""Do the benchmarks of flight approval and of route planning measure what they say?"""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from skyrange.bench import approval, planning
+from skyrange.cli.handlers.benchmarks import bench_planning
+from skyrange.planning.routes import Limits, find_route
+
+
+def test_approval_is_measured_while_intents_are_accepted() -> None:
+    row = approval.measure(active=30, requests=20)
+    assert row["active"] == 30
+    assert 0.0 <= row["rejected"] <= 1.0
+    assert row["p50_ms"] <= row["p99_ms"]
+    assert row["decisions_per_s"] > 1.0
+
+
+def test_routes_are_planned_between_free_places() -> None:
+    city = planning.load_city(None)
+    row = planning.measure(city, routes=4, length_m=300.0, alt_m=30.0, ceiling_m=60.0)
+    assert (row["routes"], row["buildings"]) == (4, 576)
+    assert row["detour"] >= 1.0
+    assert row["p50_ms"] <= row["p95_ms"]
+    assert len(find_route(city, [(-188.0, 0.0), (188.0, 0.0)], Limits(30.0, 60.0))) == 2, "along a street"
+
+
+def test_the_command_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
+    bench_planning(None, 2, 200.0, [60.0], 60.0, as_json=True)
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row["alt_m"] == 60.0
