@@ -324,6 +324,32 @@ def test_a_stale_ovn_is_not_accepted_and_the_uss_finds_the_current_one() -> None
     assert [note.data["missing"] for note in notes(seen, "decision.uss_conflict")] == [0]
 
 
+def test_an_intent_that_the_dss_has_lost_is_asked_for_anew_before_it_is_activated() -> None:
+    service = service_of()
+    dss, _ = agents(service)
+    step = dss.step
+
+    def forget(now: Time, inbox: Inbox) -> Outbox:
+        if 1 * NS_PER_S < now < 2 * NS_PER_S:
+            dss._store.delete_intent(intent_id("blue/a"))
+        return step(now, inbox)
+
+    dss.step = forget  # type: ignore[method-assign]
+    now = here(start_s=0.0)
+    asks: Asks = {
+        "blue": [
+            (0.1, ask("blue/a", now)),
+            (3.0, ask("blue/a", now, state=IntentState.ACTIVATED, version=1)),
+            (4.0, ask("blue/a", now, version=2)),
+            (5.0, ask("blue/a", now, state=IntentState.ACTIVATED, version=3)),
+        ],
+        "red": [(1.5, ask("red/b", here(0.002)))],
+    }
+    stations, _, _ = flown(asks, service=service)
+    assert decisions(stations["blue"]) == ["Accepted", "Rejected", "Accepted", "Accepted"]
+    assert stations["blue"].answers[1][1].alternatives, "it may ask again"
+
+
 @pytest.mark.parametrize(
     "payload",
     [

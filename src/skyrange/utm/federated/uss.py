@@ -208,7 +208,7 @@ class Uss:
             self._on_conflict(now, task, reply, out)
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
             self._finish_end(task, out)
-        elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:
+        elif reply.status == 404 and call.operation in _LOST:  # the DSS does not know the intent any more
             self._intents.own.pop(task.intent.id, None)
             self._begin(now, task, out)
         else:
@@ -404,6 +404,7 @@ class Uss:
         out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
 
 
+_LOST: Final = frozenset({Op.GetOperationalIntentReference, Op.UpdateOperationalIntentReference})
 _Accepted = Callable[[Uss, Time, Task, Reply, Outbox], None]
 _ACCEPTED: Final[Mapping[Op, _Accepted]] = {
     Op.QueryOperationalIntentReferences: Uss._on_references,
