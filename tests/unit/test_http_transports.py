@@ -42,6 +42,7 @@ def request_for(vehicle: str, version: int = 0) -> bytes:
 
 REQUEST = request_for("blue/b1")
 INTENT = intent_id("blue/b1")
+ENDED = encode(Request.end(OperationalIntent(INTENT, "blue", "blue/b1", ())))
 BODY = json.dumps(json.loads(REQUEST)["body"])
 ACCEPTED = encode(Response.of(INTENT, ApprovalDecision(accepted=True, ovn="x"), EPOCH))
 
@@ -126,14 +127,14 @@ def test_agents_frames_cross_byte_for_byte() -> None:
         client = await HttpClientTransport.open(answers.append, server.address)
         foreign = request_for("red/r1")  # 403 on its own path
         unread = REQUEST.replace(b'"priority":3', b'"priority":-3')  # 400 on the collection's path
-        for count, frame in enumerate([REQUEST, REQUEST, foreign, unread], 1):
+        for count, frame in enumerate([REQUEST, REQUEST, foreign, unread, ENDED], 1):
             assert client.send(frame)
             await until(lambda count=count: len(answers) == count)
-        assert service.heard == [REQUEST, REQUEST, foreign, unread]
+        assert service.heard == [REQUEST, REQUEST, foreign, unread, ENDED]
         assert [piece.data for piece in answers] == service.said
-        assert [json.loads(said)["status"] for said in service.said] == [200, 200, 403, 400]
-        assert (client.counts.frames, client.counts.sent, client.counts.lost) == (4, 4, 0)
-        assert (server.counts.frames, server.counts.sent) == (4, 4)
+        assert [json.loads(said)["status"] for said in service.said] == [200, 200, 403, 400, 200]
+        assert (client.counts.frames, client.counts.sent, client.counts.lost) == (5, 5, 0)
+        assert (server.counts.frames, server.counts.sent) == (5, 5)
         client.close()
         server.close()
 
@@ -166,7 +167,7 @@ def test_curl_files_an_operational_intent(method: str, tmp_path: Path) -> None:
         (b"\x16\x03\x01\x02\x00\x01\x00", 400),
         (b"GET\r\n\r\n", 400),
         (http("{}", method="GET"), 405),
-        (http("{}", method="DELETE"), 405),
+        (http("{}", method="PATCH"), 405),
         (http("not json"), 400),
         (http("[]"), 400),
         (http('{"a": NaN}'), 400),

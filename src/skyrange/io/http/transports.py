@@ -32,7 +32,7 @@ CLIENT_S = ANSWER_S + 5.0
 """Long enough to receive a server's 504."""
 MAX_OPEN = 256
 """Requests that wait for their responses at one transport."""
-METHODS = ("PUT", "POST")
+METHODS = ("PUT", "POST", "DELETE")
 """A POST is taken as a PUT of the same path: many clients make it more easily (`curl --json`)."""
 _REMEDY = "Give it a token."
 
@@ -212,7 +212,8 @@ class HttpServerTransport:
         """An error response, or else the frame and its path."""
         path = request.path
         if request.method not in METHODS:
-            return _error(405, "an operational intent is PUT", {"Allow": ", ".join(METHODS)}), b"", path
+            allowed = {"Allow": ", ".join(METHODS)}
+            return _error(405, "an operational intent is PUT, and ended by DELETE", allowed), b"", path
         # a web page may send other types to loopback behind its reader's back, and this one not
         if request.content_type != JSON_TYPE or "Content-Encoding" in request.headers:
             return _error(415, f"the body has to be {JSON_TYPE}, not encoded"), b"", path
@@ -223,7 +224,7 @@ class HttpServerTransport:
                 body = await _bounded(request.content, request.content_length)
             if body is None:
                 return _error(413, f"at most {MAX_BYTES} bytes"), b"", path
-            frame = http_frames.request_frame("PUT", path, body)
+            frame = http_frames.request_frame("DELETE" if request.method == "DELETE" else "PUT", path, body)
         except TimeoutError:
             return _error(408, "the body did not come in time"), b"", path
         except (DecodeError, OSError, aiohttp.ClientError, web.RequestPayloadError) as error:
