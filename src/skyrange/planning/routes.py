@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -133,14 +134,16 @@ def _explain(
     straight = [(*one, limits.alt_m), (*other, limits.alt_m)]
     building = city.first_obstruction(straight, limits.clearance_m)
     who = f"{building.name or building.id}, {building.height_m:g} m high, is in the way" if building else "no way"
-    tops = np.unique(field[field + limits.clearance_m > limits.ceiling_m])
-    for top in tops.tolist():
-        heights = np.array([limits.alt_m, top + limits.clearance_m])
-        margin, step = limits.clearance_m, limits.step_m
-        start, goal = ends
-        done, _ = search(field, step, heights, margin, start, goal, 5.0, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
-        if done >= 0:
-            return (
-                f"{name}: {who}, and there is no way below {limits.ceiling_m:g} m; there is one at {heights[1]:.0f} m"
-            )
+    tops = np.unique(field[field + limits.clearance_m > limits.ceiling_m]).tolist()
+    margin, step, speed = limits.clearance_m, limits.step_m, limits.speed_mps
+
+    def is_way(top: float) -> bool:
+        heights = np.array([limits.alt_m, top + margin])
+        done, _ = search(field, step, heights, margin, *ends, speed, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
+        return done >= 0
+
+    place = bisect_left(tops, True, key=is_way)  # what is free at one height is so above it
+    if place < len(tops):
+        below = f"there is no way below {limits.ceiling_m:g} m"
+        return f"{name}: {who}, and {below}; there is one at {tops[place] + margin:.0f} m"
     return f"{name}: {who}, and there is no way at any height within {AROUND_M:g} m of its ends"

@@ -47,10 +47,13 @@ class LyingTap:
             return ()
         if b'"operational_intent":' not in frame.payload:
             return ()
-        message = json.loads(frame.payload)
-        details = message["body"]["operational_intent"]["details"]
-        for volume in [*details["volumes"], *details["off_nominal_volumes"]]:
-            _sink(volume["volume"])
+        try:
+            message = json.loads(frame.payload)
+            details = message["body"]["operational_intent"]["details"]
+            for volume in [*details["volumes"], *details["off_nominal_volumes"]]:
+                _sink(volume["volume"])
+        except (ValueError, LookupError, TypeError):
+            return ()  # another attack has altered it
         false = json.dumps(message, sort_keys=True, separators=(",", ":")).encode()
         length = max(len(false), len(frame.payload))
         return [Replace((frame.payload if self.sham else false).ljust(length))]

@@ -25,7 +25,7 @@ from skyrange.core.time import NS_PER_MS, Epoch, Time
 from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.coverings import AreaError, Extent, extent_of
 from skyrange.utm.federated.dss_store import DssStore, StoredIntent, Subscription
-from skyrange.utm.federated.exchanges import Asked, Server
+from skyrange.utm.federated.exchanges import Asked, Server, file_report
 from skyrange.utm.federated.tokens import TokenChecker
 
 SERVICE_NS: Final = 10 * NS_PER_MS
@@ -253,10 +253,7 @@ class Dss:
         if found.manager != asked.claims.uss:
             raise RefusalError(403, "the subscription belongs to another USS")
         joined = found.extent.joined(extent)
-        if joined.cells == found.extent.cells and (joined.start_ns, joined.end_ns) == (
-            found.extent.start_ns,
-            found.extent.end_ns,
-        ):
+        if joined == found.extent:
             return found
         if not found.is_implicit:
             raise RefusalError(400, "the subscription does not cover the intent")
@@ -393,9 +390,7 @@ class Dss:
         return {"version": version, "status": {"uss": uss, "availability": state.value}}
 
     def _report(self, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
-        problem = str(asked.body["exchange"].get("problem") or "")[:256]
-        out.note("decision.dss_report", asked.claims.uss, {"problem": problem}, (asked.ref,))
-        return 201, {"report_id": make_uuid(f"report {asked.claims.uss} {now} {asked.exchange}"), **asked.body}
+        return 201, file_report("decision.dss_report", now, asked, out)
 
 
 _Handler = Callable[[Dss, Time, Asked, Outbox], tuple[int, Any]]

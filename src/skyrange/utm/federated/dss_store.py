@@ -103,7 +103,10 @@ class DssStore:
         stored = self._intents.pop(id_, None)
         if stored is not None:
             self._intents_by_cell.remove(id_, stored.extent.cells)
-            del self._dependents[stored.reference.subscription_id][id_]
+            dependents = self._dependents[stored.reference.subscription_id]
+            del dependents[id_]
+            if not dependents:
+                del self._dependents[stored.reference.subscription_id]
 
     def intents_in(self, extent: Extent) -> Iterator[StoredIntent]:
         """Those that may intersect an extent, in the order of their ids."""

@@ -20,6 +20,7 @@ from skyrange.contracts.mailboxes import Arrival, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_MS, Time
+from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.tokens import Claims, TokenChecker, TokenError
 
 TIMEOUT_NS: Final = 1_500 * NS_PER_MS
@@ -196,6 +197,13 @@ class Server:
         self.bad_requests += 1
         if self.bad_requests & (self.bad_requests - 1) == 0:  # powers of two: a flood must not fill the record
             out.note("decision.uss_bad_request", self.name, {"count": self.bad_requests, "reason": reason}, (ref,))
+
+
+def file_report(kind: str, now: Time, asked: Asked, out: Outbox) -> dict[str, Any]:
+    """Note a problem that another service reports; returns the body of the answer, with the id of the report."""
+    problem = str(asked.body["exchange"].get("problem") or "")[:256]
+    out.note(kind, asked.claims.uss, {"problem": problem}, (asked.ref,))
+    return {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {now} {asked.exchange}")}
 
 
 def _response(exchange: int, status: int, body: Body | None) -> bytes:

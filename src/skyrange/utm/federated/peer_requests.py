@@ -13,8 +13,8 @@ from skyrange.codec.f3548.values import IntentDetails, IntentReference
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
-from skyrange.utm.contract import OperationalIntent, make_uuid
-from skyrange.utm.federated.exchanges import Asked, Server
+from skyrange.utm.contract import OperationalIntent
+from skyrange.utm.federated.exchanges import Asked, Server, file_report
 from skyrange.utm.federated.shared_intents import SharedIntents
 from skyrange.utm.intent_states import OFF_NOMINAL
 
@@ -85,10 +85,7 @@ class PeerRequests:
         return self.intents.get(id_)
 
     def _be_reported(self, now: Time, asked: Asked, out: Outbox) -> None:
-        problem = str(asked.body["exchange"].get("problem") or "")[:256]
-        out.note("decision.uss_report", asked.claims.uss, {"problem": problem}, (asked.ref,))
-        body = {**asked.body, "report_id": make_uuid(f"report {asked.claims.uss} {now} {asked.exchange}")}
-        self.server.answer(asked, 201, body, out)
+        self.server.answer(asked, 201, file_report("decision.uss_report", now, asked, out), out)
 
 
 _Handler = Callable[[PeerRequests, Time, Asked, Outbox], OperationalIntent | None]

@@ -329,7 +329,9 @@ class Uss:
             self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
             return
         for one in missing:
-            if one.manager != self.uss:
+            if one.manager == self.uss:
+                task.relevant[one.id] = None
+            else:
                 self._intents.lose(one.id)  # the version that was known is not the current one
                 self._inquire(now, task, one, out)
         self._decide_if_told(now, task, out)
