@@ -11,6 +11,7 @@ import json
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_core import from_json
 
 from skyrange.core.errors import DecodeError
 
@@ -49,9 +50,13 @@ def decode(payload: bytes) -> UssRequest | UssResponse:
     """The frame in `payload`; any other bytes raise `DecodeError`."""
     if len(payload) > MAX_FRAME_BYTES:
         raise DecodeError(f"{len(payload)} bytes, a message between USSs has at most {MAX_FRAME_BYTES}")
-    model = UssRequest if b'"method":' in payload else UssResponse
     try:
-        return model.model_validate_json(payload)
+        data = from_json(payload, allow_inf_nan=False)
+    except ValueError as error:
+        raise DecodeError(f"no JSON: {error}"[:200]) from error
+    model = UssRequest if isinstance(data, dict) and "method" in data else UssResponse
+    try:
+        return model.model_validate(data)
     except ValidationError as error:
         raise describe(error) from error
 
