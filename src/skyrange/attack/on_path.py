@@ -121,16 +121,15 @@ def place_taps(patterns: Sequence[str], context: AttackContext, make: TapMaker) 
 
 
 def ends_of(link: str, direction: Direction) -> tuple[str, str]:
-    """Claimed source and destination of a frame injected on a `gcs`, `log`, `autopilot` or `uss` link."""
-    role, _, vehicle = link.partition(":")
-    if role == USS:
-        one, _, other = vehicle.partition("~")
-        here, there = endpoint(APPROVAL, one), endpoint(APPROVAL, other)
-        return (here, there) if direction == "fwd" else (there, here)
+    """Claimed source and destination of a frame injected on a `gcs`, `log`, `autopilot`, `approval` or `uss` link."""
+    role, _, owner = link.partition(":")
+    one, _, other = owner.partition("~")
     first, second = {
-        "gcs": (endpoint(operator_of(vehicle), "gcs"), endpoint(vehicle, "companion")),
-        "log": (endpoint(vehicle, "companion"), endpoint(vehicle, "proxy")),
-        "autopilot": (endpoint(vehicle, "proxy"), endpoint(vehicle, "autopilot")),
+        "gcs": (endpoint(operator_of(owner), "gcs"), endpoint(owner, "companion")),
+        "log": (endpoint(owner, "companion"), endpoint(owner, "proxy")),
+        "autopilot": (endpoint(owner, "proxy"), endpoint(owner, "autopilot")),
+        APPROVAL: (endpoint(owner, "gcs"), APPROVAL),
+        USS: (endpoint(APPROVAL, one), endpoint(APPROVAL, other)),
     }[role]
     return (first, second) if direction == "fwd" else (second, first)
 

@@ -11,6 +11,7 @@ from skyrange.attack.contract import AttackContext
 from skyrange.contracts.params import Number, Params, refuse
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.geodesy import Origin
+from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.contract import OperationalIntent, intent_id
@@ -44,7 +45,7 @@ class Corridor(Params):
 
 def check_operator(params: Corridor, context: AttackContext) -> None:
     """Raise `InputError` for an operator that is not in the scenario."""
-    operators = sorted({vehicle.partition("/")[0] for vehicle in context.vehicles})
+    operators = sorted({operator_of(vehicle) for vehicle in context.vehicles})
     if params.operator not in operators:
         hint = nearest(params.operator, operators)
         raise InputError.one(context.id, "operator", repr(params.operator), "an operator of the scenario", hint)

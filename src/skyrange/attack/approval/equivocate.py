@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
+from skyrange.attack.approval.uss_links import DSS, list_peers, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import USS, Repetition, TapMaker, ends_of
+from skyrange.attack.on_path import InjectingTap, Repetition
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.verdicts import Direction, Inject, Verdict
+from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
@@ -28,32 +28,31 @@ _FLIGHTS: Final = ("twin-a", "twin-b")
 
 
 @dataclass(slots=True)
-class EquivocatingTap:
-    """Tells one member of one of the two events, once."""
+class Equivocation:
+    """One of the two events, which one member is told, once."""
 
-    link: str
+    peer: str
     params: Corridor
     context: AttackContext
     when: Repetition
     members: tuple[str, ...]
     """Operators of the other nodes, in order: every second one is told of the second event."""
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Let it pass."""
-        return ()
-
-    def next_wakeup(self) -> Time | None:
-        """When it tells."""
+    @property
+    def due(self) -> Time | None:
+        """When it is told."""
         return self.when.due
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Tell."""
+    def see(self, now: Time, frame: Frame) -> None:
+        """Learn nothing."""
+
+    def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
+        """The message."""
         if not self.when.take(now):
             return ()
-        one, _, other = self.link.partition(":")[2].partition("~")
-        peer = other if one == self.params.operator else one
-        way: Direction = "fwd" if one == self.params.operator else "rev"
-        return [Inject(self._message(now, self.members.index(peer) % 2), way, *ends_of(self.link, way))]
+        # the first end of a link is the one whose name comes first
+        way: Direction = "fwd" if self.params.operator < self.peer else "rev"
+        return [(way, self._message(now, self.members.index(self.peer) % 2))]
 
     def _message(self, now: Time, which: int) -> bytes:
         """The second event after the member's first; of the sham one that is known, as long as the other."""
@@ -77,25 +76,22 @@ class _Maker:
     context: AttackContext
     members: tuple[str, ...]
 
-    def __call__(self, link: str) -> EquivocatingTap:
+    def __call__(self, link: str) -> InjectingTap:
+        one, _, other = link.partition(":")[2].partition("~")
+        peer = other if one == self.params.operator else one
         when = Repetition(self.context.schedule, NS_PER_S, times=1)
-        return EquivocatingTap(link, self.params, self.context, when, self.members)
+        return InjectingTap(link, Equivocation(peer, self.params, self.context, when, self.members))
 
 
 def make(params: Corridor, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for an operator without a node."""
     check_operator(params, context)
-    pairs = [name.partition(":")[2].split("~") for name in context.links if name.startswith(f"{USS}:")]
-    own = [pair for pair in pairs if params.operator in pair]
-    members = tuple(sorted(one for pair in own for one in pair if one != params.operator))
-    if len(members) < 2 or "dss" in members:
+    members = tuple(list_peers(params.operator, context))
+    if len(members) < 2 or DSS in members:
         expected = "an operator whose approval is hashgraph, with two others at least"
         raise InputError.one(context.id, "operator", repr(params.operator), expected)
-    maker = TapMaker(_Maker(params, context, members))
-    return Attack(
-        taps=[TapPlacement(f"{USS}:{one}~{other}", params.operator, maker) for one, other in own],
-        exclusive=[Exclusive(f"events of {params.operator}")],
-    )
+    taps = uss_taps(params.operator, context, _Maker(params, context, members))
+    return Attack(taps=taps, exclusive=[Exclusive(f"events of {params.operator}")])
 
 
 EQUIVOCATE = AttackPlugin(

@@ -12,12 +12,12 @@ from pydantic import Field
 
 from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import SIDES, Repetition
+from skyrange.attack.on_path import SIDES, InjectingTap, Repetition
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
-from skyrange.contracts.verdicts import Inject, Verdict
-from skyrange.core.ids import APPROVAL, endpoint, link_name
+from skyrange.contracts.verdicts import Direction
+from skyrange.core.ids import APPROVAL, link_name
 from skyrange.core.time import Time, from_seconds
 from skyrange.utm.messages import Request, encode
 
@@ -30,29 +30,27 @@ class Squat(Corridor):
 
 
 @dataclass(slots=True)
-class SquattingTap:
-    """Sends requests for flights that do not exist."""
+class Squatting:
+    """Requests for flights that do not exist."""
 
-    link: str
     params: Squat
     context: AttackContext
     when: Repetition
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Let it pass."""
-        return ()
-
-    def next_wakeup(self) -> Time | None:
+    @property
+    def due(self) -> Time | None:
         """When the next request is due."""
         return self.when.due
 
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Send a request."""
+    def see(self, now: Time, frame: Frame) -> None:
+        """Learn nothing."""
+
+    def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
+        """The request that is due."""
         if not self.when.take(now):
             return ()
         intent = make_intent(self.params, self.context, f"squat-{self.when.done}", now)
-        request = encode(Request.of(intent, self.context.epoch))
-        return [Inject(request, "fwd", endpoint(self.params.operator, "gcs"), APPROVAL)]
+        return [("fwd", encode(Request.of(intent, self.context.epoch)))]
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,9 +58,9 @@ class _Maker:
     params: Squat
     context: AttackContext
 
-    def __call__(self, link: str) -> SquattingTap:
+    def __call__(self, link: str) -> InjectingTap:
         when = Repetition(self.context.schedule, from_seconds(self.params.every_s), self.params.requests)
-        return SquattingTap(link, self.params, self.context, when)
+        return InjectingTap(link, Squatting(self.params, self.context, when))
 
 
 def make(params: Squat, context: AttackContext) -> Attack:

@@ -12,14 +12,15 @@ from typing import Final
 
 from pydantic import Field
 
-from skyrange.attack.approval.uss_links import DSS, check_uss, uss_taps
+from skyrange.attack.approval.uss_links import DSS, check_uss
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import LEARNED, Repetition, TapMaker, ends_of
+from skyrange.attack.on_path import LEARNED, USS, InjectingTap, Repetition
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Number, Params
-from skyrange.contracts.verdicts import Direction, Inject, Verdict
+from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time, from_seconds
 
@@ -40,8 +41,8 @@ class StolenToken(Params):
 
 
 @dataclass(slots=True)
-class ThievingTap:
-    """Learns token, ids and OVNs from frames between a USS and the DSS, and ends the intents that it has learned of."""
+class Theft:
+    """Token, ids and OVNs that pass between a USS and the DSS, and the ends of the intents that were learned of."""
 
     link: str
     when: Repetition
@@ -51,33 +52,33 @@ class ThievingTap:
     """Current OVN of each intent that the DSS has accepted and the adversary has not ended."""
     sent: int = 0
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict | Note]:
-        """Let it pass, and learn from it."""
+    @property
+    def due(self) -> Time | None:
+        """When the next intent is ended."""
+        return self.when.due
+
+    def see(self, now: Time, frame: Frame) -> Sequence[Note]:
+        """Learn from a frame that passes."""
         try:
             message = decode(frame.payload)
         except DecodeError:
             return ()
-        if isinstance(message, UssRequest):
-            if not message.token or message.token == self.token:
-                return ()
+        if isinstance(message, UssResponse):
+            self._learn(message)
+        elif message.token and message.token != self.token:
             self.token = message.token
             return [Note(LEARNED, self.link, {"what": "token"}, (frame.id,))]
-        return self._learn(message)
+        return ()
 
-    def _learn(self, message: UssResponse) -> Sequence[Verdict | Note]:
+    def _learn(self, message: UssResponse) -> None:
         reference = (message.body or {}).get("operational_intent_reference")
         if message.status in (200, 201) and isinstance(reference, dict):
             id_, ovn = reference.get("id"), reference.get("ovn")
             if isinstance(id_, str) and isinstance(ovn, str):
                 self.ovns[id_] = ovn
-        return ()
 
-    def next_wakeup(self) -> Time | None:
-        """When it ends the next intent."""
-        return self.when.due
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """End the intent that it has known for the longest time; the sham names a version that does not exist."""
+    def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
+        """The end of the intent that is known for the longest time; of the sham, of a version that does not exist."""
         if not self.when.take(now) or not self.token or not self.ovns:
             return ()
         id_ = next(iter(self.ovns))
@@ -87,8 +88,7 @@ class ThievingTap:
         frame = UssRequest.model_construct(
             exchange=_FIRST_EXCHANGE + self.sent, method="DELETE", path=path, token=self.token, body=None
         )
-        way: Direction = "rev"  # the DSS is the first end of its links
-        return [Inject(encode(frame), way, *ends_of(self.link, way))]
+        return [("rev", encode(frame))]  # the DSS is the first end of its links
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,16 +96,15 @@ class _Maker:
     params: StolenToken
     context: AttackContext
 
-    def __call__(self, link: str) -> ThievingTap:
+    def __call__(self, link: str) -> InjectingTap:
         when = Repetition(self.context.schedule, from_seconds(self.params.every_s))
-        return ThievingTap(link, when, self.context.sham)
+        return InjectingTap(link, Theft(link, when, self.context.sham))
 
 
 def make(params: StolenToken, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for a USS that the scenario does not have."""
     check_uss(params.uss, context)
-    taps = uss_taps(params.uss, context, TapMaker(_Maker(params, context)))
-    return Attack(taps=[tap for tap in taps if tap.match == f"uss:{DSS}~{params.uss}"])
+    return Attack(taps=[TapPlacement(f"{USS}:{DSS}~{params.uss}", params.uss, _Maker(params, context))])
 
 
 STOLEN_TOKEN = AttackPlugin(

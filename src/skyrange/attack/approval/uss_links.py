@@ -1,4 +1,4 @@
-"""Links of one USS to the DSS and to other USSs, and a tap at its end of each."""
+"""Links of one service of a flight approval to the others, and a tap at its end of each."""
 
 from __future__ import annotations
 
@@ -27,6 +27,12 @@ def check_uss(uss: str, context: AttackContext) -> None:
         raise InputError.one(context.id, "uss", repr(uss), "a USS of the scenario", hint)
 
 
-def uss_taps(uss: str, context: AttackContext, make: Callable[[str], Tap]) -> list[TapPlacement]:
-    """A tap at the USS's end of each of its links."""
-    return [TapPlacement(f"{USS}:{one}~{other}", uss, make) for one, other in _pairs(context) if uss in (one, other)]
+def list_peers(service: str, context: AttackContext) -> list[str]:
+    """The services to which one has links, in order."""
+    return sorted(one for pair in _pairs(context) if service in pair for one in pair if one != service)
+
+
+def uss_taps(service: str, context: AttackContext, make: Callable[[str], Tap]) -> list[TapPlacement]:
+    """A tap at the service's end of each of its links."""
+    own = [pair for pair in _pairs(context) if service in pair]
+    return [TapPlacement(f"{USS}:{one}~{other}", service, make) for one, other in own]
