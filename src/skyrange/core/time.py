@@ -51,6 +51,14 @@ def ceil_to(time: Time, grid: Time) -> Time:
     return time if grid <= 0 else -(-time // grid) * grid
 
 
+def parse_rfc3339(text: str) -> datetime:
+    """A moment in RFC 3339. `ValueError` for other text, and for one without offset or Z."""
+    moment = datetime.fromisoformat(text)
+    if moment.utcoffset() is None:
+        raise ValueError("an RFC 3339 time carries its offset or Z")
+    return moment
+
+
 @dataclass(frozen=True, slots=True)
 class Epoch:
     """UTC of simulated time 0 (leap seconds are ignored, as in Unix time)."""
@@ -80,7 +88,4 @@ class Epoch:
 
     def parse(self, text: str) -> Time:
         """The simulated time of a moment in RFC 3339. `ValueError` for other text, and for one without offset or Z."""
-        moment = datetime.fromisoformat(text)
-        if moment.utcoffset() is None:
-            raise ValueError("an RFC 3339 time carries its offset or Z")
-        return ((moment - _UNIX) // timedelta(microseconds=1)) * NS_PER_US - self.unix_ns
+        return ((parse_rfc3339(text) - _UNIX) // timedelta(microseconds=1)) * NS_PER_US - self.unix_ns

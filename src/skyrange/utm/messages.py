@@ -10,7 +10,6 @@ that speaks F3548 needs no other message. Unknown keys are ignored, as HTTP peer
 from __future__ import annotations
 
 import json
-from datetime import datetime
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import (
@@ -24,8 +23,9 @@ from pydantic import (
     model_validator,
 )
 
+from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
-from skyrange.core.time import Epoch, Time, to_seconds
+from skyrange.core.time import Epoch, Time, parse_rfc3339, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent
 from skyrange.utm.intent_states import IntentState
@@ -78,8 +78,7 @@ class Instant(_Model):
     @field_validator("value")
     @classmethod
     def _is_rfc3339(cls, value: str) -> str:
-        if datetime.fromisoformat(value).utcoffset() is None:
-            raise ValueError("an RFC 3339 time carries its offset or Z")
+        parse_rfc3339(value)
         return value
 
     @classmethod
@@ -111,7 +110,7 @@ class Volume4DMessage(_Model):
     def _ordered(self) -> Volume4DMessage:
         if not self.volume.altitude_lower.value < self.volume.altitude_upper.value:
             raise ValueError("altitude_lower must lie below altitude_upper")
-        if not datetime.fromisoformat(self.time_start.value) < datetime.fromisoformat(self.time_end.value):
+        if not parse_rfc3339(self.time_start.value) < parse_rfc3339(self.time_end.value):
             raise ValueError("time_start must lie before time_end")
         return self
 
@@ -327,6 +326,4 @@ def _decode(model: type[_M], payload: bytes) -> _M:
     try:
         return model.model_validate_json(payload)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"] if part not in (_INTENT, _END)) or "message"
-        raise DecodeError(f"{where}: {first['msg']}") from error
+        raise describe(error, (_INTENT, _END)) from error

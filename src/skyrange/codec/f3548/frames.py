@@ -13,6 +13,7 @@ from typing import Annotated, Any, Final, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import from_json
 
+from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
 
 MAX_FRAME_BYTES: Final = 4_194_304
@@ -59,10 +60,3 @@ def decode(payload: bytes) -> UssRequest | UssResponse:
         return model.model_validate(data)
     except ValidationError as error:
         raise describe(error) from error
-
-
-def describe(error: ValidationError) -> DecodeError:
-    """What is wrong first, and where."""
-    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "message"
-    return DecodeError(f"{where}: {first['msg']}")

@@ -8,7 +8,6 @@ from strangers.
 from __future__ import annotations
 
 import types
-from datetime import datetime
 from enum import Enum
 from functools import cache
 from typing import Annotated, Any, Final, NotRequired, Union, get_args, get_origin, get_type_hints
@@ -17,7 +16,8 @@ from implicitdict import ImplicitDict, StringBasedDateTime
 from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError, with_config
 from typing_extensions import TypedDict
 
-from skyrange.codec.f3548.frames import describe
+from skyrange.codec.json_errors import describe
+from skyrange.core.time import parse_rfc3339
 
 MAX_TEXT: Final = 8_192
 MAX_ITEMS: Final = 10_000
@@ -25,8 +25,7 @@ MAX_ITEMS: Final = 10_000
 
 
 def _check_time(value: str) -> str:
-    if datetime.fromisoformat(value).utcoffset() is None:
-        raise ValueError("an RFC 3339 time carries its offset or Z")
+    parse_rfc3339(value)
     return value
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time
 from skyrange.utm.hashgraph.events import HASH_BYTES, NO_PARENT, Event
@@ -92,9 +93,7 @@ def decode(payload: bytes) -> Gossip:
     try:
         message = Gossip.model_validate_json(payload)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(str(part) for part in first["loc"]) or "message"
-        raise DecodeError(f"{where}: {first['msg']}") from error
+        raise describe(error) from error
     if (message.method is None) == (message.status is None):
         raise DecodeError("a message has either a method or a status")
     return message
