@@ -69,3 +69,13 @@ def test_outside_its_volumes_and_without_an_answer_an_aircraft_flies_home(
     assert outcome(record, "blue/a") == ("failed" if returns else "complete")
     notes = read_notes(record, "decisions")
     assert any(note.kind == "decision.intent_nonconforming" and note.about == "blue/a" for note in notes)
+
+
+def test_a_flight_is_requested_so_long_before_its_departure(tmp_path: Path) -> None:
+    record = fly(tmp_path / "run", cut_s=129.0, late_s=60.0)
+    asked = {
+        note.about: note.time_ns / 1e9
+        for note in reversed(read_notes(record, "decisions"))
+        if note.kind == "decision.approval_requested"
+    }
+    assert asked == pytest.approx({"blue/a": 0.0, "green/a": 40.0, "red/a": 40.0})

@@ -95,7 +95,9 @@ def read_variants(texts: Sequence[str]) -> dict[str, list[str]]:
         name, colon, change = text.partition(":")
         if not colon or not ID_PATTERN.match(name) or name == UNCHANGED:
             expected = f"NAME:PATH=VALUE, with a name other than {UNCHANGED!r}"
-            problems.append(Problem("variant", repr(text), expected, "federated:operators.*.approval=federated"))
+            problems.append(
+                Problem("variant", repr(text), expected, "Such as federated:operators.*.approval=federated.")
+            )
         else:
             found.setdefault(name, []).append(change.strip())
     if not problems and not 1 <= len(found) <= MAX_VARIANTS:
