@@ -27,9 +27,10 @@ from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.airspace import Airspace
 from skyrange.utm.contract import ApprovalContext, intent_id
-from skyrange.utm.federated.dss import NOMINAL, Dss
+from skyrange.utm.federated.dss.intents import NOMINAL
+from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.plugin import FEDERATED
-from skyrange.utm.federated.uss import Uss
+from skyrange.utm.federated.uss.service import Uss
 from tests.approval_stations import LAT, LON, Station, ask, end
 
 NAMES = ("blue", "green", "red")
@@ -82,7 +83,7 @@ def letters(steps: Sequence[Step], operator: str) -> list[tuple[float, bytes]]:
 def check_apart(dss: Dss, usss: dict[str, Uss]) -> None:
     """No two nominal intents of one priority overlap, by the volumes that their USSs have."""
     shown = []
-    for stored in dss._store._intents.values():
+    for stored in dss.store.intents:
         reference = stored.reference
         uss = usss[reference.manager]
         intent, own = uss._intents.get(stored.id), uss._intents.own.get(stored.id)

@@ -22,8 +22,8 @@ from skyrange.core.volumes import Volume4D
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.airspace import Airspace
 from skyrange.utm.contract import make_uuid
-from skyrange.utm.federated.coverings import extent_of
-from skyrange.utm.federated.dss import Dss
+from skyrange.utm.federated.dss.coverings import extent_of
+from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.tokens import LIFETIME_S, TokenChecker, TokenError, TokenStore, public_of
 
 SECRET = bytes(range(32))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabilityState
 
@@ -29,20 +29,18 @@ _EARTH_M: Final = 6_371_010.0
 _MAX_RADIUS_M: Final = 100_000.0
 
 
-@dataclass(frozen=True, slots=True)
-class IntentReference:
-    """What the DSS knows of an operational intent (OperationalIntentReference)."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConstraintReference:
+    """What the DSS knows of a constraint (ConstraintReference)."""
 
     id: str
     manager: str
     """The USS that manages it."""
     version: int
-    state: OperationalIntentState
     ovn: str
     start_ns: Time
     end_ns: Time
     uss_base_url: str
-    subscription_id: str = NO_SUBSCRIPTION
     uss_availability: UssAvailabilityState = UssAvailabilityState.Unknown
 
     def body(self, epoch: Epoch) -> Body:
@@ -51,30 +49,48 @@ class IntentReference:
             "id": self.id,
             "manager": self.manager,
             "version": self.version,
-            "state": self.state.value,
             "ovn": self.ovn,
-            "time_start": _moment(self.start_ns, epoch),
-            "time_end": _moment(self.end_ns, epoch, up=True),
+            "time_start": moment_body(self.start_ns, epoch),
+            "time_end": moment_body(self.end_ns, epoch, up=True),
             "uss_base_url": self.uss_base_url,
-            "subscription_id": self.subscription_id,
             "uss_availability": self.uss_availability.value,
         }
 
     @classmethod
-    def of(cls, body: Mapping[str, Any], epoch: Epoch) -> IntentReference:
+    def of(cls, body: Mapping[str, Any], epoch: Epoch) -> Self:
         """From a checked body."""
-        return cls(
-            body["id"],
-            body["manager"],
-            body["version"],
-            body["state"],
-            body.get("ovn") or "",
-            epoch.parse(body["time_start"]["value"]),
-            epoch.parse(body["time_end"]["value"]),
-            body["uss_base_url"],
-            body["subscription_id"],
-            body["uss_availability"],
-        )
+        return cls(**cls._fields(body, epoch))
+
+    @classmethod
+    def _fields(cls, body: Mapping[str, Any], epoch: Epoch) -> dict[str, Any]:
+        return {
+            "id": body["id"],
+            "manager": body["manager"],
+            "version": body["version"],
+            "ovn": body.get("ovn") or "",
+            "start_ns": epoch.parse(body["time_start"]["value"]),
+            "end_ns": epoch.parse(body["time_end"]["value"]),
+            "uss_base_url": body["uss_base_url"],
+            "uss_availability": body["uss_availability"],
+        }
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class IntentReference(ConstraintReference):
+    """What the DSS knows of an operational intent (OperationalIntentReference): also its state and subscription."""
+
+    state: OperationalIntentState
+    subscription_id: str = NO_SUBSCRIPTION
+
+    def body(self, epoch: Epoch) -> Body:
+        """As JSON."""
+        common = ConstraintReference.body(self, epoch)
+        return {**common, "state": self.state.value, "subscription_id": self.subscription_id}
+
+    @classmethod
+    def _fields(cls, body: Mapping[str, Any], epoch: Epoch) -> dict[str, Any]:
+        common = ConstraintReference._fields(body, epoch)
+        return {**common, "state": body["state"], "subscription_id": body["subscription_id"]}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +127,8 @@ def volume_body(volume: Volume4D, epoch: Epoch) -> Body:
             "altitude_lower": {"value": volume.lower_m, "reference": "W84", "units": "M"},
             "altitude_upper": {"value": volume.upper_m, "reference": "W84", "units": "M"},
         },
-        "time_start": _moment(volume.start_ns, epoch),
-        "time_end": _moment(volume.end_ns, epoch, up=True),
+        "time_start": moment_body(volume.start_ns, epoch),
+        "time_end": moment_body(volume.end_ns, epoch, up=True),
     }
 
 
@@ -123,22 +139,48 @@ def volumes_of(bodies: Sequence[Mapping[str, Any]], epoch: Epoch) -> tuple[Volum
 
 def volume_of(body: Mapping[str, Any], epoch: Epoch, where: str = "volume") -> Volume4D:
     """The volume of a checked body; a circle becomes the polygon around it. Raises `DecodeError`."""
-    solid = body["volume"]
-    lower, upper = solid.get("altitude_lower"), solid.get("altitude_upper")
-    start, end = body.get("time_start"), body.get("time_end")
-    if lower is None or upper is None or start is None or end is None:
+    area = area_of(body, epoch, where)
+    if area.lower_m is None or area.upper_m is None or area.start_ns is None or area.end_ns is None:
         raise DecodeError(f"{where}: it needs altitude_lower, altitude_upper, time_start and time_end")
-    for one in (lower, upper):
-        if not MIN_ALTITUDE_M <= one["value"] <= MAX_ALTITUDE_M:
+    try:
+        return Volume4D(area.outline, area.lower_m, area.upper_m, area.start_ns, area.end_ns)
+    except ValueError as error:
+        raise DecodeError(f"{where}: {error}") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """A part of the airspace whose heights and times may be open: `None` is no bound."""
+
+    outline: tuple[tuple[float, float], ...]
+    """(latitude, longitude) in degrees, at least three."""
+    lower_m: float | None
+    upper_m: float | None
+    start_ns: Time | None
+    end_ns: Time | None
+
+
+def area_of(body: Mapping[str, Any], epoch: Epoch, where: str) -> Area:
+    """What the Volume4D of a checked body encloses; a circle becomes the polygon around it. Raises `DecodeError`."""
+    solid = body["volume"]
+    heights = [solid.get(name) for name in ("altitude_lower", "altitude_upper")]
+    for one in heights:
+        if one is not None and not MIN_ALTITUDE_M <= one["value"] <= MAX_ALTITUDE_M:
             raise DecodeError(f"{where}: altitude {one['value']} is not within {MIN_ALTITUDE_M} to {MAX_ALTITUDE_M} m")
+    lower_m, upper_m = (None if one is None else one["value"] for one in heights)
+    times = [body.get(name) for name in ("time_start", "time_end")]
+    start_ns, end_ns = (None if one is None else epoch.parse(one["value"]) for one in times)
     polygon, circle = solid.get("outline_polygon"), solid.get("outline_circle")
     if (polygon is None) == (circle is None):
         raise DecodeError(f"{where}: it needs either outline_polygon or outline_circle")
     outline = _circle(circle, where) if polygon is None else _ring(polygon["vertices"], where)
-    try:
-        return Volume4D(outline, lower["value"], upper["value"], epoch.parse(start["value"]), epoch.parse(end["value"]))
-    except ValueError as error:
-        raise DecodeError(f"{where}: {error}") from error
+    if len(outline) < 3:
+        raise DecodeError(f"{where}: an outline needs 3 vertices, got {len(outline)}")
+    if lower_m is not None and upper_m is not None and lower_m > upper_m:
+        raise DecodeError(f"{where}: altitude_lower {lower_m} is above altitude_upper {upper_m}")
+    if start_ns is not None and end_ns is not None and start_ns > end_ns:
+        raise DecodeError(f"{where}: time_start is after time_end")
+    return Area(outline, lower_m, upper_m, start_ns, end_ns)
 
 
 def _ring(vertices: Sequence[Mapping[str, float]], where: str) -> tuple[tuple[float, float], ...]:
@@ -161,5 +203,6 @@ def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float],
     return tuple((min(max(a, -90.0), 90.0), min(max(b, -180.0), 180.0)) for a, b in ring)
 
 
-def _moment(time: Time, epoch: Epoch, *, up: bool = False) -> Body:
+def moment_body(time: Time, epoch: Epoch, *, up: bool = False) -> Body:
+    """A moment as JSON, the microsecond at or before it, or at or after it with `up`."""
     return {"value": epoch.rfc3339(time, up=up), "format": "RFC3339"}

@@ -37,9 +37,9 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     """The DSS, the USSs and their links. Raises `InputError` for services that do not fit the scenario."""
     services = _assign(params, context)
     try:
-        from skyrange.utm.federated.dss import Dss
+        from skyrange.utm.federated.dss.service import Dss
         from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-        from skyrange.utm.federated.uss import Peer, Uss
+        from skyrange.utm.federated.uss.service import Peer, Uss
     except ImportError as error:
         hint = "pip install 'skyrange[utm]'"
         raise ComponentError(context.name, f"{error.name} is not installed", hint) from error

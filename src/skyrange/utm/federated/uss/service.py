@@ -28,10 +28,10 @@ from skyrange.utm.alternatives import Limits, reach
 from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled
 from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server
-from skyrange.utm.federated.peer_requests import SERVES, PeerRequests
-from skyrange.utm.federated.shared_intents import SharedIntents
-from skyrange.utm.federated.tasks import Task, TaskQueue
 from skyrange.utm.federated.tokens import TokenChecker, TokenStore
+from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
+from skyrange.utm.federated.uss.shared_intents import SharedIntents
+from skyrange.utm.federated.uss.tasks import Task, TaskQueue
 from skyrange.utm.intent_register import find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
 from skyrange.utm.request_book import RequestBook
@@ -208,11 +208,17 @@ class Uss:
             self._on_conflict(now, task, reply, out)
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
             self._finish_end(task, out)
-        elif reply.status == 404 and call.operation in _LOST:  # the DSS does not know the intent any more
+        elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:  # the DSS has lost the intent
             self._intents.own.pop(task.intent.id, None)
+            task.refusal = ""
             self._begin(now, task, out)
         else:
-            self._fail(now, task, f"DSS: {reply.body.get('message') or f'status {reply.status}'}", out)
+            refusal = f"DSS: {reply.body.get('message') or f'status {reply.status}'}"
+            if reply.status == 400 and call.operation is Op.UpdateOperationalIntentReference and not task.refusal:
+                task.refusal = refusal  # perhaps because the DSS has lost the intent
+                self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+            else:
+                self._fail(now, task, refusal, out)
 
     def _on_references(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         """The DSS has told what may be in the way."""
@@ -290,7 +296,9 @@ class Uss:
         body = {
             "extents": [volume_body(one, self._epoch) for one in intent.volumes],
             "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
-            "state": intent.state.value,
+            "state": State.Accepted.value
+            if own is None
+            else intent.state.value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": False},
         }
@@ -299,9 +307,12 @@ class Uss:
 
     def _on_accepted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
-        intent = task.intent
+        intent = replace(task.intent, state=IntentState(reference.state.value))
         self._intents.accept(intent, reference)
         self._notify(now, intent, reference, reply, out)
+        if intent.state is not task.intent.state:
+            self._put(now, task, out)
+            return
         overruled = self._overrule(intent, task.causes)
         accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True, overruled=overruled)
         self._answer(task, accepted, out)
@@ -313,6 +324,9 @@ class Uss:
 
     def _on_own_reference(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         """The DSS has told the current version of an own intent."""
+        if task.refusal:
+            self._fail(now, task, task.refusal, out)
+            return
         self._intents.own[task.intent.id] = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
         self._begin(now, task, out)
 
@@ -406,7 +420,6 @@ class Uss:
         out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
 
 
-_LOST: Final = frozenset({Op.GetOperationalIntentReference, Op.UpdateOperationalIntentReference})
 _Accepted = Callable[[Uss, Time, Task, Reply, Outbox], None]
 _ACCEPTED: Final[Mapping[Op, _Accepted]] = {
     Op.QueryOperationalIntentReferences: Uss._on_references,

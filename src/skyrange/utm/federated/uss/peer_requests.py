@@ -15,7 +15,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.federated.exchanges import Asked, Server, file_report
-from skyrange.utm.federated.shared_intents import SharedIntents
+from skyrange.utm.federated.uss.shared_intents import SharedIntents
 from skyrange.utm.intent_states import OFF_NOMINAL
 
 _COORDINATION: Final = frozenset({Scope.StrategicCoordination})

@@ -14,13 +14,13 @@ from typing import Final
 
 from s2sphere import LatLng, LatLngRect, RegionCoverer
 
-from skyrange.core.time import Time
-from skyrange.core.volumes import Volume4D
+from skyrange.codec.f3548.values import MAX_ALTITUDE_M, MIN_ALTITUDE_M, Area
+from skyrange.core.time import NEVER, Time
 
 LEVEL: Final = 13
 """Level of the cells, which the DSSs of a pool have to agree on; InterUSS has this one."""
-MAX_AREA_KM2: Final = 10_000.0
-"""Largest area that a request may cover; CstrMaxArea of F3548."""
+MAX_AREA_KM2: Final = 2_500.0
+"""Largest area that a request may cover, as in the DSS of InterUSS (`maxAllowedAreaKm2`)."""
 _KM_PER_DEG: Final = 111.32
 _STEP_DEG: Final = 1e-4
 """Boxes are widened to multiples of this, 11 m, so that those of one place share a covering."""
@@ -50,6 +50,16 @@ class Extent:
             and not self.cells.isdisjoint(other.cells)
         )
 
+    def covers(self, other: Extent) -> bool:
+        """Whether it encloses the other."""
+        return (
+            self.cells >= other.cells
+            and self.lower_m <= other.lower_m
+            and other.upper_m <= self.upper_m
+            and self.start_ns <= other.start_ns
+            and other.end_ns <= self.end_ns
+        )
+
     def joined(self, other: Extent) -> Extent:
         """The extent of both together."""
         return Extent(
@@ -61,23 +71,23 @@ class Extent:
         )
 
 
-def extent_of(volumes: Sequence[Volume4D]) -> Extent:
-    """The extent of at least one volume. Raises `AreaError`."""
+def extent_of(areas: Sequence[Area]) -> Extent:
+    """The extent of at least one area, open bounds as wide as they can be. Raises `AreaError`."""
     cells: set[int] = set()
-    for volume in volumes:
-        cells |= _cover(_box(volume))
+    for one in areas:
+        cells |= _cover(_box(one))
     return Extent(
         frozenset(cells),
-        min(one.lower_m for one in volumes),
-        max(one.upper_m for one in volumes),
-        min(one.start_ns for one in volumes),
-        max(one.end_ns for one in volumes),
+        min(MIN_ALTITUDE_M if one.lower_m is None else one.lower_m for one in areas),
+        max(MAX_ALTITUDE_M if one.upper_m is None else one.upper_m for one in areas),
+        min(-NEVER if one.start_ns is None else one.start_ns for one in areas),
+        max(NEVER if one.end_ns is None else one.end_ns for one in areas),
     )
 
 
-def _box(volume: Volume4D) -> tuple[int, int, int, int]:
+def _box(area: Area) -> tuple[int, int, int, int]:
     """South, west, north and east in steps."""
-    lats, lngs = zip(*volume.outline, strict=True)
+    lats, lngs = zip(*area.outline, strict=True)
     return (
         math.floor(min(lats) / _STEP_DEG),
         math.floor(min(lngs) / _STEP_DEG),

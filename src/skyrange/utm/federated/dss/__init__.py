@@ -1,0 +1,1 @@
+"""Discovery and synchronization service (DSS): entities of the airspace, subscriptions and availabilities."""

@@ -1,0 +1,128 @@
+"""Operations of a DSS on subscriptions: who wants to be told of changes in an area."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Final
+
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+
+from skyrange.codec.f3548.values import area_of, moment_body
+from skyrange.contracts.mailboxes import Outbox
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.utm.federated.dss.coverings import Extent, extent_of
+from skyrange.utm.federated.dss.requests import MAX_SKEW_NS, DssState, Handler, RefusalError
+from skyrange.utm.federated.dss.store import Subscription
+from skyrange.utm.federated.exchanges import Asked
+
+MAX_DURATION_NS: Final = 24 * 3_600 * NS_PER_S
+"""Longest subscription (F3548-21, DSSMaxSubscriptionDuration)."""
+
+
+def _query(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+    found = dss.store.subscriptions_in(dss.area(asked))
+    return 200, {"subscriptions": [_shown(dss, one) for one in found if one.manager == asked.claims.uss]}
+
+
+def _get(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+    return 200, {"subscription": _shown(dss, _own(dss, asked))}
+
+
+def _put(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+    body, uss, id_ = asked.body, asked.claims.uss, asked.parameters["subscriptionid"]
+    for_intents, for_constraints = (
+        bool(body.get("notify_for_operational_intents")),
+        bool(body.get("notify_for_constraints")),
+    )
+    if not (for_intents or for_constraints):
+        raise RefusalError(400, "a subscription is for operational intents, constraints or both")
+    version = asked.parameters.get("version")
+    old = dss.store.subscription(id_)
+    extent = _extent(dss, now, body["extents"], old)
+    if old is None and version is not None:
+        raise RefusalError(400, "there is no such subscription, and none of this version")
+    if old is not None:
+        if version is None:
+            raise RefusalError(409, "the subscription exists already")
+        _own(dss, asked)
+        for intent in map(dss.store.intent, dss.store.dependents(id_)):
+            if intent is not None and not extent.covers(intent.extent):
+                raise RefusalError(400, f"the subscription does not cover the intent {intent.id}, which has it")
+    made = Subscription(
+        id_,
+        uss,
+        body["uss_base_url"],
+        extent,
+        version=dss.renewed_uuid("version", id_, version, now),
+        notification_index=old.notification_index if old is not None else 0,
+        is_implicit=old is not None and old.is_implicit,
+        notify_for_operational_intents=for_intents,
+        notify_for_constraints=for_constraints,
+    )
+    dss.store.put_subscription(made)
+    answer: dict[str, Any] = {"subscription": _shown(dss, made)}
+    if for_intents:
+        answer["operational_intent_references"] = [dss.shown(one, uss) for one in dss.store.intents_in(extent)]
+    if for_constraints:
+        answer["constraint_references"] = [dss.shown(one, uss) for one in dss.store.constraints_in(extent)]
+    return 200, answer
+
+
+def _extent(dss: DssState, now: Time, body: Mapping[str, Any], old: Subscription | None) -> Extent:
+    """What a subscription covers: from now for the longest time, unless it says when."""
+    area = area_of(body, dss.epoch, "extents")
+    if area.start_ns is not None and area.start_ns < now - MAX_SKEW_NS:
+        raise RefusalError(400, "extents: time_start is in the past")
+    start_ns = area.start_ns if area.start_ns is not None else old.extent.start_ns if old is not None else now
+    end_ns = area.end_ns if area.end_ns is not None else old.extent.end_ns if old is not None else None
+    if end_ns is None:
+        end_ns = start_ns + MAX_DURATION_NS
+    if end_ns < start_ns or end_ns <= now:
+        raise RefusalError(400, "extents: time_end is before time_start, or over")
+    if end_ns - start_ns > MAX_DURATION_NS:
+        raise RefusalError(400, "extents: a subscription lasts at most 24 hours")
+    return extent_of([replace(area, start_ns=start_ns, end_ns=end_ns)])
+
+
+def _delete(dss: DssState, now: Time, asked: Asked, out: Outbox) -> tuple[int, Any]:
+    found = _own(dss, asked)
+    if dss.store.dependents(found.id):
+        raise RefusalError(400, "an operational intent has this subscription")
+    dss.store.delete_subscription(found.id)
+    return 200, {"subscription": _shown(dss, found)}
+
+
+def _own(dss: DssState, asked: Asked) -> Subscription:
+    found = dss.store.subscription(asked.parameters["subscriptionid"])
+    if found is None:
+        raise RefusalError(404, f"there is no subscription {asked.parameters['subscriptionid']}")
+    if found.manager != asked.claims.uss:
+        raise RefusalError(403, "the subscription belongs to another USS")
+    if asked.parameters.get("version", found.version) != found.version:
+        raise RefusalError(409, "the version is not the current one")
+    return found
+
+
+def _shown(dss: DssState, one: Subscription) -> dict[str, Any]:
+    return {
+        "id": one.id,
+        "version": one.version,
+        "notification_index": one.notification_index,
+        "time_start": moment_body(one.extent.start_ns, dss.epoch),
+        "time_end": moment_body(one.extent.end_ns, dss.epoch, up=True),
+        "uss_base_url": one.uss_base_url,
+        "notify_for_operational_intents": one.notify_for_operational_intents,
+        "notify_for_constraints": one.notify_for_constraints,
+        "implicit_subscription": one.is_implicit,
+        "dependent_operational_intents": dss.store.dependents(one.id),
+    }
+
+
+HANDLERS: Final[Mapping[Op, Handler]] = {
+    Op.QuerySubscriptions: _query,
+    Op.GetSubscription: _get,
+    Op.CreateSubscription: _put,
+    Op.UpdateSubscription: _put,
+    Op.DeleteSubscription: _delete,
+}
