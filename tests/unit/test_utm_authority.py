@@ -104,6 +104,21 @@ def test_the_operator_of_an_overruled_intent_is_told() -> None:
     assert [note.kind for note in out.notes] == ["decision.approval_accepted", "decision.approval_overruled"]
 
 
+def test_an_activated_intent_that_is_outranked_keeps_its_claim_and_may_be_changed_within_the_conflict() -> None:
+    approver = authority_with_b1()
+    assert approver.decide(1, intent("blue/b1", state=IntentState.ACTIVATED)).accepted
+    (told,) = approver.decide(2, intent("red/r1", priority=5)).overruled
+    assert (told.vehicle, told.in_flight) == ("blue/b1", True)
+    assert not approver.decide(3, intent("green/g1")).accepted, "it is still there"
+    wider = intent("blue/b1", prism(0.0005), state=IntentState.ACTIVATED)
+    assert approver.decide(4, wider).accepted, "the conflict with red/r1 was there before"
+    approver.decide(5, intent("green/g2", prism(0.01)))
+    both = OperationalIntent(
+        intent_id("blue/b1"), "blue", "blue/b1", (*wider.volumes, prism(0.01)), state=IntentState.ACTIVATED
+    )
+    assert not approver.decide(6, both).accepted, "a new conflict is none that was there before"
+
+
 @pytest.mark.parametrize("state", sorted(OFF_NOMINAL))
 def test_an_aircraft_outside_its_volumes_is_never_refused_and_blocks_whoever_comes(state: IntentState) -> None:
     approver = authority_with_b1()

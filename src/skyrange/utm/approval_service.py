@@ -102,13 +102,13 @@ def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestB
     book.answer(asked, Response.of(body.id, decision, epoch, version), out)
 
 
-def tell_overruled(decision: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:
+def tell_overruled(overruling: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:
     """Tell the operators of `book` whose intents a decision has overruled."""
-    for one in decision.overruled:
+    for one in overruling.overruled:
         if one.operator in book.operators:
-            rejection = ApprovalDecision(accepted=False, reason=one.reason)
+            decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
             out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, (cause,))
-            book.retract(one.operator, one.id, Response.of(one.id, rejection, epoch, overruled=True), cause, out)
+            book.retract(one.operator, one.id, Response.of(one.id, decision, epoch, overruled=True), cause, out)
 
 
 def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:

@@ -16,7 +16,7 @@ from skyrange.contracts.params import Number, Params
 from skyrange.core.time import Time
 from skyrange.utm.alternatives import Limits
 from skyrange.utm.approval_service import policy_plugin
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent, Overruled, version_number
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, Overruled, overruled_by, version_number
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
 
@@ -100,10 +100,11 @@ class Authority:
     def _accept(self, request: OperationalIntent, outranked: Sequence[OperationalIntent]) -> ApprovalDecision:
         overruled = []
         for other in outranked:
-            self._register.remove(other.id)
-            del self._decisions[other.id]
-            reason = f"{request.vehicle}, of priority {request.priority}, has claimed a part of it"
-            overruled.append(Overruled(other.id, other.operator, other.vehicle, reason))
+            one = overruled_by(request, other)
+            if not one.in_flight:
+                self._register.remove(other.id)
+                del self._decisions[other.id]
+            overruled.append(one)
         self._register.put(request)
         ovn = version_number(request)
         self._decisions[request.id] = ApprovalDecision(accepted=True, ovn=ovn, tracked=True)

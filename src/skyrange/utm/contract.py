@@ -58,12 +58,14 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class Overruled:
-    """An accepted intent that another one has overruled: its operator is told that it is rejected."""
+    """An accepted intent that another one of higher priority overlaps: its operator is told."""
 
     id: str
     operator: str
     vehicle: str
     reason: str
+    in_flight: bool = False
+    """Whether it is activated. It keeps its claim then, because its aircraft is there; otherwise it is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class ApprovalDecision:
     """Whether the approval wants to be told when an accepted intent is activated, when the aircraft leaves its volumes,
     and when it has ended."""
     overruled: tuple[Overruled, ...] = ()
-    """Accepted intents that are so no longer, because this one outranks them."""
+    """Intents that this one outranks: their operators are told."""
 
 
 class ApprovalPolicy(Protocol):
@@ -136,6 +138,13 @@ class ApprovalPlugin(Plugin[ApprovalContext, ApprovalService]):
 
     policy: Callable[[Any], ApprovalPolicy] | None = None
     """`policy(params)`: what decides, where that is one object (`policy_plugin`); None for another design."""
+
+
+def overruled_by(higher: OperationalIntent, other: OperationalIntent) -> Overruled:
+    """That `higher` overlaps `other`, which has a lower priority."""
+    reason = f"{higher.vehicle}, of priority {higher.priority}, has claimed a part of it"
+    in_flight = other.state is IntentState.ACTIVATED
+    return Overruled(other.id, other.operator, other.vehicle, reason, in_flight)
 
 
 def version_number(intent: OperationalIntent) -> str:

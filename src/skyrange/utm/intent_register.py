@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import Final
@@ -35,7 +35,8 @@ class IntentRegister:
     """Operational intents by id, with their airspace. Deep-copyable.
 
     An intent is in the way of another if a volume of the one overlaps one of the other, and it has the same or a higher
-    priority, or its aircraft does not keep to its volumes.
+    priority, or its aircraft does not keep to its volumes. An activated intent may be changed in spite of a conflict
+    that it has already (F3548-21, SCD0030 and SCD0050).
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -79,13 +80,24 @@ class IntentRegister:
         """What is in the way of `request`, and with `offers` alternatives to it, which take time to find."""
         overlaps = self._airspace.find_overlaps(request.volumes, ignored=request.id)
         blocking = [one for one in overlaps if self._blocks(one, request)]
+        if blocking and request.state is IntentState.ACTIVATED:
+            present = self._conflicts_of(request.id)
+            blocking = [one for one in blocking if one.intent not in present]
         if blocking:
             return Examination(self._describe(blocking), tuple(self._offer(request)) if offers else ())
-        return Examination(outranked=tuple(self._intents[id_] for id_ in sorted({one.intent for one in overlaps})))
+        lower = sorted({one.intent for one in overlaps if not self._blocks(one, request)})
+        return Examination(outranked=tuple(self._intents[id_] for id_ in lower))
 
     def _blocks(self, overlap: Overlap, request: OperationalIntent) -> bool:
         other = self._intents[overlap.intent]
         return other.priority >= request.priority or other.state in OFF_NOMINAL
+
+    def _conflicts_of(self, id_: str) -> Container[str]:
+        """The intents that an activated one overlaps as it is."""
+        held = self._intents.get(id_)
+        if held is None or held.state is not IntentState.ACTIVATED:
+            return ()
+        return self.overlapping(held.volumes, ignored=id_)
 
     def _offer(self, request: OperationalIntent) -> list[Alternative]:
         def search(volumes: Sequence[Volume4D], later_ns: Time) -> list[Overlap]:

@@ -180,13 +180,13 @@ class FlightSequencer:
         self._raise(FlightEvent.ALTERED, now, out, (ref,), data)
 
     def _overruled(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
-        """On the ground, ask anew; in the air, return."""
+        """Before activation, ask anew; later, give up, which in the air is to return."""
         data: dict[str, Scalar] = {"reason": decision.reason}
         if self.state in OVERRULABLE:
             self.claim.state = None
             self._drop_commands()
             self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
-        elif self.state in _FLIGHT:
+        elif self.state in _FLIGHT or self.state is FlightState.ARMING:
             self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
 
     def on_time(self, now: Time, out: Outbox) -> None:

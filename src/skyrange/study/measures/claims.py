@@ -71,7 +71,7 @@ def read_claims(record: Record) -> dict[str, list[Claim]]:
             own = _closed(claims.setdefault(request.vehicle, []), row["arrived_ns"])
             volumes = tuple(_prism(one.volume4d(epoch), origin) for one in request.volumes)
             own.append(Claim(request.vehicle, request.state, row["arrived_ns"], NEVER, volumes))
-        elif answer.id in holders and (answer.decision == "Ended" or answer.overruled):
+        elif answer.id in holders and (answer.decision == "Ended" or (answer.overruled and answer.decision == "Rejected")):
             _closed(claims[holders[answer.id]], row["arrived_ns"])
     return claims
 

@@ -26,7 +26,7 @@ from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits, reach
 from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
-from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled, overruled_by
 from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server
 from skyrange.utm.federated.tokens import TokenChecker, TokenStore
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
@@ -154,13 +154,15 @@ class Uss:
         tell_overruled(ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch, asked.ref, out)
 
     def _overrule(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
-        """End the own intents that an intent outranks."""
-        reason = f"{intent.vehicle}, of priority {intent.priority}, has claimed a part of it"
-        outranked = self._intents.find_outranked(intent)
-        for one in outranked:
-            self._intents.release(one.id)
-            self._queue.add(Task(replace(one, volumes=(), state=IntentState.ENDED), None, causes))
-        return tuple(Overruled(one.id, one.operator, one.vehicle, reason) for one in outranked)
+        """End the own intents that an intent outranks, but for those in flight."""
+        overruled = []
+        for other in self._intents.find_outranked(intent):
+            one = overruled_by(intent, other)
+            if not one.in_flight:
+                self._intents.release(other.id)
+                self._queue.add(Task(replace(other, volumes=(), state=IntentState.ENDED), None, causes))
+            overruled.append(one)
+        return tuple(overruled)
 
     # --- a task --------------------------------------------------------------------------------------------
 
