@@ -189,7 +189,7 @@ def test_without_the_dss_nothing_is_accepted_and_the_operator_may_ask_again() ->
     stations, seen, _ = flown({"blue": [(0.1, ask("blue/a"))]}, 12.0, service)
     assert decisions(stations["blue"]) == ["Rejected"]
     _, body = stations["blue"].answers[0]
-    assert body.reason == "dss does not answer"
+    assert body.reason == "dss does not answer queryOperationalIntentReferences"
     (again,) = body.alternatives
     assert (again.delay_s, again.climb_m, again.east_m, again.north_m) == (0, 0, 0, 0)
     assert {note.about for note in notes(seen, "decision.uss_failed")} == {"dss", "blue/a"}

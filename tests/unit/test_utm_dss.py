@@ -39,7 +39,9 @@ class Ask:
 
     def __init__(self) -> None:
         self.port = Port("approval.dss", "uss:dss~any")
-        self.dss = Dss("dss", [self.port], TokenChecker("dss", public_of(SECRET), EPOCH), b"secret", EPOCH)
+        self.dss = Dss(
+            "dss", [self.port], TokenChecker(frozenset({"dss"}), (public_of(SECRET),), EPOCH), b"secret", EPOCH
+        )
         self.count = 0
 
     def __call__(
@@ -228,7 +230,7 @@ def test_a_report_gets_an_id() -> None:
 def test_a_token_is_for_one_receiver_one_issuer_and_an_hour() -> None:
     store = TokenStore("blue", SECRET, EPOCH)
     token = store.get(0, "dss", COORDINATION)
-    checker = TokenChecker("dss", public_of(SECRET), EPOCH)
+    checker = TokenChecker(frozenset({"dss"}), (public_of(SECRET),), EPOCH)
     assert checker.check(0, token).uss == "blue"
     assert checker.check(0, token).scopes == {COORDINATION}
     assert store.get(NS_PER_S, "dss", COORDINATION) == token
@@ -237,9 +239,9 @@ def test_a_token_is_for_one_receiver_one_issuer_and_an_hour() -> None:
     renewed = store.get((LIFETIME_S - 1) * NS_PER_S, "dss", COORDINATION)
     assert checker.check(LIFETIME_S * NS_PER_S, renewed).uss == "blue"
     with pytest.raises(TokenError, match="another receiver than red"):
-        TokenChecker("red", public_of(SECRET), EPOCH).check(0, token)
+        TokenChecker(frozenset({"red"}), (public_of(SECRET),), EPOCH).check(0, token)
     with pytest.raises(TokenError, match="not valid"):
-        TokenChecker("dss", public_of(bytes(32)), EPOCH).check(0, token)
+        TokenChecker(frozenset({"dss"}), (public_of(bytes(32)),), EPOCH).check(0, token)
     header, claims, signature = token.split(".")
     said = json.loads(base64.urlsafe_b64decode(claims + "=="))
     forged = base64.urlsafe_b64encode(json.dumps({**said, "sub": "red"}).encode()).decode().rstrip("=")

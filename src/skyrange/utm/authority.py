@@ -16,7 +16,7 @@ from skyrange.contracts.params import Number, Params
 from skyrange.core.time import Time
 from skyrange.utm.alternatives import Limits
 from skyrange.utm.approval_service import policy_plugin
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent, Overruled, overruled_by, version_number
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, overruled_by, version_number
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
 

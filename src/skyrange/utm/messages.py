@@ -252,8 +252,8 @@ class DecisionBody(_Model):
     tracked: Literal[True] | None = None
     """Whether the approval is to be told of further states of the intent."""
     overruled: Literal[True] | None = None
-    """Whether it answers no request: an intent of higher priority overlaps this one, which is rejected, or stays accepted
-    if it is activated."""
+    """Whether it answers no request: an intent of higher priority overlaps this one, which is rejected, or
+    stays accepted if it is activated."""
 
 
 class ErrorBody(_Model):

@@ -66,12 +66,13 @@ def read_claims(record: Record) -> dict[str, list[Claim]]:
         if not isinstance(answer, DecisionBody):
             continue
         request = asked.get((answer.id, answer.version or 0))
-        if answer.decision == "Accepted" and request is not None:
+        is_withdrawn = answer.overruled and answer.decision == "Rejected"
+        if answer.decision == "Accepted" and not answer.overruled and request is not None:
             holders[answer.id] = request.vehicle
             own = _closed(claims.setdefault(request.vehicle, []), row["arrived_ns"])
             volumes = tuple(_prism(one.volume4d(epoch), origin) for one in request.volumes)
             own.append(Claim(request.vehicle, request.state, row["arrived_ns"], NEVER, volumes))
-        elif answer.id in holders and (answer.decision == "Ended" or (answer.overruled and answer.decision == "Rejected")):
+        elif answer.id in holders and (answer.decision == "Ended" or is_withdrawn):
             _closed(claims[holders[answer.id]], row["arrived_ns"])
     return claims
 

@@ -39,6 +39,8 @@ class Call:
 
     exchange: int
     operation: OperationID
+    receiver: str
+    """The name of the service that is asked."""
     port: Port
     payload: bytes
     causes: Refs
@@ -56,6 +58,14 @@ class Reply:
     ref: FrameId
 
 
+class WrongReplyError(DecodeError):
+    """A response that the standard does not have for its request."""
+
+    def __init__(self, call: Call, problem: str) -> None:
+        super().__init__(problem)
+        self.call = call
+
+
 @dataclass(slots=True)
 class Caller:
     """The requests of one agent. Deep-copyable."""
@@ -71,6 +81,7 @@ class Caller:
     def call(
         self,
         now: Time,
+        receiver: str,
         port: Port,
         token: str,
         operation: OperationID,
@@ -85,18 +96,23 @@ class Caller:
         frame = UssRequest.model_construct(
             exchange=self._count, method=method, path=path, token=token, body=None if body is None else dict(body)
         )
-        call = Call(self._count, operation, port, encode(frame), causes, now + TIMEOUT_NS)
+        call = Call(self._count, operation, receiver, port, encode(frame), causes, now + TIMEOUT_NS)
         self._calls[call.exchange] = call
         out.send(port, call.payload, causes)
         return call.exchange
 
     def read(self, arrival: Arrival, response: UssResponse) -> Reply | None:
-        """The reply in a response; `None` where nobody waits for it. Raises `DecodeError` for a wrong body."""
+        """The reply in a response; `None` where nobody waits for it. Raises `WrongReplyError` for a wrong body, which
+        ends the exchange as the end of an HTTP response does.
+        """
         call = self._calls.get(response.exchange)
         if call is None or call.port != arrival.port:
             return None
-        body = check_response(call.operation, response.status, response.body)
         del self._calls[call.exchange]
+        try:
+            body = check_response(call.operation, response.status, response.body)
+        except DecodeError as error:
+            raise WrongReplyError(call, str(error)) from error
         return Reply(call, response.status, body, arrival.ref)
 
     def on_time(self, now: Time, out: Outbox) -> list[Call]:

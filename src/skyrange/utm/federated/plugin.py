@@ -39,7 +39,8 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     try:
         from skyrange.utm.federated.dss.service import Dss
         from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
-        from skyrange.utm.federated.uss.service import Peer, Uss
+        from skyrange.utm.federated.uss.directory import KnownPeers, Peer
+        from skyrange.utm.federated.uss.service import Uss
     except ImportError as error:
         hint = "pip install 'skyrange[utm]'"
         raise ComponentError(context.name, f"{error.name} is not installed", hint) from error
@@ -65,7 +66,7 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     secret = _secret(context, "authorization")
     public = public_of(secret)
     ports = [port(DSS, name) for name in services]
-    checker = TokenChecker(DSS, public, context.epoch)
+    checker = TokenChecker(frozenset({DSS}), (public,), context.epoch)
     agents: list[Agent] = [Dss(f"{context.name}.{DSS}", ports, checker, _secret(context, "OVN"), context.epoch)]
     for name, operators in services.items():
         agents.append(
@@ -74,10 +75,10 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
                 name,
                 [(operator, context.port(operator)) for operator in operators],
                 Peer(DSS, port(name, DSS)),
-                {base_url(other): Peer(other, port(name, other)) for other in services if other != name},
+                KnownPeers({base_url(other): Peer(other, port(name, other)) for other in services if other != name}),
                 base_url(name),
                 TokenStore(name, secret, context.epoch),
-                TokenChecker(name, public, context.epoch),
+                TokenChecker(frozenset({name}), (public,), context.epoch),
                 params.limits,
                 context.epoch,
             )

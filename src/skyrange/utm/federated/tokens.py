@@ -1,7 +1,7 @@
-"""Access tokens of USSs: JSON Web Tokens (RFC 7519), signed with Ed25519 (RFC 8037), with the scopes of F3548.
+"""Access tokens of USSs: JSON Web Tokens (RFC 7519) with the scopes of F3548.
 
-An authorization service, which is part of the range, issues them for one receiver each; receivers know its public key.
-Times are those of the scenario.
+An authorization service issues them for one receiver each; receivers know its public key. That of a range signs with
+Ed25519 (RFC 8037), and times are those of the scenario. Services on a network also read RS256 (RFC 7518, 3.3).
 """
 
 from __future__ import annotations
@@ -9,10 +9,12 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Final
+from typing import Final, Protocol
 
 import jwt
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
+from cryptography.hazmat.primitives.serialization import load_pem_public_key
 
 from skyrange.core.time import NS_PER_S, Epoch, Time
 
@@ -21,7 +23,8 @@ LIFETIME_S: Final = 3_600
 RENEWED_S: Final = 300
 """A token is renewed when it is valid for no longer."""
 ISSUER: Final = "auth.skyrange"
-_ALGORITHM: Final = "EdDSA"
+EDDSA: Final = "EdDSA"
+RS256: Final = "RS256"
 _JWS: Final = jwt.PyJWS()
 _REMEMBERED: Final = 256
 
@@ -37,6 +40,38 @@ class Claims:
     uss: str
     scopes: frozenset[str]
     expires_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class PublicKey:
+    """A public key of an authorization service."""
+
+    algorithm: str
+    """`EDDSA` or `RS256`."""
+    data: bytes
+    """32 bytes of Ed25519, or the PEM of an RSA key."""
+
+    def load(self) -> Ed25519PublicKey | RSAPublicKey:
+        """The key; `ValueError` for bytes that are none."""
+        return _load(self)
+
+
+@lru_cache(maxsize=16)
+def _load(key: PublicKey) -> Ed25519PublicKey | RSAPublicKey:
+    if key.algorithm == EDDSA:
+        return Ed25519PublicKey.from_public_bytes(key.data)
+    loaded = load_pem_public_key(key.data)
+    if not isinstance(loaded, RSAPublicKey):
+        raise ValueError(f"an RSA key is needed, this is {type(loaded).__name__}")
+    return loaded
+
+
+class Tokens(Protocol):
+    """Where the tokens of one USS come from."""
+
+    def get(self, now: Time, receiver: str, *scopes: str) -> str:
+        """A token for `receiver`."""
+        ...
 
 
 @dataclass(slots=True)
@@ -65,7 +100,7 @@ class TokenStore:
                 "exp": expires_s,
                 "jti": f"{self.uss}.{receiver}.{now_s}",
             }
-            token = jwt.encode(claims, Ed25519PrivateKey.from_private_bytes(self.secret), _ALGORITHM)
+            token = jwt.encode(claims, Ed25519PrivateKey.from_private_bytes(self.secret), EDDSA)
             self._tokens[key] = token, expires_s
         return token
 
@@ -74,10 +109,13 @@ class TokenStore:
 class TokenChecker:
     """Checks of the tokens that one receiver is shown. Deep-copyable."""
 
-    receiver: str
-    public: bytes
-    """The public key of the authorization service."""
+    receivers: frozenset[str]
+    """The names by which tokens call it; one is enough."""
+    keys: tuple[PublicKey, ...]
+    """Public keys of authorization services."""
     epoch: Epoch
+    issuers: frozenset[str] = frozenset({ISSUER})
+    """Who may issue tokens; empty means whoever has one of the keys."""
     _known: dict[str, Claims] = field(default_factory=dict)
     """Tokens whose signatures were right, so that each is verified once."""
 
@@ -97,27 +135,35 @@ class TokenChecker:
         if not token:
             raise TokenError("no token")
         # JWS alone: the claims are compared here, because those of time are by the scenario's clock
-        try:
-            read = json.loads(_JWS.decode(token, Ed25519PublicKey.from_public_bytes(self.public), [_ALGORITHM]))
-        except (jwt.PyJWTError, ValueError, RecursionError) as error:
-            raise TokenError(f"the token is not valid: {error}"[:200]) from error
+        read = self._decode(token)
         if not isinstance(read, dict):
             raise TokenError("the token is not valid: it has no claims")
         uss, scope, expires_s = read.get("sub"), read.get("scope", ""), read.get("exp")
         if not isinstance(uss, str) or not isinstance(scope, str) or type(expires_s) is not int:
             raise TokenError("the token is not valid: sub, scope or exp is missing, or of a wrong type")
-        if read.get("iss") != ISSUER:
+        if self.issuers and read.get("iss") not in self.issuers:
             raise TokenError("the token is of another issuer")
         audiences = read.get("aud")
-        if self.receiver not in (audiences if isinstance(audiences, list) else [audiences]):
-            raise TokenError(f"the token is for another receiver than {self.receiver}")
+        named = {one for one in (audiences if isinstance(audiences, list) else [audiences]) if isinstance(one, str)}
+        if self.receivers.isdisjoint(named):
+            raise TokenError(f"the token is for another receiver than {' or '.join(sorted(self.receivers))}")
         return Claims(uss, frozenset(scope.split()), expires_s)
+
+    def _decode(self, token: str) -> object:
+        """The claims of a token that one of the keys has signed."""
+        problem: Exception = ValueError("no key is known")
+        for key in self.keys:
+            try:
+                return json.loads(_JWS.decode(token, key.load(), [key.algorithm]))
+            except (jwt.PyJWTError, ValueError, RecursionError) as error:
+                problem = error
+        raise TokenError(f"the token is not valid: {problem}"[:200]) from problem
 
 
 @lru_cache(maxsize=16)
-def public_of(secret: bytes) -> bytes:
-    """The public key of a private one, 32 bytes."""
-    return Ed25519PrivateKey.from_private_bytes(secret).public_key().public_bytes_raw()
+def public_of(secret: bytes) -> PublicKey:
+    """The public key of a private one of Ed25519, 32 bytes."""
+    return PublicKey(EDDSA, Ed25519PrivateKey.from_private_bytes(secret).public_key().public_bytes_raw())
 
 
 def _seconds(now: Time, epoch: Epoch) -> int:

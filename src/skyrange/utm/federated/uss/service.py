@@ -8,7 +8,7 @@ learns what it has missed, and compares again. Whoever has a subscription there 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 from uas_standards.astm.f3548.v21.api import OperationalIntentState as State
@@ -27,8 +27,9 @@ from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits, reach
 from skyrange.utm.approval_service import answer_end, answer_intent, tell_overruled
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled, overruled_by
-from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server
-from skyrange.utm.federated.tokens import TokenChecker, TokenStore
+from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server, WrongReplyError
+from skyrange.utm.federated.tokens import TokenChecker, Tokens
+from skyrange.utm.federated.uss.directory import Directory, Peer
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
 from skyrange.utm.federated.uss.shared_intents import SharedIntents
 from skyrange.utm.federated.uss.tasks import Task, TaskQueue
@@ -42,15 +43,6 @@ MAX_CONFLICTS: Final = 32
 RETRY_NS: Final = 5 * NS_PER_S
 """After which a USS tries again to end an intent that the DSS did not let it end; OiMaxCancelTime."""
 Refs = tuple[FrameId, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Peer:
-    """Another service of the federation."""
-
-    name: str
-    """As tokens name it."""
-    port: Port
 
 
 class Uss:
@@ -68,26 +60,26 @@ class Uss:
         uss: str,
         operators: Sequence[tuple[str, Port]],
         dss: Peer,
-        peers: Mapping[str, Peer],
+        directory: Directory,
         base_url: str,
-        tokens: TokenStore,
+        tokens: Tokens,
         checker: TokenChecker,
         limits: Limits,
         epoch: Epoch,
     ) -> None:
-        """`uss` is what tokens call it; `peers`: the other USSs by base URL, this one's is `base_url`."""
+        """`uss` is what tokens call it; `base_url` where others reach it."""
         self.name = name
         self.uss = uss
         self.service_ns = SERVICE_NS
         self.ports: Sequence[Port] = (
             *(port for _, port in operators),
             dss.port,
-            *(peers[url].port for url in sorted(peers)),
+            *directory.ports,
         )
         self._book = RequestBook(operators)
         self._approvals = frozenset(port.link for _, port in operators)
         self._dss = dss
-        self._peers = dict(sorted(peers.items()))
+        self._directory = directory
         self._base_url = base_url
         self._tokens = tokens
         self._limits = limits
@@ -125,7 +117,7 @@ class Uss:
             else:
                 self._on_frame(now, arrival, out)
         for call in self._caller.on_time(now, out):
-            self._on_silence(now, call, out)
+            self._on_failure(now, call, f"does not answer {call.operation.value}", out)
         while self._task is None and (task := self._queue.take(now)) is not None:
             self._begin(now, task, out)
         return out
@@ -141,6 +133,9 @@ class Uss:
             reply = self._caller.read(arrival, frame)
             if reply is not None:
                 self._on_reply(now, reply, out)
+        except WrongReplyError as error:
+            self._server.count_bad(str(error), arrival.ref, out)
+            self._on_failure(now, error.call, f"answers {error.call.operation.value} wrongly", out)
         except DecodeError as error:
             self._server.count_bad(str(error), arrival.ref, out)
 
@@ -197,7 +192,7 @@ class Uss:
         call, task = reply.call, self._task
         if call.operation is Op.NotifyOperationalIntentDetailsChanged:
             if reply.status != 204:
-                self._note_failure(self._name_of(call.port), f"notification: status {reply.status}", (reply.ref,), out)
+                self._note_failure(call.receiver, f"notification: status {reply.status}", (reply.ref,), out)
             return
         if task is None:
             return  # its task was given up
@@ -239,14 +234,14 @@ class Uss:
         task.relevant[reference.id] = None
         if known is not None and (known.version, known.manager) == (reference.version, reference.manager):
             return
-        peer = self._peers.get(reference.uss_base_url)
+        peer = self._directory.find(reference.uss_base_url)
         if peer is None:
             self._assume(task, reference)
             return
         token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
         parameters = {"entityid": reference.id}
         operation = Op.GetOperationalIntentDetails
-        exchange = self._caller.call(now, peer.port, token, operation, parameters, None, task.causes, out)
+        exchange = self._caller.call(now, peer.name, peer.port, token, operation, parameters, None, task.causes, out)
         task.awaited[exchange] = reference
 
     def _on_details(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
@@ -352,10 +347,10 @@ class Uss:
                 self._inquire(now, task, one, out)
         self._decide_if_told(now, task, out)
 
-    def _on_silence(self, now: Time, call: Call, out: Outbox) -> None:
-        """A call was not answered."""
-        name, task = self._name_of(call.port), self._task
-        self._note_failure(name, f"{call.operation.value} is not answered", call.causes, out)
+    def _on_failure(self, now: Time, call: Call, problem: str, out: Outbox) -> None:
+        """A call was not answered, or not as the standard has it."""
+        name, task = call.receiver, self._task
+        self._note_failure(name, problem, call.causes, out)
         if task is None or call.operation is Op.NotifyOperationalIntentDetailsChanged:
             return
         if call.operation is Op.GetOperationalIntentDetails:
@@ -364,7 +359,7 @@ class Uss:
                 self._assume(task, reference)
                 self._decide_if_told(now, task, out)
         else:
-            self._fail(now, task, f"{name} does not answer", out)
+            self._fail(now, task, f"{name} {problem}", out)
 
     def _fail(self, now: Time, task: Task, reason: str, out: Outbox) -> None:
         """Nothing can be decided now: an end is tried again later; an operator may ask again for the same."""
@@ -397,14 +392,14 @@ class Uss:
         scope = Scope.ConformanceMonitoringForSituationalAwareness if off_nominal else Scope.StrategicCoordination
         token = self._tokens.get(now, self._dss.name, scope.value)
         parameters = {"entityid": task.intent.id, **more}
-        self._caller.call(now, self._dss.port, token, operation, parameters, body, task.causes, out)
+        self._caller.call(now, self._dss.name, self._dss.port, token, operation, parameters, body, task.causes, out)
 
     def _notify(
         self, now: Time, intent: OperationalIntent | None, reference: IntentReference, reply: Reply, out: Outbox
     ) -> None:
         """Tell the subscribers of an intent, or of its end."""
         for one in reply.body.get("subscribers") or ():
-            peer = self._peers.get(one["uss_base_url"])
+            peer = self._directory.find(one["uss_base_url"])
             if peer is None:
                 continue  # its own, or a USS that it cannot reach
             body: dict[str, Any] = {"operational_intent_id": reference.id, "subscriptions": one["subscriptions"]}
@@ -412,11 +407,7 @@ class Uss:
                 body["operational_intent"] = self._intents.show(intent, reference)
             token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
             operation = Op.NotifyOperationalIntentDetailsChanged
-            self._caller.call(now, peer.port, token, operation, {}, body, (reply.ref,), out)
-
-    def _name_of(self, port: Port) -> str:
-        names = {peer.port: peer.name for peer in self._peers.values()}
-        return names.get(port, self._dss.name)
+            self._caller.call(now, peer.name, peer.port, token, operation, {}, body, (reply.ref,), out)
 
     def _note_failure(self, about: str, reason: str, causes: Refs, out: Outbox) -> None:
         out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
