@@ -8,6 +8,7 @@ left its volumes claims is never refused.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated
 
 from pydantic import Field
@@ -108,7 +109,7 @@ class Authority:
         self._register.put(request)
         ovn = version_number(request)
         self._decisions[request.id] = ApprovalDecision(accepted=True, ovn=ovn, tracked=True)
-        return ApprovalDecision(accepted=True, ovn=ovn, tracked=True, overruled=tuple(overruled))
+        return replace(self._decisions[request.id], overruled=tuple(overruled), conflicts=len(outranked))
 
 
 AUTHORITY = policy_plugin(

@@ -81,6 +81,9 @@ class ApprovalDecision:
     and when it has ended."""
     overruled: tuple[Overruled, ...] = ()
     """Intents that this one outranks: their operators are told."""
+    conflicts: int = 0
+    """How many intents of lower priority it overlaps, known to the approval, of which the operator has to hear
+    (F3548-21, SCD0090)."""
 
 
 class ApprovalPolicy(Protocol):

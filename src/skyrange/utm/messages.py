@@ -22,6 +22,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic_core import from_json
 
 from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
@@ -249,6 +250,8 @@ class DecisionBody(_Model):
     ovn: Annotated[str, Field(max_length=128)] = ""
     version: _Version = None
     """That of the request which it answers."""
+    conflicts: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """How many intents of lower priority an accepted one overlaps."""
     tracked: Literal[True] | None = None
     """Whether the approval is to be told of further states of the intent."""
     overruled: Literal[True] | None = None
@@ -289,6 +292,7 @@ class Response(_Model):
                 alternatives=tuple(AlternativeMessage.of(one, epoch) for one in decision.alternatives),
                 ovn=decision.ovn,
                 version=version,
+                conflicts=decision.conflicts or None,
                 tracked=True if decision.tracked else None,
                 overruled=True if overruled else None,
             ),
@@ -314,6 +318,18 @@ def encode(message: Request | Response) -> bytes:
 def decode_request(payload: bytes) -> Request:
     """The request in `payload`; any other bytes raise `DecodeError`."""
     return _decode(Request, payload)
+
+
+def decode_request_body(method: str, path: str, content: bytes) -> Request:
+    """The request that an HTTP message carries. Raises `DecodeError`."""
+    if len(content) > MAX_FRAME_BYTES:
+        raise DecodeError(f"{len(content)} bytes, an approval message has at most {MAX_FRAME_BYTES}")
+    try:
+        return Request.model_validate({"method": method, "path": path, "body": from_json(content)})
+    except ValidationError as error:
+        raise describe(error, (_INTENT, _END)) from error
+    except ValueError as error:
+        raise DecodeError(f"no JSON: {error}"[:200]) from error
 
 
 def decode_response(payload: bytes) -> Response:

@@ -1,4 +1,4 @@
-"""Checks of bodies against the types of F3548's interface, as the package `uas_standards` has them.
+"""Checks of bodies against the types of the package `uas_standards`: those of F3548's interface, and others.
 
 Its types are made into pydantic's once, so that a body is checked at the speed of compiled code, and fields, their
 names and their enumerations stay those of the package. Text that the package leaves open is limited, because it comes
@@ -71,6 +71,8 @@ def _pydantic(hint: Any) -> Any:
         return Annotated[list[_pydantic(get_args(hint)[0])], Field(max_length=MAX_ITEMS)]  # type: ignore[misc]
     if origin in (Union, types.UnionType):
         return Union[tuple(arg if arg is type(None) else _pydantic(arg) for arg in get_args(hint))]  # noqa: UP007
+    if hint is dict:
+        return dict[str, Any]
     if isinstance(hint, type) and issubclass(hint, ImplicitDict):
         return _typed(hint)
     if isinstance(hint, type) and issubclass(hint, Enum):

@@ -20,6 +20,7 @@ from skyrange.codec.mavlink.deframer import Piece
 from skyrange.core.errors import DecodeError
 from skyrange.io.addresses import OnNote, check_guarded, format_address, ignore_note, with_address, worth_noting
 from skyrange.io.http import frames as http_frames
+from skyrange.io.http.bodies import read_bounded
 from skyrange.io.http.frames import JSON_TYPE, MAX_BYTES
 from skyrange.io.http.limited_server import LimitedServer
 from skyrange.io.mavlink.transports import LOOPBACK, Address, OnPiece
@@ -221,7 +222,7 @@ class HttpServerTransport:
             if request.query_string or http_frames.quoted(path) == "":
                 raise DecodeError("path: expected no query")
             async with asyncio.timeout(self._patience_s):
-                body = await _bounded(request.content, request.content_length)
+                body = await read_bounded(request.content, request.content_length, MAX_BYTES)
             if body is None:
                 return _error(413, f"at most {MAX_BYTES} bytes"), b"", path
             frame = http_frames.request_frame("DELETE" if request.method == "DELETE" else "PUT", path, body)
@@ -307,7 +308,7 @@ class HttpClientTransport:
         url = self._base.with_path(http_frames.quoted(request.path), encoded=True)
         try:
             async with self._session.request(request.method, url, data=request.body, allow_redirects=False) as response:
-                body = await _bounded(response.content, response.content_length)
+                body = await read_bounded(response.content, response.content_length, MAX_BYTES)
                 self._receive(response.status, response.headers.get("Content-Location"), request.path, body)
         except (aiohttp.ClientError, OSError, TimeoutError, ValueError) as error:
             self.counts.lost += 1
@@ -328,18 +329,6 @@ class HttpClientTransport:
             return
         self.counts.frames += 1
         self._on_piece(Piece(frame, garbage=False))
-
-
-async def _bounded(content: aiohttp.StreamReader, announced: int | None) -> bytes | None:
-    """A complete body, or `None` if it is longer than `MAX_BYTES`; no more than that is read."""
-    if announced is not None and announced > MAX_BYTES:
-        return None
-    body = bytearray()
-    async for chunk in content.iter_any():
-        body += chunk
-        if len(body) > MAX_BYTES:
-            return None
-    return bytes(body)
 
 
 def _is_token(header: str, token: str) -> bool:

@@ -174,7 +174,8 @@ class Server:
             return None
         operation = find_operation(request.method, request.path)
         if operation is None or operation.id not in self.serves:
-            self.refuse(arrival, request.exchange, 404, f"{request.method} {request.path[:128]} is unknown", out)
+            status = 400 if request.path.endswith("/") else 404  # a parameter is empty, or there is no such resource
+            self.refuse(arrival, request.exchange, status, f"{request.method} {request.path[:128]} is unknown", out)
             return None
         try:
             claims = self.tokens.check(now, request.token)

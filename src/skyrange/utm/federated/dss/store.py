@@ -18,7 +18,7 @@ from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.federated.dss.coverings import Extent
 
 KEPT_NS: Final = 3_600 * NS_PER_S
-"""How long an entity is kept after its end."""
+"""How long an intent or a constraint is kept after its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,13 +175,13 @@ class DssStore:
             self.put_availability(entity)
 
     def forget(self, now: Time) -> None:
-        """Delete what has long ended."""
+        """Delete subscriptions that have ended, and other entities that have long ended."""
         before = now - KEPT_NS
         for id_ in self._intents.take_ended(before):
             self.delete_intent(id_)
         for id_ in self._constraints.take_ended(before):
             self.delete_constraint(id_)
-        for id_ in self._subscriptions.take_ended(before):
+        for id_ in self._subscriptions.take_ended(now):
             self.delete_subscription(id_)
 
     # --- operational intents -------------------------------------------------------------------------------

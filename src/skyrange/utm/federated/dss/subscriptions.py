@@ -10,7 +10,7 @@ from uas_standards.astm.f3548.v21.api import OperationID as Op
 
 from skyrange.codec.f3548.values import area_of, moment_body
 from skyrange.contracts.mailboxes import Outbox
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NS_PER_S, NS_PER_US, Time
 from skyrange.utm.federated.dss.coverings import Extent, extent_of
 from skyrange.utm.federated.dss.requests import MAX_SKEW_NS, DssState, Handler, RefusalError
 from skyrange.utm.federated.dss.store import Subscription
@@ -74,7 +74,8 @@ def _extent(dss: DssState, now: Time, body: Mapping[str, Any], old: Subscription
     area = area_of(body, dss.epoch, "extents")
     if area.start_ns is not None and area.start_ns < now - MAX_SKEW_NS:
         raise RefusalError(400, "extents: time_start is in the past")
-    start_ns = area.start_ns if area.start_ns is not None else old.extent.start_ns if old is not None else now
+    now_us = now - now % NS_PER_US  # what is told is in microseconds, and has to be the same when it comes back
+    start_ns = area.start_ns if area.start_ns is not None else old.extent.start_ns if old is not None else now_us
     end_ns = area.end_ns if area.end_ns is not None else old.extent.end_ns if old is not None else None
     if end_ns is None:
         end_ns = start_ns + MAX_DURATION_NS

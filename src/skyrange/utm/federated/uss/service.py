@@ -96,6 +96,11 @@ class Uss:
         """Frames of the federation that were not understood, or refused unseen."""
         return self._server.bad_requests
 
+    @property
+    def own_intents(self) -> list[OperationalIntent]:
+        """The intents that it manages, as the DSS has accepted them."""
+        return self._intents.own_intents
+
     # --- the agent -----------------------------------------------------------------------------------------
 
     def next_wakeup(self) -> Time | None:
@@ -285,6 +290,7 @@ class Uss:
             rejection = ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)
             self._answer(task, rejection, out)
         else:
+            task.outranked = len(found.outranked)
             self._put(now, task, out)
 
     def _put(self, now: Time, task: Task, out: Outbox) -> None:
@@ -311,8 +317,8 @@ class Uss:
             self._put(now, task, out)
             return
         overruled = self._overrule(intent, task.causes)
-        accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True, overruled=overruled)
-        self._answer(task, accepted, out)
+        accepted = ApprovalDecision(accepted=True, ovn=reference.ovn, tracked=True)
+        self._answer(task, replace(accepted, overruled=overruled, conflicts=task.outranked), out)
 
     def _on_deleted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)

@@ -44,6 +44,12 @@ class SharedIntents:
         """The reference of an intent of another USS."""
         return self._others.get(id_)
 
+    @property
+    def own_intents(self) -> list[OperationalIntent]:
+        """Own intents that claim airspace."""
+        found = (self._register.get(id_) for id_ in self.own)
+        return [one for one in found if one is not None]
+
     def examine(self, intent: OperationalIntent) -> Examination:
         """What of all that is known is in the way of an intent, and alternatives to it."""
         return self._register.examine(intent)

@@ -28,6 +28,8 @@ class Task:
     """Intents whose details are asked for, by exchange."""
     conflicts: int = 0
     """How often the DSS knew more."""
+    outranked: int = 0
+    """How many intents of lower priority the intent overlaps."""
     refusal: str = ""
     """Why the DSS has refused a version, while it is asked for the version that it has."""
 

@@ -1,0 +1,209 @@
+"""One UTM service: its agent, database and HTTP, from its configuration until it is stopped."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import ssl
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, Final, TextIO
+
+import aiohttp
+
+from skyrange.contracts.mailboxes import Departure, Note
+from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.ids import Port, endpoint
+from skyrange.core.time import Time
+from skyrange.io.addresses import check_guarded, with_address
+from skyrange.runtime.utm.agent_host import UNIX, AgentHost
+from skyrange.runtime.utm.authorization import Authorization
+from skyrange.runtime.utm.config import DssConfig, ServiceConfig, TlsConfig, TokenConfig, UssConfig, host_of
+from skyrange.runtime.utm.federation import Inbound, OpenDirectory, Outbound
+from skyrange.runtime.utm.flight_planning import FlightPlanning
+from skyrange.runtime.utm.operators import Operators
+from skyrange.runtime.utm.tokens import TokenClient, TokenRequests, read_private_key, read_public_key
+from skyrange.runtime.utm.web import Routes, WebService
+from skyrange.utm.federated.dss.service import Dss
+from skyrange.utm.federated.tokens import TokenChecker
+from skyrange.utm.federated.uss.directory import Peer
+from skyrange.utm.federated.uss.service import Uss
+
+TEST_OPERATOR: Final = "tests"
+"""Operator of the flights that automated tests plan."""
+_INBOUND: Final = "uss:inbound"
+_DSS: Final = "uss:dss"
+
+
+def serve(config: ServiceConfig, on_ready: Callable[[str], None]) -> None:
+    """Run a service until SIGINT or SIGTERM; `on_ready(url)` is called when it listens.
+
+    Raises `InputError`, `OSError` for an address that cannot be used, and `ComponentError` if the service fails.
+    """
+    asyncio.run(_serve(config, on_ready))
+
+
+async def _serve(config: ServiceConfig, on_ready: Callable[[str], None]) -> None:
+    loop = asyncio.get_running_loop()
+    stopped = asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stopped.set)
+    async with run_service(config) as (url, host):
+        on_ready(url)
+        waiting = [loop.create_task(stopped.wait())]
+        if host is not None:
+            waiting.append(loop.create_task(host.failed.wait()))
+        await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        for task in waiting:
+            task.cancel()
+        if host is not None and host.failure is not None:
+            raise ComponentError(config.name, f"the service failed: {host.failure!r}") from host.failure
+
+
+@asynccontextmanager
+async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHost | None]]:
+    """The service while the context lasts: its URL, and what steps its agent."""
+    address = config.address
+    check_guarded(config.name, address, config.tls is not None, "Give it certificates (table tls).")
+    ssl_in, ssl_out = _contexts(config)
+    log = open(config.log, "a", encoding="utf-8") if config.log is not None else None  # noqa: SIM115 - closed below
+    session = aiohttp.ClientSession(
+        connector=aiohttp.TCPConnector(limit=256, ssl=ssl_out if ssl_out is not None else True),
+        cookie_jar=aiohttp.DummyCookieJar(),
+    )
+    host, close = None, _nothing
+    try:
+        routes = Routes()
+        if config.authorization is not None:
+            key = read_private_key(config.authorization.key, config.name)
+            routes.authorization = Authorization(config.authorization, key)
+        elif config.tokens is not None:
+            host, close = _host_agent(config, config.tokens, session, routes, log)
+        web = WebService(routes)
+        try:
+            server = await asyncio.get_running_loop().create_server(web.server, *address, ssl=ssl_in)
+        except OSError as error:
+            raise with_address(address, error) from error
+        try:
+            if host is not None:
+                host.start()
+            port = server.sockets[0].getsockname()[1]
+            yield f"{'https' if config.tls is not None else 'http'}://{address[0]}:{port}", host
+        finally:
+            server.close()
+            await web.server.shutdown(1.0)
+    finally:
+        close()
+        await session.close()
+        if log is not None:
+            log.close()
+
+
+def _nothing() -> None:
+    """Close nothing."""
+
+
+def _host_agent(
+    config: ServiceConfig, tokens: TokenConfig, session: aiohttp.ClientSession, routes: Routes, log: TextIO | None
+) -> tuple[AgentHost, Callable[[], None]]:
+    """The agent of a USS or a DSS with what carries its frames, and what ends both."""
+    keys = tuple(read_public_key(path, config.name) for path in tokens.keys)
+    checker = TokenChecker(config.receivers, keys, UNIX, frozenset(tokens.issuers))
+    here = endpoint("approval", config.name)
+
+    def deliver(port: Port, payload: bytes, sender: str) -> None:
+        host.deliver(port, payload, sender)
+
+    inbound = Inbound(Port(here, _INBOUND), deliver)
+    routes.checker, routes.inbound, routes.now = checker, inbound, lambda: host.now()
+    if config.dss is not None:
+        routes.prefixes = ("/dss/",)
+        dss = Dss(config.name, [inbound.port], checker, _read_secret(config.dss, config.name), UNIX)
+        host = AgentHost(dss, inbound.on_departure, note=_noter(log))
+        return host, host.close
+    assert config.uss is not None
+    assert tokens.url is not None
+    client = TokenClient(session, tokens.url, config.name, tokens.secret)
+    outbound = Outbound(session, client, {_DSS: config.uss.dss_url.rstrip("/")}, deliver)
+    names = [*config.uss.operators, *([TEST_OPERATOR] if config.uss.flight_planning else [])]
+    operators = Operators(names, deliver, lambda: host.now())
+    uss = _make_uss(config, config.uss, checker, operators, here, inbound.port)
+
+    def send(departure: Departure) -> None:
+        if departure.port == inbound.port:
+            inbound.on_departure(departure)
+        elif operators.is_operator_port(departure.port):
+            operators.on_departure(departure)
+        else:
+            outbound.on_departure(departure)
+
+    host = AgentHost(uss, send, note=_noter(log))
+    routes.prefixes, routes.operators, routes.secrets = ("/uss/",), operators, config.uss.operators
+    if config.uss.flight_planning:
+        routes.planning = FlightPlanning(TEST_OPERATOR, operators, lambda: uss.own_intents, UNIX)
+
+    def close() -> None:
+        host.close()
+        outbound.close()
+
+    return host, close
+
+
+def _make_uss(
+    config: ServiceConfig, settings: UssConfig, checker: TokenChecker, operators: Operators, here: str, inbound: Port
+) -> Uss:
+    audience = settings.dss_audience or host_of(settings.dss_url)
+    directory = OpenDirectory(config.name, config.base_url, frozenset(url.rstrip("/") for url in settings.peers))
+    directory.ports = (inbound,)
+    return Uss(
+        config.name,
+        config.name,
+        list(operators.ports.items()),
+        Peer(audience, Port(here, _DSS)),
+        directory,
+        config.base_url,
+        TokenRequests(),
+        checker,
+        settings.limits.limits,
+        UNIX,
+    )
+
+
+def _read_secret(config: DssConfig, who: str) -> bytes:
+    try:
+        secret = config.secret.read_bytes()
+    except OSError as error:
+        raise InputError.one(who, "dss.secret", str(config.secret), "a file", error.strerror or str(error)) from error
+    if len(secret) < 16:
+        raise InputError.one(who, "dss.secret", f"{len(secret)} bytes", "at least 16 bytes")
+    return secret[:64]
+
+
+def _contexts(config: ServiceConfig) -> tuple[ssl.SSLContext | None, ssl.SSLContext | None]:
+    """TLS of the server and of the client; `None` for none, and for that of the system."""
+    tls = config.tls
+    if tls is None:
+        return None, None
+    try:
+        inside = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        inside.load_cert_chain(tls.certificate, tls.key)
+        return inside, _client_context(tls)
+    except (OSError, ssl.SSLError) as error:
+        raise InputError.one(config.name, "tls", str(tls.certificate), "PEM files that fit", str(error)) from error
+
+
+def _client_context(tls: TlsConfig) -> ssl.SSLContext:
+    return ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=tls.authority)
+
+
+def _noter(log: TextIO | None) -> Callable[[Time, Note], None]:
+    """What writes decisions down."""
+
+    def write(now: Time, note: Note) -> None:
+        if log is not None:
+            row: dict[str, Any] = {"time": UNIX.rfc3339(now), "kind": note.kind, "about": note.about, **note.data}
+            log.write(json.dumps(row) + "\n")
+            log.flush()
+
+    return write
