@@ -53,6 +53,10 @@ class RequestBook:
         """Whose requests these are."""
         return self._port_of
 
+    def restore(self, operator: str, intent: str) -> None:
+        """An intent is that of an operator, as was decided before a restart."""
+        self._owners[intent] = operator
+
     def read(self, arrival: Arrival, out: Outbox) -> OpenRequest | None:
         """The request in a frame, if it is to be decided; otherwise it is answered here, or will be."""
         operator = self._operator_of[arrival.port.link]

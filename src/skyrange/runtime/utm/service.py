@@ -6,8 +6,8 @@ import asyncio
 import json
 import signal
 import ssl
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Any, Final, TextIO
 
 import aiohttp
@@ -20,12 +20,15 @@ from skyrange.io.addresses import check_guarded, with_address
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
 from skyrange.runtime.utm.authorization import Authorization
 from skyrange.runtime.utm.config import DssConfig, ServiceConfig, TlsConfig, TokenConfig, UssConfig, host_of
+from skyrange.runtime.utm.database.engine import open_engine
+from skyrange.runtime.utm.database.journal import Changes, DssJournal, UssJournal
 from skyrange.runtime.utm.federation import Inbound, OpenDirectory, Outbound
 from skyrange.runtime.utm.flight_planning import FlightPlanning
 from skyrange.runtime.utm.operators import Operators
 from skyrange.runtime.utm.tokens import TokenClient, TokenRequests, read_private_key, read_public_key
 from skyrange.runtime.utm.web import Routes, WebService
 from skyrange.utm.federated.dss.service import Dss
+from skyrange.utm.federated.dss.store import DssStore
 from skyrange.utm.federated.tokens import TokenChecker
 from skyrange.utm.federated.uss.directory import Peer
 from skyrange.utm.federated.uss.service import Uss
@@ -36,29 +39,33 @@ _INBOUND: Final = "uss:inbound"
 _DSS: Final = "uss:dss"
 
 
-def serve(config: ServiceConfig, on_ready: Callable[[str], None]) -> None:
-    """Run a service until SIGINT or SIGTERM; `on_ready(url)` is called when it listens.
+def serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]) -> None:
+    """Run services until SIGINT or SIGTERM; `on_ready(name, url)` is called for each when it listens.
 
-    Raises `InputError`, `OSError` for an address that cannot be used, and `ComponentError` if the service fails.
+    Raises `InputError`, `OSError` for an address that cannot be used, and `ComponentError` if a service fails.
     """
-    asyncio.run(_serve(config, on_ready))
+    asyncio.run(_serve(configs, on_ready))
 
 
-async def _serve(config: ServiceConfig, on_ready: Callable[[str], None]) -> None:
+async def _serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]) -> None:
     loop = asyncio.get_running_loop()
     stopped = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, stopped.set)
-    async with run_service(config) as (url, host):
-        on_ready(url)
-        waiting = [loop.create_task(stopped.wait())]
-        if host is not None:
-            waiting.append(loop.create_task(host.failed.wait()))
+    hosts: dict[str, AgentHost] = {}
+    async with AsyncExitStack() as stack:
+        for config in configs:
+            url, host = await stack.enter_async_context(run_service(config))
+            on_ready(config.name, url)
+            if host is not None:
+                hosts[config.name] = host
+        waiting = [loop.create_task(event.wait()) for event in (stopped, *(host.failed for host in hosts.values()))]
         await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
         for task in waiting:
             task.cancel()
-        if host is not None and host.failure is not None:
-            raise ComponentError(config.name, f"the service failed: {host.failure!r}") from host.failure
+        for name, host in hosts.items():
+            if host.failure is not None:
+                raise ComponentError(name, f"the service failed: {host.failure!r}") from host.failure
 
 
 @asynccontextmanager
@@ -111,6 +118,8 @@ def _host_agent(
     keys = tuple(read_public_key(path, config.name) for path in tokens.keys)
     checker = TokenChecker(config.receivers, keys, UNIX, frozenset(tokens.issuers))
     here = endpoint("approval", config.name)
+    changes = None if config.database is None else Changes(open_engine(config.database, config.name))
+    commit = _nothing if changes is None else changes.commit
 
     def deliver(port: Port, payload: bytes, sender: str) -> None:
         host.deliver(port, payload, sender)
@@ -119,8 +128,13 @@ def _host_agent(
     routes.checker, routes.inbound, routes.now = checker, inbound, lambda: host.now()
     if config.dss is not None:
         routes.prefixes = ("/dss/",)
-        dss = Dss(config.name, [inbound.port], checker, _read_secret(config.dss, config.name), UNIX)
-        host = AgentHost(dss, inbound.on_departure, note=_noter(log))
+        secret = _read_secret(config.dss, config.name)
+        store = DssStore()
+        if changes is not None:
+            journal = DssJournal(changes)
+            store = DssStore(journal, journal.entities())
+        dss = Dss(config.name, [inbound.port], checker, secret, UNIX, store)
+        host = AgentHost(dss, inbound.on_departure, commit=commit, note=_noter(log))
         return host, host.close
     assert config.uss is not None
     assert tokens.url is not None
@@ -128,7 +142,7 @@ def _host_agent(
     outbound = Outbound(session, client, {_DSS: config.uss.dss_url.rstrip("/")}, deliver)
     names = [*config.uss.operators, *([TEST_OPERATOR] if config.uss.flight_planning else [])]
     operators = Operators(names, deliver, lambda: host.now())
-    uss = _make_uss(config, config.uss, checker, operators, here, inbound.port)
+    uss = _make_uss(config, config.uss, checker, operators, here, inbound.port, changes)
 
     def send(departure: Departure) -> None:
         if departure.port == inbound.port:
@@ -138,7 +152,7 @@ def _host_agent(
         else:
             outbound.on_departure(departure)
 
-    host = AgentHost(uss, send, note=_noter(log))
+    host = AgentHost(uss, send, commit=commit, note=_noter(log))
     routes.prefixes, routes.operators, routes.secrets = ("/uss/",), operators, config.uss.operators
     if config.uss.flight_planning:
         routes.planning = FlightPlanning(TEST_OPERATOR, operators, lambda: uss.own_intents, UNIX)
@@ -151,8 +165,15 @@ def _host_agent(
 
 
 def _make_uss(
-    config: ServiceConfig, settings: UssConfig, checker: TokenChecker, operators: Operators, here: str, inbound: Port
+    config: ServiceConfig,
+    settings: UssConfig,
+    checker: TokenChecker,
+    operators: Operators,
+    here: str,
+    inbound: Port,
+    changes: Changes | None,
 ) -> Uss:
+    journal = None if changes is None else UssJournal(changes)
     audience = settings.dss_audience or host_of(settings.dss_url)
     directory = OpenDirectory(config.name, config.base_url, frozenset(url.rstrip("/") for url in settings.peers))
     directory.ports = (inbound,)
@@ -167,6 +188,8 @@ def _make_uss(
         checker,
         settings.limits.limits,
         UNIX,
+        journal,
+        () if journal is None else journal.intents(),
     )
 
 

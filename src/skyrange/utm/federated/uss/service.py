@@ -7,7 +7,7 @@ learns what it has missed, and compares again. Whoever has a subscription there 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -31,7 +31,7 @@ from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server,
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
 from skyrange.utm.federated.uss.directory import Directory, Peer
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
-from skyrange.utm.federated.uss.shared_intents import SharedIntents
+from skyrange.utm.federated.uss.shared_intents import IntentJournal, NoJournal, OwnIntent, SharedIntents
 from skyrange.utm.federated.uss.tasks import Task, TaskQueue
 from skyrange.utm.intent_register import find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
@@ -66,8 +66,10 @@ class Uss:
         checker: TokenChecker,
         limits: Limits,
         epoch: Epoch,
+        journal: IntentJournal | None = None,
+        own: Iterable[OwnIntent] = (),
     ) -> None:
-        """`uss` is what tokens call it; `base_url` where others reach it."""
+        """`uss` is what tokens call it; `base_url` where others reach it; `own` what it managed before a restart."""
         self.name = name
         self.uss = uss
         self.service_ns = SERVICE_NS
@@ -86,10 +88,19 @@ class Uss:
         self._epoch = epoch
         self._server = Server(name, checker, SERVES)
         self._caller = Caller()
-        self._intents = SharedIntents(limits, epoch)
+        self._intents = SharedIntents(limits, epoch, journal or NoJournal())
         self._peer_requests = PeerRequests(self._server, self._intents, epoch)
         self._queue = TaskQueue()
         self._task: Task | None = None
+        for one in own:
+            self._restore(one)
+
+    def _restore(self, own: OwnIntent) -> None:
+        """Go on with an intent that it managed before a restart."""
+        self._intents.restore(own)
+        self._book.restore(own.intent.operator, own.intent.id)
+        if own.intent.state is IntentState.ENDED:
+            self._queue.add(Task(own.intent, None, ()))
 
     @property
     def bad_requests(self) -> int:
@@ -159,8 +170,7 @@ class Uss:
         for other in self._intents.find_outranked(intent):
             one = overruled_by(intent, other)
             if not one.in_flight:
-                self._intents.release(other.id)
-                self._queue.add(Task(replace(other, volumes=(), state=IntentState.ENDED), None, causes))
+                self._queue.add(Task(self._intents.release(other), None, causes))
             overruled.append(one)
         return tuple(overruled)
 

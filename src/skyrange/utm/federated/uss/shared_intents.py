@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Protocol
 
 from skyrange.codec.f3548.values import IntentDetails, IntentReference
 from skyrange.core.errors import DecodeError
@@ -15,6 +15,38 @@ from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.intent_register import Examination, IntentRegister
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
 
+
+class OwnIntent(NamedTuple):
+    """An intent that a USS manages."""
+
+    intent: OperationalIntent
+    """What its operator claims; of one that has ended, perhaps not yet at the DSS, without volumes."""
+    reference: IntentReference
+    """The version that the DSS has."""
+
+
+class IntentJournal(Protocol):
+    """What is told of changes of own intents; a database behind it makes them durable."""
+
+    def put(self, own: OwnIntent) -> None:
+        """An intent is new, or has another version."""
+        ...
+
+    def delete(self, id_: str) -> None:
+        """An intent has ended."""
+        ...
+
+
+class NoJournal:
+    """The journal of a USS that lives as long as its process."""
+
+    def put(self, own: OwnIntent) -> None:
+        """Nothing is kept."""
+
+    def delete(self, id_: str) -> None:
+        """Nothing is kept."""
+
+
 UNKNOWN_VERSION: Final = -1
 """Of an intent whose USS did not tell what it claims."""
 
@@ -22,19 +54,21 @@ UNKNOWN_VERSION: Final = -1
 class SharedIntents:
     """References by id, and what they claim in one register. Deep-copyable."""
 
-    def __init__(self, limits: Limits, epoch: Epoch) -> None:
-        """`limits` of the alternatives that are offered."""
+    def __init__(self, limits: Limits, epoch: Epoch, journal: IntentJournal) -> None:
+        """`limits` of the alternatives that are offered; `journal` is told of own intents."""
         self.own: dict[str, IntentReference] = {}
         """References of the intents that it manages, as the DSS has accepted them."""
         self._others: dict[str, IntentReference] = {}
         self._register = IntentRegister(limits)
         self._epoch = epoch
+        self._journal = journal
 
     def forget(self, now: Time) -> None:
         """Forget intents that are long over."""
         for id_ in self._register.forget(now):
-            self.own.pop(id_, None)
             self._others.pop(id_, None)
+            if self.own.pop(id_, None) is not None:
+                self._journal.delete(id_)
 
     def get(self, id_: str) -> OperationalIntent | None:
         """What an intent claims, if it is known."""
@@ -58,17 +92,28 @@ class SharedIntents:
 
     def accept(self, intent: OperationalIntent, reference: IntentReference) -> None:
         """The DSS has accepted a version of an own intent."""
-        self.own[intent.id] = reference
-        self._register.put(intent)
+        self.restore(OwnIntent(intent, reference))
+        self._journal.put(OwnIntent(intent, reference))
 
-    def release(self, id_: str) -> None:
-        """Release the airspace of an own intent, which may still be known to the DSS."""
-        self._register.remove(id_)
+    def restore(self, own: OwnIntent) -> None:
+        """An own intent is known from before."""
+        self.own[own.intent.id] = own.reference
+        if own.intent.volumes:
+            self._register.put(own.intent)
+
+    def release(self, intent: OperationalIntent) -> OperationalIntent:
+        """Release the airspace of an own intent, which the DSS may still know; returns it as one that has ended."""
+        ended = replace(intent, volumes=(), state=IntentState.ENDED)
+        self._register.remove(intent.id)
+        if intent.id in self.own:
+            self._journal.put(OwnIntent(ended, self.own[intent.id]))
+        return ended
 
     def end(self, id_: str) -> None:
         """An own intent has ended."""
-        self.own.pop(id_, None)
         self._register.remove(id_)
+        if self.own.pop(id_, None) is not None:
+            self._journal.delete(id_)
 
     def find_outranked(self, intent: OperationalIntent) -> list[OperationalIntent]:
         """Own intents that one of higher priority overlaps, and that are not flown outside their volumes."""

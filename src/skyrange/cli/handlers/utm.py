@@ -1,0 +1,47 @@
+"""The commands `skyrange utm`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from skyrange.cli.output.console import print_notice, print_text
+
+
+def init(folder: Path, uss: Sequence[str], port: int, tests: bool) -> None:
+    """`skyrange utm init`."""
+    _check_installed()
+    from skyrange.core.errors import InputError
+    from skyrange.runtime.utm.initial_files import write_federation
+
+    services: dict[str, list[str]] = {}
+    for one in uss:
+        name, _, operators = one.partition("=")
+        if name in services:
+            raise InputError.one("utm init", "--uss", repr(one), "another name for each USS")
+        services[name] = [operator for operator in operators.split(",") if operator]
+    written = write_federation(folder, services, port, tests=tests)
+    print_text(f"{folder}: {', '.join(path.stem for path in written)}")
+    print_text(f"Start them with: skyrange utm serve {' '.join(map(str, written))}")
+
+
+def serve(files: Sequence[Path]) -> None:
+    """`skyrange utm serve`."""
+    _check_installed()
+    from skyrange.runtime.utm.config import load_config
+    from skyrange.runtime.utm.service import serve as serve_all
+
+    configs = [load_config(path) for path in files]
+    serve_all(configs, lambda name, url: print_notice(f"{name}: listens at {url}"))
+
+
+def _check_installed() -> None:
+    """Raise `ComponentError` if the packages of the extra are missing."""
+    from importlib.util import find_spec
+
+    from skyrange.core.errors import ComponentError
+
+    needed = ("uas_standards", "s2sphere", "jwt", "sqlalchemy", "alembic")
+    missing = [name for name in needed if find_spec(name) is None]
+    if missing:
+        raise ComponentError("utm", f"{missing[0]} is not installed", "pip install 'skyrange[utm]'")

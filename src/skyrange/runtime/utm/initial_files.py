@@ -1,0 +1,148 @@
+"""Files of a new federation on one machine: configurations, keys, and certificates of an authority of its own."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import secrets
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Final
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec, rsa
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat, PublicFormat
+from cryptography.x509.oid import NameOID
+from uas_standards.astm.f3548.v21.constants import Scope
+
+from skyrange.core.errors import InputError, Problem
+from skyrange.core.ids import ID_PATTERN
+
+AUTHORIZATION: Final = "auth"
+DSS: Final = "dss"
+_DAYS: Final = 365
+_SCOPES: Final = (
+    Scope.StrategicCoordination,
+    Scope.ConformanceMonitoringForSituationalAwareness,
+    Scope.ConstraintProcessing,
+    Scope.ConstraintManagement,
+)
+
+
+def write_federation(
+    folder: Path, services: Mapping[str, Sequence[str]], first_port: int, *, tests: bool
+) -> list[Path]:
+    """Write what a federation needs into a new folder; returns the configurations, in the order to start them.
+
+    `services`: USSs with the operators of each. The services listen on loopback, from `first_port` on. With `tests`,
+    each USS has the interfaces for automated tests. Raises `InputError`.
+    """
+    _check(services, first_port)
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError.one("utm init", "folder", str(folder), "a folder that does not exist", str(error)) from error
+    names = [AUTHORIZATION, DSS, *services]
+    ports = {name: first_port + number for number, name in enumerate(names)}
+    _write_certificates(folder, names)
+    key = rsa.generate_private_key(65_537, 3_072)
+    _write_key(folder / "auth-signing.key", key)
+    public = key.public_key().public_bytes(Encoding.PEM, PublicFormat.SubjectPublicKeyInfo)
+    (folder / "auth-signing.pem").write_bytes(public)
+    _write_secret(folder / "ovn.key", secrets.token_bytes(32))
+    passwords = {name: secrets.token_urlsafe(24) for name in services}
+    texts = {
+        AUTHORIZATION: _authorization(ports[AUTHORIZATION], passwords),
+        DSS: _service(DSS, "dss", ports[DSS]) + _TOKENS + '\n[dss]\nsecret = "ovn.key"\n',
+    }
+    for name, operators in services.items():
+        texts[name] = _uss(name, operators, ports, passwords[name], tests=tests)
+    written = []
+    for name, text in texts.items():
+        _write_secret(folder / f"{name}.toml", text.encode())
+        written.append(folder / f"{name}.toml")
+    return written
+
+
+def _check(services: Mapping[str, Sequence[str]], first_port: int) -> None:
+    problems = []
+    for name, operators in services.items():
+        for one in (name, *operators):
+            if not ID_PATTERN.match(one) or (one == name and one in (AUTHORIZATION, DSS)):
+                expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
+                problems.append(Problem("--uss", repr(one), expected))
+    if not 1 <= first_port <= 65_535 - len(services) - 1:
+        problems.append(Problem("--port", str(first_port), "a port that leaves enough of them for all services"))
+    if problems:
+        raise InputError("utm init", problems)
+
+
+_TOKENS: Final = '\n[tokens]\nkeys = ["auth-signing.pem"]\nissuers = ["auth.skyrange"]\n'
+
+
+def _service(name: str, role: str, port: int) -> str:
+    database = "" if role == "authorization" else f'database = "sqlite:///{name}.db"\nlog = "{name}.jsonl"\n'
+    return (
+        f'name = "{name}"\nrole = "{role}"\nlisten = "127.0.0.1:{port}"\nbase_url = "https://localhost:{port}"\n'
+        f"{database}"
+        f'\n[tls]\ncertificate = "{name}.crt"\nkey = "{name}.key"\nauthority = "ca.crt"\n'
+    )
+
+
+def _authorization(port: int, passwords: Mapping[str, str]) -> str:
+    scopes = ", ".join(f'"{scope.value}"' for scope in _SCOPES)
+    rows = (f'{name} = {{ secret = "{secret}", scopes = [{scopes}] }}\n' for name, secret in passwords.items())
+    table = '\n[authorization]\nkey = "auth-signing.key"\n\n[authorization.clients]\n'
+    return _service(AUTHORIZATION, "authorization", port) + table + "".join(rows)
+
+
+def _uss(name: str, operators: Sequence[str], ports: Mapping[str, int], password: str, *, tests: bool) -> str:
+    tokens = f'{_TOKENS}url = "https://localhost:{ports[AUTHORIZATION]}/token"\nsecret = "{password}"\n'
+    uss = f'\n[uss]\ndss_url = "https://localhost:{ports[DSS]}"\n'
+    served = "".join(f'{one} = "{secrets.token_urlsafe(24)}"\n' for one in operators)
+    planning = "flight_planning = true\n" if tests else ""
+    return f"{_service(name, 'uss', ports[name])}{tokens}{uss}{planning}\n[uss.operators]\n{served}"
+
+
+def _write_certificates(folder: Path, names: Sequence[str]) -> None:
+    """A certificate for each service on localhost, signed by an authority whose key is not kept."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "skyrange UTM services")])
+    authority = _builder(subject, subject, key.public_key())
+    authority = authority.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    (folder / "ca.crt").write_bytes(authority.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+    alternatives = x509.SubjectAlternativeName(
+        [x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
+    )
+    for name in names:
+        own = ec.generate_private_key(ec.SECP256R1())
+        builder = _builder(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), subject, own.public_key())
+        builder = builder.add_extension(alternatives, critical=False)
+        certificate = builder.sign(key, hashes.SHA256())
+        (folder / f"{name}.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
+        _write_key(folder / f"{name}.key", own)
+
+
+def _builder(subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
+    now = datetime.now(UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(days=1))
+        .not_valid_after(now + timedelta(days=_DAYS))
+    )
+
+
+def _write_key(path: Path, key: rsa.RSAPrivateKey | ec.EllipticCurvePrivateKey) -> None:
+    _write_secret(path, key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+
+
+def _write_secret(path: Path, content: bytes) -> None:
+    """Write a file that its owner alone can read."""
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(content)
