@@ -9,8 +9,10 @@ from typing import Any, Final
 from urllib.parse import unquote, urlsplit
 
 import aiohttp
+from pydantic import ValidationError
 
 from skyrange.codec.f3548.frames import MAX_FRAME_BYTES, UssRequest, UssResponse, decode, encode
+from skyrange.codec.json_errors import describe
 from skyrange.contracts.mailboxes import Departure
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port, endpoint, link_name
@@ -66,11 +68,17 @@ class Inbound:
         self._count = 0
 
     async def ask(self, method: str, path: str, token: str, body: dict[str, Any] | None) -> UssResponse:
-        """The agent's response to a request; 503 where it does not answer in time."""
+        """The agent's response to a request; 503 where it does not answer in time.
+
+        Raises `DecodeError` for a request that no frame can carry.
+        """
         if len(self._open) >= MAX_OPEN:
             return _unavailable(0, "too many requests are open")
         self._count += 1
-        frame = UssRequest.model_construct(exchange=self._count, method=method, path=path, token=token, body=body)
+        try:
+            frame = UssRequest(exchange=self._count, method=method, path=path, token=token, body=body)  # type: ignore[arg-type]
+        except ValidationError as error:
+            raise describe(error) from error
         future: asyncio.Future[UssResponse] = asyncio.get_running_loop().create_future()
         self._open[frame.exchange] = future
         try:

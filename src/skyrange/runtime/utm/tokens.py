@@ -69,8 +69,8 @@ class TokenClient:
             "intended_audience": receiver,
             "sub": self._name,
         }
-        auth = None if self._secret is None else aiohttp.BasicAuth(self._name, self._secret)
-        async with self._session.get(self._url, params=query, auth=auth, allow_redirects=False) as response:
+        headers = {} if self._secret is None else {"Authorization": aiohttp.encode_basic_auth(self._name, self._secret)}
+        async with self._session.get(self._url, params=query, headers=headers, allow_redirects=False) as response:
             text = await response.content.read(_MAX_BYTES)
             if response.status != 200:
                 raise ValueError(f"{self._url} answers {response.status}: {text[:200].decode(errors='replace')}")

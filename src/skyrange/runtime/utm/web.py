@@ -27,6 +27,7 @@ from skyrange.utm.messages import PATH, Request, decode_request_body
 
 PATIENCE_S: Final = 10.0
 """How long a client may take for a header or a body."""
+METHODS: Final = ("GET", "POST", "PUT", "DELETE")
 HEALTH: Final = "/healthy"
 TOKEN: Final = "/token"  # noqa: S105 - a path
 _Answer = tuple[int, dict[str, Any] | None]
@@ -75,6 +76,8 @@ class WebService:
     async def _answer(self, request: web.BaseRequest, path: str, content: bytes) -> _Answer:
         routes, method = self._routes, request.method
         authorization = request.headers.get("Authorization", "")
+        if method not in METHODS:
+            return 405, {"message": f"{method[:16]} is not a method of this service"}
         if path == HEALTH:
             return 200, {"status": "ok"}
         if routes.inbound is not None and path.startswith(routes.prefixes):
