@@ -113,7 +113,7 @@ def test_the_least_delay_is_free_and_no_earlier_second_is(claim: list[Volume4D],
         return not airspace.find_overlaps(delayed(claim, delay_s * NS_PER_S))
 
     most_s = 300
-    found = least_delay(claim, airspace.find_overlaps, most_s * NS_PER_S)
+    found = least_delay(claim, airspace.find_overlaps(claim, most_s * NS_PER_S), most_s * NS_PER_S)
     expected = next((delay_s for delay_s in range(most_s + 1) if free(delay_s)), None)
     assert found == (None if expected is None else expected * NS_PER_S)
 
@@ -125,7 +125,7 @@ def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
 ) -> None:
     airspace = airspace_of(others)
     limits = Limits(300.0, (15.0, 30.0), (25.0, -25.0), 90.0, 3)
-    offered = find_alternatives(claim, airspace.find_overlaps, limits)
+    offered = find_alternatives(claim, airspace.find_each, limits)
     assert len(offered) <= limits.count
     ground_m = min(one.lower_m for one in claim)
     for one in offered:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 import shapely
 
 from skyrange.core.time import NS_PER_S, Time, ceil_to, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Overlap
+from skyrange.utm.airspace import Overlap, Query
 from skyrange.utm.contract import Alternative
 
 Outline = tuple[tuple[float, float], ...]
@@ -51,8 +51,8 @@ class Limits:
     count: int
 
 
-Search = Callable[[Sequence[Volume4D], Time], Sequence[Overlap]]
-"""`search(volumes, later_ns)`: the overlaps that forbid an intent, as `Airspace.find_overlaps` finds them."""
+Search = Callable[[Sequence[Query]], Sequence[Sequence[Overlap]]]
+"""`search(queries)`: the overlaps that forbid each, as `Airspace.find_each` finds them."""
 
 
 def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limits) -> list[Alternative]:
@@ -61,28 +61,27 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
 
     What costs more than a mere delay is not offered: every operator can fly the delayed flight.
     """
-    found: list[tuple[float, int, Alternative]] = []
+    most_ns = from_seconds(limits.delay_s)
+    (overlaps,) = search([Query(volumes, most_ns)])
+    delay_ns = least_delay(volumes, overlaps, most_ns)
+    most_s = math.inf if delay_ns is None else to_seconds(delay_ns)
+    found = [] if delay_ns is None else [(most_s, 0, Alternative(tuple(volumes), delay_ns))]
+    changes = [one for one in _changes(volumes, limits) if _cost_s(one) < most_s]
+    spare_ns = [from_seconds(min(limits.delay_s, most_s - _cost_s(one))) for one in changes]
+    queries = [Query(_changed(volumes, one), spare) for one, spare in zip(changes, spare_ns, strict=True)]
     best: dict[tuple[bool, bool], float] = {}
-    most_s = math.inf
-    for number, change in enumerate(_changes(volumes, limits)):
-        own_s = _cost_s(change)
-        kind = (change.climb_m != 0.0, change.east_m != 0.0 or change.north_m != 0.0)
-        spare_s = min(best.get(kind, math.inf), most_s) - own_s
-        if spare_s <= 0.0:
-            continue  # the changes of a kind become dearer, whatever their delay
-        delay_ns = least_delay(change.volumes, search, from_seconds(min(limits.delay_s, spare_s)))
+    for number, (change, query, overlaps) in enumerate(zip(changes, queries, search(queries), strict=True), 1):
+        delay_ns = least_delay(query.volumes, overlaps, query.later_ns)
         if delay_ns is None:
             continue
-        cost_s = own_s + to_seconds(delay_ns)
+        cost_s = _cost_s(change) + to_seconds(delay_ns)
+        kind = (change.climb_m != 0.0, change.east_m != 0.0 or change.north_m != 0.0)
         if cost_s < best.get(kind, math.inf):
             best[kind] = cost_s
-            found.append(
-                (cost_s, number, replace(change, volumes=delayed(change.volumes, delay_ns), delay_ns=delay_ns))
-            )
-            if number == 0:
-                most_s = cost_s
+            offered = Alternative(tuple(query.volumes), delay_ns, change.climb_m, change.east_m, change.north_m)
+            found.append((cost_s, number, offered))
     found.sort(key=lambda one: one[:2])
-    return [alternative for _, _, alternative in found[: limits.count]]
+    return [replace(one, volumes=delayed(one.volumes, one.delay_ns)) for _, _, one in found[: limits.count]]
 
 
 def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
@@ -103,9 +102,11 @@ def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
     )
 
 
-def least_delay(volumes: Sequence[Volume4D], search: Search, most_ns: Time) -> Time | None:
-    """The least delay in whole seconds, 0 included, after which `volumes` are free; `None` if it exceeds `most_ns`."""
-    forbidden = sorted(_forbid(volumes[one.place], one) for one in search(volumes, most_ns))
+def least_delay(volumes: Sequence[Volume4D], overlaps: Sequence[Overlap], most_ns: Time) -> Time | None:
+    """The least delay in whole seconds, 0 included, after which `volumes` are free of `overlaps`, those of all delays
+    up to `most_ns`; `None` if it exceeds that.
+    """
+    forbidden = sorted(_forbid(volumes[one.place], one) for one in overlaps)
     delay_ns = 0
     for begin_ns, end_ns in forbidden:
         if begin_ns >= delay_ns:
@@ -122,25 +123,39 @@ def _forbid(volume: Volume4D, overlap: Overlap) -> tuple[Time, Time]:
 
 def delayed(volumes: Sequence[Volume4D], delay_ns: Time) -> tuple[Volume4D, ...]:
     """The volumes that much later."""
-    return tuple(replace(one, start_ns=one.start_ns + delay_ns, end_ns=one.end_ns + delay_ns) for one in volumes)
+    return tuple(
+        Volume4D(one.outline, one.lower_m, one.upper_m, one.start_ns + delay_ns, one.end_ns + delay_ns)
+        for one in volumes
+    )
 
 
-def _changes(volumes: Sequence[Volume4D], limits: Limits) -> Iterator[Alternative]:
-    """The route as it is, then higher and beside, the least change of each kind first."""
-    yield Alternative(tuple(volumes))
+class _Change(NamedTuple):
+    climb_m: float = 0.0
+    east_m: float = 0.0
+    north_m: float = 0.0
+
+
+def _changes(volumes: Sequence[Volume4D], limits: Limits) -> Iterator[_Change]:
+    """Higher and beside, the least change of each kind first."""
     ground_m = min(one.lower_m for one in volumes)
     top_m = max(one.upper_m for one in volumes) - ground_m
-    climbs = [climb_m for climb_m in limits.climbs_m if top_m + climb_m <= limits.ceiling_m]
-    for climb_m in climbs:
-        yield Alternative(tuple(_raised(one, climb_m, ground_m) for one in volumes), climb_m=climb_m)
+    for climb_m in limits.climbs_m:
+        if top_m + climb_m <= limits.ceiling_m:
+            yield _Change(climb_m=climb_m)
     east, north = _right_of(volumes)
     for aside_m in limits.aside_m:
-        east_m, north_m = round(east * aside_m, 2), round(north * aside_m, 2)
-        yield Alternative(_shifted(volumes, east_m, north_m, ground_m), east_m=east_m, north_m=north_m)
+        yield _Change(0.0, round(east * aside_m, 2), round(north * aside_m, 2))
 
 
-def _cost_s(change: Alternative) -> float:
+def _cost_s(change: _Change) -> float:
     return 2.0 * abs(change.climb_m) / _CLIMB_MPS + 2.0 * math.hypot(change.east_m, change.north_m) / _SPEED_MPS
+
+
+def _changed(volumes: Sequence[Volume4D], change: _Change) -> tuple[Volume4D, ...]:
+    ground_m = min(one.lower_m for one in volumes)
+    if change.climb_m:
+        return tuple(_raised(one, change.climb_m, ground_m) for one in volumes)
+    return _shifted(volumes, change.east_m, change.north_m, ground_m)
 
 
 def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
@@ -165,19 +180,22 @@ def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_
             outline = _moved(outline, east_m, north_m)
             if any(at_ground[max(place - 1, 0) : place + 2]):
                 outline = _hull(outline + volume.outline)
-        found.append(
-            replace(volume, outline=outline, start_ns=volume.start_ns - spare_ns, end_ns=volume.end_ns + spare_ns)
-        )
+        start_ns, end_ns = volume.start_ns - spare_ns, volume.end_ns + spare_ns
+        found.append(Volume4D(outline, volume.lower_m, volume.upper_m, start_ns, end_ns))
     return tuple(found)
 
 
 def _moved(outline: Outline, east_m: float, north_m: float) -> Outline:
-    d_lat = north_m / _M_PER_DEG
-    moved = []
-    for lat, lng in outline:
-        scale = max(math.cos(math.radians(lat)), 1e-6)
-        moved.append((min(max(lat + d_lat, -90.0), 90.0), min(max(lng + east_m / _M_PER_DEG / scale, -180.0), 180.0)))
-    return tuple(moved)
+    d_lat, east_deg = north_m / _M_PER_DEG, east_m / _M_PER_DEG
+    return tuple(
+        [
+            (
+                min(max(lat + d_lat, -90.0), 90.0),
+                min(max(lng + east_deg / max(math.cos(math.radians(lat)), 1e-6), -180.0), 180.0),
+            )
+            for lat, lng in outline
+        ]
+    )
 
 
 def _hull(corners: Outline) -> Outline:

@@ -20,7 +20,7 @@ from skyrange.utm.contract import (
     ApprovalPolicy,
     ApprovalService,
 )
-from skyrange.utm.messages import EndBody, Response
+from skyrange.utm.messages import EndBody, Response, encode, encode_decision
 from skyrange.utm.request_book import OpenRequest, RequestBook
 
 SERVICE_NS = 20 * NS_PER_MS
@@ -90,7 +90,7 @@ def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:
     """Answer a request that has ended an intent."""
     body = asked.request.body
     out.note("decision.approval_ended", body.vehicle, {"intent": body.id}, (asked.cause,))
-    book.answer(asked, Response.ended(body.id), out)
+    book.answer(asked, encode(Response.ended(body.id)), out)
 
 
 def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch, out: Outbox) -> None:
@@ -99,7 +99,7 @@ def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestB
     tell_overruled(decision, book, epoch, asked.cause, out)
     body = asked.request.body
     version = None if isinstance(body, EndBody) else body.version
-    book.answer(asked, Response.of(body.id, decision, epoch, version), out)
+    book.answer(asked, encode_decision(body.id, decision, epoch, version), out)
 
 
 def tell_overruled(overruling: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:
@@ -108,7 +108,7 @@ def tell_overruled(overruling: ApprovalDecision, book: RequestBook, epoch: Epoch
         if one.operator in book.operators:
             decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
             out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, (cause,))
-            book.retract(one.operator, one.id, Response.of(one.id, decision, epoch, overruled=True), cause, out)
+            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=True), cause, out)
 
 
 def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import Final
 
-import shapely
-
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Airspace, Overlap, outlines_of
+from skyrange.utm.airspace import Airspace, Overlap, Query, find_invalid
 from skyrange.utm.alternatives import Limits, find_alternatives
 from skyrange.utm.contract import Alternative, OperationalIntent
 from skyrange.utm.intent_states import MAX_HORIZON_NS, MAX_VERTICES, OFF_NOMINAL, IntentState, may_follow
@@ -100,9 +98,9 @@ class IntentRegister:
         return self.overlapping(held.volumes, ignored=id_)
 
     def _offer(self, request: OperationalIntent) -> list[Alternative]:
-        def search(volumes: Sequence[Volume4D], later_ns: Time) -> list[Overlap]:
-            found = self._airspace.find_overlaps(volumes, later_ns, request.id)
-            return [one for one in found if self._blocks(one, request)]
+        def search(queries: Sequence[Query]) -> list[list[Overlap]]:
+            found = self._airspace.find_each(queries, request.id)
+            return [[one for one in overlaps if self._blocks(one, request)] for overlaps in found]
 
         return find_alternatives(request.volumes, search, self._limits)
 
@@ -123,7 +121,7 @@ def find_problem(now: Time, request: OperationalIntent, state: IntentState | Non
     vertices = sum(len(one.outline) for one in request.volumes)
     if vertices > MAX_VERTICES:
         return f"its outlines have {vertices} vertices, at most {MAX_VERTICES} are allowed"
-    valid = shapely.is_valid(outlines_of(request.volumes))
-    if not valid.all():
-        return f"the outline of volume {int(valid.argmin()) + 1} crosses itself, or has no area"
+    invalid = find_invalid(request.volumes)
+    if invalid is not None:
+        return f"the outline of volume {invalid + 1} crosses itself, or has no area"
     return ""

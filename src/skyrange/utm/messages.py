@@ -82,11 +82,6 @@ class Instant(_Model):
         parse_rfc3339(value)
         return value
 
-    @classmethod
-    def at(cls, time: Time, epoch: Epoch, *, up: bool = False) -> Instant:
-        """The microsecond at or before `time`, or at or after it with `up`."""
-        return cls(value=epoch.rfc3339(time, up=up))
-
     def time(self, epoch: Epoch) -> Time:
         """The simulated time of this moment."""
         return epoch.parse(self.value)
@@ -118,15 +113,7 @@ class Volume4DMessage(_Model):
     @classmethod
     def of(cls, volume: Volume4D, epoch: Epoch) -> Volume4DMessage:
         """The message that claims `volume`, its times widened to whole microseconds."""
-        return cls(
-            volume=Volume3D(
-                outline_polygon=OutlinePolygon(vertices=tuple(Vertex(lat=lat, lng=lng) for lat, lng in volume.outline)),
-                altitude_lower=Altitude(value=volume.lower_m),
-                altitude_upper=Altitude(value=volume.upper_m),
-            ),
-            time_start=Instant.at(volume.start_ns, epoch),
-            time_end=Instant.at(volume.end_ns, epoch, up=True),
-        )
+        return cls.model_validate(_volume_data(volume, epoch))
 
     def volume4d(self, epoch: Epoch) -> Volume4D:
         """The claimed volume on the scenario's clock."""
@@ -228,17 +215,6 @@ class AlternativeMessage(_Model):
     north_m: Annotated[float, Field(ge=-100_000.0, le=100_000.0)] = 0.0
     volumes: _Volumes = ()
 
-    @classmethod
-    def of(cls, one: Alternative, epoch: Epoch) -> AlternativeMessage:
-        """The message that offers `one`."""
-        return cls(
-            delay_s=to_seconds(one.delay_ns),
-            climb_m=one.climb_m,
-            east_m=one.east_m,
-            north_m=one.north_m,
-            volumes=tuple(Volume4DMessage.of(volume, epoch) for volume in one.volumes),
-        )
-
 
 class DecisionBody(_Model):
     """The approval's answer to one intent."""
@@ -282,21 +258,7 @@ class Response(_Model):
         overruled: bool = False,
     ) -> Response:
         """The message that tells `decision`."""
-        return cls(
-            status=200,
-            path=PATH + intent_id,
-            body=DecisionBody(
-                id=intent_id,
-                decision="Accepted" if decision.accepted else "Rejected",
-                reason=decision.reason[:256],
-                alternatives=tuple(AlternativeMessage.of(one, epoch) for one in decision.alternatives),
-                ovn=decision.ovn,
-                version=version,
-                conflicts=decision.conflicts or None,
-                tracked=True if decision.tracked else None,
-                overruled=True if overruled else None,
-            ),
-        )
+        return cls.model_validate(_decision_data(intent_id, decision, epoch, version, overruled))
 
     @classmethod
     def ended(cls, intent_id: str) -> Response:
@@ -311,8 +273,66 @@ class Response(_Model):
 
 def encode(message: Request | Response) -> bytes:
     """The frame of a message: ASCII JSON, keys sorted, no spaces; equal messages give equal bytes."""
-    data = message.model_dump(mode="json", exclude_none=True)
+    return _dump(message.model_dump(mode="json", exclude_none=True))
+
+
+def _dump(data: dict[str, Any]) -> bytes:
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
+
+
+def encode_decision(
+    intent_id: str,
+    decision: ApprovalDecision,
+    epoch: Epoch,
+    version: int | None = None,
+    overruled: bool = False,
+) -> bytes:
+    """The frame of `Response.of`, made without the model: alternatives are most of it, and take a while to check."""
+    return _dump(_decision_data(intent_id, decision, epoch, version, overruled))
+
+
+def _decision_data(
+    intent_id: str, decision: ApprovalDecision, epoch: Epoch, version: int | None, overruled: bool
+) -> dict[str, Any]:
+    """The JSON of a response that tells a decision."""
+    optional = {
+        "version": version,
+        "conflicts": decision.conflicts or None,
+        "tracked": True if decision.tracked else None,
+        "overruled": True if overruled else None,
+    }
+    body = {
+        "id": intent_id,
+        "decision": "Accepted" if decision.accepted else "Rejected",
+        "reason": decision.reason[:256],
+        "alternatives": [_alternative_data(one, epoch) for one in decision.alternatives],
+        "ovn": decision.ovn,
+        **{name: value for name, value in optional.items() if value is not None},
+    }
+    return {"status": 200, "path": PATH + intent_id, "body": body}
+
+
+def _alternative_data(one: Alternative, epoch: Epoch) -> dict[str, Any]:
+    return {
+        "delay_s": to_seconds(one.delay_ns),
+        "climb_m": float(one.climb_m),
+        "east_m": float(one.east_m),
+        "north_m": float(one.north_m),
+        "volumes": [_volume_data(volume, epoch) for volume in one.volumes],
+    }
+
+
+def _volume_data(volume: Volume4D, epoch: Epoch) -> dict[str, Any]:
+    """A volume as JSON, its times widened to whole microseconds."""
+    return {
+        "volume": {
+            "outline_polygon": {"vertices": [{"lat": float(lat), "lng": float(lng)} for lat, lng in volume.outline]},
+            "altitude_lower": {"value": float(volume.lower_m), "reference": "W84", "units": "M"},
+            "altitude_upper": {"value": float(volume.upper_m), "reference": "W84", "units": "M"},
+        },
+        "time_start": {"value": epoch.rfc3339(volume.start_ns), "format": "RFC3339"},
+        "time_end": {"value": epoch.rfc3339(volume.end_ns, up=True), "format": "RFC3339"},
+    }
 
 
 def decode_request(payload: bytes) -> Request:

@@ -85,10 +85,9 @@ class RequestBook:
         self._open[operator, body.id] = asked.digest
         return asked
 
-    def answer(self, asked: OpenRequest, response: Response, out: Outbox) -> None:
-        """Send an answer, and remember it."""
+    def answer(self, asked: OpenRequest, payload: bytes, out: Outbox) -> None:
+        """Send the frame of an answer, and remember it."""
         operator, intent = asked.operator, asked.request.body.id
-        payload = encode(response)
         if self._open.get((operator, intent)) == asked.digest:
             del self._open[operator, intent]
         self._owners[intent] = operator
@@ -101,10 +100,10 @@ class RequestBook:
             self._owners.pop(forgotten, None)
         out.send(self._port_of[operator], payload, (asked.cause,))
 
-    def retract(self, operator: str, intent: str, response: Response, cause: FrameId, out: Outbox) -> None:
-        """Send a response that nobody asked for, and forget the answer that it takes back."""
+    def retract(self, operator: str, intent: str, payload: bytes, cause: FrameId, out: Outbox) -> None:
+        """Send the frame of a response that nobody asked for, and forget the answer that it takes back."""
         self._answers[operator].pop(intent, None)
-        out.send(self._port_of[operator], encode(response), (cause,))
+        out.send(self._port_of[operator], payload, (cause,))
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1
