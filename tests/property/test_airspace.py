@@ -14,8 +14,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import CELL_DEG, Airspace
+from skyrange.utm.airspace import Airspace
 from skyrange.utm.alternatives import Limits, delayed, find_alternatives, least_delay
+from skyrange.utm.cell_grid import CELL_DEG
 
 CORNERS = st.builds(lambda a, b: (40.0 + a * CELL_DEG, -74.0 + b * CELL_DEG), st.integers(0, 12), st.integers(0, 12))
 """Corners of cells, and so edges that touch."""

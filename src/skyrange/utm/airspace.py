@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import shapely
@@ -19,12 +19,8 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
+from skyrange.utm.cell_grid import MAX_CELLS, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
 from skyrange.utm.convex import APART, MAX_CORNERS, MEETING, UNDECIDED, compare, is_convex
-
-CELL_DEG: Final = 0.002
-"""Size of a cell: 222 m of latitude."""
-MAX_CELLS: Final = 1_024
-"""A volume that covers more cells is in none of them, and compared with every query."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,27 +47,40 @@ class Query(NamedTuple):
     """By how much later they may be flown."""
 
 
-class Airspace:
-    """Volumes of intents by cell of the ground; of those of a cell, boxes, heights and times are compared in arrays.
+class _Solids(NamedTuple):
+    """Volumes as arrays, row by row."""
 
-    Deep-copyable.
-    """
+    boxes: Floats
+    """(n, 4) Least and greatest longitude and latitude; those of a free row meet nothing."""
+    heights: Floats
+    """(n, 2) Metres."""
+    times: Ints
+    """(n, 2) Nanoseconds."""
+    rings: Floats
+    """(n, `MAX_CORNERS`, 2) Corners in longitude and latitude."""
+    counts: Ints
+    """(n,) How many corners a convex ring has; 0 for another one."""
+
+
+_NOWHERE: Final = (math.inf, math.inf, -math.inf, -math.inf)
+
+
+class Airspace:
+    """Volumes of intents by cell of the ground; what is near a query is compared in compiled code. Deep-copyable."""
 
     def __init__(self) -> None:
         self._rows: dict[str, list[int]] = {}
         self._owners: list[str] = []
-        self._boxes = np.zeros((16, 4))
-        self._heights = np.zeros((16, 2))
-        self._times: Ints = np.zeros((16, 2), dtype=np.int64)
-        self._rings = np.zeros((16, MAX_CORNERS, 2))
-        self._counts: Ints = np.zeros(16, dtype=np.int64)
-        """Corners of a convex ring; 0 for another one."""
         self._outlines: list[Outline] = []
+        self._solids = _make_solids(16)
+        self._stamps: Ints = np.full(16, -1)
+        """The number of the query volume with which a row was compared last."""
+        self._asked = 0
+        """How many query volumes there were."""
         self._free: list[int] = []
-        self._cells: dict[tuple[int, int], dict[int, None]] = {}
-        self._arrays: dict[tuple[int, int], Ints] = {}
-        """Rows of cells that were looked at since they changed."""
+        self._grid = CellGrid()
         self._wide: dict[int, None] = {}
+        """Rows that are in no cell."""
 
     def __len__(self) -> int:
         """The number of intents."""
@@ -83,41 +92,26 @@ class Airspace:
     def put(self, intent: str, volumes: Sequence[Volume4D]) -> None:
         """Claim `volumes`, instead of those that the intent has claimed so far."""
         self.remove(intent)
-        rings, counts, boxes = _shapes(volumes)
+        given = _solids_of(volumes)
         rows = self._rows[intent] = []
-        for place, (volume, box) in enumerate(zip(volumes, boxes, strict=True)):
+        for place, volume in enumerate(volumes):
             row = self._free.pop() if self._free else self._grow()
             rows.append(row)
-            self._owners[row] = intent
-            self._boxes[row], self._rings[row], self._counts[row] = box, rings[place], counts[place]
-            self._outlines[row] = volume.outline
-            self._heights[row] = volume.lower_m, volume.upper_m
-            self._times[row] = volume.start_ns, volume.end_ns
-            self._add(row, box)
+            self._owners[row], self._outlines[row] = intent, volume.outline
+            for own, new in zip(self._solids, given, strict=True):
+                own[row] = new[place]
+            if not self._grid.add(row, given.boxes[place]):
+                self._wide[row] = None
 
     def remove(self, intent: str) -> None:
         """Release the volumes of an intent, if it has any."""
         for row in self._rows.pop(intent, ()):
             self._free.append(row)
-            cells = _cells_of(self._boxes[row].tolist())
-            if cells is None:
+            if row in self._wide:
                 del self._wide[row]
-                continue
-            for cell in cells:
-                rows = self._cells[cell]
-                del rows[row]
-                self._arrays.pop(cell, None)
-                if not rows:
-                    del self._cells[cell]
-
-    def _add(self, row: int, box: Floats) -> None:
-        cells = _cells_of(box.tolist())
-        if cells is None:
-            self._wide[row] = None
-            return
-        for cell in cells:
-            self._cells.setdefault(cell, {})[row] = None
-            self._arrays.pop(cell, None)
+            else:
+                self._grid.remove(row, self._solids.boxes[row])
+            self._solids.boxes[row] = _NOWHERE
 
     def find_overlaps(self, volumes: Sequence[Volume4D], later_ns: Time = 0, ignored: str = "") -> list[Overlap]:
         """Every claimed volume that one of `volumes` overlaps, if it is flown at its time or up to `later_ns` later.
@@ -131,114 +125,110 @@ class Airspace:
         volumes = [volume for query in queries for volume in query.volumes]
         if not volumes:
             return [[] for _ in queries]
-        rings, counts, boxes = _shapes(volumes)
-        near, ends = self._near(boxes)
-        heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
-        times = np.array(
-            [(one.start_ns, one.end_ns + later) for query, later in queries for one in query], dtype=np.int64
-        )
-        claimed = self._boxes, self._heights, self._times, self._rings, self._counts
-        rows, places, verdicts = _search(near, ends, *claimed, boxes, heights, times, rings, counts)
-        owners, found = self._owners, set()
-        for row, place, verdict in zip(rows.tolist(), places.tolist(), verdicts.tolist(), strict=True):
+        asked = _solids_of(volumes)
+        later = np.repeat([query.later_ns for query in queries], [len(query.volumes) for query in queries])
+        asked.times[:, 1] += later
+        wide = np.fromiter(self._wide, dtype=np.int64, count=len(self._wide))
+        lists, first = self._grid.lists, self._asked
+        self._asked += len(volumes)
+        rows, places, verdicts = _search(self._solids, asked, lists, wide, self._stamps, first, len(self._owners))
+        owners, times = self._owners, self._solids.times[rows].tolist()
+        found: list[set[tuple[int, str, Time, Time]]] = [set() for _ in volumes]
+        for row, place, verdict, (start, end) in zip(
+            rows.tolist(), places.tolist(), verdicts.tolist(), times, strict=True
+        ):
             if owners[row] != ignored and (verdict == MEETING or _meet(self._outlines[row], volumes[place].outline)):
-                found.add((place, owners[row], *self._times[row].tolist()))
+                found[place].add((place, owners[row], start, end))
         answers: list[list[Overlap]] = []
-        first = 0
+        begin = 0
         for query, _ in queries:
-            last = first + len(query)
-            own = sorted(one for one in found if first <= one[0] < last)
-            answers.append([Overlap(place - first, *rest) for place, *rest in own])
-            first = last
+            ends = begin + len(query)
+            rows_found = [one for each in found[begin:ends] for one in sorted(each)]
+            answers.append([Overlap(place - begin, intent, start, end) for place, intent, start, end in rows_found])
+            begin = ends
         return answers
-
-    def _near(self, boxes: Floats) -> tuple[Ints, Ints]:
-        """Rows that share a cell with each box, some of them several times, and those in no cell; and where those of
-        each box end.
-        """
-        found: list[Ints] = []
-        ends: list[int] = []
-        count = 0
-        for box in boxes.tolist():
-            cells = _cells_of(box)
-            if cells is None:
-                arrays = [np.fromiter((row for each in self._rows.values() for row in each), dtype=np.int64)]
-            else:
-                arrays = [self._array(cell) for cell in cells if cell in self._cells]
-                if self._wide:
-                    arrays.append(np.fromiter(self._wide, dtype=np.int64, count=len(self._wide)))
-            found += arrays
-            count += sum(map(len, arrays))
-            ends.append(count)
-        near = np.concatenate(found) if found else np.empty(0, dtype=np.int64)
-        return near, np.array(ends, dtype=np.int64)
-
-    def _array(self, cell: tuple[int, int]) -> Ints:
-        array = self._arrays.get(cell)
-        if array is None:
-            rows = self._cells[cell]
-            array = self._arrays[cell] = np.fromiter(rows, dtype=np.int64, count=len(rows))
-        return array
 
     def _grow(self) -> int:
         row = len(self._owners)
         self._owners.append("")
         self._outlines.append(())
-        if row == len(self._boxes):
-            self._boxes = _doubled(self._boxes)
-            self._heights = _doubled(self._heights)
-            self._times = _doubled(self._times)
-            self._rings = _doubled(self._rings)
-            self._counts = _doubled(self._counts)
+        if row == len(self._stamps):
+            more = _make_solids(row)
+            self._solids = _Solids(*(np.concatenate(pair) for pair in zip(self._solids, more, strict=True)))
+            self._stamps = np.concatenate([self._stamps, np.full(row, -1)])
         return row
 
 
-def _doubled(array: NDArray[Any]) -> NDArray[Any]:
-    return np.concatenate([array, np.zeros_like(array)])
+def _make_solids(count: int) -> _Solids:
+    """Rows that are free."""
+    return _Solids(
+        np.full((count, 4), _NOWHERE),
+        np.zeros((count, 2)),
+        np.zeros((count, 2), dtype=np.int64),
+        np.zeros((count, MAX_CORNERS, 2)),
+        np.zeros(count, dtype=np.int64),
+    )
 
 
 @compiled
 def _search(
-    near: Ints,
-    ends: Ints,
-    boxes: Floats,
-    heights: Floats,
-    times: Ints,
-    rings: Floats,
-    counts: Ints,
-    asked: Floats,
-    high: Floats,
-    when: Ints,
-    wanted: Floats,
-    corners: Ints,
+    claimed: _Solids, asked: _Solids, lists: Lists, wide: Ints, stamps: Ints, first: int, used: int
 ) -> tuple[Ints, Ints, Ints]:
-    """The claimed volumes that a query overlaps, or may: their rows, its volumes, and verdicts of `convex.compare`.
-
-    `near[ends[k - 1] : ends[k]]` are the rows to be compared with volume k. A row may come several times.
+    """The claimed volumes that those of `asked` overlap, or may: their rows, the places, and verdicts of
+    `convex.compare`, each pair once.
     """
-    rows, places = np.empty(len(near), dtype=np.int64), np.empty(len(near), dtype=np.int64)
-    verdicts = np.empty(len(near), dtype=np.int64)
-    count = begin = 0
-    for place in range(len(ends)):
-        for k in range(begin, ends[place]):
+    boxes, heights, times, rings, counts = claimed  # a tuple of arrays that is passed on costs more than the comparison
+    rows, places = np.empty(256, dtype=np.int64), np.empty(256, dtype=np.int64)
+    verdicts = np.empty(256, dtype=np.int64)
+    count = 0
+    for place in range(len(asked.counts)):
+        box, lowest, highest = asked.boxes[place], asked.heights[place, 0], asked.heights[place, 1]
+        begins, ends = asked.times[place, 0], asked.times[place, 1]
+        if count_cells(box) > MAX_CELLS:
+            near = np.arange(used)
+        else:
+            near = np.concatenate((_rows_near(lists, box, stamps, first + place), wide))
+        for k in range(len(near)):
             row = near[k]
-            if times[row, 0] >= when[place, 1] or times[row, 1] <= when[place, 0]:
+            if times[row, 0] >= ends or times[row, 1] <= begins:
                 continue
-            if heights[row, 0] >= high[place, 1] or heights[row, 1] <= high[place, 0]:
+            if heights[row, 0] >= highest or heights[row, 1] <= lowest:
                 continue
-            if boxes[row, 0] > asked[place, 2] or boxes[row, 2] < asked[place, 0]:
-                continue
-            if boxes[row, 1] > asked[place, 3] or boxes[row, 3] < asked[place, 1]:
+            if boxes[row, 0] > box[2] or boxes[row, 2] < box[0] or boxes[row, 1] > box[3] or boxes[row, 3] < box[1]:
                 continue
             verdict = UNDECIDED
-            if counts[row] > 0 and corners[place] > 0:
-                verdict = compare(rings[row], counts[row], wanted[place], corners[place])
+            if counts[row] > 0 and asked.counts[place] > 0:
+                verdict = compare(rings[row], counts[row], asked.rings[place], asked.counts[place])
                 if verdict == APART:
                     continue
+            if count == len(rows):
+                rows, places = np.concatenate((rows, rows)), np.concatenate((places, places))
+                verdicts = np.concatenate((verdicts, verdicts))
             rows[count], places[count], verdicts[count] = row, place, verdict
             count += 1
-        begin = ends[place]
     return rows[:count], places[:count], verdicts[:count]
+
+
+@compiled
+def _rows_near(lists: Lists, box: Floats, stamps: Ints, stamp: int) -> Ints:
+    """Rows in the cells of a box, each once, and perhaps some of other cells."""
+    found = np.empty(64, dtype=np.int64)
+    count = 0
+    west, south, east, north = cells_of(box)
+    for x in range(west, east + 1):
+        for y in range(south, north + 1):
+            chunk = lists.heads[bucket_of(x, y)]
+            while chunk != NONE:
+                for k in range(lists.fills[chunk]):
+                    row = lists.rows[chunk, k]
+                    if stamps[row] != stamp:
+                        stamps[row] = stamp
+                        if count == len(found):
+                            found = np.concatenate((found, found))
+                        found[count] = row
+                        count += 1
+                chunk = lists.following[chunk]
+    return found[:count]
 
 
 def _meet(one: Outline, other: Outline) -> bool:
@@ -253,20 +243,21 @@ def _polygon(outline: Outline) -> shapely.Geometry:
 
 def find_invalid(volumes: Sequence[Volume4D]) -> int | None:
     """The place of the first volume whose outline crosses itself or has no area; `None` if all are valid."""
-    _, counts, _ = _shapes(volumes)
+    counts = _solids_of(volumes).counts
     for place in np.flatnonzero(counts == 0).tolist():
         if not shapely.Polygon(volumes[place].outline).is_valid:
             return int(place)
     return None
 
 
-def _shapes(volumes: Sequence[Volume4D]) -> tuple[Floats, Ints, Floats]:
-    """(n, `MAX_CORNERS`, 2) rings in longitude and latitude, (n,) corners of the convex ones, and 0 for the others; and
-    (n, 4) their least and greatest longitude and latitude.
-    """
+def _solids_of(volumes: Sequence[Volume4D]) -> _Solids:
+    """Volumes, of which there is one at least, as arrays."""
     lengths = np.array([len(volume.outline) for volume in volumes], dtype=np.int64)
     corners = np.array([corner for volume in volumes for corner in volume.outline])[:, ::-1]
-    return _gather(np.ascontiguousarray(corners), lengths)
+    rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
+    heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
+    times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
+    return _Solids(boxes, heights, times, rings, counts)
 
 
 @compiled
@@ -286,11 +277,3 @@ def _gather(corners: Floats, lengths: Ints) -> tuple[Floats, Ints, Floats]:
                 counts[place] = lengths[place]
         first += lengths[place]
     return rings, counts, boxes
-
-
-def _cells_of(box: Sequence[float]) -> list[tuple[int, int]] | None:
-    """The cells that a box meets; `None` if they are too many."""
-    west, south, east, north = (math.floor(degrees / CELL_DEG) for degrees in box)
-    if (east - west + 1) * (north - south + 1) > MAX_CELLS:
-        return None
-    return [(x, y) for x in range(west, east + 1) for y in range(south, north + 1)]
