@@ -17,7 +17,7 @@ import aiohttp
 from skyrange.core.time import NS_PER_S
 from skyrange.runtime.utm.agent_host import UNIX
 from skyrange.runtime.utm.config import ServiceConfig, load_config
-from skyrange.runtime.utm.initial_files import write_federation
+from skyrange.runtime.utm.initial_files import write_authority, write_federation
 from skyrange.runtime.utm.service import run_service
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.messages import Request, encode
@@ -40,6 +40,12 @@ def free_port(count: int) -> int:
             for one in held:
                 one.close()
     raise AssertionError("no ports")
+
+
+def write_one(folder: Path) -> list[Path]:
+    """The configuration of a new authority of all operators of `SERVICES`."""
+    operators = [operator for names in SERVICES.values() for operator in names]
+    return [write_authority(folder / "authority", operators, free_port(1))]
 
 
 def write(folder: Path) -> list[Path]:
@@ -69,10 +75,12 @@ class Federation:
     async def ask(self, operator: str, request: Request) -> tuple[int, Any]:
         """The answer of an operator's USS to a request."""
         data = json.loads(encode(request))
-        (name,) = [name for name, operators in SERVICES.items() if operator in operators]
-        uss = self.configs[name].uss
-        assert uss is not None
-        return await self.call(name, data["method"], data["path"], data["body"], uss.operators[operator])
+        serving = {name: config.authority or config.uss for name, config in self.configs.items()}
+        for name, settings in serving.items():
+            if settings is not None and operator in settings.operators:
+                token = settings.operators[operator]
+                return await self.call(name, data["method"], data["path"], data["body"], token)
+        raise AssertionError(f"nobody serves {operator}")
 
     async def want(self, intent: OperationalIntent, version: int = 0) -> Any:
         """The decision on an intent."""

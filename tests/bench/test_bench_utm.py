@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from skyrange.bench import approval, planning
+from skyrange.bench import approval, planning, utm_services
 from skyrange.cli.handlers.benchmarks import bench_planning
 from skyrange.planning.routes import Limits, find_route
 
@@ -17,6 +17,14 @@ def test_approval_is_measured_while_intents_are_accepted() -> None:
     assert 0.0 <= row["rejected"] <= 1.0
     assert row["p50_ms"] <= row["p99_ms"]
     assert row["decisions_per_s"] > 1.0
+
+
+def test_services_are_measured_with_their_databases() -> None:
+    assert utm_services.measure_durable(5)["requests"] == 5
+    row = utm_services.measure_federation(6, 2)
+    assert (row["service"], row["clients"], row["requests"]) == ("USS and DSS", 2, 6)
+    assert 0.0 < row["p50_ms"] <= row["p99_ms"]
+    assert utm_services.measure_authority(6, 3)["decisions_per_s"] > 1.0
 
 
 def test_routes_are_planned_between_free_places() -> None:

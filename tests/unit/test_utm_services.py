@@ -24,7 +24,7 @@ from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody, Request, encode
 from tests.approval_stations import LAT, LON, fly_requests
-from tests.utm_services import SERVICES, Federation, later, run, running, write
+from tests.utm_services import SERVICES, Federation, later, run, running, write, write_one
 
 COORDINATION = "utm.strategic_coordination"
 
@@ -172,6 +172,31 @@ def test_decisions_are_the_same_over_http_with_a_database_and_in_virtual_time(fr
     assert virtual == over_http
     flat = [one[0] for rows in over_http.values() for one in rows]
     assert min(flat.count("Accepted"), flat.count("Rejected"), flat.count("Ended")) > 3, "the steps are worth comparing"
+
+
+def test_an_authority_decides_alone_and_knows_after_a_restart_what_it_has_accepted(tmp_path: Path) -> None:
+    paths, start_ns = write_one(tmp_path), later(600)
+
+    async def before() -> None:
+        async with running(paths) as services:
+            assert (await services.want(wanted("blue/a", start_ns)))["decision"] == "Accepted"
+            assert (await services.want(wanted("green/a", start_ns, 0.01)))["decision"] == "Accepted"
+            refused = await services.want(wanted("red/a", start_ns))
+            assert (refused["decision"], len(refused["alternatives"]) > 0) == ("Rejected", True)
+            assert (await services.want(wanted("red/a", start_ns, priority=5), version=1))["conflicts"] == 1
+            assert (await services.ask("green", Request.end(wanted("green/a", start_ns))))[0] == 200
+
+    async def after() -> None:
+        async with running(paths) as services:
+            assert (await services.want(wanted("blue/a", start_ns), version=1))["decision"] == "Rejected", "overruled"
+            assert (await services.want(wanted("blue/b", start_ns, 0.01)))["decision"] == "Accepted", "green has ended"
+            active = wanted("red/a", start_ns, priority=5, state=IntentState.ACTIVATED)
+            assert (await services.want(active, version=2))["decision"] == "Accepted"
+            stranger = replace(wanted("red/a", start_ns), operator="green", vehicle="green/a")
+            assert (await services.ask("green", Request.of(stranger, UNIX)))[0] == 403
+
+    run(before)
+    run(after)
 
 
 @pytest.mark.parametrize(

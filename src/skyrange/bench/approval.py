@@ -46,7 +46,7 @@ def measure(active: int, requests: int) -> dict[str, Any]:
     service = FlightApproval(["blue"], _EPOCH, authority)
     number = accepted = 0
     while accepted < active and number < _MOST_TRIES * active:
-        accepted += authority.follow(0, _intent(number)).accepted
+        accepted += authority.follow(0, make_intent(number)).accepted
         number += 1
     times, rejected = np.zeros(requests), 0
     for row in range(requests):
@@ -54,7 +54,7 @@ def measure(active: int, requests: int) -> dict[str, Any]:
         times[row], taken = _answer(service, number, payload)
         rejected += not taken
         if taken:
-            service.step(0, Inbox([_arrival(number, encode(Request.end(_intent(number))))]))
+            service.step(0, Inbox([_arrival(number, encode(Request.end(make_intent(number))))]))
         number += 1
     milliseconds = times * 1e3
     return {
@@ -84,10 +84,10 @@ def _arrival(number: int, payload: bytes) -> Arrival:
 
 
 def _request(number: int) -> bytes:
-    return encode(Request.of(_intent(number), _EPOCH))
+    return encode(Request.of(make_intent(number), _EPOCH))
 
 
-def _intent(number: int) -> OperationalIntent:
+def make_intent(number: int) -> OperationalIntent:
     """The `number`-th flight: up, along legs of 150 to 400 m, and down."""
     chance = Chance(1)
     vehicle = f"blue/b{number}"

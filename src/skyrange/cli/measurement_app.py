@@ -181,6 +181,15 @@ def approval_bench(
     benchmarks.bench_approval(active or [100, 1000, 10_000], requests, as_json)
 
 
+@bench_app.command("utm", epilog="Example: skyrange bench utm --requests 1000 --json")
+def utm_bench(
+    requests: Annotated[int, typer.Option(metavar="N", min=1, help="Number of requests to measure.")] = 1000,
+    as_json: AsJson = False,
+) -> None:
+    """Measure UTM services as processes: an approval authority, and a USS with a DSS, over HTTPS with databases."""
+    benchmarks.bench_utm(requests, as_json)
+
+
 @bench_app.command("planning", epilog="Example: skyrange bench planning --buildings manhattan.geojson --alt-m 60")
 def planning_bench(
     buildings: Annotated[

@@ -10,7 +10,7 @@ import typer
 from skyrange.cli.handlers import utm
 
 utm_app = typer.Typer(
-    help="Run the services of a UTM federation as processes: USSs and a DSS after ASTM F3548-21.\n\n"
+    help="Run UTM services as processes: USSs and a DSS after ASTM F3548-21, or an approval authority.\n\n"
     "Example: skyrange utm init federation",
     no_args_is_help=True,
 )
@@ -27,13 +27,24 @@ def init(
             "and south=green.",
         ),
     ] = None,
+    authority: Annotated[
+        str | None,
+        typer.Option(
+            metavar="OPERATORS",
+            help="Instead of a federation, one approval authority for these operators, separated by commas.",
+            show_default=False,
+        ),
+    ] = None,
     port: Annotated[int, typer.Option(metavar="PORT", help="First port; each service takes the next one.")] = 8_080,
     tests: Annotated[
         bool, typer.Option("--tests", help="Give each USS the interfaces of InterUSS for automated tests.")
     ] = False,
 ) -> None:
-    """Write the configurations, keys and certificates of a new federation on this machine."""
-    utm.init(folder, uss or ["north=blue", "south=green"], port, tests)
+    """Write the configurations, keys and certificates of new services on this machine."""
+    if authority is not None:
+        utm.init_authority(folder, authority, port)
+    else:
+        utm.init(folder, uss or ["north=blue", "south=green"], port, tests)
 
 
 @utm_app.command(epilog="Example: skyrange utm serve federation/*.toml")

@@ -57,6 +57,10 @@ class FlightApproval:
         """Requests per operator that were not understood."""
         return self._book.bad_frames
 
+    def restore(self, operator: str, intent: str) -> None:
+        """An intent is that of an operator, as was decided before a restart."""
+        self._book.restore(operator, intent)
+
     def next_wakeup(self) -> Time | None:
         """It acts on mail only."""
         return None

@@ -7,9 +7,9 @@ left its volumes claims is never refused.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Protocol
 
 from pydantic import Field
 
@@ -54,13 +54,45 @@ class AuthorityParams(Params):
         return Limits(self.max_delay_s, self.climbs_m, self.aside_m, self.ceiling_m, self.alternatives)
 
 
+class IntentJournal(Protocol):
+    """What is told of changes of accepted intents; a database behind it makes them durable."""
+
+    def put(self, intent: OperationalIntent) -> None:
+        """An intent was accepted, or has another version or state."""
+        ...
+
+    def delete(self, id_: str) -> None:
+        """An intent is accepted no more."""
+        ...
+
+
+class NoJournal:
+    """The journal of an authority that lives as long as its process."""
+
+    def put(self, intent: OperationalIntent) -> None:
+        """Nothing is kept."""
+
+    def delete(self, id_: str) -> None:
+        """Nothing is kept."""
+
+
 class Authority:
     """The approval authority (kind `authority`)."""
 
-    def __init__(self, params: AuthorityParams) -> None:
+    def __init__(
+        self,
+        params: AuthorityParams,
+        journal: IntentJournal | None = None,
+        accepted: Iterable[OperationalIntent] = (),
+    ) -> None:
+        """`accepted` are the intents of before a restart."""
         self._register = IntentRegister(params.limits)
         self._decisions: dict[str, ApprovalDecision] = {}
         """Of the intents that are accepted."""
+        self._journal: IntentJournal = NoJournal()
+        for intent in accepted:
+            self._put(intent)
+        self._journal = journal or NoJournal()
 
     def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
         """Accept `request`, or reject it with the reason, and with alternatives if others are in its way."""
@@ -73,6 +105,7 @@ class Authority:
     def _decide(self, now: Time, request: OperationalIntent, offers: bool) -> ApprovalDecision:
         for forgotten in self._register.forget(now):
             del self._decisions[forgotten]
+            self._journal.delete(forgotten)
         held = self._register.get(request.id)
         if held == request:
             return self._decisions[request.id]
@@ -95,21 +128,28 @@ class Authority:
 
     def end(self, now: Time, intent: str) -> None:
         """Release the airspace of an intent."""
+        self._remove(intent)
+
+    def _remove(self, intent: str) -> None:
         self._register.remove(intent)
-        self._decisions.pop(intent, None)
+        if self._decisions.pop(intent, None) is not None:
+            self._journal.delete(intent)
+
+    def _put(self, intent: OperationalIntent) -> ApprovalDecision:
+        decision = ApprovalDecision(accepted=True, ovn=version_number(intent), tracked=True)
+        self._register.put(intent)
+        self._decisions[intent.id] = decision
+        self._journal.put(intent)
+        return decision
 
     def _accept(self, request: OperationalIntent, outranked: Sequence[OperationalIntent]) -> ApprovalDecision:
         overruled = []
         for other in outranked:
             one = overruled_by(request, other)
             if not one.in_flight:
-                self._register.remove(other.id)
-                del self._decisions[other.id]
+                self._remove(other.id)
             overruled.append(one)
-        self._register.put(request)
-        ovn = version_number(request)
-        self._decisions[request.id] = ApprovalDecision(accepted=True, ovn=ovn, tracked=True)
-        return replace(self._decisions[request.id], overruled=tuple(overruled), conflicts=len(outranked))
+        return replace(self._put(request), overruled=tuple(overruled), conflicts=len(outranked))
 
 
 AUTHORITY = policy_plugin(

@@ -1,9 +1,11 @@
-"""The commands `skyrange bench fleet`, `bench ardupilot`, `bench radio`, `bench attacks` and `bench approval`."""
+"""The commands `skyrange bench`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from skyrange.cli.output.console import print_json, print_text
 
@@ -115,6 +117,30 @@ def bench_planning(
             print_text(
                 f"{alt_m:>7g} {row['routes']:>7} {row['no_way']:>7} {row['p50_ms']:>8} {row['p95_ms']:>8} "
                 f"{row['detour']:>7}"
+            )
+    if as_json:
+        print_json(rows)
+
+
+def bench_utm(requests: int, as_json: bool) -> None:
+    """`skyrange bench utm`."""
+    from skyrange.bench.utm_services import measure_authority, measure_durable, measure_federation
+
+    rows = []
+    if not as_json:
+        print_text(f"{'service':<26} {'clients':>7} {'decisions/s':>11} {'p50 ms':>8} {'p99 ms':>8}")
+    measurements: list[Callable[[], dict[str, Any]]] = [
+        partial(measure_durable, requests),
+        *(partial(measure_authority, requests, clients) for clients in (1, 32)),
+        *(partial(measure_federation, requests, clients) for clients in (1, 32)),
+    ]
+    for measure in measurements:
+        row = measure()
+        rows.append(row)
+        if not as_json:
+            print_text(
+                f"{row['service']:<26} {row['clients']:>7} {row['decisions_per_s']:>11.0f} {row['p50_ms']:>8.2f} "
+                f"{row['p99_ms']:>8.2f}"
             )
     if as_json:
         print_json(rows)

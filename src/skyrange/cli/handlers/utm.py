@@ -25,6 +25,16 @@ def init(folder: Path, uss: Sequence[str], port: int, tests: bool) -> None:
     print_text(f"Start them with: skyrange utm serve {' '.join(map(str, written))}")
 
 
+def init_authority(folder: Path, operators: str, port: int) -> None:
+    """`skyrange utm init --authority`."""
+    _check_installed()
+    from skyrange.runtime.utm.initial_files import write_authority
+
+    path = write_authority(folder, [one for one in operators.split(",") if one], port)
+    print_text(f"{folder}: {path.stem}")
+    print_text(f"Start it with: skyrange utm serve {path}")
+
+
 def serve(files: Sequence[Path]) -> None:
     """`skyrange utm serve`."""
     _check_installed()

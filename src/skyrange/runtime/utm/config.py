@@ -68,6 +68,15 @@ class UssConfig(_Table):
     )
 
 
+class AuthorityConfig(_Table):
+    """An approval authority: one approver that keeps the only database of intents."""
+
+    operators: dict[_NAME, Text] = Field(
+        min_length=1, max_length=1_000, description="Operators that it serves, each with its bearer token."
+    )
+    limits: AuthorityParams = Field(default_factory=AuthorityParams, description="Limits of alternatives.")
+
+
 class DssConfig(_Table):
     """A discovery and synchronization service."""
 
@@ -93,7 +102,7 @@ class ServiceConfig(_Table):
     """One service of a federation."""
 
     name: _NAME = Field(description="Name of the service, as tokens call it.")
-    role: Literal["uss", "dss", "authorization"] = Field(description="What the service is.")
+    role: Literal["uss", "dss", "authorization", "authority"] = Field(description="What the service is.")
     listen: Text = Field(description="Address and port on which it listens.")
     base_url: Text = Field(description="URL at which others reach it.")
     audiences: tuple[Text, ...] = Field(
@@ -109,6 +118,7 @@ class ServiceConfig(_Table):
     uss: UssConfig | None = Field(default=None, description="Settings of the role uss.")
     dss: DssConfig | None = Field(default=None, description="Settings of the role dss.")
     authorization: AuthorizationConfig | None = Field(default=None, description="Settings of the role authorization.")
+    authority: AuthorityConfig | None = Field(default=None, description="Settings of the role authority.")
 
     @field_validator("base_url")
     @classmethod
@@ -121,12 +131,12 @@ class ServiceConfig(_Table):
     def _has_its_role(self) -> ServiceConfig:
         faults = [
             Problem(role, "a table", f"no table, because the role is {self.role!r}")
-            for role in ("uss", "dss", "authorization")
+            for role in ("uss", "dss", "authorization", "authority")
             if role != self.role and getattr(self, role) is not None
         ]
         if getattr(self, self.role) is None:
             faults.append(Problem(self.role, "none", f"a table, because the role is {self.role!r}"))
-        if self.role != "authorization" and self.tokens is None:
+        if self.role in ("uss", "dss") and self.tokens is None:
             faults.append(Problem("tokens", "none", "a table with the keys of an authorization service"))
         if self.role == "uss" and self.tokens is not None and self.tokens.url is None:
             faults.append(Problem("tokens.url", "none", "the token endpoint where the USS gets its own tokens"))

@@ -21,6 +21,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
 
 AUTHORIZATION: Final = "auth"
+AUTHORITY: Final = "authority"
 DSS: Final = "dss"
 _DAYS: Final = 365
 _SCOPES: Final = (
@@ -39,11 +40,8 @@ def write_federation(
     `services`: USSs with the operators of each. The services listen on loopback, from `first_port` on. With `tests`,
     each USS has the interfaces for automated tests. Raises `InputError`.
     """
-    _check(services, first_port)
-    try:
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise InputError.one("utm init", "folder", str(folder), "a folder that does not exist", str(error)) from error
+    _check(services, first_port, len(services) + 2)
+    _make_folder(folder)
     names = [AUTHORIZATION, DSS, *services]
     ports = {name: first_port + number for number, name in enumerate(names)}
     _write_certificates(folder, names)
@@ -66,14 +64,35 @@ def write_federation(
     return written
 
 
-def _check(services: Mapping[str, Sequence[str]], first_port: int) -> None:
+def write_authority(folder: Path, operators: Sequence[str], port: int) -> Path:
+    """Write what an approval authority with some operators needs into a new folder; returns its configuration.
+
+    It listens on loopback. Raises `InputError`.
+    """
+    _check({AUTHORITY: operators}, port, 1)
+    _make_folder(folder)
+    _write_certificates(folder, [AUTHORITY])
+    served = "".join(f'{one} = "{secrets.token_urlsafe(24)}"\n' for one in operators)
+    path = folder / f"{AUTHORITY}.toml"
+    _write_secret(path, f"{_service(AUTHORITY, AUTHORITY, port)}\n[authority.operators]\n{served}".encode())
+    return path
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise InputError.one("utm init", "folder", str(folder), "a folder that does not exist", str(error)) from error
+
+
+def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int) -> None:
     problems = []
     for name, operators in services.items():
         for one in (name, *operators):
             if not ID_PATTERN.match(one) or (one == name and one in (AUTHORIZATION, DSS)):
                 expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
                 problems.append(Problem("--uss", repr(one), expected))
-    if not 1 <= first_port <= 65_535 - len(services) - 1:
+    if not 1 <= first_port <= 65_536 - ports:
         problems.append(Problem("--port", str(first_port), "a port that leaves enough of them for all services"))
     if problems:
         raise InputError("utm init", problems)

@@ -17,16 +17,27 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port, endpoint
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
+from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.utm.agent_host import UNIX, AgentHost
 from skyrange.runtime.utm.authorization import Authorization
-from skyrange.runtime.utm.config import DssConfig, ServiceConfig, TlsConfig, TokenConfig, UssConfig, host_of
+from skyrange.runtime.utm.config import (
+    AuthorityConfig,
+    DssConfig,
+    ServiceConfig,
+    TlsConfig,
+    TokenConfig,
+    UssConfig,
+    host_of,
+)
 from skyrange.runtime.utm.database.engine import open_engine
-from skyrange.runtime.utm.database.journal import Changes, DssJournal, UssJournal
+from skyrange.runtime.utm.database.journal import AuthorityJournal, Changes, DssJournal, UssJournal
 from skyrange.runtime.utm.federation import Inbound, OpenDirectory, Outbound
 from skyrange.runtime.utm.flight_planning import FlightPlanning
 from skyrange.runtime.utm.operators import Operators
 from skyrange.runtime.utm.tokens import TokenClient, TokenRequests, read_private_key, read_public_key
 from skyrange.runtime.utm.web import Routes, WebService
+from skyrange.utm.approval_service import FlightApproval
+from skyrange.utm.authority import Authority
 from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.dss.store import DssStore
 from skyrange.utm.federated.tokens import TokenChecker
@@ -44,7 +55,8 @@ def serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]
 
     Raises `InputError`, `OSError` for an address that cannot be used, and `ComponentError` if a service fails.
     """
-    asyncio.run(_serve(configs, on_ready))
+    with collect_seldom():
+        asyncio.run(_serve(configs, on_ready))
 
 
 async def _serve(configs: Sequence[ServiceConfig], on_ready: Callable[[str, str], None]) -> None:
@@ -85,6 +97,9 @@ async def run_service(config: ServiceConfig) -> AsyncIterator[tuple[str, AgentHo
         if config.authorization is not None:
             key = read_private_key(config.authorization.key, config.name)
             routes.authorization = Authorization(config.authorization, key)
+        elif config.authority is not None:
+            host = _host_authority(config, config.authority, routes, log)
+            close = host.close
         elif config.tokens is not None:
             host, close = _host_agent(config, config.tokens, session, routes, log)
         web = WebService(routes)
@@ -162,6 +177,27 @@ def _host_agent(
         outbound.close()
 
     return host, close
+
+
+def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Routes, log: TextIO | None) -> AgentHost:
+    """The agent of an authority with what carries its frames."""
+    changes = None if config.database is None else Changes(open_engine(config.database, config.name))
+    journal = None if changes is None else AuthorityJournal(changes)
+    accepted = () if journal is None else list(journal.intents())
+    policy = Authority(settings.limits, journal, accepted)
+    agent = FlightApproval(list(settings.operators), UNIX, policy, name=config.name)
+    for intent in accepted:
+        agent.restore(intent.operator, intent.id)
+
+    def deliver(port: Port, payload: bytes, sender: str) -> None:
+        host.deliver(port, payload, sender)
+
+    operators = Operators(settings.operators, deliver, lambda: host.now())
+    host = AgentHost(
+        agent, operators.on_departure, commit=_nothing if changes is None else changes.commit, note=_noter(log)
+    )
+    routes.operators, routes.secrets = operators, settings.operators
+    return host
 
 
 def _make_uss(

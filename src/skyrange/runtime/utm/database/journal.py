@@ -12,6 +12,7 @@ from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabi
 from skyrange.codec.f3548.values import ConstraintReference, IntentReference
 from skyrange.core.volumes import Volume4D
 from skyrange.runtime.utm.database.tables import (
+    AUTHORITY_INTENTS,
     DSS_AVAILABILITIES,
     DSS_CONSTRAINTS,
     DSS_INTENTS,
@@ -115,12 +116,8 @@ class UssJournal:
             "end_ns": reference.end_ns,
             "subscription_id": reference.subscription_id,
             "reference_state": reference.state.value,
-            "operator": intent.operator,
-            "vehicle": intent.vehicle,
-            "priority": intent.priority,
-            "state": intent.state.value,
-            "volumes": json.dumps([_volume_row(one) for one in intent.volumes]),
         }
+        row |= _intent_row(intent)
         self._changes.put(USS_INTENTS, row)
 
     def delete(self, id_: str) -> None:
@@ -135,11 +132,27 @@ class UssJournal:
                 state=OperationalIntentState(row["reference_state"]),
                 subscription_id=row["subscription_id"],
             )
-            volumes = tuple(_volume_of(one) for one in json.loads(row["volumes"]))
-            intent = OperationalIntent(
-                row["id"], row["operator"], row["vehicle"], volumes, row["priority"], IntentState(row["state"])
-            )
-            yield OwnIntent(intent, reference)
+            yield OwnIntent(_intent_of(row), reference)
+
+
+class AuthorityJournal:
+    """The journal of an approval authority."""
+
+    def __init__(self, changes: Changes) -> None:
+        """Its intents become rows of `changes`."""
+        self._changes = changes
+
+    def put(self, intent: OperationalIntent) -> None:
+        """An intent was accepted, or has another version or state."""
+        self._changes.put(AUTHORITY_INTENTS, {"id": intent.id} | _intent_row(intent))
+
+    def delete(self, id_: str) -> None:
+        """An intent is accepted no more."""
+        self._changes.delete(AUTHORITY_INTENTS, id_)
+
+    def intents(self) -> Iterator[OperationalIntent]:
+        """All that the database has."""
+        return map(_intent_of, self._changes.read(AUTHORITY_INTENTS))
 
 
 _TABLES: Final[Mapping[type[Entity], Table]] = {
@@ -158,6 +171,22 @@ _SUBSCRIPTION: Final = (
     "notify_for_operational_intents",
     "notify_for_constraints",
 )
+
+
+def _intent_row(intent: OperationalIntent) -> Row:
+    return {
+        "operator": intent.operator,
+        "vehicle": intent.vehicle,
+        "priority": intent.priority,
+        "state": intent.state.value,
+        "volumes": json.dumps([_volume_row(one) for one in intent.volumes]),
+    }
+
+
+def _intent_of(row: Mapping[str, Any]) -> OperationalIntent:
+    volumes = tuple(_volume_of(one) for one in json.loads(row["volumes"]))
+    state = IntentState(row["state"])
+    return OperationalIntent(row["id"], row["operator"], row["vehicle"], volumes, row["priority"], state)
 
 
 def _reference_row(reference: ConstraintReference) -> Row:

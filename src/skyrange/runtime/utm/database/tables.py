@@ -64,6 +64,20 @@ DSS_AVAILABILITIES: Final = Table(
     Column("state", String(16), nullable=False),
     Column("version", String(_NAME), nullable=False),
 )
+
+
+def _claim() -> list[Column[object]]:
+    return [
+        Column("operator", String(_NAME), nullable=False),
+        Column("vehicle", String(_NAME), nullable=False),
+        Column("priority", Integer, nullable=False),
+        Column("state", String(16), nullable=False),
+        Column("volumes", Text, nullable=False),
+    ]
+
+
+AUTHORITY_INTENTS: Final = Table("authority_intents", METADATA, Column("id", String(_ID), primary_key=True), *_claim())
+"""Intents that an authority has accepted."""
 USS_INTENTS: Final = Table(
     "uss_intents",
     METADATA,
@@ -72,11 +86,7 @@ USS_INTENTS: Final = Table(
     Column("end_ns", BigInteger, nullable=False),
     Column("subscription_id", String(_ID), nullable=False),
     Column("reference_state", String(16), nullable=False),
-    Column("operator", String(_NAME), nullable=False),
-    Column("vehicle", String(_NAME), nullable=False),
-    Column("priority", Integer, nullable=False),
-    Column("state", String(16), nullable=False),
-    Column("volumes", Text, nullable=False),
+    *_claim(),
 )
 """Intents that a USS manages: the reference that the DSS has, and what its operator claims. One that has ended, perhaps
 not yet at the DSS, has the state Ended."""

@@ -20,6 +20,13 @@ _EXTENT = (
     ("start_ns", sa.BigInteger),
     ("end_ns", sa.BigInteger),
 )
+_CLAIM = (
+    ("operator", sa.String(256)),
+    ("vehicle", sa.String(256)),
+    ("priority", sa.Integer),
+    ("state", sa.String(16)),
+    ("volumes", sa.Text),
+)
 _TABLES = {
     "dss_intents": (*_REFERENCE, ("state", sa.String(16)), ("subscription_id", sa.String(64)), *_EXTENT),
     "dss_constraints": (*_REFERENCE, *_EXTENT),
@@ -41,12 +48,9 @@ _TABLES = {
         ("end_ns", sa.BigInteger),
         ("subscription_id", sa.String(64)),
         ("reference_state", sa.String(16)),
-        ("operator", sa.String(256)),
-        ("vehicle", sa.String(256)),
-        ("priority", sa.Integer),
-        ("state", sa.String(16)),
-        ("volumes", sa.Text),
+        *_CLAIM,
     ),
+    "authority_intents": (("id", sa.String(64)), *_CLAIM),
 }
 
 
