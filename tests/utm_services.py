@@ -88,14 +88,17 @@ class Federation:
         assert status == 200, body
         return body
 
+    def secret(self, client: str) -> str:
+        """The secret of a client of the authorization service."""
+        authorization = self.configs["auth"].authorization
+        assert authorization is not None
+        return authorization.clients[client].secret
+
     async def token(self, client: str, scopes: str) -> str:
-        """A token of a USS for services on localhost."""
+        """A token of a client for services on localhost."""
         if (client, scopes) not in self.tokens:
-            tokens = self.configs[client].tokens
-            assert tokens is not None
-            assert tokens.secret is not None
             query = {"grant_type": "client_credentials", "scope": scopes, "intended_audience": "localhost"}
-            headers = {"Authorization": aiohttp.encode_basic_auth(client, tokens.secret)}
+            headers = {"Authorization": aiohttp.encode_basic_auth(client, self.secret(client))}
             status, body = await self.call("auth", "GET", "/token", params=query, headers=headers)
             assert status == 200, body
             self.tokens[client, scopes] = body["access_token"]

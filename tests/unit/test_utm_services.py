@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import ssl
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -261,6 +262,18 @@ def test_no_bytes_stop_a_service(paths: list[Path], data: st.DataObject) -> None
     run(body)
 
 
+def test_certificates_pass_the_strict_checks_of_newer_clients(paths: list[Path]) -> None:
+    async def body() -> None:
+        async with running(paths, only=("auth",)) as federation:
+            context = ssl.create_default_context(cafile=str(paths[0].parent / "ca.crt"))
+            context.verify_flags |= ssl.VERIFY_X509_STRICT  # the default of Python 3.13
+            url = federation.configs["auth"].base_url + "/healthy"
+            async with federation.session.get(url, ssl=context) as response:
+                assert response.status == 200
+
+    run(body)
+
+
 def test_a_body_that_is_too_long_is_refused(paths: list[Path]) -> None:
     async def body() -> None:
         async with running(paths) as federation:
@@ -290,7 +303,7 @@ def flight_plan(start_ns: int, north: float = 0.0, *, usage: str = "Planned", pr
 
 
 async def plan(federation: Federation, service: str, id_: str, body: dict[str, Any] | None) -> tuple[str, str]:
-    token = federation.tokens["test", PLAN]
+    token = await federation.token("uss_qualifier", PLAN)
     method = "DELETE" if body is None else "PUT"
     status, answer = await federation.call(service, method, f"/flight_planning/v1/flight_plans/{id_}", body, token)
     assert status == 200, answer
@@ -300,8 +313,8 @@ async def plan(federation: Federation, service: str, id_: str, body: dict[str, A
 def test_flight_plans_of_automated_tests_are_intents(fresh: list[Path]) -> None:
     async def body() -> None:
         async with running(fresh) as federation:
-            sign_test_tokens(federation, fresh)
-            now_ns, direct = later(-5), federation.tokens["test", DIRECT]
+            now_ns, direct = later(-5), await federation.token("uss_qualifier", DIRECT)
+            plans = await federation.token("uss_qualifier", PLAN)
             status, answer = await federation.call("north", "GET", "/flight_planning/v1/status", token=direct)
             assert (status, answer["status"]) == (200, "Ready")
             one, two = intent_id("one"), intent_id("two")
@@ -316,7 +329,7 @@ def test_flight_plans_of_automated_tests_are_intents(fresh: list[Path]) -> None:
                     service,
                     "GET",
                     "/flight_planning/v1/user_notifications",
-                    token=federation.tokens["test", PLAN],
+                    token=plans,
                     params=query,
                 )
                 assert [note["conflicts"] for note in answer["user_notifications"]] == ["Single"], service
@@ -333,19 +346,37 @@ def test_flight_plans_of_automated_tests_are_intents(fresh: list[Path]) -> None:
     run(body)
 
 
-def sign_test_tokens(federation: Federation, paths: list[Path]) -> None:
-    """Tokens of a test driver, which the authorization service of a federation has no client for."""
-    import time
+def test_an_authorization_service_issues_tokens_to_its_clients_for_their_scopes(paths: list[Path]) -> None:
+    async def body() -> None:
+        async with running(paths) as federation:
+            secret = federation.secret("north")
+            form = {
+                "grant_type": "client_credentials",
+                "client_id": "north",
+                "client_secret": secret,
+                "audience": "localhost",
+                "scope": COORDINATION,
+            }
 
-    from skyrange.runtime.utm.tokens import read_private_key, sign
+            async def ask(**changes: str) -> tuple[int, Any]:
+                url = federation.configs["auth"].base_url + "/token"
+                async with federation.session.post(url, data={**form, **changes}) as response:
+                    return response.status, await response.json()
 
-    key = read_private_key(paths[0].parent / "auth-signing.key", "test")
-    for scope in (PLAN, DIRECT):
-        claims = {
-            "iss": "auth.skyrange",
-            "sub": "test",
-            "aud": "localhost",
-            "scope": scope,
-            "exp": int(time.time()) + 600,
-        }
-        federation.tokens["test", scope] = sign(key, claims)
+            status, body = await ask()
+            assert (status, body["token_type"]) == (200, "Bearer")
+            path = f"/uss/v1/operational_intents/{intent_id('x')}"
+            assert (await federation.call("north", "GET", path, token=body["access_token"]))[0] == 404
+            wrong = {
+                (401, "invalid_client"): {"client_secret": "guess"},
+                (400, "unsupported_grant_type"): {"grant_type": "password"},
+                (400, "invalid_request"): {"audience": ""},
+                (400, "invalid_scope"): {"scope": PLAN},
+            }
+            for (status, error), change in wrong.items():
+                answer = await ask(**change)
+                assert (answer[0], answer[1]["error"]) == (status, error)
+            elsewhere = (await ask(audience="elsewhere"))[1]["access_token"]
+            assert (await federation.call("north", "GET", path, token=elsewhere))[0] == 401
+
+    run(body)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from enum import IntEnum
+from functools import lru_cache
 
 Time = int
 """A moment or a span in integer nanoseconds of simulated time."""
@@ -51,6 +52,7 @@ def ceil_to(time: Time, grid: Time) -> Time:
     return time if grid <= 0 else -(-time // grid) * grid
 
 
+@lru_cache(maxsize=4_096)
 def parse_rfc3339(text: str) -> datetime:
     """A moment in RFC 3339. `ValueError` for other text, and for one without offset or Z."""
     moment = datetime.fromisoformat(text)

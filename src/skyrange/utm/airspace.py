@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import compiled
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.cell_grid import MAX_CELLS, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
+from skyrange.utm.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
 from skyrange.utm.convex import APART, MAX_CORNERS, MEETING, UNDECIDED, compare, is_convex
 
 Floats = NDArray[np.float64]
@@ -66,7 +66,10 @@ _NOWHERE: Final = (math.inf, math.inf, -math.inf, -math.inf)
 
 
 class Airspace:
-    """Volumes of intents by cell of the ground; what is near a query is compared in compiled code. Deep-copyable."""
+    """Volumes of intents by cell of the ground and of time; what is near a query is compared in compiled code.
+
+    Deep-copyable.
+    """
 
     def __init__(self) -> None:
         self._rows: dict[str, list[int]] = {}
@@ -100,7 +103,7 @@ class Airspace:
             self._owners[row], self._outlines[row] = intent, volume.outline
             for own, new in zip(self._solids, given, strict=True):
                 own[row] = new[place]
-            if not self._grid.add(row, given.boxes[place]):
+            if not self._grid.add(row, given.boxes[place], given.times[place]):
                 self._wide[row] = None
 
     def remove(self, intent: str) -> None:
@@ -110,7 +113,7 @@ class Airspace:
             if row in self._wide:
                 del self._wide[row]
             else:
-                self._grid.remove(row, self._solids.boxes[row])
+                self._grid.remove(row, self._solids.boxes[row], self._solids.times[row])
             self._solids.boxes[row] = _NOWHERE
 
     def find_overlaps(self, volumes: Sequence[Volume4D], later_ns: Time = 0, ignored: str = "") -> list[Overlap]:
@@ -184,10 +187,10 @@ def _search(
     for place in range(len(asked.counts)):
         box, lowest, highest = asked.boxes[place], asked.heights[place, 0], asked.heights[place, 1]
         begins, ends = asked.times[place, 0], asked.times[place, 1]
-        if count_cells(box) > MAX_CELLS:
+        if count_cells(box, asked.times[place]) > MAX_WALKED:
             near = np.arange(used)
         else:
-            near = np.concatenate((_rows_near(lists, box, stamps, first + place), wide))
+            near = np.concatenate((_rows_near(lists, box, asked.times[place], stamps, first + place), wide))
         for k in range(len(near)):
             row = near[k]
             if times[row, 0] >= ends or times[row, 1] <= begins:
@@ -210,24 +213,25 @@ def _search(
 
 
 @compiled
-def _rows_near(lists: Lists, box: Floats, stamps: Ints, stamp: int) -> Ints:
-    """Rows in the cells of a box, each once, and perhaps some of other cells."""
+def _rows_near(lists: Lists, box: Floats, times: Ints, stamps: Ints, stamp: int) -> Ints:
+    """Rows in the cells of a box within its times, each once, and perhaps some of other cells."""
     found = np.empty(64, dtype=np.int64)
     count = 0
-    west, south, east, north = cells_of(box)
+    west, south, begin, east, north, end = cells_of(box, times)
     for x in range(west, east + 1):
         for y in range(south, north + 1):
-            chunk = lists.heads[bucket_of(x, y)]
-            while chunk != NONE:
-                for k in range(lists.fills[chunk]):
-                    row = lists.rows[chunk, k]
-                    if stamps[row] != stamp:
-                        stamps[row] = stamp
-                        if count == len(found):
-                            found = np.concatenate((found, found))
-                        found[count] = row
-                        count += 1
-                chunk = lists.following[chunk]
+            for t in range(begin, end + 1):
+                chunk = lists.heads[bucket_of(x, y, t)]
+                while chunk != NONE:
+                    for k in range(lists.fills[chunk]):
+                        row = lists.rows[chunk, k]
+                        if stamps[row] != stamp:
+                            stamps[row] = stamp
+                            if count == len(found):
+                                found = np.concatenate((found, found))
+                            found[count] = row
+                            count += 1
+                    chunk = lists.following[chunk]
     return found[:count]
 
 

@@ -68,7 +68,8 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
     found = [] if delay_ns is None else [(most_s, 0, Alternative(tuple(volumes), delay_ns))]
     changes = [one for one in _changes(volumes, limits) if _cost_s(one) < most_s]
     spare_ns = [from_seconds(min(limits.delay_s, most_s - _cost_s(one))) for one in changes]
-    queries = [Query(_changed(volumes, one), spare) for one, spare in zip(changes, spare_ns, strict=True)]
+    scales = _scales_of(volumes)
+    queries = [Query(_changed(volumes, one, scales), spare) for one, spare in zip(changes, spare_ns, strict=True)]
     best: dict[tuple[bool, bool], float] = {}
     for number, (change, query, overlaps) in enumerate(zip(changes, queries, search(queries), strict=True), 1):
         delay_ns = least_delay(query.volumes, overlaps, query.later_ns)
@@ -151,11 +152,16 @@ def _cost_s(change: _Change) -> float:
     return 2.0 * abs(change.climb_m) / _CLIMB_MPS + 2.0 * math.hypot(change.east_m, change.north_m) / _SPEED_MPS
 
 
-def _changed(volumes: Sequence[Volume4D], change: _Change) -> tuple[Volume4D, ...]:
+def _changed(volumes: Sequence[Volume4D], change: _Change, scales: Sequence[Sequence[float]]) -> tuple[Volume4D, ...]:
     ground_m = min(one.lower_m for one in volumes)
     if change.climb_m:
         return tuple(_raised(one, change.climb_m, ground_m) for one in volumes)
-    return _shifted(volumes, change.east_m, change.north_m, ground_m)
+    return _shifted(volumes, change.east_m, change.north_m, ground_m, scales)
+
+
+def _scales_of(volumes: Sequence[Volume4D]) -> list[list[float]]:
+    """By how much a degree of longitude is shorter at each corner than at the equator."""
+    return [[max(math.cos(math.radians(lat)), 1e-6) for lat, _ in one.outline] for one in volumes]
 
 
 def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
@@ -169,7 +175,9 @@ def _raised(volume: Volume4D, climb_m: float, ground_m: float) -> Volume4D:
     )
 
 
-def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_m: float) -> tuple[Volume4D, ...]:
+def _shifted(
+    volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_m: float, scales: Sequence[Sequence[float]]
+) -> tuple[Volume4D, ...]:
     """The volumes beside; those at the ground stay, and their neighbours reach from the old place to the new one."""
     at_ground = [one.lower_m <= ground_m + _GROUND_M for one in volumes]
     spare_ns = from_seconds(_SPARE_S_PER_M * math.hypot(east_m, north_m))
@@ -177,7 +185,7 @@ def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_
     for place, volume in enumerate(volumes):
         outline = volume.outline
         if not at_ground[place]:
-            outline = _moved(outline, east_m, north_m)
+            outline = _moved(outline, scales[place], east_m, north_m)
             if any(at_ground[max(place - 1, 0) : place + 2]):
                 outline = _hull(outline + volume.outline)
         start_ns, end_ns = volume.start_ns - spare_ns, volume.end_ns + spare_ns
@@ -185,17 +193,13 @@ def _shifted(volumes: Sequence[Volume4D], east_m: float, north_m: float, ground_
     return tuple(found)
 
 
-def _moved(outline: Outline, east_m: float, north_m: float) -> Outline:
+def _moved(outline: Outline, scales: Sequence[float], east_m: float, north_m: float) -> Outline:
     d_lat, east_deg = north_m / _M_PER_DEG, east_m / _M_PER_DEG
-    return tuple(
-        [
-            (
-                min(max(lat + d_lat, -90.0), 90.0),
-                min(max(lng + east_deg / max(math.cos(math.radians(lat)), 1e-6), -180.0), 180.0),
-            )
-            for lat, lng in outline
-        ]
-    )
+    moved = [(lat + d_lat, lng + east_deg / scale) for (lat, lng), scale in zip(outline, scales, strict=True)]
+    lats, lngs = zip(*moved, strict=True)
+    if max(lats) > 90.0 or min(lats) < -90.0 or max(lngs) > 180.0 or min(lngs) < -180.0:
+        moved = [(min(max(lat, -90.0), 90.0), min(max(lng, -180.0), 180.0)) for lat, lng in moved]
+    return tuple(moved)
 
 
 def _hull(corners: Outline) -> Outline:

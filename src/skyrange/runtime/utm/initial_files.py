@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import json
 import os
 import secrets
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,15 @@ AUTHORIZATION: Final = "auth"
 AUTHORITY: Final = "authority"
 DSS: Final = "dss"
 _DAYS: Final = 365
+_TESTERS: Final = ("uss_qualifier", "uss_qualifier_2", "mock_uss")
+"""Clients for `uss_qualifier` of InterUSS, and for the USS that it tests others with."""
+_TEST_SCOPES: Final = (
+    "interuss.flight_planning.direct_automated_test",
+    "interuss.flight_planning.plan",
+    "interuss.versioning.read_system_versions",
+    "utm.inject_test_data",
+    Scope.AvailabilityArbitration.value,
+)
 _SCOPES: Final = (
     Scope.StrategicCoordination,
     Scope.ConformanceMonitoringForSituationalAwareness,
@@ -51,8 +61,9 @@ def write_federation(
     (folder / "auth-signing.pem").write_bytes(public)
     _write_secret(folder / "ovn.key", secrets.token_bytes(32))
     passwords = {name: secrets.token_urlsafe(24) for name in services}
+    testers = {name: secrets.token_urlsafe(24) for name in _TESTERS} if tests else {}
     texts = {
-        AUTHORIZATION: _authorization(ports[AUTHORIZATION], passwords),
+        AUTHORIZATION: _authorization(ports[AUTHORIZATION], passwords, testers),
         DSS: _service(DSS, "dss", ports[DSS]) + _TOKENS + '\n[dss]\nsecret = "ovn.key"\n',
     }
     for name, operators in services.items():
@@ -110,11 +121,16 @@ def _service(name: str, role: str, port: int) -> str:
     )
 
 
-def _authorization(port: int, passwords: Mapping[str, str]) -> str:
-    scopes = ", ".join(f'"{scope.value}"' for scope in _SCOPES)
-    rows = (f'{name} = {{ secret = "{secret}", scopes = [{scopes}] }}\n' for name, secret in passwords.items())
+def _authorization(port: int, passwords: Mapping[str, str], testers: Mapping[str, str]) -> str:
+    scopes = [scope.value for scope in _SCOPES]
+    rows = [_client(name, secret, scopes) for name, secret in passwords.items()]
+    rows += [_client(name, secret, [*scopes, *_TEST_SCOPES]) for name, secret in testers.items()]
     table = '\n[authorization]\nkey = "auth-signing.key"\n\n[authorization.clients]\n'
     return _service(AUTHORIZATION, "authorization", port) + table + "".join(rows)
+
+
+def _client(name: str, secret: str, scopes: Sequence[str]) -> str:
+    return f'{name} = {{ secret = "{secret}", scopes = {json.dumps(scopes)} }}\n'
 
 
 def _uss(name: str, operators: Sequence[str], ports: Mapping[str, int], password: str, *, tests: bool) -> str:
@@ -131,6 +147,7 @@ def _write_certificates(folder: Path, names: Sequence[str]) -> None:
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "skyrange UTM services")])
     authority = _builder(subject, subject, key.public_key())
     authority = authority.add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+    authority = authority.add_extension(_usage(signs_certificates=True), critical=True)
     (folder / "ca.crt").write_bytes(authority.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
     alternatives = x509.SubjectAlternativeName(
         [x509.DNSName("localhost"), x509.IPAddress(ipaddress.ip_address("127.0.0.1"))]
@@ -139,9 +156,28 @@ def _write_certificates(folder: Path, names: Sequence[str]) -> None:
         own = ec.generate_private_key(ec.SECP256R1())
         builder = _builder(x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)]), subject, own.public_key())
         builder = builder.add_extension(alternatives, critical=False)
+        builder = builder.add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        builder = builder.add_extension(_usage(signs_certificates=False), critical=True)
+        signer = x509.AuthorityKeyIdentifier.from_issuer_public_key(key.public_key())
+        builder = builder.add_extension(signer, critical=False)
         certificate = builder.sign(key, hashes.SHA256())
         (folder / f"{name}.crt").write_bytes(certificate.public_bytes(Encoding.PEM))
         _write_key(folder / f"{name}.key", own)
+
+
+def _usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    """What a key is for; strict clients ask for it (RFC 5280, 4.2.1.3)."""
+    return x509.KeyUsage(
+        digital_signature=not signs_certificates,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        encipher_only=False,
+        decipher_only=False,
+    )
 
 
 def _builder(subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey) -> x509.CertificateBuilder:
@@ -154,6 +190,7 @@ def _builder(subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicK
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - timedelta(days=1))
         .not_valid_after(now + timedelta(days=_DAYS))
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
     )
 
 

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final
+from urllib.parse import parse_qsl
 
 import aiohttp
 from aiohttp import web
@@ -84,7 +85,7 @@ class WebService:
             response = await routes.inbound.ask(method, path, _bearer(authorization), parse_body(content))
             return response.status, response.body
         if routes.authorization is not None and path == TOKEN:
-            return routes.authorization.answer(request.query, authorization)
+            return routes.authorization.answer(_fields(request, content), authorization)
         if routes.operators is not None and path.startswith(PATH):
             return await self._ask_operator(routes.operators, method, path, _bearer(authorization), content)
         if routes.planning is not None and path.startswith((flight_planning.PREFIX, flight_planning.VERSIONING_PREFIX)):
@@ -115,6 +116,18 @@ class WebService:
             return answer_version(path.removeprefix(flight_planning.VERSIONING_PREFIX), scopes)
         below = path.removeprefix(flight_planning.PREFIX)
         return await planning.answer(request.method, below, request.query, parse_body(content), scopes)
+
+
+def _fields(request: web.BaseRequest, content: bytes) -> Mapping[str, str]:
+    """The fields of a form, or of the query of a request that has none. Raises `DecodeError`."""
+    if request.method != "POST":
+        return request.query
+    if request.content_type != "application/x-www-form-urlencoded":
+        raise DecodeError("a form is needed (application/x-www-form-urlencoded)")
+    try:
+        return dict(parse_qsl(content.decode(), max_num_fields=32))
+    except ValueError as error:
+        raise DecodeError(f"the form cannot be read: {error}"[:200]) from error
 
 
 def _bearer(header: str) -> str:
