@@ -229,7 +229,7 @@ def test_a_wrong_request_has_the_status_of_the_standard(
     run(body)
 
 
-@settings(max_examples=5, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_no_bytes_stop_a_service(paths: list[Path], data: st.DataObject) -> None:
     async def body() -> None:

@@ -13,6 +13,7 @@ from skyrange.contracts.params import Params
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
 from skyrange.core.time import NS_PER_MS, Epoch, Time
+from skyrange.utm.constraints import Constraint, Publication, claim_of
 from skyrange.utm.contract import (
     ApprovalContext,
     ApprovalDecision,
@@ -31,7 +32,8 @@ class FlightApproval:
     """The flight approval as an agent.
 
     Notes: `decision.approval_accepted`, `decision.approval_rejected`, `decision.approval_ended` and
-    `decision.approval_overruled` about the vehicle, with the request as cause; `decision.approval_bad_request` about
+    `decision.approval_overruled` about the vehicle, with the request as cause; `decision.approval_constraint` about
+    itself, {constraint, overruled}; `decision.approval_bad_request` about
     the operator, at its 1st, 2nd, 4th, 8th …
     """
 
@@ -43,14 +45,18 @@ class FlightApproval:
         *,
         service_ns: Time = SERVICE_NS,
         name: str = APPROVAL,
+        constraints: Sequence[Constraint] = (),
     ) -> None:
-        """`policy` decides for all `operators`, each on its own link `approval:<operator>`."""
+        """`policy` decides for all `operators`, each on its own link `approval:<operator>`, and on `constraints` when
+        they are published.
+        """
         self.name = name
         self.service_ns = service_ns
         self.ports: Sequence[Port] = tuple(Port(APPROVAL, link_name("approval", operator)) for operator in operators)
         self._book = RequestBook(list(zip(operators, self.ports, strict=True)))
         self._epoch = epoch
         self._policy = policy
+        self._publication = Publication(constraints)
 
     @property
     def bad_frames(self) -> dict[str, int]:
@@ -62,12 +68,14 @@ class FlightApproval:
         self._book.restore(operator, intent)
 
     def next_wakeup(self) -> Time | None:
-        """It acts on mail only."""
-        return None
+        """When the next constraint is published; otherwise it acts on mail."""
+        return self._publication.due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
-        """Answer every request that arrived."""
+        """Take constraints into account that are published, and answer every request that arrived."""
         out = Outbox()
+        for constraint in self._publication.take(now):
+            apply_constraint(now, self.name, constraint, self._policy, self._book, self._epoch, out)
         for arrival in inbox:
             self._answer(now, arrival, out)
         return out
@@ -76,6 +84,22 @@ class FlightApproval:
         asked = self._book.read(arrival, out)
         if asked is not None:
             decide_request(now, asked, self._policy, self._book, self._epoch, out)
+
+
+def apply_constraint(
+    now: Time,
+    approval: str,
+    constraint: Constraint,
+    policy: ApprovalPolicy,
+    book: RequestBook,
+    epoch: Epoch,
+    out: Outbox,
+) -> None:
+    """Have a policy take a constraint into account; tell those whose intents it closes."""
+    decision = policy.decide(now, claim_of(constraint.id, constraint.name, [constraint.volume]))
+    data: dict[str, Scalar] = {"constraint": constraint.name, "overruled": len(decision.overruled)}
+    out.note("decision.approval_constraint", approval, data)
+    tell_overruled(decision, book, epoch, (), out)
 
 
 def decide_request(
@@ -100,19 +124,21 @@ def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:
 def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestBook, epoch: Epoch, out: Outbox) -> None:
     """Answer a request for an intent, and tell those whose intents the decision overrules."""
     note_decision(asked, decision, out)
-    tell_overruled(decision, book, epoch, asked.cause, out)
+    tell_overruled(decision, book, epoch, (asked.cause,), out)
     body = asked.request.body
     version = None if isinstance(body, EndBody) else body.version
     book.answer(asked, encode_decision(body.id, decision, epoch, version), out)
 
 
-def tell_overruled(overruling: ApprovalDecision, book: RequestBook, epoch: Epoch, cause: FrameId, out: Outbox) -> None:
+def tell_overruled(
+    overruling: ApprovalDecision, book: RequestBook, epoch: Epoch, causes: tuple[FrameId, ...], out: Outbox
+) -> None:
     """Tell the operators of `book` whose intents a decision has overruled."""
     for one in overruling.overruled:
         if one.operator in book.operators:
             decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
-            out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, (cause,))
-            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=True), cause, out)
+            out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, causes)
+            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=True), causes, out)
 
 
 def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:
@@ -131,7 +157,9 @@ def policy_plugin(params: type[Params], make: Callable[[Any], ApprovalPolicy], a
     """An approval that is one service, of an object that decides: `make(params)` returns an `ApprovalPolicy`."""
 
     def serve(given: Params, context: ApprovalContext) -> ApprovalService:
-        service = FlightApproval(context.operators, context.epoch, make(given), name=context.name)
+        service = FlightApproval(
+            context.operators, context.epoch, make(given), name=context.name, constraints=context.constraints
+        )
         return ApprovalService([service])
 
     return ApprovalPlugin(params, serve, about, policy=make)

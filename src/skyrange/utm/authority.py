@@ -17,6 +17,7 @@ from skyrange.contracts.params import Number, Params
 from skyrange.core.time import Time
 from skyrange.utm.alternatives import Limits
 from skyrange.utm.approval_service import policy_plugin
+from skyrange.utm.constraints import is_constraint
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent, overruled_by, version_number
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
@@ -116,6 +117,8 @@ class Authority:
             return ApprovalDecision(accepted=False, reason=problem)
         if request.state in OFF_NOMINAL:
             return self._accept(request, ())
+        if is_constraint(request):
+            return self._accept(request, self._register.find_lower(request))
         found = self._register.examine(request, offers=offers)
         if found.reason:
             return ApprovalDecision(accepted=False, reason=found.reason, alternatives=found.alternatives)

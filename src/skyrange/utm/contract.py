@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
     from skyrange.core.time import Epoch
+    from skyrange.utm.constraints import Constraint
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +115,8 @@ class ApprovalContext:
     chance: Chance
     city: City | None = None
     """The buildings, if there are any."""
+    constraints: Sequence[Constraint] = ()
+    """Areas that are closed to flight."""
 
     def port(self, operator: str) -> Port:
         """Where the requests of an operator arrive, and the answers leave. Each belongs to exactly one agent."""
@@ -145,7 +148,10 @@ class ApprovalPlugin(Plugin[ApprovalContext, ApprovalService]):
 
 def overruled_by(higher: OperationalIntent, other: OperationalIntent) -> Overruled:
     """That `higher` overlaps `other`, which has a lower priority."""
+    closes = higher.vehicle.startswith("constraint ")
     reason = f"{higher.vehicle}, of priority {higher.priority}, has claimed a part of it"
+    if closes:
+        reason = f"{higher.vehicle} closes a part of it"
     in_flight = other.state is IntentState.ACTIVATED
     return Overruled(other.id, other.operator, other.vehicle, reason, in_flight)
 

@@ -83,8 +83,15 @@ class IntentRegister:
             blocking = [one for one in blocking if one.intent not in present]
         if blocking:
             return Examination(self._describe(blocking), tuple(self._offer(request)) if offers else ())
+        return Examination(outranked=tuple(self._lower(overlaps, request)))
+
+    def find_lower(self, intent: OperationalIntent) -> list[OperationalIntent]:
+        """The intents that an intent overlaps and outranks, by id."""
+        return self._lower(self._airspace.find_overlaps(intent.volumes, ignored=intent.id), intent)
+
+    def _lower(self, overlaps: Sequence[Overlap], request: OperationalIntent) -> list[OperationalIntent]:
         lower = sorted({one.intent for one in overlaps if not self._blocks(one, request)})
-        return Examination(outranked=tuple(self._intents[id_] for id_ in lower))
+        return [self._intents[id_] for id_ in lower]
 
     def _blocks(self, overlap: Overlap, request: OperationalIntent) -> bool:
         other = self._intents[overlap.intent]

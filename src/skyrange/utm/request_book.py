@@ -100,10 +100,10 @@ class RequestBook:
             self._owners.pop(forgotten, None)
         out.send(self._port_of[operator], payload, (asked.cause,))
 
-    def retract(self, operator: str, intent: str, payload: bytes, cause: FrameId, out: Outbox) -> None:
+    def retract(self, operator: str, intent: str, payload: bytes, causes: tuple[FrameId, ...], out: Outbox) -> None:
         """Send the frame of a response that nobody asked for, and forget the answer that it takes back."""
         self._answers[operator].pop(intent, None)
-        out.send(self._port_of[operator], payload, (cause,))
+        out.send(self._port_of[operator], payload, causes)
 
     def _refuse(self, operator: str, arrival: Arrival, response: Response, out: Outbox) -> None:
         count = self.bad_frames[operator] = self.bad_frames[operator] + 1

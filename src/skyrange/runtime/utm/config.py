@@ -62,6 +62,9 @@ class UssConfig(_Table):
     peers: tuple[Text, ...] = Field(
         default=(), description="Base URLs of other USSs that it may call; every one that the DSS names if empty."
     )
+    constraints: bool = Field(
+        default=True, description="Whether it asks for constraints and keeps flights out of them."
+    )
     flight_planning: bool = Field(
         default=False,
         description="Whether it has the interfaces of InterUSS for automated tests: flight planning and versioning.",

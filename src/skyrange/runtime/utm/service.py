@@ -226,6 +226,7 @@ def _make_uss(
         UNIX,
         journal,
         () if journal is None else journal.intents(),
+        settings.constraints,
     )
 
 

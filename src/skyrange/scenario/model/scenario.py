@@ -29,6 +29,7 @@ from skyrange.radio.control_link.params import BaseStation, CellularParams, Wifi
 from skyrange.scenario.model.attacks import ActTable, AttackTable, FaultTable, When
 from skyrange.scenario.model.autopilots import Autopilots
 from skyrange.scenario.model.base import FileName, Model, Number, Whole, items, refuse, wrong
+from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.defences import DefenceCost, DefenceTable
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
@@ -288,6 +289,9 @@ class Scenario(Model):
         default_factory=dict,
         description="Parameters of approval services, by kind, such as approvals.authority. One service of a kind "
         "serves all operators that use the kind. Default: the defaults of each kind.",
+    )
+    constraints: tuple[ConstraintTable, ...] = Field(
+        default=(), description="Areas that are closed to flight; default: none."
     )
     attacks: tuple[AttackTable, ...] = Field(default=(), description="Attacks; default: none.")
     faults: tuple[FaultTable, ...] = Field(default=(), description="Benign faults; default: none.")

@@ -20,6 +20,8 @@ LATENCY_NS: Final = 20 * NS_PER_MS
 """Of the links between services, unless the scenario has another channel for them."""
 DSS: Final = "dss"
 """Name of the DSS."""
+AIRSPACE: Final = "airspace"
+"""Name of the constraint manager."""
 
 
 class FederatedParams(AuthorityParams):
@@ -37,6 +39,7 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
     """The DSS, the USSs and their links. Raises `InputError` for services that do not fit the scenario."""
     services = _assign(params, context)
     try:
+        from skyrange.utm.federated.constraint_manager import ConstraintManager
         from skyrange.utm.federated.dss.service import Dss
         from skyrange.utm.federated.tokens import TokenChecker, TokenStore, public_of
         from skyrange.utm.federated.uss.directory import KnownPeers, Peer
@@ -45,7 +48,7 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
         hint = "pip install 'skyrange[utm]'"
         raise ComponentError(context.name, f"{error.name} is not installed", hint) from error
 
-    names = [DSS, *services]
+    names = [DSS, *services, *([AIRSPACE] if context.constraints else [])]
     links = {
         pair: LinkSpec(
             link_name("uss", "~".join(pair)),
@@ -65,7 +68,12 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
 
     secret = _secret(context, "authorization")
     public = public_of(secret)
-    ports = [port(DSS, name) for name in services]
+    ports = [port(DSS, name) for name in names if name != DSS]
+
+    def peers(name: str) -> KnownPeers:
+        others = (other for other in names if other not in (DSS, name))
+        return KnownPeers({base_url(other): Peer(other, port(name, other)) for other in others})
+
     checker = TokenChecker(frozenset({DSS}), (public,), context.epoch)
     agents: list[Agent] = [Dss(f"{context.name}.{DSS}", ports, checker, _secret(context, "OVN"), context.epoch)]
     for name, operators in services.items():
@@ -75,11 +83,25 @@ def make(params: FederatedParams, context: ApprovalContext) -> ApprovalService:
                 name,
                 [(operator, context.port(operator)) for operator in operators],
                 Peer(DSS, port(name, DSS)),
-                KnownPeers({base_url(other): Peer(other, port(name, other)) for other in services if other != name}),
+                peers(name),
                 base_url(name),
                 TokenStore(name, secret, context.epoch),
                 TokenChecker(frozenset({name}), (public,), context.epoch),
                 params.limits,
+                context.epoch,
+                constraints=bool(context.constraints),
+            )
+        )
+    if context.constraints:
+        agents.append(
+            ConstraintManager(
+                f"{context.name}.{AIRSPACE}",
+                Peer(DSS, port(AIRSPACE, DSS)),
+                peers(AIRSPACE),
+                base_url(AIRSPACE),
+                TokenStore(AIRSPACE, secret, context.epoch),
+                TokenChecker(frozenset({AIRSPACE}), (public,), context.epoch),
+                context.constraints,
                 context.epoch,
             )
         )
@@ -93,8 +115,10 @@ def _assign(params: FederatedParams, context: ApprovalContext) -> dict[str, tupl
     served: dict[str, str] = {}
     for name, operators in params.services.items():
         where = f"services.{name}"
-        if not ID_PATTERN.match(name) or name == DSS:
-            problems.append(Problem(where, repr(name), f"a name of letters, digits, - and _, other than {DSS!r}"))
+        if not ID_PATTERN.match(name) or name in (DSS, AIRSPACE):
+            problems.append(
+                Problem(where, repr(name), f"a name of letters, digits, - and _, other than {DSS!r} and {AIRSPACE!r}")
+            )
         if not operators:
             problems.append(Problem(where, "[]", "at least one operator"))
         for operator in operators:
@@ -106,7 +130,7 @@ def _assign(params: FederatedParams, context: ApprovalContext) -> dict[str, tupl
                 problems.append(Problem(where, repr(operator), expected))
             served.setdefault(operator, name)
     for operator in known:
-        if operator not in served and (operator == DSS or operator in params.services):
+        if operator not in served and (operator in (DSS, AIRSPACE) or operator in params.services):
             expected = f"a USS for operator {operator!r}: its name is that of another service"
             problems.append(Problem("services", "none", expected, f"services = {{ uss-{operator} = ['{operator}'] }}"))
     if problems:

@@ -19,8 +19,9 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
-from skyrange.utm.approval_service import decide_request, tell_overruled
+from skyrange.utm.approval_service import apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
+from skyrange.utm.constraints import Constraint, Publication
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
 from skyrange.utm.hashgraph.messages import MAX_EVENTS, EventMessage, Gossip, GossipBody, decode, encode
@@ -63,6 +64,7 @@ class HashgraphNode:
         epoch: Epoch,
         chance: Chance,
         gossip_ns: Time,
+        constraints: Sequence[Constraint] = (),
     ) -> None:
         """`peers`: the port to each other member."""
         self.name = name
@@ -97,12 +99,13 @@ class HashgraphNode:
         self._clock: Time = 0
         self._due: Time | None = None
         self._told: set[str] = set()
+        self._publication = Publication(constraints)
 
     # --- the agent -----------------------------------------------------------------------------------------
 
     def next_wakeup(self) -> Time | None:
-        """When it calls another member next."""
-        return self._due
+        """When it calls another member next, or a constraint is published."""
+        return self._publication.due if self._due is None else self._due
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Read requests and gossip, call a member if it is time, and answer what is decided."""
@@ -114,7 +117,7 @@ class HashgraphNode:
                     self._waiting.append((asked, now))
             else:
                 self._on_gossip(now, arrival, out)
-        if self._is_busy:
+        if self._is_busy(now):
             if self._due is None:
                 self._due = now
         else:
@@ -124,10 +127,10 @@ class HashgraphNode:
             self._due = now + self._gossip_ns
         return out
 
-    @property
-    def _is_busy(self) -> bool:
-        """Whether there is a request whose order is not final."""
-        return bool(self._waiting) or self._undecided > 0
+    def _is_busy(self, now: Time) -> bool:
+        """Whether the order of a request is not final, or the consensus time has not reached a published constraint."""
+        published = self._publication.due
+        return bool(self._waiting) or self._undecided > 0 or (published is not None and published <= now)
 
     # --- gossip --------------------------------------------------------------------------------------------
 
@@ -218,6 +221,8 @@ class HashgraphNode:
             event, round_, time = ordered[self._applied]
             self._applied += 1
             self._clock = max(self._clock, time)
+            for constraint in self._publication.take(self._clock):
+                apply_constraint(self._clock, self.name, constraint, self._authority, self._book, self._epoch, out)
             for payload in event.transactions:
                 self._undecided -= 1
                 self._decide(now, event.creator, payload, round_, cause, out)
@@ -251,7 +256,7 @@ class HashgraphNode:
                 self._authority.end(self._clock, body.id)
             return
         decision = self._authority.follow(self._clock, request.intent(self._epoch))
-        tell_overruled(decision, self._book, self._epoch, cause, out)
+        tell_overruled(decision, self._book, self._epoch, (cause,), out)
 
 
 def make_membership(stakes: Mapping[str, int], secrets: Mapping[str, bytes]) -> Membership:

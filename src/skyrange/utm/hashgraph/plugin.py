@@ -48,7 +48,9 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
     if problems:
         raise InputError(context.name, problems)
     if len(operators) == 1:
-        return ApprovalService([FlightApproval(operators, context.epoch, Authority(params), name=context.name)])
+        authority = Authority(params)
+        agent = FlightApproval(operators, context.epoch, authority, name=context.name, constraints=context.constraints)
+        return ApprovalService([agent])
     from skyrange.utm.hashgraph.node import HashgraphNode, make_membership
     from skyrange.utm.hashgraph.signatures import secret_of
 
@@ -83,6 +85,7 @@ def make(params: HashgraphParams, context: ApprovalContext) -> ApprovalService:
                 context.epoch,
                 context.chance,
                 from_seconds(params.gossip_s),
+                context.constraints,
             )
         )
     return ApprovalService(nodes, links)

@@ -1,4 +1,4 @@
-"""Requests of other services to a USS: details of its intents, and notifications of theirs."""
+"""Requests of other services to a USS: details of its intents, and notifications of their intents and constraints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Final
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 from uas_standards.astm.f3548.v21.constants import Scope
 
-from skyrange.codec.f3548.values import IntentDetails, IntentReference
+from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference, volumes_of
 from skyrange.contracts.mailboxes import Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
@@ -24,6 +24,8 @@ SERVES: Final[Mapping[Op, frozenset[Scope]]] = {
     Op.GetOperationalIntentDetails: _COORDINATION | _MONITORING,
     Op.GetOperationalIntentTelemetry: _MONITORING,
     Op.NotifyOperationalIntentDetailsChanged: _COORDINATION | _MONITORING,
+    Op.NotifyConstraintDetailsChanged: frozenset({Scope.ConstraintManagement}),
+    Op.GetConstraintDetails: frozenset({Scope.ConstraintProcessing, Scope.ConstraintManagement}),
     Op.MakeUssReport: frozenset(Scope),
 }
 """The operations of the standard that a USS has, and the scopes of which a token has to have one."""
@@ -84,6 +86,33 @@ class PeerRequests:
         self.server.answer(asked, 204, None, out)
         return self.intents.get(id_)
 
+    def _get_constraint(self, now: Time, asked: Asked, out: Outbox) -> None:
+        """A USS of operators manages no constraints."""
+        self.server.answer(asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, out)
+
+    def _be_told_of_constraint(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
+        """A constraint manager has a new version of a constraint, or has ended it."""
+        id_, body = asked.body["constraint_id"], asked.body.get("constraint")
+        known, manager = self.intents.other(id_), asked.claims.uss
+        if known is not None and known.manager != manager:
+            self.server.answer(asked, 403, {"message": "the constraint is managed by another USS"}, out)
+            return None
+        if body is None:
+            self.intents.lose(id_)
+            self.server.answer(asked, 204, None, out)
+            return None
+        try:
+            reference = ConstraintReference.of(body["reference"], self.epoch)
+            if (reference.id, reference.manager) != (id_, manager):
+                raise DecodeError("the reference is that of another constraint, or of another USS")
+            if known is None or known.version < reference.version:
+                self.intents.learn_constraint(reference, volumes_of(body["details"]["volumes"], self.epoch))
+        except DecodeError as error:
+            self.server.answer(asked, 400, {"message": str(error)}, out)
+            return None
+        self.server.answer(asked, 204, None, out)
+        return self.intents.get(id_)
+
     def _be_reported(self, now: Time, asked: Asked, out: Outbox) -> None:
         self.server.answer(asked, 201, file_report("decision.uss_report", now, asked, out), out)
 
@@ -93,5 +122,7 @@ _HANDLERS: Final[Mapping[Op, _Handler]] = {
     Op.GetOperationalIntentDetails: PeerRequests._get_details,
     Op.GetOperationalIntentTelemetry: PeerRequests._get_telemetry,
     Op.NotifyOperationalIntentDetailsChanged: PeerRequests._be_notified,
+    Op.NotifyConstraintDetailsChanged: PeerRequests._be_told_of_constraint,
+    Op.GetConstraintDetails: PeerRequests._get_constraint,
     Op.MakeUssReport: PeerRequests._be_reported,
 }

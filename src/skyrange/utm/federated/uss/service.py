@@ -17,7 +17,7 @@ from uas_standards.astm.f3548.v21.api import UssAvailabilityState
 from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, decode
-from skyrange.codec.f3548.values import IntentDetails, IntentReference, volume_body
+from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference, volume_body, volumes_of
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
@@ -68,8 +68,12 @@ class Uss:
         epoch: Epoch,
         journal: IntentJournal | None = None,
         own: Iterable[OwnIntent] = (),
+        constraints: bool = False,
     ) -> None:
-        """`uss` is what tokens call it; `base_url` where others reach it; `own` what it managed before a restart."""
+        """`uss` is what tokens call it; `base_url` where others reach it; `own` what it managed before a restart.
+
+        `constraints` says whether it has the role of constraint processing.
+        """
         self.name = name
         self.uss = uss
         self.service_ns = SERVICE_NS
@@ -90,6 +94,7 @@ class Uss:
         self._caller = Caller()
         self._intents = SharedIntents(limits, epoch, journal or NoJournal())
         self._peer_requests = PeerRequests(self._server, self._intents, epoch)
+        self._processes_constraints = constraints
         self._queue = TaskQueue()
         self._task: Task | None = None
         for one in own:
@@ -162,7 +167,7 @@ class Uss:
         if self._task is not None:
             self._task.relevant[intent.id] = None
         overruled = self._overrule(intent, (asked.ref,))
-        tell_overruled(ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch, asked.ref, out)
+        tell_overruled(ApprovalDecision(accepted=True, overruled=overruled), self._book, self._epoch, (asked.ref,), out)
 
     def _overrule(self, intent: OperationalIntent, causes: Refs) -> tuple[Overruled, ...]:
         """End the own intents that an intent outranks, but for those in flight."""
@@ -197,8 +202,17 @@ class Uss:
         elif intent.state in OFF_NOMINAL:
             self._put(now, task, out)
         else:
-            area = {"area_of_interest": volume_body(self._area(task), self._epoch)}
-            self._call_dss(now, task, Op.QueryOperationalIntentReferences, {}, area, out)
+            task.listed.clear()
+            for operation in self._queries:
+                area = {"area_of_interest": volume_body(self._area(task), self._epoch)}
+                self._call_dss(now, task, operation, {}, area, out)
+
+    @property
+    def _queries(self) -> Sequence[Op]:
+        """What it asks the DSS for."""
+        if self._processes_constraints:
+            return (Op.QueryOperationalIntentReferences, Op.QueryConstraintReferences)
+        return (Op.QueryOperationalIntentReferences,)
 
     def _area(self, task: Task) -> Volume4D:
         return reach(task.intent.volumes, self._limits)
@@ -212,7 +226,7 @@ class Uss:
         if task is None:
             return  # its task was given up
         task.causes = (*task.causes[:1], reply.ref)
-        if call.operation is Op.GetOperationalIntentDetails:
+        if call.operation in _DETAILS:
             self._on_details(now, task, reply, out)
         elif reply.status in (200, 201):
             _ACCEPTED[call.operation](self, now, task, reply, out)
@@ -234,7 +248,15 @@ class Uss:
 
     def _on_references(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         """The DSS has told what may be in the way."""
-        found = [IntentReference.of(one, self._epoch) for one in reply.body.get("operational_intent_references", ())]
+        if reply.call.operation is Op.QueryConstraintReferences:
+            rows = reply.body.get("constraint_references", ())
+            task.listed[reply.call.operation] = [ConstraintReference.of(one, self._epoch) for one in rows]
+        else:
+            rows = reply.body.get("operational_intent_references", ())
+            task.listed[reply.call.operation] = [IntentReference.of(one, self._epoch) for one in rows]
+        if len(task.listed) < len(self._queries):
+            return
+        found = [one for operation in self._queries for one in task.listed[operation]]
         self._intents.lose_all_but((one.id for one in found), [self._area(task)])
         for one in found:
             if one.manager == self.uss:
@@ -243,8 +265,8 @@ class Uss:
                 self._inquire(now, task, one, out)
         self._decide_if_told(now, task, out)
 
-    def _inquire(self, now: Time, task: Task, reference: IntentReference, out: Outbox) -> None:
-        """Ask the managing USS what an intent claims, unless the version is known."""
+    def _inquire(self, now: Time, task: Task, reference: ConstraintReference, out: Outbox) -> None:
+        """Ask the managing USS what an intent claims or a constraint closes, unless the version is known."""
         known = self._intents.other(reference.id)
         task.relevant[reference.id] = None
         if known is not None and (known.version, known.manager) == (reference.version, reference.manager):
@@ -253,9 +275,11 @@ class Uss:
         if peer is None:
             self._assume(task, reference)
             return
-        token = self._tokens.get(now, peer.name, Scope.StrategicCoordination.value)
+        is_intent = isinstance(reference, IntentReference)
+        scope = Scope.StrategicCoordination if is_intent else Scope.ConstraintProcessing
+        token = self._tokens.get(now, peer.name, scope.value)
         parameters = {"entityid": reference.id}
-        operation = Op.GetOperationalIntentDetails
+        operation = Op.GetOperationalIntentDetails if is_intent else Op.GetConstraintDetails
         exchange = self._caller.call(now, peer.name, peer.port, token, operation, parameters, None, task.causes, out)
         task.awaited[exchange] = reference
 
@@ -265,11 +289,7 @@ class Uss:
             return
         if reply.status == 200:
             try:
-                body = reply.body["operational_intent"]
-                told = IntentReference.of(body["reference"], self._epoch)
-                if (told.id, told.manager) != (reference.id, reference.manager):
-                    raise DecodeError("the details are those of another intent")
-                self._intents.learn(told, IntentDetails.of(body["details"], self._epoch))
+                self._learn(reference, reply)
             except DecodeError as error:
                 self._note_failure(reference.manager, f"details: {error}", (reply.ref,), out)
                 self._assume(task, reference)
@@ -281,10 +301,26 @@ class Uss:
             self._assume(task, reference)
         self._decide_if_told(now, task, out)
 
-    def _assume(self, task: Task, reference: IntentReference) -> None:
+    def _learn(self, reference: ConstraintReference, reply: Reply) -> None:
+        """Know the details of an intent or a constraint. Raises `DecodeError`."""
+        is_intent = isinstance(reference, IntentReference)
+        body = reply.body["operational_intent" if is_intent else "constraint"]
+        kind = IntentReference if is_intent else ConstraintReference
+        told = kind.of(body["reference"], self._epoch)
+        if (told.id, told.manager) != (reference.id, reference.manager):
+            raise DecodeError("the details are those of another one")
+        if isinstance(told, IntentReference):
+            self._intents.learn(told, IntentDetails.of(body["details"], self._epoch))
+        else:
+            self._intents.learn_constraint(told, volumes_of(body["details"]["volumes"], self._epoch))
+
+    def _assume(self, task: Task, reference: ConstraintReference) -> None:
         """Suppose what an intent claims whose USS does not tell: nothing if that is down and nobody flies, else the
-        whole area.
+        whole area; and that a constraint closes the whole area.
         """
+        if not isinstance(reference, IntentReference):
+            self._intents.assume_constraint(reference, self._area(task))
+            return
         is_down = reference.uss_availability is UssAvailabilityState.Down
         if is_down and reference.state is State.Accepted:
             task.relevant.pop(reference.id, None)
@@ -313,7 +349,7 @@ class Uss:
             if own is None
             else intent.state.value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
-            "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": False},
+            "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
         operation = Op.CreateOperationalIntentReference if own is None else Op.UpdateOperationalIntentReference
         self._call_dss(now, task, operation, {} if own is None else {"ovn": own.ovn}, body, out)
@@ -349,7 +385,11 @@ class Uss:
         if task.conflicts > MAX_CONFLICTS:
             self._fail(now, task, "others claim airspace there all the time", out)
             return
-        missing = [IntentReference.of(one, self._epoch) for one in reply.body.get("missing_operational_intents") or ()]
+        intents, constraints = (
+            reply.body.get(name) or () for name in ("missing_operational_intents", "missing_constraints")
+        )
+        missing: list[ConstraintReference] = [IntentReference.of(one, self._epoch) for one in intents]
+        missing += [ConstraintReference.of(one, self._epoch) for one in constraints]
         data: dict[str, Scalar] = {"intent": task.intent.id, "missing": len(missing)}
         out.note("decision.uss_conflict", task.intent.vehicle, data, (reply.ref,))
         if not missing:
@@ -369,7 +409,7 @@ class Uss:
         self._note_failure(name, problem, call.causes, out)
         if task is None or call.operation is Op.NotifyOperationalIntentDetailsChanged:
             return
-        if call.operation is Op.GetOperationalIntentDetails:
+        if call.operation in _DETAILS:
             reference = task.awaited.pop(call.exchange, None)
             if reference is not None:
                 self._assume(task, reference)
@@ -405,8 +445,10 @@ class Uss:
         self, now: Time, task: Task, operation: Op, more: Mapping[str, str], body: Mapping[str, Any] | None, out: Outbox
     ) -> None:
         off_nominal = task.intent.state in OFF_NOMINAL
-        scope = Scope.ConformanceMonitoringForSituationalAwareness if off_nominal else Scope.StrategicCoordination
-        token = self._tokens.get(now, self._dss.name, scope.value)
+        scopes = [Scope.ConformanceMonitoringForSituationalAwareness if off_nominal else Scope.StrategicCoordination]
+        if self._processes_constraints:
+            scopes.append(Scope.ConstraintProcessing)
+        token = self._tokens.get(now, self._dss.name, *(scope.value for scope in scopes))
         parameters = {"entityid": task.intent.id, **more}
         self._caller.call(now, self._dss.name, self._dss.port, token, operation, parameters, body, task.causes, out)
 
@@ -429,9 +471,11 @@ class Uss:
         out.note("decision.uss_failed", about, {"reason": reason[:256]}, causes)
 
 
+_DETAILS: Final = frozenset({Op.GetOperationalIntentDetails, Op.GetConstraintDetails})
 _Accepted = Callable[[Uss, Time, Task, Reply, Outbox], None]
 _ACCEPTED: Final[Mapping[Op, _Accepted]] = {
     Op.QueryOperationalIntentReferences: Uss._on_references,
+    Op.QueryConstraintReferences: Uss._on_references,
     Op.CreateOperationalIntentReference: Uss._on_accepted,
     Op.UpdateOperationalIntentReference: Uss._on_accepted,
     Op.DeleteOperationalIntentReference: Uss._on_deleted,

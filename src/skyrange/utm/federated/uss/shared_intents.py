@@ -6,11 +6,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple, Protocol
 
-from skyrange.codec.f3548.values import IntentDetails, IntentReference
+from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.alternatives import Limits
+from skyrange.utm.constraints import claim_of
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.intent_register import Examination, IntentRegister
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
@@ -58,7 +59,8 @@ class SharedIntents:
         """`limits` of the alternatives that are offered; `journal` is told of own intents."""
         self.own: dict[str, IntentReference] = {}
         """References of the intents that it manages, as the DSS has accepted them."""
-        self._others: dict[str, IntentReference] = {}
+        self._others: dict[str, ConstraintReference] = {}
+        """References of the intents and constraints of others."""
         self._register = IntentRegister(limits)
         self._epoch = epoch
         self._journal = journal
@@ -74,8 +76,8 @@ class SharedIntents:
         """What an intent claims, if it is known."""
         return self._register.get(id_)
 
-    def other(self, id_: str) -> IntentReference | None:
-        """The reference of an intent of another USS."""
+    def other(self, id_: str) -> ConstraintReference | None:
+        """The reference of an intent or a constraint of another USS."""
         return self._others.get(id_)
 
     @property
@@ -138,6 +140,17 @@ class SharedIntents:
             OperationalIntent(reference.id, reference.manager, vehicle, volumes, details.priority, state)
         )
 
+    def learn_constraint(self, reference: ConstraintReference, volumes: Sequence[Volume4D]) -> None:
+        """Know a version of a constraint. Raises `DecodeError` for one without volumes."""
+        if not volumes:
+            raise DecodeError("a constraint without volumes")
+        self._others[reference.id] = reference
+        self._register.put(claim_of(reference.id, reference.id[:8], volumes))
+
+    def assume_constraint(self, reference: ConstraintReference, area: Volume4D) -> None:
+        """Suppose that a constraint closes `area`, because its manager does not tell."""
+        self.learn_constraint(replace(reference, version=UNKNOWN_VERSION), [area])
+
     def assume(self, reference: IntentReference, area: Volume4D, priority: int) -> None:
         """Suppose that an intent claims `area`, because its USS does not tell; it is asked again the next time."""
         self.learn(replace(reference, version=UNKNOWN_VERSION), IntentDetails((area,), (), priority))
@@ -157,7 +170,7 @@ class SharedIntents:
     # --- what is told --------------------------------------------------------------------------------------
 
     def key(self, ids: Iterable[str]) -> list[str]:
-        """The OVNs of the versions of intents that are known."""
+        """The OVNs of the versions of intents and constraints that are known."""
         known = (self.own.get(id_) or self._others.get(id_) for id_ in ids)
         return sorted(one.ovn for one in known if one is not None)
 

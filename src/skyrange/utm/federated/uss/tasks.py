@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from skyrange.codec.f3548.values import IntentReference
+from uas_standards.astm.f3548.v21.api import OperationID
+
+from skyrange.codec.f3548.values import ConstraintReference
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Time
 from skyrange.utm.contract import OperationalIntent
@@ -24,8 +27,10 @@ class Task:
     """When it may begin."""
     relevant: dict[str, None] = field(default_factory=dict)
     """Intents whose OVNs the key has to have."""
-    awaited: dict[int, IntentReference] = field(default_factory=dict)
-    """Intents whose details are asked for, by exchange."""
+    listed: dict[OperationID, Sequence[ConstraintReference]] = field(default_factory=dict)
+    """What the DSS has answered to queries."""
+    awaited: dict[int, ConstraintReference] = field(default_factory=dict)
+    """Intents and constraints whose details are asked for, by exchange."""
     conflicts: int = 0
     """How often the DSS knew more."""
     outranked: int = 0

@@ -1,0 +1,163 @@
+"""Constraint manager of a federation: publishes areas that are closed to flight, after F3548-21.
+
+It writes a reference of each constraint into the DSS at its time, tells those who have a subscription there, and tells
+details to whoever asks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+from uas_standards.astm.f3548.v21.constants import Scope
+
+from skyrange.codec.f3548.frames import UssRequest, decode
+from skyrange.codec.f3548.values import ConstraintReference, volume_body
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
+from skyrange.contracts.scalars import Scalar
+from skyrange.core.errors import DecodeError
+from skyrange.core.ids import Port
+from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time
+from skyrange.utm.constraints import Constraint, Publication
+from skyrange.utm.federated.exchanges import Asked, Caller, Reply, Server, WrongReplyError, file_report
+from skyrange.utm.federated.tokens import TokenChecker, Tokens
+from skyrange.utm.federated.uss.directory import Directory, Peer
+
+SERVICE_NS: Final = 10 * NS_PER_MS
+RETRY_NS: Final = 5 * NS_PER_S
+"""After which it tries again to publish what the DSS has not accepted; CstrPublishedNotificationLatency."""
+SERVES: Final[Mapping[Op, frozenset[Scope]]] = {
+    Op.GetConstraintDetails: frozenset({Scope.ConstraintProcessing, Scope.ConstraintManagement}),
+    Op.MakeUssReport: frozenset(Scope),
+}
+
+
+class ConstraintManager:
+    """The manager as an agent.
+
+    Notes: `decision.constraint_published` about itself, {constraint, subscribers}; `decision.uss_failed` about itself,
+    {reason}; `decision.uss_bad_request` about itself.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        dss: Peer,
+        directory: Directory,
+        base_url: str,
+        tokens: Tokens,
+        checker: TokenChecker,
+        constraints: Sequence[Constraint],
+        epoch: Epoch,
+    ) -> None:
+        """`base_url` is where others reach it."""
+        self.name = name
+        self.service_ns = SERVICE_NS
+        self.ports: Sequence[Port] = (dss.port, *directory.ports)
+        self._dss = dss
+        self._directory = directory
+        self._base_url = base_url
+        self._tokens = tokens
+        self._epoch = epoch
+        self._server = Server(name, checker, SERVES)
+        self._caller = Caller()
+        self._publication = Publication(constraints)
+        self._waiting: dict[str, tuple[Constraint, Time]] = {}
+        """Constraints that the DSS has not accepted, and when they are tried again."""
+        self._published: dict[str, tuple[Constraint, ConstraintReference]] = {}
+
+    @property
+    def bad_requests(self) -> int:
+        """Frames that were not understood, or refused unseen."""
+        return self._server.bad_requests
+
+    def next_wakeup(self) -> Time | None:
+        """When a constraint is published, or a call is repeated."""
+        times = [self._caller.due, *(due for _, due in self._waiting.values())]
+        if self._publication.due is not None:
+            times.append(self._publication.due)
+        due = min(times)
+        return None if due == NEVER else due
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        """Publish what is due, and answer what arrived."""
+        out = Outbox()
+        for arrival in inbox:
+            self._on_frame(now, arrival, out)
+        for call in self._caller.on_time(now, out):
+            self._note_failure(f"{call.receiver} does not answer {call.operation.value}", out)
+        for constraint in self._publication.take(now):
+            self._waiting[constraint.id] = constraint, now
+        for id_, (constraint, due) in list(self._waiting.items()):
+            if due <= now:
+                self._waiting[id_] = constraint, now + RETRY_NS
+                self._publish(now, constraint, out)
+        return out
+
+    def _publish(self, now: Time, constraint: Constraint, out: Outbox) -> None:
+        token = self._tokens.get(now, self._dss.name, Scope.ConstraintManagement.value)
+        body = {"extents": [volume_body(constraint.volume, self._epoch)], "uss_base_url": self._base_url}
+        parameters = {"entityid": constraint.id}
+        operation = Op.CreateConstraintReference
+        self._caller.call(now, self._dss.name, self._dss.port, token, operation, parameters, body, (), out)
+
+    def _on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> None:
+        try:
+            frame = decode(arrival.payload)
+            if isinstance(frame, UssRequest):
+                asked = self._server.read(now, arrival, frame, out)
+                if asked is not None:
+                    self._answer(now, asked, out)
+                return
+            reply = self._caller.read(arrival, frame)
+            if reply is not None and reply.call.operation is Op.CreateConstraintReference:
+                self._on_published(now, reply, out)
+        except WrongReplyError as error:
+            self._server.count_bad(str(error), arrival.ref, out)
+            self._note_failure(f"{error.call.receiver} answers {error.call.operation.value} wrongly", out)
+        except DecodeError as error:
+            self._server.count_bad(str(error), arrival.ref, out)
+
+    def _answer(self, now: Time, asked: Asked, out: Outbox) -> None:
+        if asked.operation is Op.MakeUssReport:
+            self._server.answer(asked, 201, file_report("decision.uss_report", now, asked, out), out)
+            return
+        found = self._published.get(asked.parameters["entityid"])
+        if found is None:
+            self._server.answer(asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, out)
+        else:
+            self._server.answer(asked, 200, {"constraint": self._shown(*found)}, out)
+
+    def _on_published(self, now: Time, reply: Reply, out: Outbox) -> None:
+        """The DSS has accepted a constraint, or not."""
+        if reply.status != 201:
+            self._note_failure(f"DSS: {reply.body.get('message') or f'status {reply.status}'}", out)
+            return
+        reference = ConstraintReference.of(reply.body["constraint_reference"], self._epoch)
+        waiting = self._waiting.pop(reference.id, None)
+        if waiting is None:
+            return
+        constraint, _ = waiting
+        self._published[reference.id] = constraint, reference
+        subscribers = reply.body.get("subscribers") or ()
+        for one in subscribers:
+            peer = self._directory.find(one["uss_base_url"])
+            if peer is not None:
+                body: dict[str, Any] = {
+                    "constraint_id": reference.id,
+                    "constraint": self._shown(constraint, reference),
+                    "subscriptions": one["subscriptions"],
+                }
+                token = self._tokens.get(now, peer.name, Scope.ConstraintManagement.value)
+                operation = Op.NotifyConstraintDetailsChanged
+                self._caller.call(now, peer.name, peer.port, token, operation, {}, body, (reply.ref,), out)
+        data: dict[str, Scalar] = {"constraint": constraint.name, "subscribers": len(subscribers)}
+        out.note("decision.constraint_published", self.name, data, (reply.ref,))
+
+    def _shown(self, constraint: Constraint, reference: ConstraintReference) -> dict[str, Any]:
+        details = {"volumes": [volume_body(constraint.volume, self._epoch)], "type": constraint.name}
+        return {"reference": reference.body(self._epoch), "details": details}
+
+    def _note_failure(self, reason: str, out: Outbox) -> None:
+        out.note("decision.uss_failed", self.name, {"reason": reason[:256]})

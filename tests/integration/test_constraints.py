@@ -1,0 +1,176 @@
+"""Areas that are closed to flight: every approval keeps flights out of them from their publication on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+
+from skyrange.assembly.build import build
+from skyrange.codec.f3548.frames import UssRequest, decode
+from skyrange.codec.f3548.operations import find_operation
+from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.core.chance import Chance
+from skyrange.core.errors import InputError
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import APPROVAL
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.record import MemoryObserver
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.runs import fly
+from skyrange.testing.checks.approval_policies import EPOCH, box
+from skyrange.utm.constraints import Constraint
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
+from skyrange.utm.federated.constraint_manager import ConstraintManager
+from skyrange.utm.intent_states import IntentState
+from tests.approval_stations import LAT, LON, Station, ask, decisions, end, fly_requests
+
+KINDS = ("authority", "federated", "hashgraph")
+NAMES = ("blue", "green", "red")
+FIRE = box(LAT, LON, start_s=0.0)
+Asks = dict[str, Sequence[tuple[float, bytes]]]
+
+
+def service_of(kind: str, published_s: float) -> ApprovalService:
+    plugin = ApprovalPlugin.find(kind)
+    closed = Constraint("fire", FIRE.__class__(FIRE.outline, 0.0, 500.0, 0, 3_600 * NS_PER_S), round(published_s * 1e9))
+    context = ApprovalContext(f"{APPROVAL}.{kind}", NAMES, Origin(LAT, LON), EPOCH, Chance(3), None, [closed])
+    return plugin(plugin.params(), context)
+
+
+def flown(
+    kind: str, asks: Asks, published_s: float, until_s: float = 20.0, service: ApprovalService | None = None
+) -> tuple[dict[str, Station], MemoryObserver]:
+    service = service or service_of(kind, published_s)
+    rows = {name: asks.get(name, ()) for name in NAMES}
+    return fly_requests(rows, until_s, service.agents, service.links, 3)
+
+
+def here(north: float = 0.0, **more: float) -> Any:
+    return box(LAT + north, LON, **{"start_s": 600.0, **more})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_nothing_is_accepted_into_an_area_that_is_closed_and_alternatives_lead_around_it(kind: str) -> None:
+    asks: Asks = {
+        "blue": [(2.0, ask("blue/a", here())), (12.0, ask("blue/b", here(), priority=1_000))],
+        "green": [(3.0, ask("green/a", here(0.01)))],
+    }
+    stations, _ = flown(kind, asks, 0.0)
+    assert decisions(stations["blue"]) == ["Rejected", "Rejected"], "no priority of an operator is higher"
+    _, body = stations["blue"].answers[0]
+    assert "constraint" in body.reason
+    assert body.alternatives, "it is open again after an hour"
+    assert all(one.delay_s > 2_000 for one in body.alternatives if not (one.east_m or one.north_m))
+    assert decisions(stations["green"]) == ["Accepted"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_was_accepted_before_is_taken_back_and_who_flies_is_told(kind: str) -> None:
+    flying = box(LAT + 0.0005, LON, start_s=0.0, lower_m=200.0)
+    asks: Asks = {
+        "blue": [(0.1, ask("blue/a", here()))],
+        "green": [(0.1, ask("green/a", flying)), (4.0, ask("green/a", flying, state=IntentState.ACTIVATED, version=1))],
+        "red": [(0.1, ask("red/a", here(0.01))), (18.0, end("red/a"))],
+    }
+    stations, seen = flown(kind, asks, 10.0, 30.0)
+    assert decisions(stations["blue"]) == ["Accepted", "Rejected"]
+    at, body = stations["blue"].answers[1]
+    assert (body.overruled, "closes a part of it" in body.reason) == (True, True)
+    assert 10 * NS_PER_S <= at <= 14 * NS_PER_S, "without a request"
+    assert decisions(stations["green"]) == ["Accepted", "Accepted", "Accepted"]
+    assert stations["green"].answers[2][1].overruled
+    assert decisions(stations["red"]) == ["Accepted", "Ended"]
+    published = [
+        note for _, _, note in seen.notes if note.kind.endswith(("approval_constraint", "constraint_published"))
+    ]
+    assert len(published) == (3 if kind == "hashgraph" else 1)
+
+
+def test_a_federation_shares_constraints_with_the_messages_of_the_standard() -> None:
+    asks: Asks = {"blue": [(0.1, ask("blue/a", here(0.003))), (12.0, ask("blue/b", here(0.006)))]}
+    _, seen = flown("federated", asks, 5.0)
+    operations = []
+    for frame in seen.frames:
+        if frame.link.startswith("uss:"):
+            message = decode(frame.payload)
+            if isinstance(message, UssRequest):
+                found = find_operation(message.method, message.path)
+                assert found is not None
+                operations.append(found.id)
+    assert operations.count(Op.CreateConstraintReference) == 1
+    assert operations.count(Op.NotifyConstraintDetailsChanged) == 1, "blue has an intent there, hence a subscription"
+    assert operations.count(Op.GetConstraintDetails) == 0, "what was notified is not asked for"
+    assert operations.count(Op.QueryConstraintReferences) == 2
+
+
+def test_a_constraint_whose_manager_does_not_tell_closes_the_whole_area() -> None:
+    service = service_of("federated", 0.0)
+    (manager,) = [agent for agent in service.agents if isinstance(agent, ConstraintManager)]
+    step = manager.step
+
+    def silent(now: Time, inbox: Inbox) -> Outbox:
+        return step(now, inbox if now < NS_PER_S else Inbox())
+
+    manager.step = silent  # type: ignore[method-assign]
+    stations, _ = flown("federated", {"blue": [(2.0, ask("blue/a", here(0.003)))]}, 0.0, 12.0, service)
+    assert decisions(stations["blue"]) == ["Rejected"], "it is near"
+
+
+SCENARIO = """
+duration_s = {duration}
+origin = [40.778, -73.955]
+[[constraints]]
+id = "fire"
+corners_m = {corners}
+{more}
+[[operators]]
+id = "blue"
+approval = "{approval}"
+[[operators.vehicles]]
+id = "b1"
+plan = {{ path = {{ points = [[0, 0], [0, 120]], alt_m = 15 }}, end = "land" }}
+depart_s = {depart}
+"""
+
+
+def scenario(**changes: Any) -> str:
+    given = {
+        "duration": 150,
+        "corners": "[[-30, 30], [30, 30], [30, 90], [-30, 90]]",
+        "more": "",
+        "approval": "authority",
+        "depart": 5.0,
+    }
+    return SCENARIO.format(**{**given, **changes})
+
+
+@pytest.mark.parametrize("approval", ["authority", "federated"])
+def test_an_aircraft_in_flight_returns_when_its_way_is_closed(approval: str) -> None:
+    record = fly(load_text(scenario(more="published_s = 55", approval=approval)))
+    outcome = record.outcomes["blue/b1"]
+    assert outcome["state"] == "failed"
+    assert outcome["reason"].startswith("approval withdrawn: constraint")
+    assert "closes a part of it" in outcome["reason"]
+
+
+def test_a_flight_whose_way_is_closed_for_the_whole_run_stays_on_the_ground() -> None:
+    record = fly(load_text(scenario(duration=60)))
+    assert record.outcomes["blue/b1"]["state"] != "complete"
+    assert max(record.table("truth", ["up_m"]).column("up_m").to_pylist()) < 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({"corners": "[[0, 0], [10, 10], [10, 0], [0, 10]]"}, "constraints.0.corners_m"),
+        ({"corners": "[[0, 0], [10, 10]]"}, "at least 3"),
+        ({"more": "lower_m = 50\nupper_m = 50"}, "more than lower_m"),
+        ({"more": "start_s = 50\nend_s = 50"}, "more than start_s"),
+    ],
+)
+def test_an_area_without_a_volume_is_an_error(changes: dict[str, Any], expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
+        build(load_text(scenario(**changes)))
