@@ -107,6 +107,7 @@ _SECTIONS = (
     ("CellularParams", "`links.cellular`"),
     ("BaseStation", "`links.cellular.base_stations`"),
     ("Processing", "`[[processing]]`"),
+    ("ConstraintTable", "`[[constraints]]`: areas that are closed to flight"),
     ("AttackTable", "`[[attacks]]`"),
     ("FaultTable", "`[[faults]]`"),
     ("DefenceTable", "`[[defences]]`"),

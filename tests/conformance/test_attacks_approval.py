@@ -9,11 +9,14 @@ from typing import Any
 import pytest
 
 from skyrange.attack.approval.equivocate import EQUIVOCATE
+from skyrange.attack.approval.false_contingency import FALSE_CONTINGENCY
 from skyrange.attack.approval.false_details import FALSE_DETAILS
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
+from skyrange.attack.approval.poisoned_constraint import POISONED_CONSTRAINT
 from skyrange.attack.approval.squat import SQUAT
 from skyrange.attack.approval.stolen_token import STOLEN_TOKEN
 from skyrange.attack.contract import AttackPlugin
+from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Start, Vehicle, square
 from skyrange.testing import check_attack
 
@@ -27,6 +30,9 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], str, str]] = [
     (FALSE_DETAILS, {"uss": "blue"}, "federated", "replace"),
     (STOLEN_TOKEN, {"uss": "blue"}, "federated", "inject"),
     (EQUIVOCATE, CORRIDOR, "hashgraph", "inject"),
+    (FALSE_CONTINGENCY, CORRIDOR, "authority", "inject"),
+    (FALSE_CONTINGENCY, {**CORRIDOR, "after_s": 0.5}, "federated", "inject"),
+    (POISONED_CONSTRAINT, {"from_m": [-20, 0], "to_m": [60, 0]}, "federated", "replace"),
 ]
 
 
@@ -41,7 +47,16 @@ def with_approval(approval: str, duration_s: float) -> Scenario:
         for place, name in enumerate(("blue", "green", "red"))
     )
     origin = Origin(lat=-35.363328, lon=149.1652241)
-    return Scenario(name="checked", seed=7, duration_s=duration_s, origin=origin, operators=operators)
+    closed = ConstraintTable(id="fire", corners_m=((200, 200), (300, 200), (300, 300)), published_s=1.0)
+    constraints = (closed,) if approval == "federated" else ()
+    return Scenario(
+        name="checked",
+        seed=7,
+        duration_s=duration_s,
+        origin=origin,
+        operators=operators,
+        constraints=constraints,
+    )
 
 
 @pytest.mark.parametrize(

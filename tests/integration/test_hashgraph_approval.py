@@ -16,6 +16,7 @@ from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.contract import ApprovalContext, ApprovalService, OperationalIntent, intent_id
+from skyrange.utm.hashgraph import node
 from skyrange.utm.hashgraph.events import Event
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, decode, encode
 from skyrange.utm.hashgraph.node import HashgraphNode
@@ -89,6 +90,24 @@ def test_gossip_carries_what_is_new_and_not_the_history() -> None:
     assert max(len(message.body.events) for message in messages) < events // 4
 
 
+@pytest.mark.parametrize(("resent_ns", "expected"), [(node.RESENT_NS, ["Accepted"]), (10**18, [])])
+def test_what_was_lost_is_sent_again(resent_ns: Time, expected: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of two members each has to hear of all that the other knows; without sending again, nothing is ever decided."""
+    monkeypatch.setattr(node, "RESENT_NS", resent_ns)
+    service = service_of(("blue", "red"))
+    (deaf,) = [one for one in service.agents if isinstance(one, HashgraphNode) and one.operator == "red"]
+    step = deaf.step
+
+    def lose(now: Time, inbox: Inbox) -> Outbox:
+        is_lost = NS_PER_S // 10 < now < NS_PER_S // 2
+        heard = [one for one in inbox if not (is_lost and b'"POST"' in one.payload)]
+        return step(now, Inbox(heard))
+
+    deaf.step = lose  # type: ignore[method-assign]
+    stations, _, _ = flown({"blue": [(0.1, ask("blue/a"))], "red": []}, 8.0, service=service)
+    assert decisions(stations["blue"]) == expected
+
+
 def test_a_request_that_comes_again_while_it_is_undecided_is_answered_once() -> None:
     again = ask("blue/a")
     stations, _, _ = flown({name: [(0.1, again), (0.3, again)] if name == "blue" else [] for name in NAMES}, 10.0)
@@ -152,8 +171,8 @@ def test_without_two_thirds_nothing_is_decided_and_with_them_it_is() -> None:
     for silent, expected in ((1, ["Accepted"]), (2, [])):
         service = service_of(NAMES)
         agents: list[Any] = list(service.agents)
-        for node in agents[4 - silent :]:
-            node.__class__ = Silent
+        for one in agents[4 - silent :]:
+            one.__class__ = Silent
         asks: dict[str, Sequence[tuple[float, bytes]]] = {name: [] for name in NAMES}
         asks["blue"] = [(0.1, ask("blue/a"))]
         stations, _, _ = flown(asks, 15.0, agents, service)

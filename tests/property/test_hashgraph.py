@@ -122,6 +122,24 @@ def test_honest_members_order_alike_and_one_is_only_ahead_of_another(gossip: Gos
         assert order == longest[: len(order)]
 
 
+@given(gossips())
+@settings(deadline=None)
+def test_what_a_member_tells_of_its_knowledge_are_heads_and_self_ancestors_at_growing_distances(gossip: Gossip) -> None:
+    for name in gossip.stakes:
+        graph = gossip.graph(name)
+        by_hash = {event.hash: event for event in graph.events}
+        parents = {event.self_parent for event in graph.events}
+        expected = []
+        for event in graph.events:
+            if event.hash in parents:
+                continue
+            chain = [event.hash]
+            while (parent := by_hash[chain[-1]].self_parent) != NO_PARENT:
+                chain.append(parent)
+            expected += [chain[k] for k in (0, 1, 4, 16, 64) if k < len(chain)]
+        assert graph.known == expected
+
+
 @given(gossips(), st.randoms(use_true_random=False))
 @settings(deadline=None)
 def test_the_order_does_not_depend_on_the_order_in_which_events_arrive(gossip: Gossip, rng: object) -> None:

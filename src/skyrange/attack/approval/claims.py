@@ -21,18 +21,14 @@ FAR_NS: Time = 20 * 86_400 * NS_PER_S
 Point = tuple[Annotated[float, Field(ge=-50_000, le=50_000)], Annotated[float, Field(ge=-50_000, le=50_000)]]
 
 
-class Corridor(Params):
-    """A straight corridor for some time."""
+class Stretch(Params):
+    """A straight corridor."""
 
-    operator: str = Field(description="Operator in whose name it is claimed, such as 'red': the adversary.")
     from_m: Point = Field(description="One end, [east, north] in metres from the origin.")
     to_m: Point = Field(description="The other end, [east, north] in metres.")
     width_m: Number = Field(default=20.0, gt=0, le=10_000, description="Its width in metres.")
     heights_m: tuple[Number, Number] = Field(
         default=(0.0, 120.0), description="Its lowest and highest height above the ground in metres."
-    )
-    until_s: Number = Field(
-        default=600.0, gt=0, le=86_400, description="Until how long after its begin the attack claims it, in seconds."
     )
 
     def model_post_init(self, context: object, /) -> None:
@@ -41,6 +37,15 @@ class Corridor(Params):
             raise refuse(Problem("to_m", repr(list(self.to_m)), "another place than from_m"))
         if not -500.0 <= self.heights_m[0] < self.heights_m[1] <= 10_000.0:
             raise refuse(Problem("heights_m", repr(list(self.heights_m)), "[lowest, highest], from -500 to 10000"))
+
+
+class Corridor(Stretch):
+    """A straight corridor for some time."""
+
+    operator: str = Field(description="Operator in whose name it is claimed, such as 'red': the adversary.")
+    until_s: Number = Field(
+        default=600.0, gt=0, le=86_400, description="Until how long after its begin the attack claims it, in seconds."
+    )
 
 
 def check_operator(params: Corridor, context: AttackContext) -> None:
@@ -57,11 +62,15 @@ def make_intent(params: Corridor, context: AttackContext, flight: str, now: Time
     start, end = now + later_ns, now + later_ns + from_seconds(params.until_s)
     vehicle = f"{params.operator}/{flight}"
     return OperationalIntent(
-        intent_id(f"{context.id} {vehicle}"), params.operator, vehicle, (_prism(params, context.origin, start, end),)
+        intent_id(f"{context.id} {vehicle}"),
+        params.operator,
+        vehicle,
+        (make_prism(params, context.origin, start, end),),
     )
 
 
-def _prism(params: Corridor, origin: Origin, start: Time, end: Time) -> Volume4D:
+def make_prism(params: Stretch, origin: Origin, start: Time, end: Time) -> Volume4D:
+    """The volume of a corridor."""
     one, other = np.array(params.from_m), np.array(params.to_m)
     along = (other - one) / np.linalg.norm(other - one)
     aside = np.array([along[1], -along[0]]) * params.width_m / 2.0

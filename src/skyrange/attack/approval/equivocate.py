@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
-from skyrange.attack.approval.uss_links import DSS, list_peers, uss_taps
+from skyrange.attack.approval.uss_links import list_peers, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import InjectingTap, Repetition
@@ -18,6 +18,7 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.utm.federated.names import DSS
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode
 from skyrange.utm.hashgraph.signatures import secret_of, sign

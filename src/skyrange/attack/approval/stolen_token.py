@@ -12,7 +12,7 @@ from typing import Final
 
 from pydantic import Field
 
-from skyrange.attack.approval.uss_links import DSS, check_uss
+from skyrange.attack.approval.uss_links import check_uss
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.on_path import LEARNED, USS, InjectingTap, Repetition
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
@@ -23,6 +23,7 @@ from skyrange.contracts.params import Number, Params
 from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Time, from_seconds
+from skyrange.utm.federated.names import DSS
 
 _FIRST_EXCHANGE: Final = 2**40
 """Numbers of the adversary's requests, which the USS itself does not use."""

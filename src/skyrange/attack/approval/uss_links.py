@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.on_path import USS
 from skyrange.contracts.components import Tap
 from skyrange.contracts.links import TapPlacement
 from skyrange.core.errors import InputError, nearest
-
-DSS: Final = "dss"
+from skyrange.utm.federated.names import AIRSPACE, DSS
 
 
 def _pairs(context: AttackContext) -> list[tuple[str, str]]:
@@ -21,10 +19,17 @@ def _pairs(context: AttackContext) -> list[tuple[str, str]]:
 
 def check_uss(uss: str, context: AttackContext) -> None:
     """Raise `InputError` for a USS that the scenario does not have."""
-    known = sorted({other for one, other in _pairs(context) if one == DSS})
+    known = sorted({other for one, other in _pairs(context) if one == DSS and other != AIRSPACE})
     if uss not in known:
         hint = nearest(uss, known) or 'Set approval = "federated" for its operator.'
         raise InputError.one(context.id, "uss", repr(uss), "a USS of the scenario", hint)
+
+
+def check_constraint_manager(context: AttackContext) -> None:
+    """Raise `InputError` for a scenario without a constraint manager."""
+    if (DSS, AIRSPACE) not in _pairs(context):
+        hint = 'Add [[constraints]], and set approval = "federated" for an operator.'
+        raise InputError.one(context.id, "kind", "approval.poisoned_constraint", "a scenario with constraints", hint)
 
 
 def list_peers(service: str, context: AttackContext) -> list[str]:

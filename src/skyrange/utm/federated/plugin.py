@@ -15,13 +15,10 @@ from skyrange.core.ids import ID_PATTERN, Port, link_name
 from skyrange.core.time import NS_PER_MS
 from skyrange.utm.authority import AuthorityParams
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
+from skyrange.utm.federated.names import AIRSPACE, DSS
 
 LATENCY_NS: Final = 20 * NS_PER_MS
 """Of the links between services, unless the scenario has another channel for them."""
-DSS: Final = "dss"
-"""Name of the DSS."""
-AIRSPACE: Final = "airspace"
-"""Name of the constraint manager."""
 
 
 class FederatedParams(AuthorityParams):

@@ -93,6 +93,8 @@ class Hashgraph:
         """By self-parent and member: the first event."""
         self._forkers: set[int] = set()
         self._latest: list[int] = [_NONE] * len(self.members)
+        self._chains: list[list[int]] = [[] for _ in self.members]
+        """By member: its events by height, of one that does not fork."""
         self._heads: set[int] = set()
 
     def __contains__(self, event: bytes) -> bool:
@@ -117,14 +119,20 @@ class Hashgraph:
         found = []
         for head in sorted(self._heads):
             found.append(self.events[head].hash)
-            at, gone = self._self_parent[head], 1
             for distance in _DISTANCES:
-                while at != _NONE and gone < distance:
-                    at, gone = self._self_parent[at], gone + 1
-                if at == _NONE:
+                if distance > self._height[head]:
                     break
-                found.append(self.events[at].hash)
+                found.append(self.events[self._self_ancestor(head, distance)].hash)
         return found
+
+    def _self_ancestor(self, index: int, distance: int) -> int:
+        """The self-ancestor of an event at a distance that is at most its height."""
+        member = self._creator[index]
+        if member not in self._forkers:
+            return self._chains[member][self._height[index] - distance]
+        for _ in range(distance):
+            index = self._self_parent[index]
+        return index
 
     def missing(self, known_there: Sequence[bytes]) -> list[Event]:
         """The events that a member which has told what is `known` there may not know, parents before children."""
@@ -170,6 +178,8 @@ class Hashgraph:
         self._find_fork(index, member, self_parent)
         self._merge(index, member, self_parent, other_parent)
         self._latest[member] = index
+        if member not in self._forkers:
+            self._chains[member].append(index)
         self._heads.discard(self_parent)
         self._heads.add(index)
         self._assign_round(index, self_parent, other_parent)
