@@ -37,6 +37,8 @@ def cross_check(scenario: Any) -> list[Problem]:
     attacks = _list(scenario, "attacks") or ()
     faults += _twice("attacks", attacks, "id", "an id that no other attack has")
     faults += _fault_ids(attacks, _list(scenario, "faults") or ())
+    constraints = _list(scenario, "constraints") or ()
+    faults += _twice("constraints", constraints, "id", "an id that no other constraint has")
     detectors = _list(scenario, "detectors") or ()
     faults += _twice("detectors", detectors, "id", "an id that no other detector has")
     faults += _defence_ids(scenario, detectors)
