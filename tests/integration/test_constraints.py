@@ -169,7 +169,7 @@ def test_a_flight_whose_way_is_closed_for_the_whole_run_stays_on_the_ground() ->
         ({"corners": "[[0, 0], [10, 10]]"}, "at least 3"),
         (
             {"more": '[[constraints]]\nid = "fire"\ncorners_m = [[0, 0], [9, 0], [0, 9]]'},
-            "constraints.1.id: fire — expected an id that no other constraint has",
+            "fire — expected an id that no other constraint has",
         ),
         ({"more": "lower_m = 50\nupper_m = 50"}, "more than lower_m"),
         ({"more": "start_s = 50\nend_s = 50"}, "more than start_s"),
