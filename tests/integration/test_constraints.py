@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pytest
+import shapely
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 
 from skyrange.assembly.build import build
@@ -17,6 +19,11 @@ from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import APPROVAL
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.volumes import Volume4D
+from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.plans import path
+from skyrange.gcs.plan.rerouting import reroute
+from skyrange.planning.routes import NoRouteError
 from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
@@ -148,12 +155,55 @@ def scenario(**changes: Any) -> str:
 
 
 @pytest.mark.parametrize("approval", ["authority", "federated"])
-def test_an_aircraft_in_flight_returns_when_its_way_is_closed(approval: str) -> None:
+def test_an_aircraft_that_is_inside_an_area_when_it_is_closed_returns(approval: str) -> None:
     record = fly(load_text(scenario(more="published_s = 55", approval=approval)))
     outcome = record.outcomes["blue/b1"]
     assert outcome["state"] == "failed"
     assert outcome["reason"].startswith("approval withdrawn: constraint")
     assert "closes a part of it" in outcome["reason"]
+
+
+AHEAD = "[[-20, 110], [20, 110], [20, 150], [-20, 150]]"
+
+
+@pytest.mark.parametrize(
+    ("mode", "approval"),
+    [("auto", "authority"), ("guided", "authority"), ("auto", "federated"), ("guided", "hashgraph")],
+)
+def test_an_aircraft_in_flight_goes_around_an_area_that_is_closed_ahead_of_it(mode: str, approval: str) -> None:
+    text = scenario(duration=180, more="published_s = 25", approval=approval, corners=AHEAD)
+    text = text.replace("[0, 120]", "[0, 220]").replace('end = "land"', f'end = "land", mode = "{mode}"')
+    record = fly(load_text(text))
+    assert record.outcomes["blue/b1"]["state"] == "complete"
+    east, north = (np.array(record.table("truth")[name]) for name in ("east_m", "north_m"))
+    assert not ((np.abs(east) < 20.0) & (north > 110.0) & (north < 150.0)).any(), "it stays out of the area"
+    assert np.hypot(east[-1], north[-1] - 220.0) < 5.0, "it lands where it wanted to"
+    kinds = [row["kind"] for row in record.table("decisions").to_pylist()]
+    assert kinds.count("decision.reroute_requested") == kinds.count("decision.rerouted") == 1
+    assert "decision.intent_nonconforming" not in kinds, "it stays within the volumes of its new way"
+
+
+def test_around_a_closed_area_there_are_buildings_too() -> None:
+    from skyrange.city.buildings import Building
+    from skyrange.city.city import City
+
+    origin = Origin(LAT, LON)
+    plan = path(origin, (0.0, 0.0, 0.0), [(0, 0, 20), (0, 200, 20)], kind="guided", end="land")
+    closed = closed_around(origin, -20, 20, 80, 120)
+    east = City([Building("tower", 60.0, shapely.box(21, 40, 120, 160))], "test")
+    rest = reroute(plan, 1, Point(0.0, 20.0, 20.0), [closed], east, 10.0)
+    assert min(point.east_m for point in rest.targets_enu_m) < -30.0, "west of the area, not between it and the tower"
+    assert rest.targets_enu_m[-1] == Point(0.0, 200.0, 20.0)
+    assert (rest.kind, rest.end) == ("guided", "land")
+    with pytest.raises(NoRouteError, match="begins"):
+        reroute(plan, 1, Point(0.0, 100.0, 20.0), [closed], None, 10.0)
+    with pytest.raises(NoRouteError, match="nothing of the plan is left"):
+        reroute(plan, 2, Point(0.0, 200.0, 20.0), [closed], None, 10.0)
+
+
+def closed_around(origin: Origin, west: float, east: float, south: float, north: float) -> Volume4D:
+    corners = ((west, south), (east, south), (east, north), (west, north))
+    return Volume4D(tuple(origin.geodetic_of(*corner) for corner in corners), 0.0, 100.0, 0, NS_PER_S)
 
 
 def test_a_flight_whose_way_is_closed_for_the_whole_run_stays_on_the_ground() -> None:

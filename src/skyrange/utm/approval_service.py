@@ -138,7 +138,7 @@ def tell_overruled(
         if one.operator in book.operators:
             decision = ApprovalDecision(accepted=one.in_flight, reason=one.reason, tracked=one.in_flight)
             out.note("decision.approval_overruled", one.vehicle, {"intent": one.id, "reason": one.reason}, causes)
-            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=True), causes, out)
+            book.retract(one.operator, one.id, encode_decision(one.id, decision, epoch, overruled=one), causes, out)
 
 
 def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -> None:

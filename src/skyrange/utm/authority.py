@@ -138,8 +138,8 @@ class Authority:
         if self._decisions.pop(intent, None) is not None:
             self._journal.delete(intent)
 
-    def _put(self, intent: OperationalIntent) -> ApprovalDecision:
-        decision = ApprovalDecision(accepted=True, ovn=version_number(intent), tracked=True)
+    def _put(self, intent: OperationalIntent, conflicts: int = 0) -> ApprovalDecision:
+        decision = ApprovalDecision(accepted=True, ovn=version_number(intent), tracked=True, conflicts=conflicts)
         self._register.put(intent)
         self._decisions[intent.id] = decision
         self._journal.put(intent)
@@ -152,7 +152,7 @@ class Authority:
             if not one.in_flight:
                 self._remove(other.id)
             overruled.append(one)
-        return replace(self._put(request), overruled=tuple(overruled), conflicts=len(outranked))
+        return replace(self._put(request, len(outranked)), overruled=tuple(overruled))
 
 
 AUTHORITY = policy_plugin(

@@ -67,6 +67,8 @@ class Overruled:
     reason: str
     in_flight: bool = False
     """Whether it is activated. It keeps its claim then, because its aircraft is there; otherwise it is rejected."""
+    closed: tuple[Volume4D, ...] = ()
+    """What the higher one claims."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,7 @@ def overruled_by(higher: OperationalIntent, other: OperationalIntent) -> Overrul
     if closes:
         reason = f"{higher.vehicle} closes a part of it"
     in_flight = other.state is IntentState.ACTIVATED
-    return Overruled(other.id, other.operator, other.vehicle, reason, in_flight)
+    return Overruled(other.id, other.operator, other.vehicle, reason, in_flight, higher.volumes)
 
 
 def version_number(intent: OperationalIntent) -> str:

@@ -28,7 +28,7 @@ from skyrange.codec.json_errors import describe
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time, parse_rfc3339, to_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent
+from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, Overruled
 from skyrange.utm.intent_states import IntentState
 
 MAX_FRAME_BYTES = 1_048_576
@@ -233,6 +233,8 @@ class DecisionBody(_Model):
     overruled: Literal[True] | None = None
     """Whether it answers no request: an intent of higher priority overlaps this one, which is rejected, or
     stays accepted if it is activated."""
+    closed: _Volumes | None = None
+    """What the intent of higher priority claims, for an aircraft in flight to fly around."""
 
 
 class ErrorBody(_Model):
@@ -255,7 +257,7 @@ class Response(_Model):
         decision: ApprovalDecision,
         epoch: Epoch,
         version: int | None = None,
-        overruled: bool = False,
+        overruled: Overruled | None = None,
     ) -> Response:
         """The message that tells `decision`."""
         return cls.model_validate(_decision_data(intent_id, decision, epoch, version, overruled))
@@ -285,21 +287,22 @@ def encode_decision(
     decision: ApprovalDecision,
     epoch: Epoch,
     version: int | None = None,
-    overruled: bool = False,
+    overruled: Overruled | None = None,
 ) -> bytes:
     """The frame of `Response.of`, made without the model: alternatives are most of it, and take a while to check."""
     return _dump(_decision_data(intent_id, decision, epoch, version, overruled))
 
 
 def _decision_data(
-    intent_id: str, decision: ApprovalDecision, epoch: Epoch, version: int | None, overruled: bool
+    intent_id: str, decision: ApprovalDecision, epoch: Epoch, version: int | None, overruled: Overruled | None
 ) -> dict[str, Any]:
     """The JSON of a response that tells a decision."""
     optional = {
         "version": version,
         "conflicts": decision.conflicts or None,
         "tracked": True if decision.tracked else None,
-        "overruled": True if overruled else None,
+        "overruled": True if overruled is not None else None,
+        "closed": [_volume_data(one, epoch) for one in overruled.closed] if overruled and overruled.in_flight else None,
     }
     body = {
         "id": intent_id,

@@ -22,6 +22,7 @@ from skyrange.gcs.plan.alterations import altered
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import FlightPlan
+from skyrange.gcs.plan.rerouting import rest_legs
 from skyrange.gcs.plan.routes import enu_points, return_legs
 from skyrange.gcs.plan.volumes import MARGINS, Margins, around, contains, leg_volumes, volumes
 from skyrange.utm.contract import OperationalIntent, intent_id
@@ -63,6 +64,8 @@ class AirspaceClaim:
     """The volumes in which the flight is to stay."""
     depart_ns: Time = 0
     """When it departs by them."""
+    next_flown: tuple[Volume4D, ...] = ()
+    """Those of another way, until the approval has accepted it."""
     version: int = 0
     rounds: int = 0
     wanted: Flight | None = None
@@ -91,6 +94,22 @@ class AirspaceClaim:
             return self.request(flight, now, IntentState.ACTIVATED)
         return self._submit(flight, now, IntentState.ACTIVATED, self.flown)
 
+    def reroute(self, flight: Flight, now: Time) -> IntentSubmission:
+        """The request for the rest of a flight, a guided plan, from where the aircraft is."""
+        self.next_flown = leg_volumes(
+            flight.plan.origin, rest_legs(flight.plan, self.position(flight.plan)), now, self.margins
+        )
+        return self._submit(flight, now, IntentState.ACTIVATED, self.next_flown)
+
+    def position(self, plan: FlightPlan) -> Point:
+        """Where the aircraft is by its last report, at home if there is none."""
+        if self.seen is None:
+            return plan.home_enu_m
+        lat, lon, above_m = self.seen
+        east_m, north_m = plan.origin.enu_of(lat, lon)
+        up_m = max(above_m - plan.origin.ellipsoid_of(plan.origin.alt_msl_m), 0.0)
+        return Point(float(east_m), float(north_m), up_m)
+
     def _submit(
         self, flight: Flight, now: Time, state: IntentState, claimed: Sequence[Volume4D], pause_ns: Time = 0
     ) -> IntentSubmission:
@@ -104,6 +123,8 @@ class AirspaceClaim:
         """The approval has accepted a request."""
         self.state, self.tracked = submission.intent.state, tracked
         self.rounds, self.wanted = 0, None
+        if self.next_flown:
+            self.flown, self.next_flown, self.left_ns = self.next_flown, (), NEVER
 
     # --- alternatives --------------------------------------------------------------------------------------
 
@@ -160,12 +181,7 @@ class AirspaceClaim:
         if state is IntentState.ENDED:
             return self._submit(flight, now, state, ())
         rest = tuple(one for one in self.flown if one.end_ns > now)
-        origin = flight.plan.origin
-        here = flight.plan.home_enu_m
-        if self.seen is not None:
-            lat, lon, above_m = self.seen
-            east_m, north_m = origin.enu_of(lat, lon)
-            here = Point(float(east_m), float(north_m), max(above_m - origin.ellipsoid_of(origin.alt_msl_m), 0.0))
+        origin, here = flight.plan.origin, self.position(flight.plan)
         if state is IntentState.ACTIVATED:
             return self._submit(flight, now, state, rest or (self._near(origin, here, now),))
         near = self._near(origin, here, now)

@@ -38,6 +38,7 @@ class FlightState(StrEnum):
     HOLDING = "holding"  # armed before its departure time
     STARTING = "starting"  # mission start or take-off commanded
     FLYING = "flying"  # the plan is being flown
+    REROUTING = "rerouting"  # the way is closed; the approval was asked for the rest of the plan around it
     RETURNING = "returning"  # the plan is done; the aircraft was commanded to return or land
     ABORTING = "aborting"  # the plan was given up; the aircraft was commanded to return
     COMPLETE = "complete"
@@ -57,6 +58,8 @@ class FlightEvent(StrEnum):
     APPROVED = "approved"
     ALTERED = "altered"  # rejected; an alternative is asked for
     OVERRULED = "overruled"  # approved, and rejected later because of another intent
+    CLOSED = "closed"  # in the air, the approval has told what closes the way
+    REROUTED = "rerouted"  # the approval has accepted the rest of the plan on another way
     REJECTED = "rejected"
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot arrived
     UPLOADED = "uploaded"
@@ -113,7 +116,14 @@ TRANSITIONS: dict[FlightState, dict[FlightEvent, FlightState]] = {
     S.ARMING: {E.ARMED: S.HOLDING, E.GAVE_UP: S.FAILED},
     S.HOLDING: {E.DEPARTED: S.STARTING, E.DISARMED: S.FAILED},
     S.STARTING: {E.STARTED: S.FLYING, E.DISARMED: S.FAILED, E.GAVE_UP: S.ABORTING},
-    S.FLYING: {E.PLAN_DONE: S.RETURNING, E.LANDED: S.COMPLETE, E.DISARMED: S.FAILED, E.GAVE_UP: S.ABORTING},
+    S.FLYING: {
+        E.PLAN_DONE: S.RETURNING,
+        E.CLOSED: S.REROUTING,
+        E.LANDED: S.COMPLETE,
+        E.DISARMED: S.FAILED,
+        E.GAVE_UP: S.ABORTING,
+    },
+    S.REROUTING: {E.REROUTED: S.FLYING, E.DISARMED: S.FAILED, E.GAVE_UP: S.ABORTING},
     S.RETURNING: {E.LANDED: S.COMPLETE, E.GAVE_UP: S.ABORTING},
     S.ABORTING: {E.DISARMED: S.FAILED, E.GAVE_UP: S.FAILED},
     S.COMPLETE: {},
@@ -125,7 +135,14 @@ TRANSITIONS: dict[FlightState, dict[FlightEvent, FlightState]] = {
 ENDED = frozenset({FlightState.COMPLETE, FlightState.FAILED, FlightState.LEFT})
 """States that end a flight."""
 ARMED = frozenset(
-    {FlightState.HOLDING, FlightState.STARTING, FlightState.FLYING, FlightState.RETURNING, FlightState.ABORTING}
+    {
+        FlightState.HOLDING,
+        FlightState.STARTING,
+        FlightState.FLYING,
+        FlightState.REROUTING,
+        FlightState.RETURNING,
+        FlightState.ABORTING,
+    }
 )
 """States in which the station believes that the motors run."""
 OVERRULABLE = frozenset(state for state, row in TRANSITIONS.items() if FlightEvent.OVERRULED in row)

@@ -35,6 +35,8 @@ EVENT_NOTES: Mapping[FlightEvent, str] = MappingProxyType(
         FlightEvent.APPROVED: "decision.approved",
         FlightEvent.ALTERED: "decision.alternative_chosen",
         FlightEvent.OVERRULED: "decision.overruled",
+        FlightEvent.CLOSED: "",
+        FlightEvent.REROUTED: "decision.rerouted",
         FlightEvent.REJECTED: "decision.rejected",
         FlightEvent.HEARD: "decision.connected",
         FlightEvent.UPLOADED: "decision.uploaded",
@@ -79,6 +81,8 @@ def entry_commands(state: FlightState, plan: FlightPlan, streams: tuple[tuple[in
     if state is FlightState.FLYING and plan.kind == "guided":
         speed = (1.0, plan.cruise_mps, -1.0)  # ground speed, throttle unchanged
         return (Command(mav.MAV_CMD_DO_CHANGE_SPEED, speed, "speed", optional=True),)
+    if state is FlightState.REROUTING:
+        return (set_mode(mav.COPTER_MODE_GUIDED, "GUIDED"),)  # it stops there
     if state is FlightState.RETURNING and plan.end == "land":
         return (set_mode(mav.COPTER_MODE_LAND, "LAND"),)
     if state in (FlightState.RETURNING, FlightState.ABORTING):
@@ -151,7 +155,7 @@ def premature_disarm_reason(state: FlightState, plan: FlightPlan, progress: int)
         return ""
     if state is FlightState.ABORTING:
         return "plan given up"
-    if state is not FlightState.FLYING:
+    if state not in (FlightState.FLYING, FlightState.REROUTING):
         return "disarmed before take-off"
     if plan.kind == "guided":
         return f"disarmed before target {progress + 1} of {len(plan.targets_enu_m)}"

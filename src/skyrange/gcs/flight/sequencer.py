@@ -7,7 +7,7 @@ it sends or decides names the frames that caused it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
@@ -31,12 +31,14 @@ from skyrange.gcs.flight.lifecycle import (
     FlightState,
     next_state,
 )
+from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
 from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
 from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
 from skyrange.gcs.telemetry.belief import Belief, Watch
 from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
+from skyrange.planning.routes import NoRouteError
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody
 
@@ -110,6 +112,8 @@ class FlightSequencer:
     refused: set[str] = field(default_factory=set)
     """Reasons for rejections of optional commands that are already recorded."""
     guided: GuidedSequencer | None = None
+    rerouted: Flight | None = None
+    """The rest of the flight on another way, while the approval is asked for it."""
     state_causes: Refs = ()
     """Frames that led to the current state: the causes of what a timer triggers in it."""
     reason: str = ""
@@ -148,6 +152,8 @@ class FlightSequencer:
         """
         if decision.overruled:
             self._overruled(now, decision, ref, out)
+        elif self.state is FlightState.REROUTING and self.submission is not None:
+            self._on_reroute(now, self.submission, decision, ref, out)
         elif self.report is not None and self.report.is_answered_by(decision):
             if decision.decision == "Accepted":
                 self.claim.accept(self.report, True)
@@ -180,14 +186,46 @@ class FlightSequencer:
         self._raise(FlightEvent.ALTERED, now, out, (ref,), data)
 
     def _overruled(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
-        """Before activation, ask anew; later, give up, which in the air is to return."""
+        """Before activation, ask anew; in the air, fly around what has closed the way, or return."""
         data: dict[str, Scalar] = {"reason": decision.reason}
         if self.state in OVERRULABLE:
             self.claim.state = None
             self._drop_commands()
             self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
-        elif self.state in _FLIGHT or self.state is FlightState.ARMING:
+        elif self.state is FlightState.FLYING and decision.closed:
+            self._reroute(now, decision, ref, out)
+        elif self.state in _FLIGHT or self.state in (FlightState.ARMING, FlightState.REROUTING):
             self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
+
+    def _reroute(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
+        """Stop, and ask for the rest of the plan around the volumes that are closed."""
+        plan, claim = self.flight.plan, self.claim
+        progress = self.guided.at if self.guided is not None else self.belief.farthest_item
+        closed = [one.volume4d(claim.epoch) for one in decision.closed or ()]
+        try:
+            rest = reroute(plan, progress, claim.position(plan), closed, claim.city, claim.margins.horizontal_m)
+        except NoRouteError as error:
+            self._give_up(f"approval withdrawn: {decision.reason}; no way around: {error}", now, out, (ref,))
+            return
+        self._drop_commands()
+        self.rerouted = replace(self.flight, plan=rest)
+        self._raise(FlightEvent.CLOSED, now, out, (ref,), {"reason": decision.reason})
+
+    def _on_reroute(
+        self, now: Time, submission: IntentSubmission, decision: DecisionBody, ref: FrameId, out: Outbox
+    ) -> None:
+        """Fly on where the approval has accepted the other way, and return where it has not."""
+        if not submission.is_answered_by(decision):
+            return
+        if decision.decision != "Accepted" or self.rerouted is None:
+            self._give_up(f"approval rejected: {decision.reason}", now, out, (ref,))
+            return
+        self.claim.accept(submission, True)
+        self.flight, self.rerouted = self.rerouted, None
+        self.guided = GuidedSequencer.for_plan(self.flight.plan)
+        self.guided.advance(now)
+        self._raise(FlightEvent.REROUTED, now, out, (ref,), {"targets": len(self.guided.targets)})
+        self._send_target(self.guided, now, out, (ref,))
 
     def on_time(self, now: Time, out: Outbox) -> None:
         """Do what is due."""
@@ -330,6 +368,10 @@ class FlightSequencer:
             out.note(kind, self.flight.vehicle, self.submission.summary())
             if now >= self.submission.due:
                 self._submit_intent(self.submission, now, out)
+        if state is FlightState.REROUTING and self.rerouted is not None:
+            self.submission = self.claim.reroute(self.rerouted, now)
+            out.note("decision.reroute_requested", self.flight.vehicle, self.submission.summary(), causes)
+            self._submit_intent(self.submission, now, out)
         if state is FlightState.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
             self._raise(FlightEvent.HEARD, now, out, causes)
         elif state is FlightState.UPLOADING:

@@ -86,15 +86,15 @@ def _guided_legs(plan: FlightPlan) -> tuple[Leg, ...]:
     for target in plan.targets_enu_m:
         out.append(leg(here, target, plan.cruise_mps))
         here = target
-    return (*out, *_final_legs(plan, here, plan.cruise_mps, plan.end == "rtl"))
+    return (*out, *final_legs(plan, here, plan.cruise_mps, plan.end == "rtl"))
 
 
 def return_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:
     """The legs of RETURN_TO_LAUNCH from `here`, at the plan's speed."""
-    return tuple(_final_legs(plan, here, plan.cruise_mps, rtl=True))
+    return tuple(final_legs(plan, here, plan.cruise_mps, rtl=True))
 
 
-def _final_legs(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
+def final_legs(plan: FlightPlan, here: Point, speed_mps: float, rtl: bool) -> list[Leg]:
     """The legs of the landing, with the return home before it if `rtl`."""
     out: list[Leg] = []
     home = plan.home_enu_m
@@ -168,10 +168,10 @@ def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool, bool]:
         elif command in LANDINGS:
             there = place(plan, item, here)._replace(up_m=here.up_m)
             out.append(leg(here, there, speed_mps))
-            return (*out, *_final_legs(plan, there, speed_mps, rtl=False)), True, False
+            return (*out, *final_legs(plan, there, speed_mps, rtl=False)), True, False
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return (*out, *_final_legs(plan, here, speed_mps, rtl=True)), True, False
-    return (*out, *_final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False
+            return (*out, *final_legs(plan, here, speed_mps, rtl=True)), True, False
+    return (*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False
 
 
 def _jump_target(items: Sequence[MissionItem], jump: MissionItem) -> int:

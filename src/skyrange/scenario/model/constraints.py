@@ -28,7 +28,7 @@ class ConstraintTable(Model):
         default=0.0,
         ge=0,
         description="Time in seconds at which approvals learn of it. Intents that were accepted before are taken back, "
-        "and aircraft in flight return.",
+        "and aircraft in flight go around or return.",
     )
 
     @model_validator(mode="after")
