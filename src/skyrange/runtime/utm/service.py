@@ -15,6 +15,7 @@ import aiohttp
 from skyrange.contracts.mailboxes import Departure, Note
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port, endpoint
+from skyrange.core.input_files import read_input
 from skyrange.core.time import Time
 from skyrange.io.addresses import check_guarded, with_address
 from skyrange.runtime.garbage_collection import collect_seldom
@@ -46,6 +47,7 @@ from skyrange.utm.federated.uss.service import Uss
 
 TEST_OPERATOR: Final = "tests"
 """Operator of the flights that automated tests plan."""
+_MAX_SECRET_BYTES: Final = 65_536
 _INBOUND: Final = "uss:inbound"
 _DSS: Final = "uss:dss"
 
@@ -231,10 +233,7 @@ def _make_uss(
 
 
 def _read_secret(config: DssConfig, who: str) -> bytes:
-    try:
-        secret = config.secret.read_bytes()
-    except OSError as error:
-        raise InputError.one(who, "dss.secret", str(config.secret), "a file", error.strerror or str(error)) from error
+    secret = read_input(config.secret, who, max_bytes=_MAX_SECRET_BYTES)
     if len(secret) < 16:
         raise InputError.one(who, "dss.secret", f"{len(secret)} bytes", "at least 16 bytes")
     return secret[:64]
