@@ -233,7 +233,7 @@ def _make_uss(
 
 
 def _read_secret(config: DssConfig, who: str) -> bytes:
-    secret = read_input(config.secret, who, max_bytes=_MAX_SECRET_BYTES)
+    secret = read_input(config.secret, who, "dss.secret", max_bytes=_MAX_SECRET_BYTES)
     if len(secret) < 16:
         raise InputError.one(who, "dss.secret", f"{len(secret)} bytes", "at least 16 bytes")
     return secret[:64]

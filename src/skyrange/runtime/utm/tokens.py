@@ -94,7 +94,7 @@ def _token_in(text: bytes) -> str:
 def read_public_key(path: Path, who: str) -> PublicKey:
     """The public key in a PEM file. Raises `InputError`."""
     try:
-        key = load_pem_public_key(read_input(path, who, max_bytes=_MAX_BYTES))
+        key = load_pem_public_key(read_input(path, who, "tokens.keys", max_bytes=_MAX_BYTES))
     except (OSError, ValueError) as error:
         raise InputError.one(who, "tokens.keys", str(path), "a PEM file of a public key", str(error)) from error
     if isinstance(key, Ed25519PublicKey):
@@ -107,7 +107,7 @@ def read_public_key(path: Path, who: str) -> PublicKey:
 def read_private_key(path: Path, who: str) -> PrivateKey:
     """The private key in a PEM file. Raises `InputError`."""
     try:
-        key = load_pem_private_key(read_input(path, who, max_bytes=_MAX_BYTES), None)
+        key = load_pem_private_key(read_input(path, who, "authorization.key", max_bytes=_MAX_BYTES), None)
     except (OSError, ValueError, TypeError) as error:
         raise InputError.one(who, "authorization.key", str(path), "a PEM file of a private key", str(error)) from error
     if isinstance(key, (Ed25519PrivateKey, RSAPrivateKey)):
