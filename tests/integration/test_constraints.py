@@ -11,13 +11,13 @@ import shapely
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 
 from skyrange.assembly.build import build
-from skyrange.codec.f3548.frames import UssRequest, decode
+from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.codec.f3548.operations import find_operation
-from skyrange.contracts.mailboxes import Inbox, Outbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import APPROVAL
+from skyrange.core.ids import APPROVAL, FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.plan.paths import Point
@@ -31,6 +31,7 @@ from skyrange.testing.checks.approval_policies import EPOCH, box
 from skyrange.utm.constraints import Constraint
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
 from skyrange.utm.federated.constraint_manager import ConstraintManager
+from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.intent_states import IntentState
 from tests.approval_stations import LAT, LON, Station, ask, decisions, end, fly_requests
 
@@ -124,6 +125,30 @@ def test_a_constraint_whose_manager_does_not_tell_closes_the_whole_area() -> Non
     manager.step = silent  # type: ignore[method-assign]
     stations, _ = flown("federated", {"blue": [(2.0, ask("blue/a", here(0.003)))]}, 0.0, 12.0, service)
     assert decisions(stations["blue"]) == ["Rejected"], "it is near"
+
+
+def test_an_answer_that_belongs_to_a_request_that_was_given_up_is_not_taken_for_that_of_the_next_one() -> None:
+    """The DSS fails at once to tell of constraints, and tells of intents when the next request is on its way."""
+    (uss,) = [agent for agent in service_of("federated", 0.0).agents if isinstance(agent, Uss) and "blue" in agent.name]
+    operator, dss = uss.ports[0], uss.ports[1]
+
+    def receive(port: Port, payload: bytes) -> list[UssRequest]:
+        """Let the USS read a frame; what it asks of the DSS in answer."""
+        ref = FrameId(port.link, "up", "somebody", 1)
+        out = uss.step(NS_PER_S, Inbox([Arrival(port, NS_PER_S, payload, "somebody", ref)]))
+        asked = [decode(sent.payload) for sent in out.departures if sent.port == dss]
+        return [frame for frame in asked if isinstance(frame, UssRequest)]
+
+    def answer(asked: UssRequest, status: int, **body: Any) -> list[UssRequest]:
+        return receive(dss, encode(UssResponse(exchange=asked.exchange, status=status, body=body)))
+
+    intents, constraints = receive(operator, ask("blue/a", here()))
+    assert answer(constraints, 500) == []
+    next_intents, next_constraints = receive(operator, ask("blue/b", here()))
+    assert answer(intents, 200, operational_intent_references=[]) == []
+    assert answer(next_constraints, 200, constraint_references=[]) == [], "it has still not been told of intents"
+    (put,) = answer(next_intents, 200, operational_intent_references=[])
+    assert put.method == "PUT"
 
 
 SCENARIO = """

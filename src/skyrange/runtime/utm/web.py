@@ -121,7 +121,7 @@ class WebService:
 def _fields(request: web.BaseRequest, content: bytes) -> Mapping[str, str]:
     """The fields of a form, or of the query of a request that has none. Raises `DecodeError`."""
     if request.method != "POST":
-        return request.query
+        return {name: value for name, value in request.query.items() if name != "client_secret"}  # no secrets in URLs
     if request.content_type != "application/x-www-form-urlencoded":
         raise DecodeError("a form is needed (application/x-www-form-urlencoded)")
     try:

@@ -223,7 +223,7 @@ class Uss:
             if reply.status != 204:
                 self._note_failure(call.receiver, f"notification: status {reply.status}", (reply.ref,), out)
             return
-        if task is None:
+        if task is None or not task.takes(call.exchange):
             return  # its task was given up
         task.causes = (*task.causes[:1], reply.ref)
         if call.operation in _DETAILS:
@@ -345,9 +345,7 @@ class Uss:
         body = {
             "extents": [volume_body(one, self._epoch) for one in intent.volumes],
             "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
-            "state": State.Accepted.value
-            if own is None
-            else intent.state.value,  # the DSS takes no other first version
+            "state": (State.Accepted if own is None else intent.state).value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
@@ -356,6 +354,7 @@ class Uss:
 
     def _on_accepted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        task.is_new = reference.version == 1
         intent = replace(task.intent, state=IntentState(reference.state.value))
         self._intents.accept(intent, reference)
         self._notify(now, intent, reference, reply, out)
@@ -407,7 +406,7 @@ class Uss:
         """A call was not answered, or not as the standard has it."""
         name, task = call.receiver, self._task
         self._note_failure(name, problem, call.causes, out)
-        if task is None or call.operation is Op.NotifyOperationalIntentDetailsChanged:
+        if task is None or not task.takes(call.exchange):
             return
         if call.operation in _DETAILS:
             reference = task.awaited.pop(call.exchange, None)
@@ -430,6 +429,8 @@ class Uss:
 
     def _answer(self, task: Task, decision: ApprovalDecision, out: Outbox) -> None:
         self._task = None
+        if task.is_new and not decision.accepted:  # its first version was accepted, and the next one was not
+            self._queue.add(Task(self._intents.release(task.intent), None, task.causes))
         if task.asked is not None:
             answer_intent(task.asked, decision, self._book, self._epoch, out)
 
@@ -450,7 +451,8 @@ class Uss:
             scopes.append(Scope.ConstraintProcessing)
         token = self._tokens.get(now, self._dss.name, *(scope.value for scope in scopes))
         parameters = {"entityid": task.intent.id, **more}
-        self._caller.call(now, self._dss.name, self._dss.port, token, operation, parameters, body, task.causes, out)
+        receiver, port = self._dss.name, self._dss.port
+        task.calls.add(self._caller.call(now, receiver, port, token, operation, parameters, body, task.causes, out))
 
     def _notify(
         self, now: Time, intent: OperationalIntent | None, reference: IntentReference, reply: Reply, out: Outbox

@@ -27,12 +27,16 @@ class Task:
     """When it may begin."""
     relevant: dict[str, None] = field(default_factory=dict)
     """Intents whose OVNs the key has to have."""
+    calls: set[int] = field(default_factory=set)
+    """Exchanges with the DSS that belong to it."""
     listed: dict[OperationID, Sequence[ConstraintReference]] = field(default_factory=dict)
     """What the DSS has answered to queries."""
     awaited: dict[int, ConstraintReference] = field(default_factory=dict)
     """Intents and constraints whose details are asked for, by exchange."""
     conflicts: int = 0
     """How often the DSS knew more."""
+    is_new: bool = False
+    """Whether the DSS has accepted the first version of the intent for it."""
     outranked: int = 0
     """How many intents of lower priority the intent overlaps."""
     refusal: str = ""
@@ -42,6 +46,15 @@ class Task:
     def ends(self) -> bool:
         """Whether it ends the intent."""
         return self.intent.state is IntentState.ENDED
+
+    def takes(self, exchange: int) -> bool:
+        """Whether an exchange belongs to it, which may have one answer."""
+        if exchange in self.awaited:
+            return True
+        if exchange in self.calls:
+            self.calls.discard(exchange)
+            return True
+        return False
 
     @property
     def is_urgent(self) -> bool:
