@@ -62,3 +62,12 @@ def test_the_report_has_a_row_for_each_flight_and_the_volumes_at_their_times(rec
 def test_where_everything_is_approved_at_once_there_is_no_section(tmp_path: Path) -> None:
     run = skyrange.run(load("squares", ["duration_s=3"]), tmp_path / "run")
     assert 'id="airspace"' not in (run.path / "report.html").read_text()
+
+
+def test_the_scene_shows_constraints_from_their_publication_on(tmp_path: Path) -> None:
+    constraint = 'constraints=[{id="fire", corners_m=[[0, 0], [9, 0], [9, 9]], upper_m=50, published_s=2}]'
+    run = skyrange.run(load("squares", ["duration_s=3", constraint]), tmp_path / "run")
+    data = re.search(r'<script type="application/json" id="run">(.*?)</script>', (run.path / "report.html").read_text())
+    assert data is not None
+    (shown,) = json.loads(data[1])["airspace"]
+    assert shown == {"name": "fire", "t": [2.0, 3.0], "h": [0, 500], "r": [0, 0, 90, 0, 0, 90]}

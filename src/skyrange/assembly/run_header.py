@@ -74,6 +74,7 @@ def make_header(
             {"id": receiver.id, "operator": receiver.operator, "kind": receiver.kind, "at_enu_m": list(receiver.place)}
             for receiver in (scenario.radio.receivers if scenario.radio is not None else ())
         ],
+        "constraints": [table.model_dump(mode="json") for table in scenario.constraints],
         "city": _describe_city(city) if city is not None else None,
     }
 

@@ -29,6 +29,7 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("operators", list, "a list of tables"),
     ("links", list, "a list of tables"),
     ("receivers", list, "a list of tables"),
+    ("constraints", list, "a list of tables"),
     ("origin", dict, "a table"),
     ("simulated_s", (int, float), "a number of seconds"),
     ("timings", dict, "a table"),
@@ -109,6 +110,7 @@ def _check_shape(manifest: Mapping[str, Any]) -> Iterator[Problem]:
         ("vehicles", ("id", "operator")),
         ("links", ("name",)),
         ("receivers", ("id",)),
+        ("constraints", ("id",)),
     ):
         rows = manifest.get(key)
         for index, row in enumerate(rows if isinstance(rows, list) else ()):

@@ -23,7 +23,7 @@ const unpackRing = (flat) => {
   return ring;
 };
 RUN.buildings = RUN.buildings.h.map((h, i) => ({ h: h / 10, rings: RUN.buildings.r[i].map(unpackRing) }));
-RUN.airspace = RUN.airspace.map((a) => ({ v: RUN.vehicles[a.v], from: a.t[0], until: a.t[1], low: a.h[0] / 10, high: a.h[1] / 10, ring: unpackRing(a.r) }));
+RUN.airspace = RUN.airspace.map((a) => ({ v: RUN.vehicles[a.v], name: a.name, from: a.t[0], until: a.t[1], low: a.h[0] / 10, high: a.h[1] / 10, ring: unpackRing(a.r) }));
 
 // Row of the last sample not after t, or -1.
 const rowAt = (track, t) => {

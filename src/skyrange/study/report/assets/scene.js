@@ -110,19 +110,19 @@ const buildScene = () => {
       ctx.globalAlpha = 1;
     }
   };
-  const drawAirspace = (ctx) => {                                       // what is claimed now, as prisms
+  const drawAirspace = (ctx) => {                                       // what is claimed or closed now, as prisms
     for (const a of RUN.airspace) {
-      if (state.t < a.from || state.t > a.until || !visible(a.v)) continue;
+      if (state.t < a.from || state.t > a.until || (a.v && !visible(a.v))) continue;
       const low = a.ring.map((p) => camera.project(p[0], p[1], a.low)), high = a.ring.map((p) => camera.project(p[0], p[1], a.high));
       if (low.includes(null) || high.includes(null)) continue;
-      const near = state.focus < 0 || state.focus === a.v.index;
+      const near = !a.v || state.focus < 0 || state.focus === a.v.index;
       const trace = (ring) => {
         ctx.moveTo(ring[0][0], ring[0][1]);
         for (const p of ring) ctx.lineTo(p[0], p[1]);
         ctx.closePath();
       };
-      ctx.fillStyle = ctx.strokeStyle = ink(a.v);
-      ctx.lineWidth = 1;
+      ctx.fillStyle = ctx.strokeStyle = a.v ? ink(a.v) : "#e02424";
+      ctx.lineWidth = a.v ? 1 : 1.5;
       ctx.beginPath();
       trace(low);
       trace(high);
@@ -130,10 +130,11 @@ const buildScene = () => {
       ctx.globalAlpha = near ? 0.5 : 0.15;
       ctx.stroke();
       ctx.beginPath();
-      trace(high);
-      ctx.globalAlpha = near ? 0.1 : 0.03;
+      trace(a.v ? high : low);
+      ctx.globalAlpha = !a.v ? 0.2 : near ? 0.1 : 0.03;
       ctx.fill();
       ctx.globalAlpha = 1;
+      if (a.name) halo(ctx, a.name, low[0][0] + 6, low[0][1] + 14);
     }
   };
   const byWeight = [...RUN.marks].sort((a, b) => Number(a.kind === "collision" || a.kind === "crash") - Number(b.kind === "collision" || b.kind === "crash"));

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.core.time import NS_PER_S
 from skyrange.study.figures.track_simplification import select_samples
-from skyrange.study.measures.claims import shown_prisms
+from skyrange.study.measures.claims import Prism, shown_prisms
 from skyrange.study.measures.time_series import Track, belief_errors_m
 from skyrange.study.report.run.contents import RunContents
 
@@ -78,24 +79,36 @@ def pack_scene(run: RunContents) -> tuple[dict[str, Any], dict[str, int]]:
             for mark in run.marks
         ],
         "buildings": buildings,
-        "airspace": _airspace(run),
+        "airspace": [*_claimed(run), *_closed(run)],
     }
     return data, notes
 
 
-def _airspace(run: RunContents) -> list[dict[str, Any]]:
-    """Claimed volumes: place of the aircraft, begin and end in seconds, heights and ring in decimetres."""
+def _claimed(run: RunContents) -> list[dict[str, Any]]:
+    """Claimed volumes with the places of their aircraft."""
     places = {vehicle.id: place for place, vehicle in enumerate(run.fleet)}
     found = [one for one in shown_prisms(run.claims, run.end_ns) if one[0] in places]
-    return [
-        {
-            "v": places[vehicle],
-            "t": [round(prism.start_ns * 1e-9, 1), round(prism.end_ns * 1e-9, 1)],
-            "h": [round(prism.lower_m * 10), round(prism.upper_m * 10)],
-            "r": _ring(prism.ring_m),
-        }
-        for vehicle, prism in found[:MAX_VOLUMES]
-    ]
+    return [{"v": places[vehicle], **_prism(prism)} for vehicle, prism in found[:MAX_VOLUMES]]
+
+
+def _closed(run: RunContents) -> list[dict[str, Any]]:
+    """Constraints with their names, from their publication on."""
+    found = []
+    for row in run.manifest.get("constraints") or []:
+        start, end = max(row["start_s"], row["published_s"]), min(row["end_s"], run.end_ns / NS_PER_S)
+        if start < end:
+            ring, times = np.array(row["corners_m"], float), (round(start * NS_PER_S), round(end * NS_PER_S))
+            found.append({"name": row["id"], **_prism(Prism(ring, row["lower_m"], row["upper_m"], *times))})
+    return found
+
+
+def _prism(prism: Prism) -> dict[str, Any]:
+    """Begin and end in seconds, heights and ring in decimetres."""
+    return {
+        "t": [round(prism.start_ns * 1e-9, 1), round(prism.end_ns * 1e-9, 1)],
+        "h": [round(prism.lower_m * 10), round(prism.upper_m * 10)],
+        "r": _ring(prism.ring_m),
+    }
 
 
 def _budget(total: int, count: int) -> int:
