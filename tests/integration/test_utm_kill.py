@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import re
 import signal
 import sys
 from collections.abc import AsyncIterator
@@ -11,6 +13,7 @@ from pathlib import Path
 
 import aiohttp
 import pytest
+from sqlalchemy import create_engine, text
 
 from skyrange.utm.contract import intent_id
 from skyrange.utm.intent_states import IntentState
@@ -19,6 +22,21 @@ from tests.unit.test_utm_services import COORDINATION, wanted
 from tests.utm_services import Federation, later, run, running, write
 
 pytestmark = pytest.mark.realtime
+POSTGRESQL = "SKYRANGE_POSTGRESQL"
+WHY_NO_POSTGRESQL = "" if os.environ.get(POSTGRESQL) else f"{POSTGRESQL} has no URL of a server to make databases in"
+
+
+def use_postgresql(paths: list[Path]) -> None:
+    """Give each service a new database of the server."""
+    url = os.environ[POSTGRESQL]
+    with create_engine(url, isolation_level="AUTOCOMMIT").connect() as server:
+        for path in paths:
+            name = f"skyrange_{path.stem}"
+            server.execute(text(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)"))
+            server.execute(text(f"CREATE DATABASE {name}"))
+            configured = path.read_text()
+            own = re.sub(r"(?m)^database = .*$", f'database = "{url.rpartition("/")[0]}/{name}"', configured)
+            path.write_text(own)
 
 
 @asynccontextmanager
@@ -44,8 +62,13 @@ async def details(federation: Federation, number: int) -> int:
 
 
 @pytest.mark.parametrize("victim", ["north", "dss"])
-def test_what_was_answered_before_a_kill_is_true_after_the_restart(tmp_path: Path, victim: str) -> None:
+@pytest.mark.parametrize(
+    "database", ["sqlite", pytest.param("postgresql", marks=pytest.mark.external(missing=WHY_NO_POSTGRESQL))]
+)
+def test_what_was_answered_before_a_kill_is_true_after_the_restart(tmp_path: Path, victim: str, database: str) -> None:
     paths = write(tmp_path)
+    if database == "postgresql":
+        use_postgresql([path for path in paths if path.stem != "auth"])
     (killed,) = [path for path in paths if path.stem == victim]
     rest = [path.stem for path in paths if path.stem != victim]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Engine, create_engine, event
+from sqlalchemy import Engine, create_engine, event, make_url
 from sqlalchemy.exc import ArgumentError, NoSuchModuleError, SQLAlchemyError
 
 from skyrange.core.errors import InputError
@@ -15,16 +15,22 @@ from skyrange.core.errors import InputError
 
 def open_engine(url: str, who: str) -> Engine:
     """An engine for the database at a URL, with its tables up to date. Raises `InputError`."""
-    hint = "Is the server running, and is its driver installed?"
+    shown = repr(url)
     try:
+        shown = repr(make_url(url).render_as_string(hide_password=True))
         engine = create_engine(url)
         if engine.dialect.name == "sqlite":
             event.listen(engine, "connect", _make_durable)
         migrate(engine)
-    except (ArgumentError, NoSuchModuleError, ImportError) as error:
-        raise InputError.one(who, "database", repr(url), "a URL such as sqlite:///north.db", str(error)) from error
+    except ImportError as error:
+        raise InputError.one(
+            who, "database", shown, "a URL of a database whose driver is installed", str(error)
+        ) from error
+    except (ArgumentError, NoSuchModuleError) as error:
+        raise InputError.one(who, "database", shown, "a URL such as sqlite:///north.db", str(error)) from error
     except SQLAlchemyError as error:
-        raise InputError.one(who, "database", repr(url), "a database that can be opened", f"{error} {hint}") from error
+        reason = str(getattr(error, "orig", None) or error)
+        raise InputError.one(who, "database", shown, "a database that can be opened", reason) from error
     return engine
 
 
