@@ -42,7 +42,8 @@ TOPICS: dict[str, dict[str, str]] = {
             read_messages read_receptions""",
         "Flight approvals": """ApprovalPlugin ApprovalContext ApprovalService ApprovalPolicy policy_plugin
             FlightApproval OperationalIntent Alternative ApprovalDecision Volume4D intent_id ApprovalRequest
-            ApprovalResponse encode_approval decode_approval_request decode_approval_response""",
+            ApprovalResponse encode_approval decode_approval_request decode_approval_response RequestQueue RequestOrder
+            WaitingRequest""",
         "Avoidance": """AvoidancePlugin AvoidanceContext Avoidance AvoidanceLimits AvoidanceDecision AvoidanceAction
             Episode Own Tracks""",
         "Radio media": """MediumPlugin MediumContext Medium MediumBase ExternalMedium RadioSpec RadioTable

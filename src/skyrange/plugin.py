@@ -123,6 +123,7 @@ if TYPE_CHECKING:
     from skyrange.utm.messages import decode_request as decode_approval_request
     from skyrange.utm.messages import decode_response as decode_approval_response
     from skyrange.utm.messages import encode as encode_approval
+    from skyrange.utm.request_order import RequestOrder, RequestQueue, WaitingRequest
     from skyrange.vehicle.avoidance.contract import (
         Avoidance,
         AvoidanceAction,
@@ -258,6 +259,8 @@ __all__ = [
     "RadioTable",
     "ReceptionOutcome",
     "Replace",
+    "RequestOrder",
+    "RequestQueue",
     "Route",
     "ScanSchedule",
     "ScanStep",
@@ -282,6 +285,7 @@ __all__ = [
     "VehicleSpec",
     "Verdict",
     "Volume4D",
+    "WaitingRequest",
     "WallEngine",
     "Waveform",
     "Whole",

@@ -99,6 +99,7 @@ TWO = ApprovalPlugin(NoParams, two, "Two agents decide together.")
 def test_what_is_shipped_and_a_service_of_two_agents_conform() -> None:
     check_approval(APPROVE_ALL)
     check_approval(AUTHORITY)
+    check_approval(AUTHORITY, {"order": "least_served"})
     check_approval(HASHGRAPH)
     check_approval(FEDERATED)
     check_approval(FEDERATED, {"services": {"both": ["blue", "green"]}})

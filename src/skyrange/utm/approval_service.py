@@ -1,6 +1,6 @@
 """Flight approval service: one agent at the endpoint `approval`, for all operators.
 
-It reads requests, has its policy decide each distinct one once, and answers.
+It reads requests, has its policy decide each distinct one once, at once or after others that wait, and answers.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.params import Params
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
-from skyrange.core.time import NS_PER_MS, Epoch, Time
+from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.utm.constraints import Constraint, Publication, claim_of
 from skyrange.utm.contract import (
     ApprovalContext,
@@ -23,6 +23,7 @@ from skyrange.utm.contract import (
 )
 from skyrange.utm.messages import EndBody, Response, encode, encode_decision
 from skyrange.utm.request_book import OpenRequest, RequestBook
+from skyrange.utm.request_order import RequestQueue
 
 SERVICE_NS = 20 * NS_PER_MS
 """How often it looks at its mail, as the ground stations do."""
@@ -46,9 +47,10 @@ class FlightApproval:
         service_ns: Time = SERVICE_NS,
         name: str = APPROVAL,
         constraints: Sequence[Constraint] = (),
+        queue: RequestQueue | None = None,
     ) -> None:
         """`policy` decides for all `operators`, each on its own link `approval:<operator>`, and on `constraints` when
-        they are published.
+        they are published. `queue` has requests wait for others; without one each is decided when it arrives.
         """
         self.name = name
         self.service_ns = service_ns
@@ -57,6 +59,7 @@ class FlightApproval:
         self._epoch = epoch
         self._policy = policy
         self._publication = Publication(constraints)
+        self._queue = queue
 
     @property
     def bad_frames(self) -> dict[str, int]:
@@ -68,8 +71,10 @@ class FlightApproval:
         self._book.restore(operator, intent)
 
     def next_wakeup(self) -> Time | None:
-        """When the next constraint is published; otherwise it acts on mail."""
-        return self._publication.due
+        """When the next constraint is published, or the queue is due; otherwise it acts on mail."""
+        if self._queue is None or self._queue.due is None:
+            return self._publication.due
+        return min(self._queue.due, NEVER if self._publication.due is None else self._publication.due)
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Take constraints into account that are published, and answer every request that arrived."""
@@ -78,12 +83,26 @@ class FlightApproval:
             apply_constraint(now, self.name, constraint, self._policy, self._book, self._epoch, out)
         for arrival in inbox:
             self._answer(now, arrival, out)
+        while self._queue is not None and (waiting := self._queue.take(now)) is not None:
+            self._decide(now, waiting, out)
         return out
 
     def _answer(self, now: Time, arrival: Arrival, out: Outbox) -> None:
         asked = self._book.read(arrival, out)
-        if asked is not None:
-            decide_request(now, asked, self._policy, self._book, self._epoch, out)
+        if asked is None:
+            return
+        if self._queue is not None:
+            earlier = self._queue.take_earlier(asked.request.body.id)
+            if earlier is not None:
+                self._decide(now, earlier, out)
+            if self._queue.add(now, asked):
+                return
+        self._decide(now, asked, out)
+
+    def _decide(self, now: Time, asked: OpenRequest, out: Outbox) -> None:
+        accepted = decide_request(now, asked, self._policy, self._book, self._epoch, out)
+        if accepted and self._queue is not None:
+            self._queue.count_accepted(asked.operator, asked.request.body.id)
 
 
 def apply_constraint(
@@ -104,14 +123,19 @@ def apply_constraint(
 
 def decide_request(
     now: Time, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch, out: Outbox
-) -> None:
-    """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
+) -> bool:
+    """Have a policy decide a request, and answer it; tell those whose intents it overrules.
+
+    Returns whether it accepted an intent.
+    """
     body = asked.request.body
     if isinstance(body, EndBody):
         policy.end(now, body.id)
         answer_end(asked, book, out)
-    else:
-        answer_intent(asked, policy.decide(now, asked.request.intent(epoch)), book, epoch, out)
+        return False
+    decision = policy.decide(now, asked.request.intent(epoch))
+    answer_intent(asked, decision, book, epoch, out)
+    return decision.accepted
 
 
 def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:
@@ -153,12 +177,25 @@ def note_decision(asked: OpenRequest, decision: ApprovalDecision, out: Outbox) -
     out.note(kind, body.vehicle, data, (asked.cause,))
 
 
-def policy_plugin(params: type[Params], make: Callable[[Any], ApprovalPolicy], about: str) -> ApprovalPlugin:
-    """An approval that is one service, of an object that decides: `make(params)` returns an `ApprovalPolicy`."""
+def policy_plugin(
+    params: type[Params],
+    make: Callable[[Any], ApprovalPolicy],
+    about: str,
+    make_queue: Callable[[Any], RequestQueue | None] | None = None,
+) -> ApprovalPlugin:
+    """An approval that is one service, of an object that decides: `make(params)` returns an `ApprovalPolicy`.
+
+    `make_queue(params)` returns the queue in which requests wait, if they are to.
+    """
 
     def serve(given: Params, context: ApprovalContext) -> ApprovalService:
         service = FlightApproval(
-            context.operators, context.epoch, make(given), name=context.name, constraints=context.constraints
+            context.operators,
+            context.epoch,
+            make(given),
+            name=context.name,
+            constraints=context.constraints,
+            queue=make_queue(given) if make_queue is not None else None,
         )
         return ApprovalService([service])
 

@@ -1,29 +1,30 @@
 """Approval authority: one approver that keeps the only database of intents, as in the published centralised design.
 
 An intent is accepted if its volumes overlap no other intent's of the same or a higher priority, and none of an aircraft
-that does not keep to its own; first come, first served. A rejection carries alternatives. What an aircraft that has
-left its volumes claims is never refused.
+that does not keep to its own. Requests are decided as they come, or in an order that is fair to the operators. A
+rejection carries alternatives. What an aircraft that has left its volumes claims is never refused.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Protocol
+from typing import Annotated, Literal, Protocol
 
 from pydantic import Field
 
 from skyrange.contracts.params import Number, Params
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.alternatives import Limits
 from skyrange.utm.approval_service import policy_plugin
 from skyrange.utm.constraints import is_constraint
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent, overruled_by, version_number
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
+from skyrange.utm.request_order import RequestQueue, least_served
 
 
-class AuthorityParams(Params):
+class AlternativeParams(Params):
     """Limits of the alternatives that are offered."""
 
     max_delay_s: Number = Field(
@@ -55,6 +56,23 @@ class AuthorityParams(Params):
         return Limits(self.max_delay_s, self.climbs_m, self.aside_m, self.ceiling_m, self.alternatives)
 
 
+class AuthorityParams(AlternativeParams):
+    """Limits of the alternatives that are offered, and the order of decisions."""
+
+    order: Literal["first_come", "least_served"] = Field(
+        default="first_come",
+        description="first_come: each request is decided when it arrives. least_served: requests for later flights "
+        "wait for window_s; then that of the operator with the fewest accepted intents is decided first.",
+    )
+    window_s: Number = Field(
+        default=1.0, gt=0, le=60, description="How long the first of the waiting requests waits, in seconds."
+    )
+
+    def make_queue(self) -> RequestQueue | None:
+        """The queue of the order; None if nothing waits."""
+        return None if self.order == "first_come" else RequestQueue(least_served, round(self.window_s * NS_PER_S))
+
+
 class IntentJournal(Protocol):
     """What is told of changes of accepted intents; a database behind it makes them durable."""
 
@@ -82,7 +100,7 @@ class Authority:
 
     def __init__(
         self,
-        params: AuthorityParams,
+        params: AlternativeParams,
         journal: IntentJournal | None = None,
         accepted: Iterable[OperationalIntent] = (),
     ) -> None:
@@ -159,4 +177,5 @@ AUTHORITY = policy_plugin(
     AuthorityParams,
     Authority,
     "Accepts what overlaps no accepted intent, and offers alternatives: later, higher or beside.",
+    AuthorityParams.make_queue,
 )

@@ -14,7 +14,7 @@ from skyrange.core.ids import ID_PATTERN
 from skyrange.scenario.named_files import read_text
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
-from skyrange.utm.authority import AuthorityParams
+from skyrange.utm.authority import AlternativeParams, AuthorityParams
 
 Text = Annotated[str, Field(min_length=1, max_length=512)]
 _NAME = Annotated[str, Field(pattern=ID_PATTERN.pattern)]
@@ -58,7 +58,7 @@ class UssConfig(_Table):
     operators: dict[_NAME, Text] = Field(
         default_factory=dict, max_length=64, description="Operators that it serves, each with its bearer token."
     )
-    limits: AuthorityParams = Field(default_factory=AuthorityParams, description="Limits of alternatives.")
+    limits: AlternativeParams = Field(default_factory=AlternativeParams, description="Limits of alternatives.")
     peers: tuple[Text, ...] = Field(
         default=(), description="Base URLs of other USSs that it may call; every one that the DSS names if empty."
     )
@@ -77,7 +77,9 @@ class AuthorityConfig(_Table):
     operators: dict[_NAME, Text] = Field(
         min_length=1, max_length=1_000, description="Operators that it serves, each with its bearer token."
     )
-    limits: AuthorityParams = Field(default_factory=AuthorityParams, description="Limits of alternatives.")
+    limits: AuthorityParams = Field(
+        default_factory=AuthorityParams, description="Limits of alternatives, and the order of decisions."
+    )
 
 
 class DssConfig(_Table):

@@ -187,7 +187,7 @@ def _host_authority(config: ServiceConfig, settings: AuthorityConfig, routes: Ro
     journal = None if changes is None else AuthorityJournal(changes)
     accepted = () if journal is None else list(journal.intents())
     policy = Authority(settings.limits, journal, accepted)
-    agent = FlightApproval(list(settings.operators), UNIX, policy, name=config.name)
+    agent = FlightApproval(list(settings.operators), UNIX, policy, name=config.name, queue=settings.limits.make_queue())
     for intent in accepted:
         agent.restore(intent.operator, intent.id)
 

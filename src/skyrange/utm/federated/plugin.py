@@ -13,7 +13,7 @@ from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port, link_name
 from skyrange.core.time import NS_PER_MS
-from skyrange.utm.authority import AuthorityParams
+from skyrange.utm.authority import AlternativeParams
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
 from skyrange.utm.federated.names import AIRSPACE, DSS
 
@@ -21,7 +21,7 @@ LATENCY_NS: Final = 20 * NS_PER_MS
 """Of the links between services, unless the scenario has another channel for them."""
 
 
-class FederatedParams(AuthorityParams):
+class FederatedParams(AlternativeParams):
     """Which USS serves which operators, and limits of the alternatives that are offered."""
 
     services: dict[str, tuple[str, ...]] = Field(

@@ -13,14 +13,14 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import Port, link_name
 from skyrange.core.time import NS_PER_MS, from_seconds
 from skyrange.utm.approval_service import FlightApproval
-from skyrange.utm.authority import Authority, AuthorityParams
+from skyrange.utm.authority import AlternativeParams, Authority
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
 
 LATENCY_NS = 20 * NS_PER_MS
 """Of the links between nodes, unless the scenario has another channel for them."""
 
 
-class HashgraphParams(AuthorityParams):
+class HashgraphParams(AlternativeParams):
     """Gossip and stakes, and limits of the alternatives that are offered."""
 
     gossip_s: Number = Field(
