@@ -102,7 +102,9 @@ def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int) -
         for one in (name, *operators):
             if not ID_PATTERN.match(one) or (one == name and one in (AUTHORIZATION, DSS)):
                 expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
-                problems.append(Problem("--uss", repr(one), expected, "Write NAME=OPERATORS, such as north=blue,green."))
+                problems.append(
+                    Problem("--uss", repr(one), expected, "Write NAME=OPERATORS, such as north=blue,green.")
+                )
     if not 1 <= first_port <= 65_536 - ports:
         problems.append(Problem("--port", str(first_port), "a port that leaves enough of them for all services"))
     if problems:
