@@ -17,6 +17,7 @@ from skyrange.core.volumes import Volume4D
 from skyrange.utm.airspace import Airspace
 from skyrange.utm.alternatives import Limits, delayed, find_alternatives, least_delay
 from skyrange.utm.cell_grid import CELL_DEG
+from tests.tiers import examples
 
 CORNERS = st.builds(lambda a, b: (40.0 + a * CELL_DEG, -74.0 + b * CELL_DEG), st.integers(0, 12), st.integers(0, 12))
 """Corners of cells, and so edges that touch."""
@@ -119,13 +120,13 @@ def test_the_least_delay_is_free_and_no_earlier_second_is(claim: list[Volume4D],
     assert found == (None if expected is None else expected * NS_PER_S)
 
 
-@given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6))
-@settings(deadline=None)
+@given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6), count=st.sampled_from([1, 1, 1, 2, 3]))
+@settings(deadline=None, max_examples=examples(2_000))
 def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
-    claim: list[Volume4D], others: list[list[Volume4D]]
+    claim: list[Volume4D], others: list[list[Volume4D]], count: int
 ) -> None:
     airspace = airspace_of(others)
-    limits = Limits(300.0, (15.0, 30.0), (25.0, -25.0), 90.0, 3)
+    limits = Limits(300.0, (15.0, 30.0), (25.0, -25.0), 90.0, count)
     offered = find_alternatives(claim, airspace.find_each, limits)
     assert len(offered) <= limits.count
     ground_m = min(one.lower_m for one in claim)
@@ -139,6 +140,9 @@ def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
                 replace(volume, start_ns=volume.start_ns + one.delay_ns, end_ns=volume.end_ns + one.delay_ns)
                 for volume in claim
             ]
+    mere = [one.delay_ns for one in offered if not (one.climb_m or one.east_m or one.north_m)]
+    later_ns = least_delay(claim, airspace.find_overlaps(claim, 300 * NS_PER_S), 300 * NS_PER_S)
+    assert mere == ([] if later_ns is None else [later_ns]), "which every operator can fly"
     if not airspace.find_overlaps(claim):
         assert offered[0].delay_ns == 0
         assert offered[0].volumes == tuple(claim)

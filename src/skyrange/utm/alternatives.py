@@ -59,7 +59,8 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
     """The cheapest alternatives of each kind of change, the cheapest first; their cost is the time by which the flight
     ends later.
 
-    What costs more than a mere delay is not offered: every operator can fly the delayed flight.
+    Every operator can fly the delayed flight, but perhaps none of the others. So a mere delay is always among them if
+    there is one, and what costs more is not offered.
     """
     most_ns = from_seconds(limits.delay_s)
     (overlaps,) = search([Query(volumes, most_ns)])
@@ -82,7 +83,10 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
             offered = Alternative(tuple(query.volumes), delay_ns, change.climb_m, change.east_m, change.north_m)
             found.append((cost_s, number, offered))
     found.sort(key=lambda one: one[:2])
-    return [replace(one, volumes=delayed(one.volumes, one.delay_ns)) for _, _, one in found[: limits.count]]
+    offers = found[: limits.count]
+    if offers and math.isfinite(most_s) and all(number > 0 for _, number, _ in offers):
+        offers[-1] = next(one for one in found if one[1] == 0)
+    return [replace(one, volumes=delayed(one.volumes, one.delay_ns)) for _, _, one in offers]
 
 
 def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
