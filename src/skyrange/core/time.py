@@ -54,10 +54,14 @@ def ceil_to(time: Time, grid: Time) -> Time:
 
 @lru_cache(maxsize=4_096)
 def parse_rfc3339(text: str) -> datetime:
-    """A moment in RFC 3339. `ValueError` for other text, and for one without offset or Z."""
+    """A moment in RFC 3339. `ValueError` for other text, for one without offset or Z, and for one that no `Time` holds
+    with some time before and after it.
+    """
     moment = datetime.fromisoformat(text)
     if moment.utcoffset() is None:
         raise ValueError("an RFC 3339 time carries its offset or Z")
+    if not 1970 <= moment.year <= 2200:
+        raise ValueError("a time from 1970 to 2200 is needed")
     return moment
 
 

@@ -151,7 +151,7 @@ def answer_intent(asked: OpenRequest, decision: ApprovalDecision, book: RequestB
     tell_overruled(decision, book, epoch, (asked.cause,), out)
     body = asked.request.body
     version = None if isinstance(body, EndBody) else body.version
-    book.answer(asked, encode_decision(body.id, decision, epoch, version), out)
+    book.answer(asked, encode_decision(body.id, decision, epoch, version), out, accepted=decision.accepted)
 
 
 def tell_overruled(

@@ -41,7 +41,7 @@ PATH = "/v1/operational_intents/"
 
 _UUID = r"^[0-9a-f]{8}-[0-9a-f]{4}-4[0-9a-f]{3}-[89ab][0-9a-f]{3}-[0-9a-f]{12}$"
 _M = TypeVar("_M", bound=BaseModel)
-_Text = Annotated[str, Field(max_length=256)]
+_Text = Annotated[str, Field(max_length=256, pattern=r"^[^\x00]*$")]
 _Version = Annotated[int, Field(ge=1, le=1_000_000)] | None
 
 

@@ -14,7 +14,7 @@ from typing import Final
 from skyrange.contracts.mailboxes import Arrival, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, operator_of
-from skyrange.utm.messages import PATH, ErrorBody, Request, Response, decode_request, encode
+from skyrange.utm.messages import PATH, EndBody, ErrorBody, Request, Response, decode_request, encode
 
 REMEMBERED: Final = 4_096
 """Answers kept per operator for requests that come again; older ones would be decided anew."""
@@ -45,6 +45,9 @@ class RequestBook:
         self._operator_of = {port.link: operator for operator, port in ports}
         self._port_of = dict(ports)
         self._owners: dict[str, str] = {}
+        """Of the intents that are held, or asked for."""
+        self._held: set[str] = set()
+        """Intents that were accepted and have not ended."""
         self._answers: dict[str, dict[str, tuple[bytes, bytes]]] = {operator: {} for operator, _ in ports}
         self._open: dict[tuple[str, str], bytes] = {}
 
@@ -56,6 +59,7 @@ class RequestBook:
     def restore(self, operator: str, intent: str) -> None:
         """An intent is that of an operator, as was decided before a restart."""
         self._owners[intent] = operator
+        self._held.add(intent)
 
     def read(self, arrival: Arrival, out: Outbox) -> OpenRequest | None:
         """The request in a frame, if it is to be decided; otherwise it is answered here, or will be."""
@@ -83,21 +87,26 @@ class RequestBook:
         if self._open.get((operator, body.id)) == asked.digest:
             return None
         self._open[operator, body.id] = asked.digest
+        self._owners[body.id] = operator
         return asked
 
-    def answer(self, asked: OpenRequest, payload: bytes, out: Outbox) -> None:
-        """Send the frame of an answer, and remember it."""
+    def answer(self, asked: OpenRequest, payload: bytes, out: Outbox, *, accepted: bool = False) -> None:
+        """Send the frame of an answer, and remember it. `accepted` says whether the intent is held now."""
         operator, intent = asked.operator, asked.request.body.id
         if self._open.get((operator, intent)) == asked.digest:
             del self._open[operator, intent]
-        self._owners[intent] = operator
+        if accepted:
+            self._held.add(intent)
+        elif isinstance(asked.request.body, EndBody):
+            self._held.discard(intent)
+        if intent not in self._held and (operator, intent) not in self._open:
+            self._owners.pop(intent, None)  # whoever asks for it next may have it
         answers = self._answers[operator]
         answers.pop(intent, None)
         answers[intent] = (asked.digest, payload)
         if len(answers) > REMEMBERED:
             forgotten = next(iter(answers))
             del answers[forgotten]
-            self._owners.pop(forgotten, None)
         out.send(self._port_of[operator], payload, (asked.cause,))
 
     def retract(self, operator: str, intent: str, payload: bytes, causes: tuple[FrameId, ...], out: Outbox) -> None:

@@ -29,7 +29,7 @@ def _check_time(value: str) -> str:
     return value
 
 
-_Text = Annotated[str, Field(max_length=MAX_TEXT)]
+_Text = Annotated[str, Field(max_length=MAX_TEXT, pattern=r"^[^\x00]*$")]
 _Moment = Annotated[str, Field(max_length=40), AfterValidator(_check_time)]
 _Number = Annotated[float, Field(allow_inf_nan=False)]
 _Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]

@@ -66,6 +66,8 @@ _STREAM_CHECKED = frozenset({FlightState.WAITING, FlightState.HOLDING, FlightSta
 """States in which the streams must arrive and in which no other required command can be in progress."""
 
 _FLIGHT = frozenset({FlightState.STARTING, FlightState.FLYING})
+_WITHDRAWABLE = _FLIGHT | {FlightState.ARMING, FlightState.HOLDING, FlightState.REROUTING}
+"""States in which a flight is given up when its approval is withdrawn."""
 
 _EXPLAINED = frozenset({FlightState.PREPARING, FlightState.ARMING, FlightState.STARTING})
 """States in which the texts of the autopilot say why it rejects a command."""
@@ -194,7 +196,7 @@ class FlightSequencer:
             self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
         elif self.state is FlightState.FLYING and decision.closed:
             self._reroute(now, decision, ref, out)
-        elif self.state in _FLIGHT or self.state in (FlightState.ARMING, FlightState.REROUTING):
+        elif self.state in _WITHDRAWABLE:
             self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
 
     def _reroute(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:

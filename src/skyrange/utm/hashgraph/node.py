@@ -9,6 +9,7 @@ A node calls others only while it knows of a request whose order is not final, s
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -19,12 +20,22 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
-from skyrange.utm.approval_service import apply_constraint, decide_request, tell_overruled
+from skyrange.utm.approval_service import answer_end, apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
 from skyrange.utm.constraints import Constraint, Publication
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
-from skyrange.utm.hashgraph.messages import MAX_EVENTS, EventMessage, Gossip, GossipBody, decode, encode
+from skyrange.utm.hashgraph.messages import (
+    MAX_EVENTS,
+    MAX_FRAME_BYTES,
+    MAX_KNOWN,
+    MAX_TRANSACTIONS,
+    EventMessage,
+    Gossip,
+    GossipBody,
+    decode,
+    encode,
+)
 from skyrange.utm.hashgraph.signatures import is_signed, public_of, sign
 from skyrange.utm.messages import EndBody, decode_request
 from skyrange.utm.request_book import OpenRequest, RequestBook
@@ -33,6 +44,12 @@ SERVICE_NS: Final = 10 * NS_PER_MS
 STREAM: Final = "utm.hashgraph.gossip"
 RESENT_NS: Final = NS_PER_S
 """After which an event is sent again to a member that does not tell that it knows it: a message may have been lost."""
+EVENT_BYTES: Final = MAX_FRAME_BYTES // 4
+"""Most bytes of the requests of an event of more than one: a frame has room for it in base 64."""
+GOSSIP_BYTES: Final = MAX_FRAME_BYTES // 2
+"""Most bytes of the events of a message of more than one, as for an event."""
+OVERHEAD_BYTES: Final = 1_024
+"""More than an event takes besides its requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,7 +179,7 @@ class HashgraphNode:
         self._apply(now, arrival.ref, out)
 
     def _known(self) -> tuple[str, ...]:
-        return tuple(one.hex() for one in self._graph.known)
+        return tuple(one.hex() for one in itertools.islice(self._graph.known, MAX_KNOWN))
 
     def _lacking(self, now: Time, peer: str, known: Sequence[str]) -> tuple[EventMessage, ...]:
         """What a member that knows these events lacks, without what is on its way to it, or has just come from it."""
@@ -170,7 +187,14 @@ class HashgraphNode:
         for one in [one for one, since in shared.items() if since + RESENT_NS <= now]:
             del shared[one]
         events = self._graph.missing([bytes.fromhex(one) for one in known])
-        told = [event for event in events if event.hash not in shared][:MAX_EVENTS]
+        told, size = list[Event](), 0
+        for event in events:
+            if event.hash in shared:
+                continue
+            size += sum(map(len, event.transactions)) + OVERHEAD_BYTES
+            if told and (size > GOSSIP_BYTES or len(told) == MAX_EVENTS):
+                break  # it is told next time
+            told.append(event)
         shared.update((event.hash, now) for event in told)
         return tuple(EventMessage.of(event) for event in told)
 
@@ -203,11 +227,14 @@ class HashgraphNode:
         mine, other = self._graph.latest(self.operator), self._graph.latest(peer)
         assert mine is not None  # every member's first event is known from the beginning
         assert other is not None
-        payloads = []
-        for asked, since in self._waiting:
+        payloads: list[bytes] = []
+        while self._waiting and len(payloads) < MAX_TRANSACTIONS:
+            asked, since = self._waiting[0]
+            if payloads and sum(map(len, payloads)) + len(asked.payload) > EVENT_BYTES:
+                break  # the next event takes it
             payloads.append(asked.payload)
             self._sent[asked.payload] = asked, since
-        self._waiting = []
+            del self._waiting[0]
         event = sign(Event(self.operator, mine.hash, other.hash, now, tuple(payloads)), self._secret)
         self._graph.add(event)
         self._undecided += len(payloads)
@@ -242,7 +269,11 @@ class HashgraphNode:
             asked, since = sent
             data: dict[str, Scalar] = {"rank": self._applied, "round": round_, "after_s": to_seconds(now - since)}
             out.note("decision.consensus", asked.request.body.vehicle, data, (asked.cause,))
-            decide_request(self._clock, asked, self._authority, self._book, self._epoch, out)
+            body = asked.request.body
+            if isinstance(body, EndBody) and self._authority.owner_of(body.id) != creator:
+                answer_end(asked, self._book, out)  # it ends nothing, as other members find too
+            else:
+                decide_request(self._clock, asked, self._authority, self._book, self._epoch, out)
             return
         try:
             request = decode_request(payload)

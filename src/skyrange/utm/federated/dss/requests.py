@@ -114,7 +114,7 @@ def requested_ovn(now: Time, epoch: Epoch, id_: str, suffix: str) -> str:
     made_ns = (uuid.int >> 80) * 1_000_000 - epoch.unix_ns  # RFC 9562, 5.7: milliseconds since 1970 in 48 bits
     if abs(now - made_ns) > MAX_SKEW_NS:
         raise RefusalError(400, "requested_ovn_suffix: its time is more than 5 minutes from now")
-    return f"{id_}_{suffix}"
+    return f"{id_}_{uuid}"
 
 
 Handler = Callable[[DssState, Time, Asked, Outbox], tuple[int, Any]]

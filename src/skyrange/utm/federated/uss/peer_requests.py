@@ -94,7 +94,7 @@ class PeerRequests:
         """A constraint manager has a new version of a constraint, or has ended it."""
         id_, body = asked.body["constraint_id"], asked.body.get("constraint")
         known, manager = self.intents.other(id_), asked.claims.uss
-        if known is not None and known.manager != manager:
+        if id_ in self.intents.own or (known is not None and known.manager != manager):
             self.server.answer(asked, 403, {"message": "the constraint is managed by another USS"}, out)
             return None
         if body is None:
