@@ -7,15 +7,32 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uas_standards.astm.f3548.v21.api import OperationID as Op
+from uas_standards.astm.f3548.v21.constants import Scope
 
 import skyrange
+from skyrange.codec.f3548.frames import UssRequest
+from skyrange.codec.f3548.frames import decode as decode_frame
+from skyrange.codec.f3548.frames import encode as encode_frame
+from skyrange.codec.f3548.operations import path_of
+from skyrange.codec.f3548.values import IntentReference, moment_body, volume_body
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
-from skyrange.core.ids import APPROVAL
+from skyrange.core.ids import APPROVAL, FrameId
+from skyrange.core.time import NS_PER_S
 from skyrange.scenario.toml_reader import load_text
 from skyrange.testing.checks.approval_policies import EPOCH, box
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, intent_id
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, intent_id, make_uuid
+from skyrange.utm.federated.plugin import _secret
+from skyrange.utm.federated.tokens import TokenStore
+from skyrange.utm.federated.uss.service import Uss
+from skyrange.utm.federated.uss.shared_intents import OwnIntent
+from skyrange.utm.hashgraph.events import NO_PARENT, Event
+from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody
+from skyrange.utm.hashgraph.messages import encode as encode_gossip
+from skyrange.utm.hashgraph.signatures import secret_of, sign
 from skyrange.utm.messages import Request, decode_request, encode
 from tests.approval_stations import LAT, LON, Station, ask, decisions, fly_requests, intent
 
@@ -90,3 +107,57 @@ def test_an_aircraft_does_not_take_off_into_an_area_that_is_closed(published_s: 
     outcome = run.manifest["outcomes"]["blue/b1"]
     assert outcome["state"] == "failed"
     assert "approval" in outcome["reason"]
+
+
+def test_a_notification_of_a_constraint_does_not_replace_an_own_intent() -> None:
+    plugin = ApprovalPlugin.find("federated")
+    context = ApprovalContext(f"{APPROVAL}.federated", NAMES, Origin(LAT, LON), EPOCH, Chance(3))
+    agents = plugin(plugin.params(), context).agents
+    (uss,) = [agent for agent in agents if isinstance(agent, Uss) and agent.name.endswith("blue")]
+    own = intent("blue/b1", box(LAT, LON))
+    elsewhere = box(LAT + 1.0, LON)
+    body = {
+        "id": own.id,
+        "manager": "blue",
+        "version": 1,
+        "ovn": "x" * 16,
+        "uss_availability": "Unknown",
+        "time_start": moment_body(elsewhere.start_ns, EPOCH),
+        "time_end": moment_body(elsewhere.end_ns, EPOCH),
+        "uss_base_url": "https://uss.example",
+        "state": "Accepted",
+        "subscription_id": make_uuid("subscription"),
+    }
+    uss._intents.restore(OwnIntent(own, IntentReference.of(body, EPOCH)))
+    volumes = [volume_body(elsewhere, EPOCH)]
+    constraint = {"reference": {**body, "manager": "green"}, "details": {"volumes": volumes, "type": "fire"}}
+    method, path = path_of(Op.NotifyConstraintDetailsChanged)
+    token = TokenStore("green", _secret(context, "authorization"), EPOCH).get(
+        NS_PER_S, "blue", Scope.ConstraintManagement.value
+    )
+    (port,) = [port for port in uss.ports if "green" in port.link]
+    notification = {"constraint_id": own.id, "constraint": constraint, "subscriptions": []}
+    frame = UssRequest(exchange=1, method=method, path=path, token=token, body=notification)  # type: ignore[arg-type]
+    arrival = Arrival(port, NS_PER_S, encode_frame(frame), "green", FrameId(port.link, "up", "green", 1))
+    (answer,) = uss.step(NS_PER_S, Inbox([arrival])).departures
+    assert decode_frame(answer.payload).status == 403  # type: ignore[union-attr]
+    assert uss.own_intents == [own]
+
+
+def test_forks_of_a_member_do_not_stop_the_others() -> None:
+    """More heads than a message may name."""
+    plugin = ApprovalPlugin.find("hashgraph")
+    context = ApprovalContext(f"{APPROVAL}.hashgraph", NAMES, Origin(LAT, LON), EPOCH, Chance(3))
+    service = plugin(plugin.params(), context)
+    (node,) = [agent for agent in service.agents if agent.name.endswith("blue")]
+    secret = secret_of(context.chance.seed, "green")
+    first = {name: Event(name, NO_PARENT, NO_PARENT, 0) for name in NAMES}
+    forks = [sign(Event("green", first["green"].hash, first["blue"].hash, i, ()), secret) for i in range(1_100)]
+    gossip = Gossip(method="POST", body=GossipBody(events=tuple(EventMessage.of(event) for event in forks)))
+    (port,) = [port for port in node.ports if "green" in port.link]
+    node.step(
+        NS_PER_S, Inbox([Arrival(port, NS_PER_S, encode_gossip(gossip), "green", FrameId(port.link, "up", "", 1))])
+    )
+    (asks,) = [port for port in node.ports if port.link.startswith(APPROVAL)]
+    request = Arrival(asks, 2 * NS_PER_S, ask("blue/b1", box(LAT, LON)), "blue", FrameId(asks.link, "up", "", 2))
+    assert node.step(2 * NS_PER_S, Inbox([request])).departures, "it gossips about the request"
