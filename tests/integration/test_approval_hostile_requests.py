@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from uas_standards.astm.f3548.v21.api import OperationalIntentState as State
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 from uas_standards.astm.f3548.v21.constants import Scope
 
@@ -15,7 +16,7 @@ from skyrange.codec.f3548.frames import UssRequest
 from skyrange.codec.f3548.frames import decode as decode_frame
 from skyrange.codec.f3548.frames import encode as encode_frame
 from skyrange.codec.f3548.operations import path_of
-from skyrange.codec.f3548.values import IntentReference, moment_body, volume_body
+from skyrange.codec.f3548.values import IntentDetails, IntentReference, moment_body, volume_body
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError
@@ -109,7 +110,7 @@ def test_an_aircraft_does_not_take_off_into_an_area_that_is_closed(published_s: 
     assert "approval" in outcome["reason"]
 
 
-def test_a_notification_of_a_constraint_does_not_replace_an_own_intent() -> None:
+def test_a_notification_of_a_constraint_does_not_replace_an_intent() -> None:
     plugin = ApprovalPlugin.find("federated")
     context = ApprovalContext(f"{APPROVAL}.federated", NAMES, Origin(LAT, LON), EPOCH, Chance(3))
     agents = plugin(plugin.params(), context).agents
@@ -142,6 +143,14 @@ def test_a_notification_of_a_constraint_does_not_replace_an_own_intent() -> None
     (answer,) = uss.step(NS_PER_S, Inbox([arrival])).departures
     assert decode_frame(answer.payload).status == 403  # type: ignore[union-attr]
     assert uss.own_intents == [own]
+    other = IntentReference.of({**body, "id": make_uuid("other"), "manager": "green", "state": State.Accepted}, EPOCH)
+    uss._intents.learn(other, IntentDetails((elsewhere,), (), 0))
+    constraint["reference"] = {**body, "id": other.id, "manager": "green", "version": 2}
+    notification = {**notification, "constraint_id": other.id}
+    frame = frame.model_copy(update={"exchange": 2, "body": notification})
+    arrival = arrival._replace(payload=encode_frame(frame))
+    (answer,) = uss.step(NS_PER_S, Inbox([arrival])).departures
+    assert decode_frame(answer.payload).status == 403, "nor one of another USS, by its own manager"  # type: ignore[union-attr]
 
 
 def test_forks_of_a_member_do_not_stop_the_others() -> None:

@@ -28,8 +28,7 @@ from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
 from skyrange.testing.checks.approval_policies import EPOCH, box
-from skyrange.utm.constraints import Constraint
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService, Constraint
 from skyrange.utm.federated.constraint_manager import ConstraintManager
 from skyrange.utm.federated.uss.service import Uss
 from skyrange.utm.intent_states import IntentState

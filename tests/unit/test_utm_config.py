@@ -110,6 +110,8 @@ def test_new_files_are_written_once_and_for_their_owner_alone(tmp_path: Path) ->
         write_federation(tmp_path / "two", {"north": ["blue"]}, 65_535, tests=False)
     with pytest.raises(InputError, match="other than 'auth' and 'dss'"):
         write_federation(tmp_path / "two", {"dss": ["blue"]}, 8_080, tests=False)
+    with pytest.raises(InputError, match="--authority: 'no name'"):
+        write_authority(tmp_path / "two", ["no name"], 8_080)
     assert not (tmp_path / "two").exists()
 
 

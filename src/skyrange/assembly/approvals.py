@@ -15,8 +15,7 @@ from skyrange.core.time import from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.utm.airspace import find_invalid
-from skyrange.utm.constraints import Constraint
-from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService
+from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService, Constraint
 
 
 def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalService]:

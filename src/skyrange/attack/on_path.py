@@ -200,3 +200,19 @@ class Repetition:
         self.done += 1
         self.due = None if self.done == self.times else now + self.period_ns
         return True
+
+
+@dataclass(slots=True)
+class RepeatedSource:
+    """What sources of frames share that are due by a repetition; they learn nothing unless they say so."""
+
+    when: Repetition
+
+    @property
+    def due(self) -> Time | None:
+        """When the next frame is due."""
+        return self.when.due
+
+    def see(self, now: Time, frame: Frame) -> Sequence[Note] | None:
+        """Learn nothing."""
+        return None

@@ -56,8 +56,8 @@ Search = Callable[[Sequence[Query]], Sequence[Sequence[Overlap]]]
 
 
 def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limits) -> list[Alternative]:
-    """The cheapest alternatives of each kind of change, the cheapest first; their cost is the time by which the flight
-    ends later.
+    """Alternatives, the cheapest first; their cost is the time by which the flight ends later. Of each kind of change
+    those are among them that cost less than all smaller changes of the kind.
 
     Every operator can fly the delayed flight, but perhaps none of the others. So a mere delay is always among them if
     there is one, and what costs more is not offered.

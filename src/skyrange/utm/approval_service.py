@@ -13,13 +13,14 @@ from skyrange.contracts.params import Params
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.ids import APPROVAL, FrameId, Port, link_name
 from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
-from skyrange.utm.constraints import Constraint, Publication, claim_of
+from skyrange.utm.constraints import Publication, claim_of
 from skyrange.utm.contract import (
     ApprovalContext,
     ApprovalDecision,
     ApprovalPlugin,
     ApprovalPolicy,
     ApprovalService,
+    Constraint,
 )
 from skyrange.utm.messages import EndBody, Response, encode, encode_decision
 from skyrange.utm.request_book import OpenRequest, RequestBook
@@ -83,7 +84,7 @@ class FlightApproval:
             apply_constraint(now, self.name, constraint, self._policy, self._book, self._epoch, out)
         for arrival in inbox:
             self._answer(now, arrival, out)
-        while self._queue is not None and (waiting := self._queue.take(now)) is not None:
+        while self._queue is not None and (waiting := self._queue.take(now, self._book.accepted)) is not None:
             self._decide(now, waiting, out)
         return out
 
@@ -100,9 +101,7 @@ class FlightApproval:
         self._decide(now, asked, out)
 
     def _decide(self, now: Time, asked: OpenRequest, out: Outbox) -> None:
-        accepted = decide_request(now, asked, self._policy, self._book, self._epoch, out)
-        if accepted and self._queue is not None:
-            self._queue.count_accepted(asked.operator, asked.request.body.id)
+        decide_request(now, asked, self._policy, self._book, self._epoch, out)
 
 
 def apply_constraint(
@@ -123,19 +122,14 @@ def apply_constraint(
 
 def decide_request(
     now: Time, asked: OpenRequest, policy: ApprovalPolicy, book: RequestBook, epoch: Epoch, out: Outbox
-) -> bool:
-    """Have a policy decide a request, and answer it; tell those whose intents it overrules.
-
-    Returns whether it accepted an intent.
-    """
+) -> None:
+    """Have a policy decide a request, and answer it; tell those whose intents it overrules."""
     body = asked.request.body
     if isinstance(body, EndBody):
         policy.end(now, body.id)
         answer_end(asked, book, out)
-        return False
-    decision = policy.decide(now, asked.request.intent(epoch))
-    answer_intent(asked, decision, book, epoch, out)
-    return decision.accepted
+    else:
+        answer_intent(asked, policy.decide(now, asked.request.intent(epoch)), book, epoch, out)
 
 
 def answer_end(asked: OpenRequest, book: RequestBook, out: Outbox) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -17,10 +17,10 @@ from skyrange.contracts.params import Number, Params
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.alternatives import Limits
 from skyrange.utm.approval_service import policy_plugin
-from skyrange.utm.constraints import is_constraint
-from skyrange.utm.contract import ApprovalDecision, OperationalIntent, overruled_by, version_number
+from skyrange.utm.contract import ApprovalDecision, OperationalIntent, is_constraint, overruled_by, version_number
 from skyrange.utm.intent_register import IntentRegister, find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL
+from skyrange.utm.journal import Journal, NoJournal
 from skyrange.utm.request_order import RequestQueue, least_served
 
 
@@ -65,34 +65,15 @@ class AuthorityParams(AlternativeParams):
         "wait for window_s; then that of the operator with the fewest accepted intents is decided first.",
     )
     window_s: Number = Field(
-        default=1.0, gt=0, le=60, description="How long the first of the waiting requests waits, in seconds."
+        default=1.0,
+        gt=0,
+        le=5,
+        description="How long the first of the waiting requests waits, in seconds; ground stations give up after 9 s.",
     )
 
     def make_queue(self) -> RequestQueue | None:
         """The queue of the order; None if nothing waits."""
         return None if self.order == "first_come" else RequestQueue(least_served, round(self.window_s * NS_PER_S))
-
-
-class IntentJournal(Protocol):
-    """What is told of changes of accepted intents; a database behind it makes them durable."""
-
-    def put(self, intent: OperationalIntent) -> None:
-        """An intent was accepted, or has another version or state."""
-        ...
-
-    def delete(self, id_: str) -> None:
-        """An intent is accepted no more."""
-        ...
-
-
-class NoJournal:
-    """The journal of an authority that lives as long as its process."""
-
-    def put(self, intent: OperationalIntent) -> None:
-        """Nothing is kept."""
-
-    def delete(self, id_: str) -> None:
-        """Nothing is kept."""
 
 
 class Authority:
@@ -101,14 +82,14 @@ class Authority:
     def __init__(
         self,
         params: AlternativeParams,
-        journal: IntentJournal | None = None,
+        journal: Journal[OperationalIntent] | None = None,
         accepted: Iterable[OperationalIntent] = (),
     ) -> None:
         """`accepted` are the intents of before a restart."""
         self._register = IntentRegister(params.limits)
         self._decisions: dict[str, ApprovalDecision] = {}
         """Of the intents that are accepted."""
-        self._journal: IntentJournal = NoJournal()
+        self._journal: Journal[OperationalIntent] = NoJournal()
         for intent in accepted:
             self._put(intent)
         self._journal = journal or NoJournal()

@@ -7,41 +7,16 @@ not been activated are taken back, and those in flight are told.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
 
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.contract import OperationalIntent, make_uuid
+from skyrange.utm.contract import CONSTRAINT_PRIORITY, Constraint, OperationalIntent
 from skyrange.utm.intent_states import IntentState
-
-PRIORITY: Final = 1_001
-"""That of a constraint, above every priority that an operator may ask for."""
-
-
-@dataclass(frozen=True, slots=True)
-class Constraint:
-    """An area that is closed for a while."""
-
-    name: str
-    volume: Volume4D
-    published_ns: Time
-    """When approvals are told."""
-
-    @property
-    def id(self) -> str:
-        """Its id, a UUID."""
-        return make_uuid(f"constraint {self.name}")
 
 
 def claim_of(id_: str, name: str, volumes: Sequence[Volume4D]) -> OperationalIntent:
     """The intent as which an approval treats a constraint."""
-    return OperationalIntent(id_, "", f"constraint {name}", tuple(volumes), PRIORITY, IntentState.ACTIVATED)
-
-
-def is_constraint(intent: OperationalIntent) -> bool:
-    """Whether an intent stands for a constraint."""
-    return intent.priority == PRIORITY
+    return OperationalIntent(id_, "", f"constraint {name}", tuple(volumes), CONSTRAINT_PRIORITY, IntentState.ACTIVATED)
 
 
 class Publication:

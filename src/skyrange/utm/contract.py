@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
 from skyrange.contracts.plugins import APPROVALS, Plugin
 from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from skyrange.core.chance import Chance
     from skyrange.core.geodesy import Origin
     from skyrange.core.time import Epoch
-    from skyrange.utm.constraints import Constraint
+
+
+CONSTRAINT_PRIORITY: Final = 1_001
+"""That of a constraint, above every priority that an operator may ask for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,21 @@ class OperationalIntent:
     volumes: tuple[Volume4D, ...]
     priority: int = 0
     state: IntentState = IntentState.ACCEPTED
+
+
+@dataclass(frozen=True, slots=True)
+class Constraint:
+    """An area that is closed to flight for a while."""
+
+    name: str
+    volume: Volume4D
+    published_ns: Time
+    """When approvals are told."""
+
+    @property
+    def id(self) -> str:
+        """Its id, a UUID."""
+        return make_uuid(f"constraint {self.name}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,12 +166,17 @@ class ApprovalPlugin(Plugin[ApprovalContext, ApprovalService]):
     """`policy(params)`: what decides, where that is one object (`policy_plugin`); None for another design."""
 
 
+def is_constraint(intent: OperationalIntent) -> bool:
+    """Whether an intent stands for a constraint."""
+    return intent.priority == CONSTRAINT_PRIORITY
+
+
 def overruled_by(higher: OperationalIntent, other: OperationalIntent) -> Overruled:
     """That `higher` overlaps `other`, which has a lower priority."""
-    closes = higher.vehicle.startswith("constraint ")
-    reason = f"{higher.vehicle}, of priority {higher.priority}, has claimed a part of it"
-    if closes:
+    if is_constraint(higher):
         reason = f"{higher.vehicle} closes a part of it"
+    else:
+        reason = f"{higher.vehicle}, of priority {higher.priority}, has claimed a part of it"
     in_flight = other.state is IntentState.ACTIVATED
     return Overruled(other.id, other.operator, other.vehicle, reason, in_flight, higher.volumes)
 

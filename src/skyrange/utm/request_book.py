@@ -48,6 +48,8 @@ class RequestBook:
         """Of the intents that are held, or asked for."""
         self._held: set[str] = set()
         """Intents that were accepted and have not ended."""
+        self.accepted = dict.fromkeys(self.bad_frames, 0)
+        """Intents of each operator that were accepted so far, those that have ended included."""
         self._answers: dict[str, dict[str, tuple[bytes, bytes]]] = {operator: {} for operator, _ in ports}
         self._open: dict[tuple[str, str], bytes] = {}
 
@@ -59,7 +61,7 @@ class RequestBook:
     def restore(self, operator: str, intent: str) -> None:
         """An intent is that of an operator, as was decided before a restart."""
         self._owners[intent] = operator
-        self._held.add(intent)
+        self._hold(operator, intent)
 
     def read(self, arrival: Arrival, out: Outbox) -> OpenRequest | None:
         """The request in a frame, if it is to be decided; otherwise it is answered here, or will be."""
@@ -96,7 +98,7 @@ class RequestBook:
         if self._open.get((operator, intent)) == asked.digest:
             del self._open[operator, intent]
         if accepted:
-            self._held.add(intent)
+            self._hold(operator, intent)
         elif isinstance(asked.request.body, EndBody):
             self._held.discard(intent)
         if intent not in self._held and (operator, intent) not in self._open:
@@ -108,6 +110,11 @@ class RequestBook:
             forgotten = next(iter(answers))
             del answers[forgotten]
         out.send(self._port_of[operator], payload, (asked.cause,))
+
+    def _hold(self, operator: str, intent: str) -> None:
+        if intent not in self._held:
+            self._held.add(intent)
+            self.accepted[operator] += 1
 
     def retract(self, operator: str, intent: str, payload: bytes, causes: tuple[FrameId, ...], out: Outbox) -> None:
         """Send the frame of a response that nobody asked for, and forget the answer that it takes back."""

@@ -5,7 +5,7 @@ Without such a policy an approval decides each request when it arrives: first co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from skyrange.core.time import Time
@@ -44,7 +44,6 @@ class RequestQueue:
         self._order = order
         self._window_ns = window_ns
         self._waiting: list[tuple[Time, OpenRequest]] = []
-        self._accepted: dict[str, set[str]] = {}
         self.due: Time | None = None
         """When the window ends."""
 
@@ -58,14 +57,11 @@ class RequestQueue:
         self._waiting.append((now, asked))
         return True
 
-    def take(self, now: Time) -> OpenRequest | None:
-        """The next request, if the window is over."""
+    def take(self, now: Time, accepted: Mapping[str, int]) -> OpenRequest | None:
+        """The next request, if the window is over. `accepted`: how many intents of each operator were accepted."""
         if self.due is None or now < self.due:
             return None
-        rows = [
-            WaitingRequest(one.operator, at, len(self._accepted.get(one.operator, ())), one.digest)
-            for at, one in self._waiting
-        ]
+        rows = [WaitingRequest(one.operator, at, accepted[one.operator], one.digest) for at, one in self._waiting]
         return self._remove(self._order(rows))
 
     def take_earlier(self, intent: str) -> OpenRequest | None:
@@ -74,10 +70,6 @@ class RequestQueue:
             if one.request.body.id == intent:
                 return self._remove(row)
         return None
-
-    def count_accepted(self, operator: str, intent: str) -> None:
-        """An intent was accepted."""
-        self._accepted.setdefault(operator, set()).add(intent)
 
     def _remove(self, row: int) -> OpenRequest:
         _, taken = self._waiting.pop(row)

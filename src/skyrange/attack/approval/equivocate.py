@@ -13,8 +13,7 @@ from skyrange.attack.approval.claims import Corridor, check_operator, make_inten
 from skyrange.attack.approval.uss_links import list_peers, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import InjectingTap, Repetition
-from skyrange.contracts.frames.frame import Frame
+from skyrange.attack.on_path import InjectingTap, RepeatedSource, Repetition
 from skyrange.contracts.verdicts import Direction
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
@@ -29,23 +28,14 @@ _FLIGHTS: Final = ("twin-a", "twin-b")
 
 
 @dataclass(slots=True)
-class Equivocation:
+class Equivocation(RepeatedSource):
     """One of the two events, which one member is told, once."""
 
     peer: str
     params: Corridor
     context: AttackContext
-    when: Repetition
     members: tuple[str, ...]
     """Operators of the other nodes, in order: every second one is told of the second event."""
-
-    @property
-    def due(self) -> Time | None:
-        """When it is told."""
-        return self.when.due
-
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn nothing."""
 
     def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
         """The message."""
@@ -81,7 +71,7 @@ class _Maker:
         one, _, other = link.partition(":")[2].partition("~")
         peer = other if one == self.params.operator else one
         when = Repetition(self.context.schedule, NS_PER_S, times=1)
-        return InjectingTap(link, Equivocation(peer, self.params, self.context, when, self.members))
+        return InjectingTap(link, Equivocation(when, peer, self.params, self.context, self.members))
 
 
 def make(params: Corridor, context: AttackContext) -> Attack:

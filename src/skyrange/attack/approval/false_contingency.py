@@ -13,8 +13,7 @@ from pydantic import Field
 
 from skyrange.attack.approval.claims import FAR_NS, Corridor, check_operator, make_intent
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import SIDES, InjectingTap, Repetition
-from skyrange.contracts.frames.frame import Frame
+from skyrange.attack.on_path import SIDES, InjectingTap, RepeatedSource, Repetition
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Direction
@@ -37,20 +36,11 @@ class FalseContingency(Corridor):
 
 
 @dataclass(slots=True)
-class Report:
+class Report(RepeatedSource):
     """A request for a flight that does not exist, in twenty days, and the report that it has left its volumes."""
 
     params: FalseContingency
     context: AttackContext
-    when: Repetition
-
-    @property
-    def due(self) -> Time | None:
-        """When the next message is due."""
-        return self.when.due
-
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn nothing."""
 
     def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
         """The message that is due."""
@@ -73,7 +63,7 @@ class _Maker:
 
     def __call__(self, link: str) -> InjectingTap:
         when = Repetition(self.context.schedule, from_seconds(self.params.after_s), 2)
-        return InjectingTap(link, Report(self.params, self.context, when))
+        return InjectingTap(link, Report(when, self.params, self.context))
 
 
 def make(params: FalseContingency, context: AttackContext) -> Attack:

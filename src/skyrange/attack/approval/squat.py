@@ -12,8 +12,7 @@ from pydantic import Field
 
 from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import SIDES, InjectingTap, Repetition
-from skyrange.contracts.frames.frame import Frame
+from skyrange.attack.on_path import SIDES, InjectingTap, RepeatedSource, Repetition
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Number
 from skyrange.contracts.verdicts import Direction
@@ -30,20 +29,11 @@ class Squat(Corridor):
 
 
 @dataclass(slots=True)
-class Squatting:
+class Squatting(RepeatedSource):
     """Requests for flights that do not exist."""
 
     params: Squat
     context: AttackContext
-    when: Repetition
-
-    @property
-    def due(self) -> Time | None:
-        """When the next request is due."""
-        return self.when.due
-
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn nothing."""
 
     def make(self, now: Time) -> Sequence[tuple[Direction, bytes]]:
         """The request that is due."""
@@ -60,7 +50,7 @@ class _Maker:
 
     def __call__(self, link: str) -> InjectingTap:
         when = Repetition(self.context.schedule, from_seconds(self.params.every_s), self.params.requests)
-        return InjectingTap(link, Squatting(self.params, self.context, when))
+        return InjectingTap(link, Squatting(when, self.params, self.context))
 
 
 def make(params: Squat, context: AttackContext) -> Attack:

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from skyrange.attack.approval.uss_links import check_uss
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.on_path import LEARNED, USS, InjectingTap, Repetition
+from skyrange.attack.on_path import LEARNED, USS, InjectingTap, RepeatedSource, Repetition
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
@@ -42,21 +42,15 @@ class StolenToken(Params):
 
 
 @dataclass(slots=True)
-class Theft:
+class Theft(RepeatedSource):
     """Token, ids and OVNs that pass between a USS and the DSS, and the ends of the intents that were learned of."""
 
     link: str
-    when: Repetition
     sham: bool
     token: str = ""
     ovns: dict[str, str] = field(default_factory=dict)
     """Current OVN of each intent that the DSS has accepted and the adversary has not ended."""
     sent: int = 0
-
-    @property
-    def due(self) -> Time | None:
-        """When the next intent is ended."""
-        return self.when.due
 
     def see(self, now: Time, frame: Frame) -> Sequence[Note]:
         """Learn from a frame that passes."""
@@ -99,7 +93,7 @@ class _Maker:
 
     def __call__(self, link: str) -> InjectingTap:
         when = Repetition(self.context.schedule, from_seconds(self.params.every_s))
-        return InjectingTap(link, Theft(link, when, self.context.sham))
+        return InjectingTap(link, Theft(when, link, self.context.sham))
 
 
 def make(params: StolenToken, context: AttackContext) -> Attack:

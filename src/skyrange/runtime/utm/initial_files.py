@@ -20,10 +20,10 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
+from skyrange.utm.federated.names import DSS
 
 AUTHORIZATION: Final = "auth"
 AUTHORITY: Final = "authority"
-DSS: Final = "dss"
 _DAYS: Final = 365
 _TESTERS: Final = ("uss_qualifier", "uss_qualifier_2", "mock_uss")
 """Clients for `uss_qualifier` of InterUSS, and for the USS that it tests others with."""
@@ -50,7 +50,7 @@ def write_federation(
     `services`: USSs with the operators of each. The services listen on loopback, from `first_port` on. With `tests`,
     each USS has the interfaces for automated tests. Raises `InputError`.
     """
-    _check(services, first_port, len(services) + 2)
+    _check(services, first_port, len(services) + 2, "--uss", "NAME=OPERATORS, such as north=blue,green")
     _make_folder(folder)
     names = [AUTHORIZATION, DSS, *services]
     ports = {name: first_port + number for number, name in enumerate(names)}
@@ -80,7 +80,7 @@ def write_authority(folder: Path, operators: Sequence[str], port: int) -> Path:
 
     It listens on loopback. Raises `InputError`.
     """
-    _check({AUTHORITY: operators}, port, 1)
+    _check({AUTHORITY: operators}, port, 1, "--authority", "operators, such as blue,green")
     _make_folder(folder)
     _write_certificates(folder, [AUTHORITY])
     served = "".join(f'{one} = "{secrets.token_urlsafe(24)}"\n' for one in operators)
@@ -96,15 +96,14 @@ def _make_folder(folder: Path) -> None:
         raise InputError.one("utm init", "folder", str(folder), "a folder that does not exist", str(error)) from error
 
 
-def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int) -> None:
+def _check(services: Mapping[str, Sequence[str]], first_port: int, ports: int, option: str, example: str) -> None:
+    """Raise `InputError` for names and ports that cannot be; `option` is the one that has given the names."""
     problems = []
     for name, operators in services.items():
         for one in (name, *operators):
             if not ID_PATTERN.match(one) or (one == name and one in (AUTHORIZATION, DSS)):
                 expected = f"a name of letters, digits, - and _, other than {AUTHORIZATION!r} and {DSS!r}"
-                problems.append(
-                    Problem("--uss", repr(one), expected, "Write NAME=OPERATORS, such as north=blue,green.")
-                )
+                problems.append(Problem(option, repr(one), expected, f"Write {example}."))
     if not 1 <= first_port <= 65_536 - ports:
         problems.append(Problem("--port", str(first_port), "a port that leaves enough of them for all services"))
     if problems:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from pathlib import Path
 from typing import Any, Final
@@ -82,8 +83,6 @@ class TokenClient:
 
 
 def _token_in(text: bytes) -> str:
-    import json
-
     data: Any = json.loads(text)
     token = data.get("access_token") if isinstance(data, dict) else None
     if not isinstance(token, str):

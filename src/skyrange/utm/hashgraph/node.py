@@ -22,7 +22,8 @@ from skyrange.core.ids import FrameId, Port, hash64, operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
 from skyrange.utm.approval_service import answer_end, apply_constraint, decide_request, tell_overruled
 from skyrange.utm.authority import Authority
-from skyrange.utm.constraints import Constraint, Publication
+from skyrange.utm.constraints import Publication
+from skyrange.utm.contract import Constraint
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph, UnknownParentError
 from skyrange.utm.hashgraph.messages import (

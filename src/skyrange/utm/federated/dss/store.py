@@ -16,6 +16,7 @@ from uas_standards.astm.f3548.v21.api import UssAvailabilityState
 from skyrange.codec.f3548.values import ConstraintReference, IntentReference
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.utm.federated.dss.coverings import Extent
+from skyrange.utm.journal import NoJournal
 
 KEPT_NS: Final = 3_600 * NS_PER_S
 """How long an intent or a constraint is kept after its end."""
@@ -86,16 +87,6 @@ class Journal(Protocol):
     def delete(self, entity: Entity) -> None:
         """An entity is there no more."""
         ...
-
-
-class NoJournal:
-    """The journal of a store that lives as long as its process."""
-
-    def put(self, entity: Entity) -> None:
-        """Nothing is kept."""
-
-    def delete(self, entity: Entity) -> None:
-        """Nothing is kept."""
 
 
 class _Located(Protocol):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, TypeVar
 
 from uas_standards.astm.f3548.v21.api import OperationID as Op
 from uas_standards.astm.f3548.v21.constants import Scope
@@ -29,6 +29,8 @@ SERVES: Final[Mapping[Op, frozenset[Scope]]] = {
     Op.MakeUssReport: frozenset(Scope),
 }
 """The operations of the standard that a USS has, and the scopes of which a token has to have one."""
+
+_R = TypeVar("_R", bound=ConstraintReference)
 
 
 @dataclass(slots=True)
@@ -63,23 +65,42 @@ class PeerRequests:
         else:
             self.server.answer(asked, 200, {"operational_intent_id": id_}, out)
 
-    def _be_notified(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
+    def _be_told_of_intent(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
         """Another USS has a new version of an intent, or has ended it."""
-        id_, body = asked.body["operational_intent_id"], asked.body.get("operational_intent")
+
+        def learn(reference: IntentReference, details: Mapping[str, Any]) -> None:
+            self.intents.learn(reference, IntentDetails.of(details, self.epoch))
+
+        return self._be_told("operational_intent", IntentReference, learn, asked, out)
+
+    def _be_told_of_constraint(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
+        """A constraint manager has a new version of a constraint, or has ended it."""
+
+        def learn(reference: ConstraintReference, details: Mapping[str, Any]) -> None:
+            self.intents.learn_constraint(reference, volumes_of(details["volumes"], self.epoch))
+
+        return self._be_told("constraint", ConstraintReference, learn, asked, out)
+
+    def _be_told(
+        self, kind: str, type_: type[_R], learn: Callable[[_R, Mapping[str, Any]], None], asked: Asked, out: Outbox
+    ) -> OperationalIntent | None:
+        """Know another version of an entity of another service, or know it no more; only its manager may tell."""
+        id_, body = asked.body[f"{kind}_id"], asked.body.get(kind)
         known, manager = self.intents.other(id_), asked.claims.uss
-        if id_ in self.intents.own or (known is not None and known.manager != manager):
-            self.server.answer(asked, 403, {"message": "the intent is managed by another USS"}, out)
+        is_of_others = known is not None and (known.manager != manager or type(known) is not type_)
+        if id_ in self.intents.own or is_of_others:
+            self.server.answer(asked, 403, {"message": f"{id_} is managed by another USS"}, out)
             return None
         if body is None:
             self.intents.lose(id_)
             self.server.answer(asked, 204, None, out)
             return None
         try:
-            reference = IntentReference.of(body["reference"], self.epoch)
+            reference = type_.of(body["reference"], self.epoch)
             if (reference.id, reference.manager) != (id_, manager):
-                raise DecodeError("the reference is that of another intent, or of another USS")
+                raise DecodeError("the reference is that of another entity, or of another USS")
             if known is None or known.version < reference.version:
-                self.intents.learn(reference, IntentDetails.of(body["details"], self.epoch))
+                learn(reference, body["details"])
         except DecodeError as error:
             self.server.answer(asked, 400, {"message": str(error)}, out)
             return None
@@ -90,29 +111,6 @@ class PeerRequests:
         """A USS of operators manages no constraints."""
         self.server.answer(asked, 404, {"message": f"there is no constraint {asked.parameters['entityid']}"}, out)
 
-    def _be_told_of_constraint(self, now: Time, asked: Asked, out: Outbox) -> OperationalIntent | None:
-        """A constraint manager has a new version of a constraint, or has ended it."""
-        id_, body = asked.body["constraint_id"], asked.body.get("constraint")
-        known, manager = self.intents.other(id_), asked.claims.uss
-        if id_ in self.intents.own or (known is not None and known.manager != manager):
-            self.server.answer(asked, 403, {"message": "the constraint is managed by another USS"}, out)
-            return None
-        if body is None:
-            self.intents.lose(id_)
-            self.server.answer(asked, 204, None, out)
-            return None
-        try:
-            reference = ConstraintReference.of(body["reference"], self.epoch)
-            if (reference.id, reference.manager) != (id_, manager):
-                raise DecodeError("the reference is that of another constraint, or of another USS")
-            if known is None or known.version < reference.version:
-                self.intents.learn_constraint(reference, volumes_of(body["details"]["volumes"], self.epoch))
-        except DecodeError as error:
-            self.server.answer(asked, 400, {"message": str(error)}, out)
-            return None
-        self.server.answer(asked, 204, None, out)
-        return self.intents.get(id_)
-
     def _be_reported(self, now: Time, asked: Asked, out: Outbox) -> None:
         self.server.answer(asked, 201, file_report("decision.uss_report", now, asked, out), out)
 
@@ -121,7 +119,7 @@ _Handler = Callable[[PeerRequests, Time, Asked, Outbox], OperationalIntent | Non
 _HANDLERS: Final[Mapping[Op, _Handler]] = {
     Op.GetOperationalIntentDetails: PeerRequests._get_details,
     Op.GetOperationalIntentTelemetry: PeerRequests._get_telemetry,
-    Op.NotifyOperationalIntentDetailsChanged: PeerRequests._be_notified,
+    Op.NotifyOperationalIntentDetailsChanged: PeerRequests._be_told_of_intent,
     Op.NotifyConstraintDetailsChanged: PeerRequests._be_told_of_constraint,
     Op.GetConstraintDetails: PeerRequests._get_constraint,
     Op.MakeUssReport: PeerRequests._be_reported,

@@ -31,10 +31,11 @@ from skyrange.utm.federated.exchanges import Asked, Call, Caller, Reply, Server,
 from skyrange.utm.federated.tokens import TokenChecker, Tokens
 from skyrange.utm.federated.uss.directory import Directory, Peer
 from skyrange.utm.federated.uss.peer_requests import SERVES, PeerRequests
-from skyrange.utm.federated.uss.shared_intents import IntentJournal, NoJournal, OwnIntent, SharedIntents
+from skyrange.utm.federated.uss.shared_intents import OwnIntent, SharedIntents
 from skyrange.utm.federated.uss.tasks import Task, TaskQueue
 from skyrange.utm.intent_register import find_problem
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
+from skyrange.utm.journal import Journal, NoJournal
 from skyrange.utm.request_book import RequestBook
 
 SERVICE_NS: Final = 10 * NS_PER_MS
@@ -66,7 +67,7 @@ class Uss:
         checker: TokenChecker,
         limits: Limits,
         epoch: Epoch,
-        journal: IntentJournal | None = None,
+        journal: Journal[OwnIntent] | None = None,
         own: Iterable[OwnIntent] = (),
         constraints: bool = False,
     ) -> None:

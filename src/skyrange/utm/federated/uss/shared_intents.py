@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference
 from skyrange.core.errors import DecodeError
@@ -15,6 +15,7 @@ from skyrange.utm.constraints import claim_of
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.intent_register import Examination, IntentRegister
 from skyrange.utm.intent_states import OFF_NOMINAL, IntentState
+from skyrange.utm.journal import Journal
 
 
 class OwnIntent(NamedTuple):
@@ -26,28 +27,6 @@ class OwnIntent(NamedTuple):
     """The version that the DSS has."""
 
 
-class IntentJournal(Protocol):
-    """What is told of changes of own intents; a database behind it makes them durable."""
-
-    def put(self, own: OwnIntent) -> None:
-        """An intent is new, or has another version."""
-        ...
-
-    def delete(self, id_: str) -> None:
-        """An intent has ended."""
-        ...
-
-
-class NoJournal:
-    """The journal of a USS that lives as long as its process."""
-
-    def put(self, own: OwnIntent) -> None:
-        """Nothing is kept."""
-
-    def delete(self, id_: str) -> None:
-        """Nothing is kept."""
-
-
 UNKNOWN_VERSION: Final = -1
 """Of an intent whose USS did not tell what it claims."""
 
@@ -55,7 +34,7 @@ UNKNOWN_VERSION: Final = -1
 class SharedIntents:
     """References by id, and what they claim in one register. Deep-copyable."""
 
-    def __init__(self, limits: Limits, epoch: Epoch, journal: IntentJournal) -> None:
+    def __init__(self, limits: Limits, epoch: Epoch, journal: Journal[OwnIntent]) -> None:
         """`limits` of the alternatives that are offered; `journal` is told of own intents."""
         self.own: dict[str, IntentReference] = {}
         """References of the intents that it manages, as the DSS has accepted them."""
