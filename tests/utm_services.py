@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import socket
 import ssl
 from collections.abc import AsyncIterator, Sequence
@@ -26,8 +27,10 @@ SERVICES = {"north": ["blue", "green"], "south": ["red"]}
 
 
 def free_port(count: int) -> int:
-    """The first of some ports in a row that are free now."""
-    for first in range(20_000, 32_000, count):
+    """The first of some ports in a row that are free now; each worker of the tests has its own to choose from."""
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    lowest = 20_000 + worker % 12 * 1_000
+    for first in range(lowest, lowest + 1_000 - count, count):
         held = []
         try:
             for port in range(first, first + count):

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -26,6 +26,7 @@ from skyrange.utm.federated.dss.service import Dss
 from skyrange.utm.federated.dss.store import Availability
 from skyrange.utm.federated.plugin import FEDERATED
 from skyrange.utm.federated.uss.service import Uss
+from skyrange.utm.federated.uss.shared_intents import OwnIntent
 from skyrange.utm.intent_states import IntentState
 from tests.approval_stations import LAT, LON, Station, ask, decisions, end, fly_requests
 
@@ -222,28 +223,121 @@ def test_an_end_is_tried_until_the_dss_is_back() -> None:
     assert dss.store.intent(intent_id("blue/a")) is None
 
 
-def test_an_acceptance_whose_answer_was_lost_is_found_again() -> None:
-    """The DSS has accepted, and the USS does not know: it learns so when it asks for the same intent anew."""
-    service = service_of()
-    dss, usss = agents(service)
+def lose_answers(dss: Dss, words: bytes, until_s: float) -> None:
+    """Lose what the DSS sends with `words` in it, until a time."""
     step = dss.step
 
-    def mute(now: Time, inbox: Inbox) -> Outbox:
+    def lossy(now: Time, inbox: Inbox) -> Outbox:
         out = step(now, inbox)
-        if now < 8 * NS_PER_S and any(b'"status":201' in one.payload for one in out.departures):
-            return Outbox()
-        if now < 8 * NS_PER_S and any(b'"method":"PUT"' in one.payload for one in inbox):
-            return Outbox()
+        if now < until_s * NS_PER_S:
+            out.departures[:] = [one for one in out.departures if words not in one.payload]
         return out
 
-    dss.step = mute  # type: ignore[method-assign]
-    asks: Asks = {"blue": [(0.1, ask("blue/a")), (9.0, ask("blue/a", version=1))]}
-    stations, _, _ = flown(asks, 15.0, service)
+    dss.step = lossy  # type: ignore[method-assign]
+
+
+def test_an_intent_that_only_the_dss_knows_is_removed() -> None:
+    """All answers to a creation are lost: the USS rejects, asks what the DSS has, and removes it."""
+    service = service_of()
+    dss, usss = agents(service)
+    lose_answers(dss, b'"status":201', 9.0)
+    asks: Asks = {"blue": [(0.1, ask("blue/a"))], "red": [(9.0, ask("red/a"))]}
+    stations, _, _ = flown(asks, 20.0, service)
+    assert decisions(stations["blue"]) == ["Rejected"]
+    assert decisions(stations["red"]) == ["Accepted"]
+    assert dss.store.intent(intent_id("blue/a")) is None
+    assert usss["blue"]._intents.own == {}
+
+
+def test_an_acceptance_whose_answer_was_lost_is_found_again() -> None:
+    """The operator asks for the intent once more before the USS could remove it: it keeps it."""
+    service = service_of()
+    dss, usss = agents(service)
+    lose_answers(dss, b'"operational_intent_reference"', 12.9)
+    asks: Asks = {"blue": [(0.1, ask("blue/a")), (13.0, ask("blue/a", version=1))]}
+    stations, _, _ = flown(asks, 30.0, service)
     assert decisions(stations["blue"]) == ["Rejected", "Accepted"]
     stored = dss.store.intent(intent_id("blue/a"))
     assert stored is not None
     assert stored.reference.version == 2
-    assert usss["blue"]._intents.own[intent_id("blue/a")] == replace(stored.reference)
+    assert usss["blue"]._intents.own[intent_id("blue/a")] == stored.reference
+
+
+class MemoryJournal:
+    """What a USS would find in its database: the changes up to the last commit."""
+
+    def __init__(self) -> None:
+        self.kept: dict[str, OwnIntent] = {}
+        self._open: dict[str, OwnIntent | None] = {}
+
+    def put(self, own: OwnIntent) -> None:
+        self._open[own.intent.id] = own
+
+    def delete(self, id_: str) -> None:
+        self._open[id_] = None
+
+    def commit(self) -> None:
+        for id_, own in self._open.items():
+            if own is None:
+                self.kept.pop(id_, None)
+            else:
+                self.kept[id_] = own
+        self._open.clear()
+
+
+def kill(uss: Uss, at_step: int, *, after_commit: bool) -> Callable[[], int]:
+    """Replace a USS, while it steps, by one that knows what the journal has; returns a counter of its steps."""
+    fresh, journal = copy.deepcopy(uss), MemoryJournal()
+    uss._intents._journal = fresh._intents._journal = journal
+    count = 0
+    step = uss.step
+
+    def interrupted(now: Time, inbox: Inbox) -> Outbox:
+        nonlocal count, step
+        count += 1
+        out = step(now, inbox)
+        if count == at_step:
+            if after_commit:
+                journal.commit()
+            for own in journal.kept.values():
+                fresh._restore(own)
+            step, uss.next_wakeup = fresh.step, fresh.next_wakeup  # type: ignore[method-assign]
+            uss._intents = fresh._intents
+            return Outbox()
+        journal.commit()
+        return out
+
+    uss.step = interrupted  # type: ignore[method-assign]
+    return lambda: count
+
+
+@pytest.mark.parametrize("after_commit", [False, True])
+def test_a_uss_that_is_killed_at_any_step_leaves_nothing_in_the_dss_that_it_does_not_manage(
+    after_commit: bool,
+) -> None:
+    asks: Asks = {
+        "blue": [
+            (0.1, ask("blue/a")),
+            (0.9, ask("blue/b", here(0.003))),
+            (1.7, ask("blue/a", state=IntentState.ACTIVATED, version=1)),
+            (2.5, end("blue/b")),
+            (6.0, ask("blue/c")),  # overlaps a: the restarted USS has to look
+        ],
+        "red": [(9.0, ask("red/a", here(0.006)))],
+    }
+    at_step, steps = 1, 2
+    while at_step < steps:
+        service = service_of()
+        dss, usss = agents(service)
+        counter = kill(usss["blue"], at_step, after_commit=after_commit)
+        stations, _, _ = flown(asks, 20.0, service)
+        steps = counter()
+        own = {id_: one for id_, one in usss["blue"]._intents.own.items() if usss["blue"]._intents.get(id_)}
+        stored = {one.reference.id: one.reference for one in dss.store.intents if one.reference.manager == "blue"}
+        assert set(stored) <= set(own), f"killed at step {at_step}"
+        assert decisions(stations["red"]) == ["Accepted"]
+        at_step += 1
+    assert at_step > 9
 
 
 def tell(service: ApprovalService, name: str, alter: Callable[[Any], Any]) -> None:

@@ -185,7 +185,12 @@ class Uss:
     def _begin(self, now: Time, task: Task, out: Outbox) -> None:
         intent, held = task.intent, self._intents.get(task.intent.id)
         own = self._intents.own.get(intent.id)
+        if task.ends and task.asked is None and held is not None:
+            return  # its operator has claimed it anew
         self._task = task
+        if self._intents.is_uncertain(intent.id):
+            self._call_dss(now, task, Op.GetOperationalIntentReference, {}, None, out)
+            return
         if task.ends:
             if own is None:
                 self._finish_end(task, out)
@@ -227,6 +232,8 @@ class Uss:
         if task is None or not task.takes(call.exchange):
             return  # its task was given up
         task.causes = (*task.causes[:1], reply.ref)
+        if call.operation is Op.CreateOperationalIntentReference and 400 <= reply.status < 500 and call.tries == 1:
+            self._intents.lose_own(task.intent.id)
         if call.operation in _DETAILS:
             self._on_details(now, task, reply, out)
         elif reply.status in (200, 201):
@@ -236,7 +243,7 @@ class Uss:
         elif reply.status == 404 and call.operation is Op.DeleteOperationalIntentReference:
             self._finish_end(task, out)
         elif reply.status == 404 and call.operation is Op.GetOperationalIntentReference:  # the DSS has lost the intent
-            self._intents.own.pop(task.intent.id, None)
+            self._intents.lose_own(task.intent.id)
             task.refusal = ""
             self._begin(now, task, out)
         else:
@@ -261,10 +268,16 @@ class Uss:
         self._intents.lose_all_but((one.id for one in found), [self._area(task)])
         for one in found:
             if one.manager == self.uss:
-                task.relevant[one.id] = None
+                self._expect_own(task, one)
             else:
                 self._inquire(now, task, one, out)
         self._decide_if_told(now, task, out)
+
+    def _expect_own(self, task: Task, reference: ConstraintReference) -> None:
+        """The DSS has an own intent that the key has to name."""
+        task.relevant[reference.id] = None
+        if isinstance(reference, IntentReference):
+            self._intents.find(reference)
 
     def _inquire(self, now: Time, task: Task, reference: ConstraintReference, out: Outbox) -> None:
         """Ask the managing USS what an intent claims or a constraint closes, unless the version is known."""
@@ -343,15 +356,18 @@ class Uss:
     def _put(self, now: Time, task: Task, out: Outbox) -> None:
         """Have the DSS accept the intent, with the OVNs of all that is known to be there."""
         intent, own = task.intent, self._intents.own.get(task.intent.id)
+        is_new = own is None or not own.ovn
+        if is_new:
+            self._intents.announce(intent, self.uss, self._base_url)
         body = {
             "extents": [volume_body(one, self._epoch) for one in intent.volumes],
             "key": self._intents.key(id_ for id_ in task.relevant if id_ != intent.id),
-            "state": (State.Accepted if own is None else intent.state).value,  # the DSS takes no other first version
+            "state": (State.Accepted if is_new else intent.state).value,  # the DSS takes no other first version
             "uss_base_url": self._base_url,
             "new_subscription": {"uss_base_url": self._base_url, "notify_for_constraints": self._processes_constraints},
         }
-        operation = Op.CreateOperationalIntentReference if own is None else Op.UpdateOperationalIntentReference
-        self._call_dss(now, task, operation, {} if own is None else {"ovn": own.ovn}, body, out)
+        operation = Op.CreateOperationalIntentReference if is_new else Op.UpdateOperationalIntentReference
+        self._call_dss(now, task, operation, {} if own is None or is_new else {"ovn": own.ovn}, body, out)
 
     def _on_accepted(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
@@ -376,8 +392,15 @@ class Uss:
         if task.refusal:
             self._fail(now, task, task.refusal, out)
             return
-        self._intents.own[task.intent.id] = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
-        self._begin(now, task, out)
+        reference = IntentReference.of(reply.body["operational_intent_reference"], self._epoch)
+        if reference.manager == self.uss:
+            self._intents.own[task.intent.id] = reference
+            self._begin(now, task, out)
+        elif task.ends:
+            self._finish_end(task, out)
+        else:
+            self._intents.lose_own(task.intent.id)
+            self._fail(now, task, f"{task.intent.id} is an intent of {reference.manager}", out)
 
     def _on_conflict(self, now: Time, task: Task, reply: Reply, out: Outbox) -> None:
         """The DSS knows intents that this USS does not, or another version of this one."""
@@ -397,7 +420,7 @@ class Uss:
             return
         for one in missing:
             if one.manager == self.uss:
-                task.relevant[one.id] = None
+                self._expect_own(task, one)
             else:
                 self._intents.lose(one.id)  # the version that was known is not the current one
                 self._inquire(now, task, one, out)
@@ -430,7 +453,7 @@ class Uss:
 
     def _answer(self, task: Task, decision: ApprovalDecision, out: Outbox) -> None:
         self._task = None
-        if task.is_new and not decision.accepted:  # its first version was accepted, and the next one was not
+        if not decision.accepted and (task.is_new or self._intents.is_uncertain(task.intent.id)):
             self._queue.add(Task(self._intents.release(task.intent), None, task.causes))
         if task.asked is not None:
             answer_intent(task.asked, decision, self._book, self._epoch, out)

@@ -6,6 +6,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
+from uas_standards.astm.f3548.v21.api import OperationalIntentState as State
+
 from skyrange.codec.f3548.values import ConstraintReference, IntentDetails, IntentReference
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
@@ -24,7 +26,7 @@ class OwnIntent(NamedTuple):
     intent: OperationalIntent
     """What its operator claims; of one that has ended, perhaps not yet at the DSS, without volumes."""
     reference: IntentReference
-    """The version that the DSS has."""
+    """The version that the DSS has; without an OVN where the DSS was asked for the first one, and may have it."""
 
 
 UNKNOWN_VERSION: Final = -1
@@ -37,7 +39,7 @@ class SharedIntents:
     def __init__(self, limits: Limits, epoch: Epoch, journal: Journal[OwnIntent]) -> None:
         """`limits` of the alternatives that are offered; `journal` is told of own intents."""
         self.own: dict[str, IntentReference] = {}
-        """References of the intents that it manages, as the DSS has accepted them."""
+        """References of the intents that it manages, as the DSS has accepted them; see `OwnIntent`."""
         self._others: dict[str, ConstraintReference] = {}
         """References of the intents and constraints of others."""
         self._register = IntentRegister(limits)
@@ -48,8 +50,7 @@ class SharedIntents:
         """Forget intents that are long over."""
         for id_ in self._register.forget(now):
             self._others.pop(id_, None)
-            if self.own.pop(id_, None) is not None:
-                self._journal.delete(id_)
+            self.lose_own(id_)
 
     def get(self, id_: str) -> OperationalIntent | None:
         """What an intent claims, if it is known."""
@@ -71,6 +72,35 @@ class SharedIntents:
 
     # --- own intents ---------------------------------------------------------------------------------------
 
+    def announce(self, intent: OperationalIntent, manager: str, base_url: str) -> None:
+        """The DSS is about to be asked for the first version of an own intent.
+
+        The journal has the intent as one that has ended, so that a USS that is killed before it knows the answer
+        removes from the DSS what nobody claims.
+        """
+        reference = IntentReference(
+            id=intent.id,
+            manager=manager,
+            version=0,
+            ovn="",
+            uss_base_url=base_url,
+            start_ns=min(one.start_ns for one in intent.volumes),
+            end_ns=max(one.end_ns for one in intent.volumes),
+            state=State.Accepted,
+        )
+        self.own[intent.id] = reference
+        self._journal.put(OwnIntent(_ended(intent), reference))
+
+    def find(self, reference: IntentReference) -> None:
+        """The DSS has an own intent; it may be one of which that was not certain."""
+        if self.is_uncertain(reference.id):
+            self.own[reference.id] = reference
+
+    def is_uncertain(self, id_: str) -> bool:
+        """Whether the DSS may have an own intent or not."""
+        own = self.own.get(id_)
+        return own is not None and not own.ovn
+
     def accept(self, intent: OperationalIntent, reference: IntentReference) -> None:
         """The DSS has accepted a version of an own intent."""
         self.restore(OwnIntent(intent, reference))
@@ -84,17 +114,21 @@ class SharedIntents:
 
     def release(self, intent: OperationalIntent) -> OperationalIntent:
         """Release the airspace of an own intent, which the DSS may still know; returns it as one that has ended."""
-        ended = replace(intent, volumes=(), state=IntentState.ENDED)
+        ended = _ended(intent)
         self._register.remove(intent.id)
         if intent.id in self.own:
             self._journal.put(OwnIntent(ended, self.own[intent.id]))
         return ended
 
+    def lose_own(self, id_: str) -> None:
+        """The DSS does not have an own intent."""
+        if self.own.pop(id_, None) is not None:
+            self._journal.delete(id_)
+
     def end(self, id_: str) -> None:
         """An own intent has ended."""
         self._register.remove(id_)
-        if self.own.pop(id_, None) is not None:
-            self._journal.delete(id_)
+        self.lose_own(id_)
 
     def find_outranked(self, intent: OperationalIntent) -> list[OperationalIntent]:
         """Own intents that one of higher priority overlaps, and that are not flown outside their volumes."""
@@ -151,7 +185,7 @@ class SharedIntents:
     def key(self, ids: Iterable[str]) -> list[str]:
         """The OVNs of the versions of intents and constraints that are known."""
         known = (self.own.get(id_) or self._others.get(id_) for id_ in ids)
-        return sorted(one.ovn for one in known if one is not None)
+        return sorted(one.ovn for one in known if one is not None and one.ovn)
 
     def show(self, intent: OperationalIntent, reference: IntentReference) -> dict[str, Any]:
         """An own intent as JSON, for another USS."""
@@ -159,3 +193,7 @@ class SharedIntents:
         nominal, outside = ((), intent.volumes) if off_nominal else (intent.volumes, ())
         details = IntentDetails(nominal, outside, intent.priority)
         return {"reference": reference.body(self._epoch), "details": details.body(self._epoch)}
+
+
+def _ended(intent: OperationalIntent) -> OperationalIntent:
+    return replace(intent, volumes=(), state=IntentState.ENDED)
