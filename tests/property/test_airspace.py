@@ -14,8 +14,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Airspace
-from skyrange.utm.alternatives import Limits, delayed, find_alternatives, least_delay
+from skyrange.utm.airspace import Airspace, Query
+from skyrange.utm.alternatives import Limits, find_alternatives
 from skyrange.utm.cell_grid import CELL_DEG
 from tests.tiers import examples
 
@@ -46,14 +46,29 @@ def outline(volume: Volume4D) -> shapely.Geometry:
     return polygon if polygon.is_valid else polygon.convex_hull
 
 
-def overlap(one: Volume4D, other: Volume4D, later_ns: Time = 0) -> bool:
+def overlap(one: Volume4D, other: Volume4D) -> bool:
     return (
         one.start_ns < other.end_ns
-        and other.start_ns < one.end_ns + later_ns
+        and other.start_ns < one.end_ns
         and one.lower_m < other.upper_m
         and other.lower_m < one.upper_m
         and bool(outline(one).intersects(outline(other)))
     )
+
+
+def find_least_delay(claim: Sequence[Volume4D], others: Sequence[Volume4D], most_s: int) -> Time | None:
+    """The first whole second that is free, by trying one after the other."""
+    near = [  # those that a delay may bring together
+        (one, other)
+        for one in claim
+        for other in others
+        if overlap(replace(one, start_ns=0, end_ns=1), replace(other, start_ns=0, end_ns=1))
+    ]
+    for delay_s in range(most_s + 1):
+        delay_ns = delay_s * NS_PER_S
+        if not any(a.start_ns + delay_ns < b.end_ns and b.start_ns < a.end_ns + delay_ns for a, b in near):
+            return delay_ns
+    return None
 
 
 class Claims(RuleBasedStateMachine):
@@ -62,31 +77,47 @@ class Claims(RuleBasedStateMachine):
     @initialize()
     def begin(self) -> None:
         self.airspace = Airspace()
-        self.known: dict[str, list[Volume4D]] = {}
+        self.known: dict[str, tuple[list[Volume4D], int]] = {}
 
-    @rule(name=st.sampled_from("abcdefgh"), claim=CLAIMS)
-    def put(self, name: str, claim: list[Volume4D]) -> None:
-        self.airspace.put(name, claim)
-        self.known[name] = claim
+    @rule(name=st.sampled_from("abcdefgh"), claim=CLAIMS, rank=st.integers(0, 2))
+    def put(self, name: str, claim: list[Volume4D], rank: int) -> None:
+        self.airspace.put(name, claim, rank)
+        self.known[name] = (claim, rank)
 
     @rule(name=st.sampled_from("abcdefgh"))
     def remove(self, name: str) -> None:
         self.airspace.remove(name)
         self.known.pop(name, None)
 
-    @rule(claim=CLAIMS, later_s=st.sampled_from([0, 0, 100]), ignored=st.sampled_from(["", "a"]))
-    def find(self, claim: list[Volume4D], later_s: int, ignored: str) -> None:
-        later_ns = later_s * NS_PER_S
-        found = self.airspace.find_overlaps(claim, later_ns, ignored)
-        assert found == copy.deepcopy(self.airspace).find_overlaps(claim, later_ns, ignored)
+    @rule(claim=CLAIMS, ignored=st.sampled_from(["", "a"]))
+    def find(self, claim: list[Volume4D], ignored: str) -> None:
+        found = self.airspace.find_overlaps(claim, ignored)
+        assert found == copy.deepcopy(self.airspace).find_overlaps(claim, ignored)
         expected = {
-            (place, name, other.start_ns, other.end_ns)
+            (place, name)
             for place, volume in enumerate(claim)
-            for name, others in self.known.items()
+            for name, (others, _) in self.known.items()
             for other in others
-            if name != ignored and overlap(volume, other, later_ns)
+            if name != ignored and overlap(volume, other)
         }
         assert found == sorted(expected)
+
+    @rule(
+        claims=st.lists(CLAIMS, min_size=1, max_size=3),
+        most_s=st.sampled_from([0, 40, 300]),
+        ignored=st.sampled_from(["", "a"]),
+        lowest_rank=st.integers(0, 3),
+    )
+    def find_delays(self, claims: list[list[Volume4D]], most_s: int, ignored: str, lowest_rank: int) -> None:
+        there = [
+            other
+            for name, (others, rank) in self.known.items()
+            for other in others
+            if name != ignored and rank >= lowest_rank
+        ]
+        queries = [Query(claim, most_s * NS_PER_S) for claim in claims]
+        found = self.airspace.find_least_delays(queries, ignored, lowest_rank)
+        assert found == [find_least_delay(claim, there, most_s) for claim in claims]
 
     @invariant()
     def knows_the_same(self) -> None:
@@ -106,20 +137,6 @@ def airspace_of(others: Sequence[Sequence[Volume4D]]) -> Airspace:
     return airspace
 
 
-@given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6))
-@settings(deadline=None)
-def test_the_least_delay_is_free_and_no_earlier_second_is(claim: list[Volume4D], others: list[list[Volume4D]]) -> None:
-    airspace = airspace_of(others)
-
-    def free(delay_s: int) -> bool:
-        return not airspace.find_overlaps(delayed(claim, delay_s * NS_PER_S))
-
-    most_s = 300
-    found = least_delay(claim, airspace.find_overlaps(claim, most_s * NS_PER_S), most_s * NS_PER_S)
-    expected = next((delay_s for delay_s in range(most_s + 1) if free(delay_s)), None)
-    assert found == (None if expected is None else expected * NS_PER_S)
-
-
 @given(claim=CLAIMS, others=st.lists(CLAIMS, max_size=6), count=st.sampled_from([1, 1, 1, 2, 3]))
 @settings(deadline=None, max_examples=examples(2_000))
 def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
@@ -127,7 +144,7 @@ def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
 ) -> None:
     airspace = airspace_of(others)
     limits = Limits(300.0, (15.0, 30.0), (25.0, -25.0), 90.0, count)
-    offered = find_alternatives(claim, airspace.find_each, limits)
+    offered = find_alternatives(claim, airspace.find_least_delays, limits)
     assert len(offered) <= limits.count
     ground_m = min(one.lower_m for one in claim)
     for one in offered:
@@ -141,7 +158,7 @@ def test_alternatives_are_free_within_their_limits_and_the_cheapest_comes_first(
                 for volume in claim
             ]
     mere = [one.delay_ns for one in offered if not (one.climb_m or one.east_m or one.north_m)]
-    later_ns = least_delay(claim, airspace.find_overlaps(claim, 300 * NS_PER_S), 300 * NS_PER_S)
+    later_ns = find_least_delay(claim, [volume for other in others for volume in other], 300)
     assert mere == ([] if later_ns is None else [later_ns]), "which every operator can fly"
     if not airspace.find_overlaps(claim):
         assert offered[0].delay_ns == 0

@@ -1,68 +1,47 @@
-"""Claimed airspace: the volumes of operational intents in a grid, and the search for overlaps.
+"""Claimed airspace: the volumes of operational intents in a grid, the search for overlaps, and for the least delay.
 
-Outlines are compared in the plane of longitude and latitude, in degrees, because F3548 states corners alone. Two
-volumes overlap if their outlines meet and their heights and times have more than an end in common. A ring that crosses
-itself counts as its convex hull; F3548 allows none. Convex rings, as those of legs are, are compared in compiled code;
-others, and those that all but touch, by GEOS.
+Two volumes overlap if their outlines meet and their heights and times have more than an end in common. While a flight
+is delayed, each volume that its own ones meet forbids an interval of delays; the first delay that none forbids is free.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
-from skyrange.core.time import Time
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
-from skyrange.utm.convex import APART, MAX_CORNERS, MEETING, UNDECIDED, compare, is_convex
+from skyrange.utm.convex import APART, UNDECIDED, compare
+from skyrange.utm.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Outline = tuple[tuple[float, float], ...]
+
+STEP_NS: Final = NS_PER_S
+"""Delays are whole seconds."""
+ANY_RANK: Final = -(1 << 62)
+MAX_RANK: Final = 1 << 62
 
 
 class Overlap(NamedTuple):
-    """One volume of a query and one that is claimed."""
+    """One volume of a query, and an intent that claims a volume which it overlaps."""
 
     place: int
     """Which volume of the query."""
     intent: str
-    """The intent that claims the other volume."""
-    start_ns: Time
-    end_ns: Time
-    """When that is claimed."""
 
 
 class Query(NamedTuple):
-    """A search for overlaps."""
+    """A search for the least delay."""
 
     volumes: Sequence[Volume4D]
-    later_ns: Time = 0
-    """By how much later they may be flown."""
-
-
-class _Solids(NamedTuple):
-    """Volumes as arrays, row by row."""
-
-    boxes: Floats
-    """(n, 4) Least and greatest longitude and latitude; those of a free row meet nothing."""
-    heights: Floats
-    """(n, 2) Metres."""
-    times: Ints
-    """(n, 2) Nanoseconds."""
-    rings: Floats
-    """(n, `MAX_CORNERS`, 2) Corners in longitude and latitude."""
-    counts: Ints
-    """(n,) How many corners a convex ring has; 0 for another one."""
-
-
-_NOWHERE: Final = (math.inf, math.inf, -math.inf, -math.inf)
+    most_ns: Time
+    """The longest delay."""
 
 
 class Airspace:
@@ -75,7 +54,9 @@ class Airspace:
         self._rows: dict[str, list[int]] = {}
         self._owners: list[str] = []
         self._outlines: list[Outline] = []
-        self._solids = _make_solids(16)
+        self._solids = make_solids(16)
+        self._claims = np.zeros((16, 2), dtype=np.int64)
+        """Of each row, the first row of its intent, and the rank of that."""
         self._stamps: Ints = np.full(16, -1)
         """The number of the query volume with which a row was compared last."""
         self._asked = 0
@@ -92,15 +73,18 @@ class Airspace:
     def __contains__(self, intent: str) -> bool:
         return intent in self._rows
 
-    def put(self, intent: str, volumes: Sequence[Volume4D]) -> None:
-        """Claim `volumes`, instead of those that the intent has claimed so far."""
+    def put(self, intent: str, volumes: Sequence[Volume4D], rank: int = 0) -> None:
+        """Claim `volumes`, instead of those that the intent has claimed so far. `rank`, between `ANY_RANK` and
+        `MAX_RANK`, says which searches regard it.
+        """
         self.remove(intent)
-        given = _solids_of(volumes)
+        given = solids_of(volumes)
         rows = self._rows[intent] = []
         for place, volume in enumerate(volumes):
             row = self._free.pop() if self._free else self._grow()
             rows.append(row)
             self._owners[row], self._outlines[row] = intent, volume.outline
+            self._claims[row] = rows[0], rank
             for own, new in zip(self._solids, given, strict=True):
                 own[row] = new[place]
             if not self._grid.add(row, given.boxes[place], given.times[place]):
@@ -114,68 +98,86 @@ class Airspace:
                 del self._wide[row]
             else:
                 self._grid.remove(row, self._solids.boxes[row], self._solids.times[row])
-            self._solids.boxes[row] = _NOWHERE
+            self._solids.boxes[row] = NOWHERE
 
-    def find_overlaps(self, volumes: Sequence[Volume4D], later_ns: Time = 0, ignored: str = "") -> list[Overlap]:
-        """Every claimed volume that one of `volumes` overlaps, if it is flown at its time or up to `later_ns` later.
+    def find_overlaps(self, volumes: Sequence[Volume4D], ignored: str = "") -> list[Overlap]:
+        """Each of `volumes` with each intent but `ignored` that claims what it overlaps, in order."""
+        if not volumes:
+            return []
+        rows, places = self._search(volumes, solids_of(volumes), ignored, ANY_RANK)
+        found = {*zip(places.tolist(), self._claims[rows, 0].tolist(), strict=True)}
+        return sorted(Overlap(place, self._owners[first]) for place, first in found)
 
-        Those of the intent `ignored` are left out. In the order of `volumes`, then of intents and times.
+    def find_least_delays(
+        self, queries: Sequence[Query], ignored: str = "", lowest_rank: int = ANY_RANK
+    ) -> list[Time | None]:
+        """For each query the least delay in whole seconds, 0 included, after which its volumes overlap none of another
+        intent than `ignored` that has `lowest_rank` or more; `None` if that exceeds its longest delay.
         """
-        return self.find_each([Query(volumes, later_ns)], ignored)[0]
-
-    def find_each(self, queries: Sequence[Query], ignored: str = "") -> list[list[Overlap]]:
-        """What `find_overlaps` finds for each query, in one pass."""
         volumes = [volume for query in queries for volume in query.volumes]
         if not volumes:
-            return [[] for _ in queries]
-        asked = _solids_of(volumes)
-        later = np.repeat([query.later_ns for query in queries], [len(query.volumes) for query in queries])
-        asked.times[:, 1] += later
+            return [0 for _ in queries]
+        numbers = np.repeat(np.arange(len(queries)), [len(query.volumes) for query in queries])
+        most = np.array([query.most_ns for query in queries], dtype=np.int64)
+        asked = solids_of(volumes)
+        ends = asked.times[:, 1].copy()
+        asked.times[:, 1] += most[numbers]
+        rows, places = self._search(volumes, asked, ignored, lowest_rank)
+        claimed = self._solids.times[rows]
+        begins, over = claimed[:, 0] - ends[places], claimed[:, 1] - asked.times[places, 0]
+        delays = _sweep(numbers[places], begins, over, len(queries)).tolist()
+        return [delay if delay <= query.most_ns else None for delay, query in zip(delays, queries, strict=True)]
+
+    def _search(self, volumes: Sequence[Volume4D], asked: Solids, ignored: str, lowest_rank: int) -> tuple[Ints, Ints]:
+        """Rows and places of claimed volumes and those of a query that overlap, each pair once."""
         wide = np.fromiter(self._wide, dtype=np.int64, count=len(self._wide))
         lists, first = self._grid.lists, self._asked
         self._asked += len(volumes)
-        rows, places, verdicts = _search(self._solids, asked, lists, wide, self._stamps, first, len(self._owners))
-        owners, times = self._owners, self._solids.times[rows].tolist()
-        found: list[set[tuple[int, str, Time, Time]]] = [set() for _ in volumes]
-        for row, place, verdict, (start, end) in zip(
-            rows.tolist(), places.tolist(), verdicts.tolist(), times, strict=True
-        ):
-            if owners[row] != ignored and (verdict == MEETING or _meet(self._outlines[row], volumes[place].outline)):
-                found[place].add((place, owners[row], start, end))
-        answers: list[list[Overlap]] = []
-        begin = 0
-        for query, _ in queries:
-            ends = begin + len(query)
-            rows_found = [one for each in found[begin:ends] for one in sorted(each)]
-            answers.append([Overlap(place - begin, intent, start, end) for place, intent, start, end in rows_found])
-            begin = ends
-        return answers
+        left_out = self._rows[ignored][0] if ignored in self._rows else NONE
+        rows, places, verdicts = _search(
+            self._solids,
+            self._claims,
+            asked,
+            lists,
+            wide,
+            self._stamps,
+            first,
+            len(self._owners),
+            left_out,
+            lowest_rank,
+        )
+        near = np.flatnonzero(verdicts == UNDECIDED)
+        if len(near):
+            pairs = np.column_stack((rows[near], places[near]))
+            meeting = verdicts != UNDECIDED
+            meeting[near] = find_meeting(self._outlines, [one.outline for one in volumes], pairs)
+            rows, places = rows[meeting], places[meeting]
+        return rows, places
 
     def _grow(self) -> int:
         row = len(self._owners)
         self._owners.append("")
         self._outlines.append(())
         if row == len(self._stamps):
-            more = _make_solids(row)
-            self._solids = _Solids(*(np.concatenate(pair) for pair in zip(self._solids, more, strict=True)))
+            more = make_solids(row)
+            self._solids = Solids(*(np.concatenate(pair) for pair in zip(self._solids, more, strict=True)))
+            self._claims = np.concatenate([self._claims, np.zeros_like(self._claims)])
             self._stamps = np.concatenate([self._stamps, np.full(row, -1)])
         return row
 
 
-def _make_solids(count: int) -> _Solids:
-    """Rows that are free."""
-    return _Solids(
-        np.full((count, 4), _NOWHERE),
-        np.zeros((count, 2)),
-        np.zeros((count, 2), dtype=np.int64),
-        np.zeros((count, MAX_CORNERS, 2)),
-        np.zeros(count, dtype=np.int64),
-    )
-
-
 @compiled
 def _search(
-    claimed: _Solids, asked: _Solids, lists: Lists, wide: Ints, stamps: Ints, first: int, used: int
+    claimed: Solids,
+    claims: Ints,
+    asked: Solids,
+    lists: Lists,
+    wide: Ints,
+    stamps: Ints,
+    first: int,
+    used: int,
+    left_out: int,
+    lowest_rank: int,
 ) -> tuple[Ints, Ints, Ints]:
     """The claimed volumes that those of `asked` overlap, or may: their rows, the places, and verdicts of
     `convex.compare`, each pair once.
@@ -198,6 +200,8 @@ def _search(
             if heights[row, 0] >= highest or heights[row, 1] <= lowest:
                 continue
             if boxes[row, 0] > box[2] or boxes[row, 2] < box[0] or boxes[row, 1] > box[3] or boxes[row, 3] < box[1]:
+                continue
+            if claims[row, 0] == left_out or claims[row, 1] < lowest_rank:
                 continue
             verdict = UNDECIDED
             if counts[row] > 0 and asked.counts[place] > 0:
@@ -235,49 +239,14 @@ def _rows_near(lists: Lists, box: Floats, times: Ints, stamps: Ints, stamp: int)
     return found[:count]
 
 
-def _meet(one: Outline, other: Outline) -> bool:
-    """Whether two rings have a point in common, by GEOS."""
-    return bool(_polygon(one).intersects(_polygon(other)))
-
-
-def _polygon(outline: Outline) -> shapely.Geometry:
-    polygon = shapely.Polygon([(lng, lat) for lat, lng in outline])
-    return polygon if polygon.is_valid else polygon.convex_hull
-
-
-def find_invalid(volumes: Sequence[Volume4D]) -> int | None:
-    """The place of the first volume whose outline crosses itself or has no area; `None` if all are valid."""
-    counts = _solids_of(volumes).counts
-    for place in np.flatnonzero(counts == 0).tolist():
-        if not shapely.Polygon(volumes[place].outline).is_valid:
-            return int(place)
-    return None
-
-
-def _solids_of(volumes: Sequence[Volume4D]) -> _Solids:
-    """Volumes, of which there is one at least, as arrays."""
-    lengths = np.array([len(volume.outline) for volume in volumes], dtype=np.int64)
-    corners = np.array([corner for volume in volumes for corner in volume.outline])[:, ::-1]
-    rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
-    heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
-    times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
-    return _Solids(boxes, heights, times, rings, counts)
-
-
 @compiled
-def _gather(corners: Floats, lengths: Ints) -> tuple[Floats, Ints, Floats]:
-    rings = np.zeros((len(lengths), MAX_CORNERS, 2))
-    counts = np.zeros(len(lengths), dtype=np.int64)
-    boxes = np.empty((len(lengths), 4))
-    first = 0
-    for place in range(len(lengths)):
-        ring = corners[first : first + lengths[place]]
-        for axis in range(2):
-            boxes[place, axis] = ring[:, axis].min()
-            boxes[place, 2 + axis] = ring[:, axis].max()
-        if lengths[place] <= MAX_CORNERS:
-            rings[place, : lengths[place]] = ring
-            if is_convex(ring, lengths[place]):
-                counts[place] = lengths[place]
-        first += lengths[place]
-    return rings, counts, boxes
+def _sweep(numbers: Ints, begins: Ints, ends: Ints, count: int) -> Ints:
+    """The least delay of each of `count` flights that is in none of the intervals of delays, ends excluded, that are
+    forbidden to it; `numbers` says to which flight each is.
+    """
+    delays = np.zeros(count, dtype=np.int64)
+    for k in np.argsort(begins):
+        delay = delays[numbers[k]]
+        if begins[k] < delay < ends[k]:
+            delays[numbers[k]] = -(-ends[k] // STEP_NS) * STEP_NS
+    return delays

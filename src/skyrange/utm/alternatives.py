@@ -1,7 +1,6 @@
 """Alternatives to an intent that cannot be accepted: later, at another height, beside, or a combination.
 
-For each change of the route the least delay is exact: while an intent is delayed, each overlap forbids an interval of
-delays, and the first delay that none forbids is free. A change of height or place is searched with volumes that are a
+For each change of the route the least delay is exact. A change of height or place is searched with volumes that are a
 little larger than those of the altered plan, which only its operator knows.
 """
 
@@ -14,15 +13,13 @@ from typing import Final, NamedTuple
 
 import shapely
 
-from skyrange.core.time import NS_PER_S, Time, ceil_to, from_seconds, to_seconds
+from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Overlap, Query
+from skyrange.utm.airspace import Query
 from skyrange.utm.contract import Alternative
 
 Outline = tuple[tuple[float, float], ...]
 
-STEP_NS: Final = NS_PER_S
-"""Delays are whole seconds."""
 _M_PER_DEG: Final = 111_320.0
 """Metres of a degree of latitude, and of longitude at the equator; a metre more or less does not matter here."""
 _CLIMB_MPS: Final = 2.5
@@ -51,8 +48,8 @@ class Limits:
     count: int
 
 
-Search = Callable[[Sequence[Query]], Sequence[Sequence[Overlap]]]
-"""`search(queries)`: the overlaps that forbid each, as `Airspace.find_each` finds them."""
+Search = Callable[[Sequence[Query]], Sequence[Time | None]]
+"""`search(queries)`: the least delay of each, as `Airspace.find_least_delays` finds it."""
 
 
 def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limits) -> list[Alternative]:
@@ -63,8 +60,7 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
     there is one, and what costs more is not offered.
     """
     most_ns = from_seconds(limits.delay_s)
-    (overlaps,) = search([Query(volumes, most_ns)])
-    delay_ns = least_delay(volumes, overlaps, most_ns)
+    (delay_ns,) = search([Query(volumes, most_ns)])
     most_s = math.inf if delay_ns is None else to_seconds(delay_ns)
     found = [] if delay_ns is None else [(most_s, 0, Alternative(tuple(volumes), delay_ns))]
     changes = [one for one in _changes(volumes, limits) if _cost_s(one) < most_s]
@@ -72,8 +68,7 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
     scales = _scales_of(volumes)
     queries = [Query(_changed(volumes, one, scales), spare) for one, spare in zip(changes, spare_ns, strict=True)]
     best: dict[tuple[bool, bool], float] = {}
-    for number, (change, query, overlaps) in enumerate(zip(changes, queries, search(queries), strict=True), 1):
-        delay_ns = least_delay(query.volumes, overlaps, query.later_ns)
+    for number, (change, query, delay_ns) in enumerate(zip(changes, queries, search(queries), strict=True), 1):
         if delay_ns is None:
             continue
         cost_s = _cost_s(change) + to_seconds(delay_ns)
@@ -105,25 +100,6 @@ def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
         min(one.start_ns for one in volumes) - spare_ns,
         max(one.end_ns for one in volumes) + spare_ns + from_seconds(limits.delay_s + _LATER_S_PER_M * climb_m),
     )
-
-
-def least_delay(volumes: Sequence[Volume4D], overlaps: Sequence[Overlap], most_ns: Time) -> Time | None:
-    """The least delay in whole seconds, 0 included, after which `volumes` are free of `overlaps`, those of all delays
-    up to `most_ns`; `None` if it exceeds that.
-    """
-    forbidden = sorted(_forbid(volumes[one.place], one) for one in overlaps)
-    delay_ns = 0
-    for begin_ns, end_ns in forbidden:
-        if begin_ns >= delay_ns:
-            break  # those after it begin later still
-        if delay_ns < end_ns:
-            delay_ns = ceil_to(end_ns, STEP_NS)
-    return delay_ns if delay_ns <= most_ns else None
-
-
-def _forbid(volume: Volume4D, overlap: Overlap) -> tuple[Time, Time]:
-    """The delays, ends excluded, with which `volume` overlaps in time."""
-    return overlap.start_ns - volume.end_ns, overlap.end_ns - volume.start_ns
 
 
 def delayed(volumes: Sequence[Volume4D], delay_ns: Time) -> tuple[Volume4D, ...]:

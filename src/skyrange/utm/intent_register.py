@@ -9,10 +9,11 @@ from typing import Final
 
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Airspace, Overlap, Query, find_invalid
+from skyrange.utm.airspace import ANY_RANK, MAX_RANK, Airspace, Overlap, Query
 from skyrange.utm.alternatives import Limits, find_alternatives
 from skyrange.utm.contract import Alternative, OperationalIntent
 from skyrange.utm.intent_states import MAX_HORIZON_NS, MAX_VERTICES, OFF_NOMINAL, IntentState, may_follow
+from skyrange.utm.solids import find_invalid
 
 KEPT_NS: Final = 3_600 * NS_PER_S
 """How long an intent that nobody has ended is known after its last volume."""
@@ -50,7 +51,7 @@ class IntentRegister:
 
     def put(self, intent: OperationalIntent) -> None:
         """Add an intent, or its next version."""
-        self._airspace.put(intent.id, intent.volumes)
+        self._airspace.put(intent.id, intent.volumes, _rank_of(intent))
         self._intents[intent.id] = intent
         heappush(self._ends, (max(one.end_ns for one in intent.volumes) + KEPT_NS, intent.id))
 
@@ -94,8 +95,7 @@ class IntentRegister:
         return [self._intents[id_] for id_ in lower]
 
     def _blocks(self, overlap: Overlap, request: OperationalIntent) -> bool:
-        other = self._intents[overlap.intent]
-        return other.priority >= request.priority or other.state in OFF_NOMINAL
+        return _rank_of(self._intents[overlap.intent]) >= _lowest_rank(request)
 
     def _conflicts_of(self, id_: str) -> Container[str]:
         """The intents that an activated one overlaps as it is."""
@@ -105,9 +105,8 @@ class IntentRegister:
         return self.overlapping(held.volumes, ignored=id_)
 
     def _offer(self, request: OperationalIntent) -> list[Alternative]:
-        def search(queries: Sequence[Query]) -> list[list[Overlap]]:
-            found = self._airspace.find_each(queries, request.id)
-            return [[one for one in overlaps if self._blocks(one, request)] for overlaps in found]
+        def search(queries: Sequence[Query]) -> list[Time | None]:
+            return self._airspace.find_least_delays(queries, request.id, _lowest_rank(request))
 
         return find_alternatives(request.volumes, search, self._limits)
 
@@ -115,6 +114,16 @@ class IntentRegister:
         vehicles = list(dict.fromkeys(self._intents[one.intent].vehicle for one in blocking))
         others = f" and {len(vehicles) - 1} others" if len(vehicles) > 1 else ""
         return f"volume {blocking[0].place + 1} overlaps a volume of {vehicles[0]}{others}"
+
+
+def _lowest_rank(request: OperationalIntent) -> int:
+    """The lowest rank of intents that are in the way of a request."""
+    return min(max(request.priority, ANY_RANK), MAX_RANK)
+
+
+def _rank_of(intent: OperationalIntent) -> int:
+    """A higher rank is in the way of more: it is the priority, but nobody may overlap an off-nominal intent."""
+    return MAX_RANK if intent.state in OFF_NOMINAL else _lowest_rank(intent)
 
 
 def find_problem(now: Time, request: OperationalIntent, state: IntentState | None) -> str:

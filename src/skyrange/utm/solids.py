@@ -1,0 +1,109 @@
+"""Volumes as arrays, and whether the outlines of two have a point in common.
+
+Outlines are compared in the plane of longitude and latitude, in degrees, because F3548 states corners alone. A ring
+that crosses itself counts as its convex hull; F3548 allows none. Convex rings, as those of legs are, are compared in
+compiled code; others, and those that all but touch, by GEOS.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from skyrange.core.compiled import compiled
+from skyrange.core.volumes import Volume4D
+from skyrange.utm.convex import MAX_CORNERS, is_convex
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Outline = tuple[tuple[float, float], ...]
+
+
+class Solids(NamedTuple):
+    """Volumes as arrays, row by row."""
+
+    boxes: Floats
+    """(n, 4) Least longitude and latitude, and greatest; those of a free row meet nothing."""
+    heights: Floats
+    """(n, 2) Metres."""
+    times: Ints
+    """(n, 2) Nanoseconds."""
+    rings: Floats
+    """(n, `MAX_CORNERS`, 2) Corners in longitude and latitude."""
+    counts: Ints
+    """(n,) How many corners a convex ring has; 0 for another one."""
+
+
+NOWHERE: Final = (math.inf, math.inf, -math.inf, -math.inf)
+"""The box of a free row."""
+
+
+def make_solids(count: int) -> Solids:
+    """Rows that are free."""
+    return Solids(
+        np.full((count, 4), NOWHERE),
+        np.zeros((count, 2)),
+        np.zeros((count, 2), dtype=np.int64),
+        np.zeros((count, MAX_CORNERS, 2)),
+        np.zeros(count, dtype=np.int64),
+    )
+
+
+def solids_of(volumes: Sequence[Volume4D]) -> Solids:
+    """Volumes, of which there is one at least, as arrays."""
+    lengths = np.array([len(volume.outline) for volume in volumes], dtype=np.int64)
+    corners = np.array([corner for volume in volumes for corner in volume.outline])[:, ::-1]
+    rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
+    heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
+    times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
+    return Solids(boxes, heights, times, rings, counts)
+
+
+@compiled
+def _gather(corners: Floats, lengths: Ints) -> tuple[Floats, Ints, Floats]:
+    rings = np.zeros((len(lengths), MAX_CORNERS, 2))
+    counts = np.zeros(len(lengths), dtype=np.int64)
+    boxes = np.empty((len(lengths), 4))
+    first = 0
+    for place in range(len(lengths)):
+        ring = corners[first : first + lengths[place]]
+        for axis in range(2):
+            boxes[place, axis] = ring[:, axis].min()
+            boxes[place, 2 + axis] = ring[:, axis].max()
+        if lengths[place] <= MAX_CORNERS:
+            rings[place, : lengths[place]] = ring
+            if is_convex(ring, lengths[place]):
+                counts[place] = lengths[place]
+        first += lengths[place]
+    return rings, counts, boxes
+
+
+def find_meeting(ones: Sequence[Outline], others: Sequence[Outline], pairs: Ints) -> NDArray[np.bool_]:
+    """Whether the outlines of each pair, (n, 2) places in `ones` and in `others`, have a point in common, by GEOS."""
+    return np.asarray(shapely.intersects(_polygons(ones, pairs[:, 0]), _polygons(others, pairs[:, 1])))
+
+
+def _polygons(outlines: Sequence[Outline], places: Ints) -> NDArray[np.object_]:
+    """The polygon of each place, made once."""
+    different, numbers = np.unique(places, return_inverse=True)
+    made = np.array([_polygon(outlines[place]) for place in different.tolist()], dtype=np.object_)
+    return made[numbers]
+
+
+def _polygon(outline: Outline) -> shapely.Geometry:
+    polygon = shapely.Polygon([(lng, lat) for lat, lng in outline])
+    return polygon if polygon.is_valid else polygon.convex_hull
+
+
+def find_invalid(volumes: Sequence[Volume4D]) -> int | None:
+    """The place of the first volume whose outline crosses itself or has no area; `None` if all are valid."""
+    counts = solids_of(volumes).counts
+    for place in np.flatnonzero(counts == 0).tolist():
+        if not shapely.Polygon(volumes[place].outline).is_valid:
+            return int(place)
+    return None
