@@ -8,13 +8,16 @@ from typing import Any
 
 import pytest
 
+from skyrange.attack.approval.eclipse import ECLIPSE
 from skyrange.attack.approval.equivocate import EQUIVOCATE
 from skyrange.attack.approval.false_contingency import FALSE_CONTINGENCY
 from skyrange.attack.approval.false_details import FALSE_DETAILS
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
 from skyrange.attack.approval.poisoned_constraint import POISONED_CONSTRAINT
+from skyrange.attack.approval.slow_gossip import SLOW_GOSSIP
 from skyrange.attack.approval.squat import SQUAT
 from skyrange.attack.approval.stolen_token import STOLEN_TOKEN
+from skyrange.attack.approval.suppress_notifications import SUPPRESS_NOTIFICATIONS
 from skyrange.attack.contract import AttackPlugin
 from skyrange.scenario.model.constraints import ConstraintTable
 from skyrange.scenario.model.scenario import Operator, Origin, Scenario, Start, Vehicle, square
@@ -33,6 +36,11 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], str, str]] = [
     (FALSE_CONTINGENCY, CORRIDOR, "authority", "inject"),
     (FALSE_CONTINGENCY, {**CORRIDOR, "after_s": 0.5}, "federated", "inject"),
     (POISONED_CONSTRAINT, {"from_m": [-20, 0], "to_m": [60, 0]}, "federated", "replace"),
+    (SUPPRESS_NOTIFICATIONS, {"uss": "blue"}, "federated", "drop+inject"),
+    (ECLIPSE, {"operator": "blue"}, "hashgraph", "drop"),
+    (ECLIPSE, {"operator": "blue", "through": ["red"]}, "hashgraph", "drop"),
+    (SLOW_GOSSIP, {"operator": "red", "delay_s": 0.5}, "hashgraph", "delay"),
+    (SLOW_GOSSIP, {"operator": "red", "members": ["blue"]}, "hashgraph", "delay"),
 ]
 
 
@@ -63,4 +71,6 @@ def with_approval(approval: str, duration_s: float) -> Scenario:
     ("kind", "params", "approval", "act"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
 def test_approval_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any], approval: str, act: str) -> None:
-    check_attack(kind, params, scenario=partial(with_approval, approval), acts={act}, start_s=0.0, stop_s=4.0)
+    check_attack(
+        kind, params, scenario=partial(with_approval, approval), acts=set(act.split("+")), start_s=0.0, stop_s=4.0
+    )

@@ -134,6 +134,30 @@ def ends_of(link: str, direction: Direction) -> tuple[str, str]:
     return (first, second) if direction == "fwd" else (second, first)
 
 
+@dataclass(slots=True)
+class ScheduledTap:
+    """A tap that acts on frames while its attack acts, and never on its own."""
+
+    link: str
+    schedule: Schedule
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """Act on the frame if the attack acts now."""
+        return self.act(now, frame) if self.schedule.start_ns <= now < self.schedule.stop_ns else ()
+
+    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+        """The verdicts on a frame."""
+        raise NotImplementedError
+
+    def next_wakeup(self) -> Time | None:
+        """Never."""
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Nothing."""
+        return ()
+
+
 class InjectionSource(Protocol):
     """Frames that an attacker puts on a link when they are due. It can be deep-copied."""
 

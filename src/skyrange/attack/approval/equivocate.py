@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Final
 
 from skyrange.attack.approval.claims import Corridor, check_operator, make_intent
-from skyrange.attack.approval.uss_links import list_peers, uss_taps
+from skyrange.attack.approval.uss_links import check_member, list_peers, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.on_path import InjectingTap, RepeatedSource, Repetition
 from skyrange.contracts.verdicts import Direction
-from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.utm.federated.names import DSS
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.messages import EventMessage, Gossip, GossipBody, encode
 from skyrange.utm.hashgraph.signatures import secret_of, sign
@@ -77,10 +75,8 @@ class _Maker:
 def make(params: Corridor, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for an operator without a node."""
     check_operator(params, context)
+    check_member(params.operator, context)
     members = tuple(list_peers(params.operator, context))
-    if len(members) < 2 or DSS in members:
-        expected = "an operator whose approval is hashgraph, with two others at least"
-        raise InputError.one(context.id, "operator", repr(params.operator), expected)
     taps = uss_taps(params.operator, context, _Maker(params, context, members))
     return Attack(taps=taps, exclusive=[Exclusive(f"events of {params.operator}")])
 

@@ -15,9 +15,8 @@ from pydantic import Field
 from skyrange.attack.approval.uss_links import check_uss, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.on_path import ScheduledTap, TapMaker
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Params
 from skyrange.contracts.verdicts import Replace, Verdict
 from skyrange.core.time import Time
@@ -33,17 +32,15 @@ class FalseDetails(Params):
 
 
 @dataclass(slots=True)
-class LyingTap:
+class LyingTap(ScheduledTap):
     """Alters the volumes in details and notifications that leave a USS; the sham leaves them as they are."""
 
-    link: str
     uss: str
-    schedule: Schedule
     sham: bool
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Alter what has volumes."""
-        if not self.schedule.start_ns <= now < self.schedule.stop_ns or not frame.src.endswith(f".{self.uss}"):
+        if not frame.src.endswith(f".{self.uss}"):
             return ()
         if b'"operational_intent":' not in frame.payload:
             return ()
@@ -58,14 +55,6 @@ class LyingTap:
         length = max(len(false), len(frame.payload))
         return [Replace((frame.payload if self.sham else false).ljust(length))]
 
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
-
 
 def _sink(solid: dict[str, Any]) -> None:
     for bound in ("altitude_lower", "altitude_upper"):
@@ -75,7 +64,7 @@ def _sink(solid: dict[str, Any]) -> None:
 def make(params: FalseDetails, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for a USS that the scenario does not have."""
     check_uss(params.uss, context)
-    maker = TapMaker(LyingTap, (params.uss, context.schedule, context.sham))
+    maker = TapMaker(LyingTap, (context.schedule, params.uss, context.sham))
     return Attack(taps=uss_taps(params.uss, context, maker), exclusive=[Exclusive(f"details of {params.uss}")])
 
 

@@ -15,10 +15,9 @@ from skyrange.attack.approval.claims import Stretch, make_prism
 from skyrange.attack.approval.uss_links import check_constraint_manager, uss_taps
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.on_path import TapMaker
+from skyrange.attack.on_path import ScheduledTap, TapMaker
 from skyrange.codec.f3548.values import volume_body
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
 from skyrange.contracts.verdicts import Replace, Verdict
 from skyrange.core.time import Time
 from skyrange.utm.federated.names import AIRSPACE
@@ -29,18 +28,16 @@ class PoisonedConstraint(Stretch):
 
 
 @dataclass(slots=True)
-class PoisoningTap:
+class PoisoningTap(ScheduledTap):
     """Replaces the volumes of constraints that leave the constraint manager; the sham leaves them as they are."""
 
-    link: str
     solid: dict[str, Any]
     """The false Volume3D."""
-    schedule: Schedule
     sham: bool
 
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """Replace volumes, but not their times."""
-        if not self.schedule.start_ns <= now < self.schedule.stop_ns or not frame.src.endswith(f".{AIRSPACE}"):
+        if not frame.src.endswith(f".{AIRSPACE}"):
             return ()
         try:
             message = json.loads(frame.payload)
@@ -54,20 +51,12 @@ class PoisoningTap:
         length = max(len(false), len(frame.payload))
         return [Replace((frame.payload if self.sham else false).ljust(length))]
 
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
-
 
 def make(params: PoisonedConstraint, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for a scenario without a constraint manager."""
     check_constraint_manager(context)
     solid = volume_body(make_prism(params, context.origin, 0, 1), context.epoch)["volume"]
-    maker = TapMaker(PoisoningTap, (solid, context.schedule, context.sham))
+    maker = TapMaker(PoisoningTap, (context.schedule, solid, context.sham))
     return Attack(taps=uss_taps(AIRSPACE, context, maker), exclusive=[Exclusive("constraints")])
 
 
