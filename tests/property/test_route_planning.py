@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
+from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import NO_WAY, raise_field, search
-from skyrange.planning.routes import CLIMB_MPS, SINK_MPS, Limits, NoRouteError, find_route
+from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.routes import find_route
+from skyrange.planning.sampling import Sampling
+from skyrange.world.airframes import AIRFRAMES
 
 BLOCKS = st.lists(
     st.tuples(
@@ -23,6 +27,12 @@ BLOCKS = st.lists(
     ),
     min_size=1,
     max_size=14,
+)
+COSTS = st.builds(
+    Costs,
+    st.floats(2, 10),
+    st.tuples(st.floats(-8, 8), st.floats(-8, 8), st.just(0.0)),
+    st.sampled_from([None, AIRFRAMES["iris"].power_for, AIRFRAMES["hummingbird"].power_for]),
 )
 PLACE = st.tuples(st.floats(-150, 150), st.floats(-150, 150))
 
@@ -40,17 +50,26 @@ def city_of(blocks: list[tuple[int, int, int, int, int]]) -> City:
 
 
 @settings(deadline=None)
-@given(blocks=BLOCKS, start=PLACE, goal=PLACE, clearance_m=st.floats(1, 12))
+@given(
+    blocks=BLOCKS,
+    start=PLACE,
+    goal=PLACE,
+    clearance_m=st.floats(1, 12),
+    costs=COSTS,
+    sampling=st.none() | st.builds(Sampling, st.just(800), st.integers(0, 9)),
+)
 def test_a_route_keeps_its_clearance_and_its_heights(
     blocks: list[tuple[int, int, int, int, int]],
     start: tuple[float, float],
     goal: tuple[float, float],
     clearance_m: float,
+    costs: Costs,
+    sampling: Sampling | None,
 ) -> None:
     city = city_of(blocks)
-    limits = Limits(alt_m=20.0, ceiling_m=60.0, clearance_m=clearance_m)
+    limits = Limits(alt_m=20.0, ceiling_m=60.0, clearance_m=clearance_m, costs=costs)
     try:
-        route = find_route(city, [start, goal], limits)
+        route = find_route(city, [start, goal], limits, sampling)
     except NoRouteError:
         assume(False)
     assert route[0] == (*start, 20.0)
@@ -63,8 +82,8 @@ MOVES = [(0, r, c) for r in (-1, 0, 1) for c in (-1, 0, 1) if (r, c) != (0, 0)] 
 TOPS = st.lists(st.sampled_from([0.0, 0.0, 18.0, 30.0, 90.0]), min_size=9, max_size=9)
 
 
-def oracle(field: NDArray[np.float64], heights: NDArray[np.float64], start: int, goal: int) -> float:
-    """The least time by Dijkstra's algorithm, written from the rules; infinite without a way."""
+def oracle(field: NDArray[np.float64], heights: NDArray[np.float64], start: int, goal: int, costs: Costs) -> float:
+    """The least cost by Dijkstra's algorithm, written from the rules; infinite without a way."""
     rows, columns = field.shape
     plane = rows * columns
 
@@ -87,8 +106,7 @@ def oracle(field: NDArray[np.float64], heights: NDArray[np.float64], start: int,
             to = layer + dl, row + dr, column + dc
             if not (0 <= to[0] < len(heights) and 0 <= to[1] < rows and 0 <= to[2] < columns) or not is_free(*to):
                 continue
-            rise = heights[to[0]] - heights[layer]
-            step = 3.0 * math.hypot(dr, dc) / 5.0 if dl == 0 else (rise / CLIMB_MPS if rise > 0 else -rise / SINK_MPS)
+            step = costs.of((0.0, 0.0, heights[layer]), (3.0 * dc, 3.0 * dr, heights[to[0]]))
             other = to[0] * plane + to[1] * columns + to[2]
             if cost + step < best.get(other, math.inf):
                 best[other] = cost + step
@@ -96,14 +114,12 @@ def oracle(field: NDArray[np.float64], heights: NDArray[np.float64], start: int,
     return math.inf
 
 
-def time_of(way: NDArray[np.int64], heights: NDArray[np.float64], shape: tuple[int, int]) -> float:
+def cost_of(way: NDArray[np.int64], heights: NDArray[np.float64], shape: tuple[int, int], costs: Costs) -> float:
     total = 0.0
     plane = shape[0] * shape[1]
     for one, other in pairwise(way.tolist()):
-        rise = heights[other // plane] - heights[one // plane]
         dr, dc = other % plane // shape[1] - one % plane // shape[1], other % shape[1] - one % shape[1]
-        total += rise / CLIMB_MPS if rise > 0 else -rise / SINK_MPS
-        total += 3.0 * math.hypot(dr, dc) / 5.0
+        total += costs.of((0.0, 0.0, heights[one // plane]), (3.0 * dc, 3.0 * dr, heights[other // plane]))
     return total
 
 
@@ -111,19 +127,20 @@ def time_of(way: NDArray[np.int64], heights: NDArray[np.float64], shape: tuple[i
 @given(
     field=st.lists(TOPS, min_size=7, max_size=7),
     ends=st.tuples(st.integers(0, 62), st.integers(0, 62)),
+    costs=COSTS,
 )
-def test_the_way_is_the_quickest_of_the_lattice(field: list[list[float]], ends: tuple[int, int]) -> None:
+def test_the_way_is_the_cheapest_of_the_lattice(field: list[list[float]], ends: tuple[int, int], costs: Costs) -> None:
     tops, heights = np.array(field), np.array([20.0, 25.0, 30.0, 35.0])
     start, goal = ends
     for end in ends:
         tops.flat[end] = 0.0
-    done, way = search(tops, 3.0, heights, 5.0, start, goal, 5.0, CLIMB_MPS, SINK_MPS, 10_000)
-    least = oracle(tops, heights, start, goal)
+    done, way = search(tops, 3.0, heights, 5.0, start, goal, costs.paces(), 10_000)
+    least = oracle(tops, heights, start, goal, costs)
     if math.isinf(least):
         assert done == NO_WAY
         return
     assert (way[0], way[-1]) == (start, goal)
-    assert time_of(way, heights, tops.shape) == pytest.approx(least)
+    assert cost_of(way, heights, tops.shape, costs) == pytest.approx(least)
 
 
 @settings(deadline=None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,9 @@ from skyrange.city.city import City
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import hash64
-from skyrange.planning.routes import Limits, NoRouteError, find_route
+from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.routes import find_route
+from skyrange.planning.sampling import Sampling
 
 _STREAM: Final = "bench.planning"
 _MOST_TRIES: Final = 50
@@ -32,15 +35,19 @@ def load_city(buildings: Path | None) -> City:
     return city
 
 
-def measure(city: City, routes: int, length_m: float, alt_m: float, ceiling_m: float) -> dict[str, Any]:
-    """Plan `routes` routes of `length_m` whose ends are free.
+def measure(
+    city: City, routes: int, length_m: float, alt_m: float, ceiling_m: float, iterations: int = 0
+) -> dict[str, Any]:
+    """Plan `routes` routes of `length_m` whose ends are free, on the lattice, or by BIT* with `iterations` of it.
 
-    `p50_ms` and `p95_ms` are of one route; `detour` is the mean of flown over straight length; `no_way` counts pairs of
-    free places without a way.
+    `p50_ms` and `p95_ms` are of one route; `detour` is the mean of flown over straight length, `late` that of its
+    duration over the straight flight's; `no_way` counts pairs of free places without a way.
     """
     chance, limits = Chance(1), Limits(alt_m, ceiling_m)
     west, south, east, north = city.bounds
+    sampling = Sampling(iterations, 1) if iterations else None
     times: list[float] = []
+    lates: list[float] = []
     detours: list[float] = []
     tried = no_way = 0
     find_route(city, [(east + 400.0, north + 400.0), (east + 410.0, north + 400.0)], limits)  # compiled before
@@ -54,12 +61,14 @@ def measure(city: City, routes: int, length_m: float, alt_m: float, ceiling_m: f
             continue
         began = time.perf_counter()
         try:
-            found = np.array(find_route(city, [one, other], limits))
+            found = np.array(find_route(city, [one, other], limits, sampling))
         except NoRouteError:
             no_way += 1
             continue
         times.append(time.perf_counter() - began)
         detours.append(float(np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1).sum()) / length_m)
+        flown_s = sum(limits.costs.of(a, b) for a, b in pairwise(found.tolist()))
+        lates.append(flown_s / limits.costs.of((*one, alt_m), (*other, alt_m)))
     milliseconds = np.array(times) * 1e3
     return {
         "buildings": len(city),
@@ -70,5 +79,6 @@ def measure(city: City, routes: int, length_m: float, alt_m: float, ceiling_m: f
         "p50_ms": round(float(np.percentile(milliseconds, 50)), 1) if times else None,
         "p95_ms": round(float(np.percentile(milliseconds, 95)), 1) if times else None,
         "detour": round(float(np.mean(detours)), 3) if times else None,
+        "late": round(float(np.mean(lates)), 3) if times else None,
         "yardstick_us": round(yardstick_us(), 2),
     }

@@ -204,10 +204,13 @@ def planning_bench(
         typer.Option(metavar="M", min=1.0, max=1_000.0, help="Height. May be repeated. Default: 30, 60 and 90 m."),
     ] = None,
     ceiling_m: Annotated[float, typer.Option(metavar="M", min=1.0, max=1_000.0, help="Greatest height.")] = 120.0,
+    ompl: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Plan by BIT* of OMPL with N iterations, not on the lattice.")
+    ] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Measure how fast routes around the buildings of a city are planned."""
-    benchmarks.bench_planning(buildings, routes, length_m, alt_m or [30.0, 60.0, 90.0], ceiling_m, as_json)
+    benchmarks.bench_planning(buildings, routes, length_m, alt_m or [30.0, 60.0, 90.0], ceiling_m, ompl, as_json)
 
 
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")

@@ -57,16 +57,15 @@ def search(
     margin_m: float,
     start: int,
     goal: int,
-    speed_mps: float,
-    climb_mps: float,
-    sink_mps: float,
+    paces: Floats,
     most: int,
 ) -> tuple[int, NDArray[np.int64]]:
     """The states from `start` to `goal`, and how many were expanded; none and `NO_WAY`, or `EXHAUSTED` after `most`.
 
-    A state is (layer · rows + row) · columns + column. Costs are seconds; equal ones go by state, so that equal
-    questions have equal answers.
+    A state is (layer · rows + row) · columns + column. `paces` are those of `Costs`. States of equal cost go by their
+    number, so that equal questions have equal answers.
     """
+    fastest = paces[:8].max()
     rows, columns = field.shape
     plane = rows * columns
     layers = len(heights_m)
@@ -103,19 +102,18 @@ def search(
                 continue
             if move < 8:
                 diagonal = to_row != row and to_column != column
-                seconds = step_m * (math.sqrt(2.0) if diagonal else 1.0) / speed_mps
+                price = step_m * (math.sqrt(2.0) if diagonal else 1.0) / paces[move]
             else:
-                up_m = heights_m[to_layer] - heights_m[layer]
-                seconds = up_m / climb_mps if up_m > 0.0 else -up_m / sink_mps
+                price = abs(heights_m[to_layer] - heights_m[layer]) / paces[move]
             other = to_layer * plane + to_row * columns + to_column
-            total = cost[state] + seconds
+            total = cost[state] + price
             if total < cost[other] - 1e-12:
                 cost[other] = total
                 parent[other] = state
                 wide, high = abs(to_column - goal_column), abs(to_row - goal_row)
                 flat = max(wide, high) + (math.sqrt(2.0) - 1.0) * min(wide, high)
                 rise_m = heights_m[goal_layer] - heights_m[to_layer]
-                rest = flat * step_m / speed_mps + (rise_m / climb_mps if rise_m > 0.0 else -rise_m / sink_mps)
+                rest = flat * step_m / fastest + abs(rise_m) / paces[8 if rise_m > 0.0 else 9]
                 heapq.heappush(heap, (total + rest, other))
     if not closed[goal]:
         return NO_WAY, np.zeros(0, dtype=np.int64)

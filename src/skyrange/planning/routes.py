@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -13,60 +13,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.city.city import City
+from skyrange.planning.costs import Costs
 from skyrange.planning.lattice import EXHAUSTED, NO_WAY, is_free, raise_field, search
+from skyrange.planning.limits import AROUND_M, Limits, NoRouteError, Place
+from skyrange.planning.sampling import Point3, Sampling, sample_leg
 
 Floats = NDArray[np.float64]
-Place = tuple[float, float]
-"""East and north in metres."""
-
-CLIMB_MPS: Final = 2.5
-SINK_MPS: Final = 1.5
-"""ArduCopter's WPNAV_SPEED_UP and WPNAV_SPEED_DN."""
-AROUND_M: Final = 250.0
-"""How far around its places a route may lead."""
 MAX_STATES: Final = 40_000_000
 MAX_EXPANDED: Final = 20_000_000
 _DIAGONAL: Final = math.sqrt(0.5)
+_ROUNDING: Final = 1e-6
+"""Seconds or joules: by how much sums of costs may be off."""
 
 
-class NoRouteError(Exception):
-    """There is no way; the message says what is in it, and from which height on there is one."""
+def find_route(
+    city: City | None, places: Sequence[Place], limits: Limits, sampling: Sampling | None = None
+) -> list[Point3]:
+    """The points of the cheapest way through `places` in their order, the first one included: east, north, up.
 
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What a route may be."""
-
-    alt_m: float
-    """Height above the ground at which it begins and ends, and that it keeps where it can."""
-    ceiling_m: float
-    """Greatest height above the ground."""
-    clearance_m: float = 5.0
-    """Least distance from walls and roofs."""
-    step_m: float = 3.0
-    """Distance of two places of the lattice. A gap narrower than two clearances and three of these may be missed."""
-    layer_m: float = 5.0
-    """Distance of two layers of height."""
-    speed_mps: float = 5.0
-    """Ground speed: what a way around costs, against a climb."""
-
-
-def find_route(city: City | None, places: Sequence[Place], limits: Limits) -> list[tuple[float, float, float]]:
-    """The points of the quickest way through `places` in their order, the first one included: east, north, up.
-
-    Turns are the corners of the way after shortcuts that keep the same clearance. Without a city the way is straight.
-    Raises `NoRouteError`.
+    It is searched on the lattice, or with `sampling` by BIT*. Turns are the corners of the way after shortcuts that
+    keep the same clearance. Without a city the way is straight. Raises `NoRouteError`.
     """
     if city is None:
         return [(east, north, limits.alt_m) for east, north in places]
-    found: list[tuple[float, float, float]] = []
+    found: list[Point3] = []
     for number, (one, other) in enumerate(pairwise(places), 1):
-        leg = _find_leg(city, one, other, limits, f"leg {number}")
+        name = f"leg {number}"
+        if sampling is None:
+            leg = _find_leg(city, one, other, limits, name)
+        else:
+            leg = sample_leg(city, one, other, limits, replace(sampling, seed=sampling.seed + number), name)
         found += leg if not found else leg[1:]
     return found
 
 
-def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -> list[tuple[float, float, float]]:
+def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -> list[Point3]:
     walls, step = city.walls(), limits.step_m
     west, south = min(one[0], other[0]) - AROUND_M, min(one[1], other[1]) - AROUND_M
     columns = math.ceil((max(one[0], other[0]) + AROUND_M - west) / step) + 1
@@ -75,7 +56,7 @@ def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -
     if columns * rows * layers > MAX_STATES:
         raise NoRouteError(f"{name} is too long for one search; give places between (via)")
     reach_m = limits.clearance_m + step * _DIAGONAL
-    field = raise_field(walls, west, south, step, columns, rows, reach_m)
+    roofs = raise_field(walls, west, south, step, columns, rows, reach_m)
     heights = limits.alt_m + limits.layer_m * np.arange(layers, dtype=np.float64)
 
     def state_of(place: Place) -> int:
@@ -83,31 +64,33 @@ def _find_leg(city: City, one: Place, other: Place, limits: Limits, name: str) -
 
     start, goal = state_of(one), state_of(other)
     for place, state, what in ((one, start, "begins"), (other, goal, "ends")):
-        top = float(field.flat[state])
+        top = float(roofs.flat[state])
         if top > 0.0 and top + limits.clearance_m > limits.alt_m:
             raise NoRouteError(
                 f"{name} {what} at ({place[0]:g}, {place[1]:g}) m, nearer than {limits.clearance_m:g} m to a building "
                 f"{top:.0f} m high; it is free there above {top + limits.clearance_m:.0f} m"
             )
-    margin, speed = limits.clearance_m, limits.speed_mps
-    done, way = search(field, step, heights, margin, start, goal, speed, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
+    margin, paces = limits.clearance_m, limits.costs.paces()
+    done, way = search(roofs, step, heights, margin, start, goal, paces, MAX_EXPANDED)
     if done == EXHAUSTED:
         raise NoRouteError(f"{name} is too long for one search; give places between (via)")
     if done == NO_WAY:
-        raise NoRouteError(_explain(city, field, one, other, (start, goal), limits, name))
+        raise NoRouteError(_explain(city, roofs, one, other, (start, goal), limits, name))
     if len(way) == 1:  # both ends are nearest to one place of the lattice
         way = np.repeat(way, 2)
     plane = columns * rows
     rows_of, columns_of = way % plane // columns, way % columns
     points = np.column_stack([west + columns_of * step, south + rows_of * step, heights[way // plane]])
     points[0, :2], points[-1, :2] = one, other
-    kept = _shorten(points, field, west, south, limits)
+    kept = _shorten(points, roofs, west, south, limits)
     return [(float(east), float(north), float(up)) for east, north, up in kept]
 
 
-def _shorten(points: Floats, field: Floats, west: float, south: float, limits: Limits) -> Floats:
-    """The points that are left when shortcuts at one height are taken, from each point a long one."""
-    kept = [0]
+def _shorten(points: Floats, roofs: Floats, west: float, south: float, limits: Limits) -> Floats:
+    """The points that are left when shortcuts at one height are taken, from each point a long one. In a wind a shortcut
+    may cost more.
+    """
+    kept, spent = [0], _spend(points, limits.costs)
     while kept[-1] < len(points) - 1:
         at = kept[-1]
         level = at + 1
@@ -119,27 +102,34 @@ def _shorten(points: Floats, field: Floats, west: float, south: float, limits: L
             kept.append(level)
             continue
         low, high = at + 1, level
-        while high > low and not is_free(
-            field, west, south, limits.step_m, limits.clearance_m, points[at], points[high]
+        while high > low and not (
+            is_free(roofs, west, south, limits.step_m, limits.clearance_m, points[at], points[high])
+            and limits.costs.of(points[at], points[high]) <= spent[high] - spent[at] + _ROUNDING
         ):
             high = max(low, high - max(1, (high - low) // 8))
         kept.append(high)
     return np.asarray(points[kept])
 
 
+def _spend(points: Floats, costs: Costs) -> Floats:
+    """What the flight through all points has cost at each of them."""
+    prices = [costs.of(one, other) for one, other in pairwise(points.tolist())]
+    return np.concatenate([[0.0], np.cumsum(prices)])
+
+
 def _explain(
-    city: City, field: Floats, one: Place, other: Place, ends: tuple[int, int], limits: Limits, name: str
+    city: City, roofs: Floats, one: Place, other: Place, ends: tuple[int, int], limits: Limits, name: str
 ) -> str:
     """Who is in the way, and from which height on there is a way."""
     straight = [(*one, limits.alt_m), (*other, limits.alt_m)]
     building = city.first_obstruction(straight, limits.clearance_m)
     who = f"{building.name or building.id}, {building.height_m:g} m high, is in the way" if building else "no way"
-    tops = np.unique(field[field + limits.clearance_m > limits.ceiling_m]).tolist()
-    margin, step, speed = limits.clearance_m, limits.step_m, limits.speed_mps
+    tops = np.unique(roofs[roofs + limits.clearance_m > limits.ceiling_m]).tolist()
+    margin, step, paces = limits.clearance_m, limits.step_m, limits.costs.paces()
 
     def is_way(top: float) -> bool:
         heights = np.array([limits.alt_m, top + margin])
-        done, _ = search(field, step, heights, margin, *ends, speed, CLIMB_MPS, SINK_MPS, MAX_EXPANDED)
+        done, _ = search(roofs, step, heights, margin, *ends, paces, MAX_EXPANDED)
         return done >= 0
 
     place = bisect_left(tops, True, key=is_way)  # what is free at one height is so above it

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from skyrange.city.city import City
 from skyrange.core.errors import InputError, Problem
+from skyrange.core.ids import hash64
 from skyrange.gcs.plan.plans import CRUISE_MPS
-from skyrange.planning.routes import Limits, NoRouteError, find_route
+from skyrange.planning.costs import Costs
+from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.routes import find_route
+from skyrange.planning.sampling import Sampling, load_ompl
 from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.plan import Path, Plan
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.validation.error_messages import spell_path
+from skyrange.world.airframes import AIRFRAMES
 
+_STREAM = "planning.ompl"
 _ROUNDED = 1
 """Decimals of the points of a path in metres."""
 
@@ -26,7 +32,7 @@ def plan_routes(scenario: Scenario, city: City | None) -> Scenario:
         for v, vehicle in enumerate(operator.vehicles):
             where = f"{spell_path(('operators', o, 'vehicles', v), scenario)}.plan.route"
             try:
-                fleet.append(_planned(vehicle, city, where))
+                fleet.append(_planned(scenario, f"{operator.id}/{vehicle.id}", vehicle, city, where))
             except NoRouteError as error:
                 problems.append(Problem(where, "no way", "a way around the buildings", f"{error}."))
             except InputError as error:
@@ -37,7 +43,7 @@ def plan_routes(scenario: Scenario, city: City | None) -> Scenario:
     return scenario.model_copy(update={"operators": tuple(fleets)})
 
 
-def _planned(vehicle: Vehicle, city: City | None, where: str) -> Vehicle:
+def _planned(scenario: Scenario, name: str, vehicle: Vehicle, city: City | None, where: str) -> Vehicle:
     """The aircraft with a path instead of a route. Raises `NoRouteError`, and `InputError` for a start to be found."""
     plan, route = vehicle.plan, vehicle.plan.route
     if route is None:
@@ -48,10 +54,16 @@ def _planned(vehicle: Vehicle, city: City | None, where: str) -> Vehicle:
         )
     start = vehicle.start.east_m, vehicle.start.north_m
     places = [start, *((start[0] + east, start[1] + north) for east, north in (*route.via, route.to))]
-    limits = Limits(route.alt_m, route.ceiling_m, route.clearance_m, speed_mps=plan.speed_mps or CRUISE_MPS)
+    power_w = AIRFRAMES[vehicle.airframe].power_for if route.minimize == "energy" else None
+    costs = Costs(plan.speed_mps or CRUISE_MPS, scenario.wind.air.steady_enu_mps, power_w)
+    limits = Limits(route.alt_m, route.ceiling_m, route.clearance_m, costs=costs)
+    sampling = None
+    if route.planner == "ompl":
+        load_ompl(where)
+        sampling = Sampling(route.iterations, hash64(f"{_STREAM}|{scenario.seed}|{name}"))
     points = [
         (round(east - start[0], _ROUNDED), round(north - start[1], _ROUNDED), round(up, _ROUNDED))
-        for east, north, up in find_route(city, places, limits)
+        for east, north, up in find_route(city, places, limits, sampling)
     ]
     own = {name: getattr(plan, name) for name in ("mode", "end", "speed_mps", "rejection_expected")}
     return vehicle.model_copy(update={"plan": Plan(path=Path(points=tuple(points)), **own)})

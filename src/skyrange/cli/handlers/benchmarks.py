@@ -101,22 +101,31 @@ def bench_attacks(vehicles: int, seconds: float, as_json: bool) -> None:
 
 
 def bench_planning(
-    buildings: Path | None, routes: int, length_m: float, heights_m: Sequence[float], ceiling_m: float, as_json: bool
+    buildings: Path | None,
+    routes: int,
+    length_m: float,
+    heights_m: Sequence[float],
+    ceiling_m: float,
+    iterations: int,
+    as_json: bool,
 ) -> None:
     """`skyrange bench planning`."""
     from skyrange.bench.planning import load_city, measure
+    from skyrange.planning.sampling import load_ompl
 
+    if iterations:
+        load_ompl("bench planning")
     city = load_city(buildings)
     rows = []
     if not as_json:
-        print_text(f"{'alt_m':>7} {'routes':>7} {'no way':>7} {'p50 ms':>8} {'p95 ms':>8} {'detour':>7}")
+        print_text(f"{'alt_m':>7} {'routes':>7} {'no way':>7} {'p50 ms':>8} {'p95 ms':>8} {'detour':>7} {'late':>7}")
     for alt_m in heights_m:
-        row = measure(city, routes, length_m, alt_m, max(ceiling_m, alt_m))
+        row = measure(city, routes, length_m, alt_m, max(ceiling_m, alt_m), iterations)
         rows.append(row)
         if not as_json and row["routes"]:
             print_text(
                 f"{alt_m:>7g} {row['routes']:>7} {row['no_way']:>7} {row['p50_ms']:>8} {row['p95_ms']:>8} "
-                f"{row['detour']:>7}"
+                f"{row['detour']:>7} {row['late']:>7}"
             )
     if as_json:
         print_json(rows)

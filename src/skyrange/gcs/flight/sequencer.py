@@ -38,7 +38,7 @@ from skyrange.gcs.protocols.mission_items import encode_mission
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
 from skyrange.gcs.telemetry.belief import Belief, Watch
 from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
-from skyrange.planning.routes import NoRouteError
+from skyrange.planning.limits import NoRouteError
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody
 

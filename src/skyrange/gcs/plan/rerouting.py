@@ -15,7 +15,9 @@ from skyrange.core.volumes import Volume4D
 from skyrange.gcs.plan.paths import Leg, Point, leg
 from skyrange.gcs.plan.plans import LANDINGS, TAKEOFFS, End, FlightPlan, is_navigation
 from skyrange.gcs.plan.routes import final_legs, place
-from skyrange.planning.routes import Limits, NoRouteError, find_route
+from skyrange.planning.costs import Costs
+from skyrange.planning.limits import Limits, NoRouteError
+from skyrange.planning.routes import find_route
 
 CLIMB_M: Final = 60.0
 """By how much higher than its plan the rest may be flown, where buildings are in the way."""
@@ -40,7 +42,7 @@ def reroute(
     areas = [outline.convex_hull.buffer(margin_m + _SPARE_M) for outline in outlines]
     obstacles = [Building(f"closed-{number}", _TOP_M, area) for number, area in enumerate(areas)]
     alt_m = max(point.up_m for point in (here, *rest))
-    limits = Limits(alt_m, alt_m + CLIMB_M, CLEARANCE_M, speed_mps=plan.cruise_mps)
+    limits = Limits(alt_m, alt_m + CLIMB_M, CLEARANCE_M, costs=Costs(plan.cruise_mps))
     augmented = City([*(city.buildings if city is not None else ()), *obstacles], "closed areas")
     places = [(point.east_m, point.north_m) for point in (here, *rest)]
     points = [Point(*point) for point in find_route(augmented, places, limits)]

@@ -75,6 +75,18 @@ class Route(Model):
     alt_m: Number = Field(gt=0, le=10_000, description="Height above the ground in metres that it keeps where it can.")
     ceiling_m: Number = Field(default=120.0, gt=0, le=10_000, description="Its greatest height in metres.")
     clearance_m: Number = Field(default=5.0, ge=1, le=15, description="Least distance from walls and roofs, in metres.")
+    minimize: Literal["time", "energy"] = Field(
+        default="time",
+        description="time: the quickest way; energy: the one that takes the least from the battery in the mean wind.",
+    )
+    planner: Literal["lattice", "ompl"] = Field(
+        default="lattice",
+        description="lattice: A* on a lattice of 3 m, for large fleets; ompl: BIT* of the Open Motion Planning "
+        "Library, which is slower, and may find gaps that the lattice misses. It needs skyrange[planning].",
+    )
+    iterations: int = Field(
+        default=20_000, ge=100, le=1_000_000, description="How long ompl searches each leg, in iterations."
+    )
 
     @model_validator(mode="after")
     def _below_the_ceiling(self) -> Route:
@@ -175,5 +187,5 @@ def route(to: Any, alt_m: float, **how: Any) -> Plan:
     """A plan to fly to `to`, [east_m, north_m] from the start, around buildings; `how` accepts those of `Route` and of
     `square`.
     """
-    own = {name: how.pop(name) for name in ("via", "ceiling_m", "clearance_m") if name in how}
+    own = {name: how.pop(name) for name in Route.model_fields if name in how}
     return Plan(route=Route(to=to, alt_m=alt_m, **own), **how)
