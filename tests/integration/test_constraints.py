@@ -23,7 +23,8 @@ from skyrange.core.volumes import Volume4D
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import path
 from skyrange.gcs.plan.rerouting import reroute
-from skyrange.planning.routes import NoRouteError
+from skyrange.gcs.plan.volumes import Margins
+from skyrange.planning.limits import NoRouteError
 from skyrange.record import MemoryObserver
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
@@ -187,6 +188,7 @@ def test_an_aircraft_that_is_inside_an_area_when_it_is_closed_returns(approval: 
     assert "closes a part of it" in outcome["reason"]
 
 
+WIDE = Margins(horizontal_m=10.0, late_s=8.0, drift=0.1)
 AHEAD = "[[-20, 110], [20, 110], [20, 150], [-20, 150]]"
 
 
@@ -215,19 +217,39 @@ def test_around_a_closed_area_there_are_buildings_too() -> None:
     plan = path(origin, (0.0, 0.0, 0.0), [(0, 0, 20), (0, 200, 20)], kind="guided", end="land")
     closed = closed_around(origin, -20, 20, 80, 120)
     east = City([Building("tower", 60.0, shapely.box(21, 40, 120, 160))], "test")
-    rest = reroute(plan, 1, Point(0.0, 20.0, 20.0), [closed], east, 10.0)
+    rest = reroute(plan, 1, Point(0.0, 20.0, 20.0), [closed], 0, east, WIDE)
     assert min(point.east_m for point in rest.targets_enu_m) < -30.0, "west of the area, not between it and the tower"
     assert rest.targets_enu_m[-1] == Point(0.0, 200.0, 20.0)
     assert (rest.kind, rest.end) == ("guided", "land")
     with pytest.raises(NoRouteError, match="begins"):
-        reroute(plan, 1, Point(0.0, 100.0, 20.0), [closed], None, 10.0)
+        reroute(plan, 1, Point(0.0, 100.0, 20.0), [closed], 0, None, WIDE)
     with pytest.raises(NoRouteError, match="nothing of the plan is left"):
-        reroute(plan, 2, Point(0.0, 200.0, 20.0), [closed], None, 10.0)
+        reroute(plan, 2, Point(0.0, 200.0, 20.0), [closed], 0, None, WIDE)
 
 
-def closed_around(origin: Origin, west: float, east: float, south: float, north: float) -> Volume4D:
+def closed_around(
+    origin: Origin, west: float, east: float, south: float, north: float, start_s: float = 0.0, end_s: float = 3_600.0
+) -> Volume4D:
     corners = ((west, south), (east, south), (east, north), (west, north))
-    return Volume4D(tuple(origin.geodetic_of(*corner) for corner in corners), 0.0, 100.0, 0, NS_PER_S)
+    ring = tuple(origin.geodetic_of(*corner) for corner in corners)
+    return Volume4D(ring, 0.0, 100.0, round(start_s * NS_PER_S), round(end_s * NS_PER_S))
+
+
+def test_an_aircraft_in_flight_waits_for_an_area_that_is_closed_for_a_short_time() -> None:
+    text = scenario(
+        duration=200,
+        more="published_s = 25\nstart_s = 25\nend_s = 62",
+        corners="[[-150, 110], [150, 110], [150, 150], [-150, 150]]",
+    )
+    record = fly(load_text(text.replace("[0, 120]", "[0, 220]")))
+    assert record.outcomes["blue/b1"]["state"] == "complete"
+    east, north, time_ns = (np.array(record.table("truth")[name]) for name in ("east_m", "north_m", "time_ns"))
+    inside = (np.abs(east) < 150.0) & (north > 110.0) & (north < 150.0)
+    assert inside.any(), "it does not go around"
+    assert time_ns[inside].min() > 62 * NS_PER_S, "it waits"
+    kinds = [row["kind"] for row in record.table("decisions").to_pylist()]
+    assert kinds.count("decision.rerouted") == 1
+    assert "decision.intent_nonconforming" not in kinds
 
 
 def test_a_flight_whose_way_is_closed_for_the_whole_run_stays_on_the_ground() -> None:

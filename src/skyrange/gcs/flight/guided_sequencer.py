@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time, from_seconds
 from skyrange.gcs.plan.plans import FlightPlan
 
 RESEND_NS = 2 * NS_PER_S
@@ -43,7 +43,11 @@ class GuidedSequencer:
     acceptance_m: float
     north_m_per_e7: float
     east_m_per_e7: float
+    hold_ns: Time = 0
+    """How long the aircraft stays at the first target."""
     at: int = -1
+    began_ns: Time = 0
+    """When the current target was selected."""
     judged_ns: Time = 0
     nearest_m: float = math.inf
 
@@ -57,7 +61,9 @@ class GuidedSequencer:
         for point in plan.targets_enu_m:
             where = origin.geodetic_of(point.east_m, point.north_m)
             targets.append(Target(round(where[0] * 1e7), round(where[1] * 1e7), point.up_m - home.up_m))
-        return cls(tuple(targets), plan.acceptance_m, 1e-4 / (lat2 - lat), 1e-4 / (lon2 - lon))
+        return cls(
+            tuple(targets), plan.acceptance_m, 1e-4 / (lat2 - lat), 1e-4 / (lon2 - lon), from_seconds(plan.hold_s)
+        )
 
     @property
     def takeoff_m(self) -> float:
@@ -79,15 +85,18 @@ class GuidedSequencer:
         """Whether a reported height shows that the aircraft has left the ground."""
         return above_home_mm * 1e-3 >= min(AIRBORNE_M, 0.5 * self.takeoff_m)
 
-    def is_reached(self, distance_m: float) -> bool:
+    def is_reached(self, now: Time, distance_m: float) -> bool:
         """Whether the target, or the take-off height, counts as reached at that distance."""
+        if self.at == 0 and now < self.began_ns + self.hold_ns:
+            return False
         near_m = max(self.acceptance_m, (1.0 - TAKEOFF_SHARE) * self.takeoff_m) if self.at < 0 else self.acceptance_m
         return distance_m <= near_m
 
     def advance(self, now: Time) -> bool:
         """Select the next target; returns false after the last."""
         self.at += 1
-        self.judged_ns, self.nearest_m = now, math.inf
+        self.began_ns = self.judged_ns = now
+        self.nearest_m = math.inf
         return self.at < len(self.targets)
 
     def is_stuck(self, now: Time, distance_m: float) -> bool:

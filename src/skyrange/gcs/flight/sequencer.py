@@ -205,7 +205,7 @@ class FlightSequencer:
         progress = self.guided.at if self.guided is not None else self.belief.farthest_item
         closed = [one.volume4d(claim.epoch) for one in decision.closed or ()]
         try:
-            rest = reroute(plan, progress, claim.position(plan), closed, claim.city, claim.margins.horizontal_m)
+            rest = reroute(plan, progress, claim.position(plan), closed, now, claim.city, claim.margins)
         except NoRouteError as error:
             self._give_up(f"approval withdrawn: {decision.reason}; no way around: {error}", now, out, (ref,))
             return
@@ -226,7 +226,8 @@ class FlightSequencer:
         self.flight, self.rerouted = self.rerouted, None
         self.guided = GuidedSequencer.for_plan(self.flight.plan)
         self.guided.advance(now)
-        self._raise(FlightEvent.REROUTED, now, out, (ref,), {"targets": len(self.guided.targets)})
+        data: dict[str, Scalar] = {"targets": len(self.guided.targets), "hold_s": self.flight.plan.hold_s}
+        self._raise(FlightEvent.REROUTED, now, out, (ref,), data)
         self._send_target(self.guided, now, out, (ref,))
 
     def on_time(self, now: Time, out: Outbox) -> None:
@@ -281,7 +282,7 @@ class FlightSequencer:
         if guided is None or self.state is not FlightState.FLYING:
             return
         distance_m = guided.distance_m(message.lat, message.lon, message.relative_alt)
-        if guided.is_reached(distance_m):
+        if guided.is_reached(now, distance_m):
             data: dict[str, Scalar] = {"target": guided.at + 1, "of": len(guided.targets)}
             out.note("decision.target_reached", self.flight.vehicle, data, (ref,))
             if guided.advance(now):

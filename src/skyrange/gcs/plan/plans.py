@@ -52,7 +52,8 @@ class FlightPlan:
 
     `home_enu_m` is the aircraft's home relative to `origin`. An auto plan has a `mission` (without the home item).
     A guided plan has `targets_enu_m` (relative to the origin, not to home), an acceptance radius `acceptance_m`,
-    and the `end` of the flight. `cruise_mps` is the ground speed until the plan itself changes it.
+    the time `hold_s` that it stays at its first target, and the `end` of the flight. `cruise_mps` is the ground speed
+    until the plan itself changes it.
     `plan.checks.check` finds the problems of a plan.
     """
 
@@ -65,6 +66,7 @@ class FlightPlan:
     targets_enu_m: tuple[Point, ...] = ()
     acceptance_m: float = ACCEPTANCE_M
     end: End = "rtl"
+    hold_s: float = 0.0
 
     @property
     def items(self) -> tuple[MissionItem, ...]:

@@ -1,4 +1,4 @@
-"""Rerouting: the rest of a plan, around areas that were closed while it is flown."""
+"""Rerouting: the rest of a plan, around volumes that were closed while it is flown, or after them."""
 
 from __future__ import annotations
 
@@ -11,49 +11,119 @@ import shapely
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.gcs.plan.paths import Leg, Point, leg
 from skyrange.gcs.plan.plans import LANDINGS, TAKEOFFS, End, FlightPlan, is_navigation
 from skyrange.gcs.plan.routes import final_legs, place
+from skyrange.gcs.plan.volumes import Margins, leg_volumes
 from skyrange.planning.costs import Costs
 from skyrange.planning.limits import Limits, NoRouteError
 from skyrange.planning.routes import find_route
+from skyrange.utm.airspace import Airspace, Query
 
 CLIMB_M: Final = 60.0
-"""By how much higher than its plan the rest may be flown, where buildings are in the way."""
+"""By how much higher than its plan the rest may be flown, where buildings or closed volumes are in the way."""
 CLEARANCE_M: Final = 5.0
+MAX_HOLD_S: Final = 120.0
+"""How long an aircraft waits at most until its way is free."""
 _SPARE_M: Final = 1.0
 _TOP_M: Final = 1_000.0
-"""An area is closed up to here, whatever its height: the way leads beside it."""
+"""A volume that reaches higher is not flown over."""
+_ROUNDS: Final = 4
+"""How often a hold is made longer, because the margins of what follows it grow with it."""
 
 
 def reroute(
-    plan: FlightPlan, progress: int, here: Point, closed: Sequence[Volume4D], city: City | None, margin_m: float
+    plan: FlightPlan,
+    progress: int,
+    here: Point,
+    closed: Sequence[Volume4D],
+    now: Time,
+    city: City | None,
+    margins: Margins,
 ) -> FlightPlan:
-    """The rest of a plan from `here` on as a guided plan, `margin_m` and more away from closed volumes.
+    """The rest of a plan from `here` on as a guided plan whose volumes from `now` on are none of the closed ones.
 
+    It holds where the aircraft is until the way is free, or leads around or above closed volumes, whichever takes less
+    time; first around those that are in its way, then around those that are in the way of that way, and so on.
     `progress` is the mission item, or the index of the target, that is being flown to. Raises `NoRouteError` where
     there is no way, and for a mission that does more than fly through points.
     """
     rest, end = _rest_of(plan, progress)
     if not rest:
         raise NoRouteError("nothing of the plan is left but its end")
-    outlines = [shapely.Polygon([plan.origin.enu_of(lat, lon) for lat, lon in one.outline]) for one in closed]
-    areas = [outline.convex_hull.buffer(margin_m + _SPARE_M) for outline in outlines]
-    obstacles = [Building(f"closed-{number}", _TOP_M, area) for number, area in enumerate(areas)]
+    airspace = Airspace()
+    for number, volume in enumerate(closed):
+        airspace.put(str(number), [volume])
     alt_m = max(point.up_m for point in (here, *rest))
     limits = Limits(alt_m, alt_m + CLIMB_M, CLEARANCE_M, costs=Costs(plan.cruise_mps))
-    augmented = City([*(city.buildings if city is not None else ()), *obstacles], "closed areas")
     places = [(point.east_m, point.north_m) for point in (here, *rest)]
-    points = [Point(*point) for point in find_route(augmented, places, limits)]
-    return replace(plan, kind="guided", mission=None, targets_enu_m=tuple(points[1:]), end=end)
+    avoided: dict[int, Building] = {}
+    best: FlightPlan | None = None
+    while True:
+        buildings = [*(city.buildings if city is not None else ()), *avoided.values()]
+        around = City(buildings, "closed volumes") if buildings else None
+        try:
+            points = [Point(*point) for point in find_route(around, places, limits)]
+        except NoRouteError:
+            if best is None:
+                raise
+            return best
+        way = replace(plan, kind="guided", mission=None, targets_enu_m=tuple(points[1:]), end=end)
+        in_the_way = [int(one.intent) for one in airspace.find_overlaps(_claimed(way, here, now, margins))]
+        held = _hold(way, here, now, airspace, margins)
+        if held is not None and (best is None or _duration_s(held, here) < _duration_s(best, here)):
+            best = held
+        found = [number for number in in_the_way if number not in avoided]
+        if not found:
+            break
+        avoided |= {number: _obstacle(plan.origin, number, closed[number], margins) for number in found}
+    if best is None:
+        raise NoRouteError("closed volumes are in the way at all times")
+    return best
+
+
+def _obstacle(origin: Origin, number: int, volume: Volume4D, margins: Margins) -> Building:
+    """A closed volume as a building, from the ground up."""
+    outline = shapely.Polygon([origin.enu_of(lat, lon) for lat, lon in volume.outline])
+    top_m = volume.upper_m - origin.ellipsoid_of(origin.alt_msl_m) + margins.vertical_m
+    return Building(
+        f"closed-{number}", min(max(top_m, 0.0), _TOP_M), outline.convex_hull.buffer(margins.horizontal_m + _SPARE_M)
+    )
+
+
+def _hold(way: FlightPlan, here: Point, now: Time, airspace: Airspace, margins: Margins) -> FlightPlan | None:
+    """The way with the hold at `here` after which it is free; `None` without one."""
+    hold_s = 0.0
+    for _ in range(_ROUNDS):
+        held = way if hold_s == 0.0 else replace(way, targets_enu_m=(here, *way.targets_enu_m), hold_s=hold_s)
+        claimed = _claimed(held, here, now, margins)
+        if not airspace.find_overlaps(claimed):
+            return held
+        flown = claimed[1:] if hold_s else claimed
+        (more,) = airspace.find_least_delays([Query(flown, from_seconds(MAX_HOLD_S - hold_s))])
+        if not more:  # the hold itself is in the way, or the way is not free in time
+            return None
+        hold_s += to_seconds(more)
+    return None
+
+
+def _claimed(plan: FlightPlan, here: Point, now: Time, margins: Margins) -> tuple[Volume4D, ...]:
+    return leg_volumes(plan.origin, rest_legs(plan, here), now, margins)
+
+
+def _duration_s(plan: FlightPlan, here: Point) -> float:
+    return sum(leg.duration_s for leg in rest_legs(plan, here))
 
 
 def rest_legs(plan: FlightPlan, here: Point) -> tuple[Leg, ...]:
     """The legs of a guided plan from `here` on."""
     out: list[Leg] = []
-    for target in plan.targets_enu_m:
-        out.append(leg(here, target, plan.cruise_mps))
+    for number, target in enumerate(plan.targets_enu_m):
+        flown = leg(here, target, plan.cruise_mps)
+        out.append(flown if number else flown._replace(duration_s=flown.duration_s + plan.hold_s))
         here = target
     return (*out, *final_legs(plan, here, plan.cruise_mps, rtl=plan.end == "rtl"))
 
