@@ -33,10 +33,12 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.gcs.flight.flight import Flight
+from skyrange.gcs.flight.replanning import Replanning
 from skyrange.gcs.plan.volumes import Margins
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, Oracle
+from skyrange.scenario.model.operators import ReplanningRules
 from skyrange.scenario.model.scenario import Scenario
 
 
@@ -152,6 +154,7 @@ def build(
                 margins=Margins(**operator.margins.model_dump()),
                 city=city,
                 chance=chance,
+                replanning=_replanning_of(operator.replan),
             )
         )
     control_links = build_control_links(scenario, city, chance, over_air) if whole else None
@@ -196,3 +199,9 @@ def _elsewhere(plan: AttackPlan) -> AttackPlan:
     """An attack as a process has it without the world: taps alone, and of its trigger it is told (`Kernel.begin`)."""
     start = plan.start_ns if plan.trigger is None else NEVER
     return replace(plan, agents=(), faults=(), body_faults=(), trigger=None, start_ns=start)
+
+
+def _replanning_of(rules: ReplanningRules | None) -> Replanning | None:
+    if rules is None:
+        return None
+    return Replanning(rules.battery_reserve, rules.jammed_radius_m, from_seconds(rules.jammed_s))

@@ -29,6 +29,7 @@ from skyrange.core.time import NEVER, NS_PER_MS, Epoch, Time
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.flight import Flight, FlightOutcome
 from skyrange.gcs.flight.lifecycle import ENDED, FlightState
+from skyrange.gcs.flight.replanning import Replanner, Replanning
 from skyrange.gcs.flight.sequencer import (
     AUTOPILOT_COMPONENT,
     HEARTBEAT_NS,
@@ -74,11 +75,12 @@ class GroundStation:
         margins: Margins = MARGINS,
         city: City | None = None,
         chance: Chance = NO_CHANCE,
+        replanning: Replanning | None = None,
     ) -> None:
         """The plans must have no problems (`plan.checks.check`); `traffic_picture` is that of the ground receivers.
 
         `margins` are those of the volumes that it claims; alternatives are kept clear of the buildings of `city`;
-        `chance` draws the pauses between requests for one flight.
+        `chance` draws the pauses between requests for one flight; `replanning` says what flights are replanned for.
 
         With a `key` the station signs what it sends to aircraft, and rejects frames that are not signed with that
         key. Raises `InputError` for another operator's vehicle, for a vehicle id or system id that is duplicate or
@@ -121,6 +123,9 @@ class GroundStation:
                 for sequencer in self._sequencers
             ]
             self._signed = SignedConnections(self.ports, ends, LINK_ID, "decision.signature_refused")
+        self._replanner: Replanner | None = None
+        if replanning is not None:
+            self._replanner = Replanner(replanning, self._sequencers, self._latest_status)
         self._by_intent: dict[str, int] = {}
         self._heap: list[tuple[Time, int]] = [(0, place) for place in range(len(flights))]
         self._queued: list[Time] = [0] * len(flights)
@@ -146,6 +151,9 @@ class GroundStation:
             for place in self._beliefs.stale_rows(now, LINK_TIMEOUT_NS, STALE_NS).tolist():
                 self._sequencers[place].check_telemetry_age(now, out)
                 self._queue(place)
+            if self._replanner is not None:
+                for place in self._replanner.check(now, out):
+                    self._queue(place)
         heap = self._heap
         while heap and heap[0][0] <= now:
             _, place = heappop(heap)
@@ -252,6 +260,9 @@ class GroundStation:
     def latest(self, vehicle: str, message_id: int) -> Any:
         """The latest message of a kind from one of its aircraft as a record of its fields; `None` if there was none."""
         return self._receiver.latest(self._place(vehicle), message_id)
+
+    def _latest_status(self, place: int) -> Any:
+        return self._receiver.latest(place, mav.MAVLINK_MSG_ID_SYS_STATUS)
 
     @property
     def tracks(self) -> TrackTable | None:

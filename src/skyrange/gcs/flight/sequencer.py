@@ -7,6 +7,7 @@ it sends or decides names the frames that caused it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from skyrange.codec.mavlink import Message, Packer, decode
@@ -16,6 +17,7 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds, to_seconds
+from skyrange.core.volumes import Volume4D
 from skyrange.gcs.flight import procedures
 from skyrange.gcs.flight.airspace_claim import AirspaceClaim
 from skyrange.gcs.flight.autopilot_texts import AutopilotTexts
@@ -126,6 +128,11 @@ class FlightSequencer:
     def __post_init__(self) -> None:
         self.due = from_seconds(self.flight.request_s)
 
+    @property
+    def progress(self) -> int:
+        """The mission item, or the index of the target, that is being flown to."""
+        return self.guided.at if self.guided is not None else self.belief.farthest_item
+
     # --- inputs --------------------------------------------------------------------------------
 
     def on_frame(self, now: Time, arrival: Arrival, out: Outbox) -> bool:
@@ -195,23 +202,31 @@ class FlightSequencer:
             self._drop_commands()
             self._raise(FlightEvent.OVERRULED, now, out, (ref,), data)
         elif self.state is FlightState.FLYING and decision.closed:
-            self._reroute(now, decision, ref, out)
+            closed = [one.volume4d(self.claim.epoch) for one in decision.closed]
+            error = self.ask_for_way(now, closed, decision.reason, (ref,), out)
+            if error:
+                self.give_up(f"approval withdrawn: {decision.reason}; no way around: {error}", now, out, (ref,))
         elif self.state in _WITHDRAWABLE:
-            self._give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
+            self.give_up(f"approval withdrawn: {decision.reason}", now, out, (ref,))
 
-    def _reroute(self, now: Time, decision: DecisionBody, ref: FrameId, out: Outbox) -> None:
-        """Stop, and ask for the rest of the plan around the volumes that are closed."""
+    def ask_for_way(
+        self, now: Time, closed: Sequence[Volume4D], reason: str, causes: Refs, out: Outbox, *, direct: bool = False
+    ) -> str:
+        """Stop, and ask the approval for the rest of the plan around closed volumes, or with `direct` without the
+        points between. Returns why that cannot be, or "".
+        """
         plan, claim = self.flight.plan, self.claim
-        progress = self.guided.at if self.guided is not None else self.belief.farthest_item
-        closed = [one.volume4d(claim.epoch) for one in decision.closed or ()]
         try:
-            rest = reroute(plan, progress, claim.position(plan), closed, now, claim.city, claim.margins)
+            rest = reroute(
+                plan, self.progress, claim.position(plan), closed, now, claim.city, claim.margins, direct=direct
+            )
         except NoRouteError as error:
-            self._give_up(f"approval withdrawn: {decision.reason}; no way around: {error}", now, out, (ref,))
-            return
+            return str(error)
         self._drop_commands()
         self.rerouted = replace(self.flight, plan=rest)
-        self._raise(FlightEvent.CLOSED, now, out, (ref,), {"reason": decision.reason})
+        self._raise(FlightEvent.CLOSED, now, out, causes, {"reason": reason})
+        self._reschedule()
+        return ""
 
     def _on_reroute(
         self, now: Time, submission: IntentSubmission, decision: DecisionBody, ref: FrameId, out: Outbox
@@ -220,7 +235,7 @@ class FlightSequencer:
         if not submission.is_answered_by(decision):
             return
         if decision.decision != "Accepted" or self.rerouted is None:
-            self._give_up(f"approval rejected: {decision.reason}", now, out, (ref,))
+            self.give_up(f"approval rejected: {decision.reason}", now, out, (ref,))
             return
         self.claim.accept(submission, True)
         self.flight, self.rerouted = self.rerouted, None
@@ -248,7 +263,7 @@ class FlightSequencer:
         if self.state in _TIMED and now >= self._timed_end_ns():
             self._raise(self._timed_event(), now, out, self.state_causes)
         if now >= self.deadline and self.state not in ENDED:
-            self._give_up(f"{self.state.value} for too long", now, out, self.state_causes)
+            self.give_up(f"{self.state.value} for too long", now, out, self.state_causes)
         self._reschedule()
 
     # --- message handlers ------------------------------------------------------------------------
@@ -417,7 +432,8 @@ class FlightSequencer:
             out.note("decision.failed", self.flight.vehicle, {"reason": reason}, causes)
         out.note("event.outcome", self.flight.vehicle, {"state": self.state.value, "reason": reason}, causes)
 
-    def _give_up(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+    def give_up(self, reason: str, now: Time, out: Outbox, causes: Refs) -> None:
+        """Give up the plan: the aircraft returns, or stays on the ground."""
         if self.state in _EXPLAINED and self.texts.texts:
             reason = f"{reason}; {self.texts.quote()}"
         self.reason = f"{self.reason}; {reason}" if self.reason else reason
@@ -425,8 +441,7 @@ class FlightSequencer:
         self._raise(FlightEvent.GAVE_UP, now, out, causes, {"reason": reason})
 
     def _disarmed(self, now: Time, out: Outbox, ref: FrameId) -> None:
-        progress = self.guided.at if self.guided is not None else self.belief.farthest_item
-        premature_disarm_reason = procedures.premature_disarm_reason(self.state, self.flight.plan, progress)
+        premature_disarm_reason = procedures.premature_disarm_reason(self.state, self.flight.plan, self.progress)
         self.reason = self.reason or premature_disarm_reason
         self._raise(FlightEvent.DISARMED if premature_disarm_reason else FlightEvent.LANDED, now, out, (ref,))
 
@@ -455,7 +470,7 @@ class FlightSequencer:
         if submission.count_attempt(now):
             out.send(self.approval_port, submission.payload)
         else:
-            self._give_up(f"approval: no answer after {submission.tries} requests", now, out, ())
+            self.give_up(f"approval: no answer after {submission.tries} requests", now, out, ())
 
     def _watch_conformance(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
         """Report that the aircraft has left its volumes, is back, or will not come back."""
@@ -479,7 +494,7 @@ class FlightSequencer:
         self.report = None
         out.note("decision.approval_silent", self.flight.vehicle, {"tries": report.tries})
         if report.intent.state is IntentState.NONCONFORMING and self.state in _FLIGHT:
-            self._give_up("outside its volumes, and approval: no answer", now, out, ())
+            self.give_up("outside its volumes, and approval: no answer", now, out, ())
 
     def _transfer(self, transfer: Transfer, now: Time, out: Outbox, causes: Refs) -> None:
         self.transfer = transfer
@@ -490,7 +505,7 @@ class FlightSequencer:
         if transfer is None or not transfer.result:
             return
         if transfer.result != "done":
-            self._give_up(transfer.result, now, out, causes)
+            self.give_up(transfer.result, now, out, causes)
             return
         data: dict[str, Scalar] = {"items": len(transfer.items) - 1, "attempts": transfer.attempts}
         self._raise(FlightEvent.UPLOADED if transfer is self.upload else FlightEvent.VERIFIED, now, out, causes, data)
@@ -526,7 +541,7 @@ class FlightSequencer:
                 out.note("decision.command_refused", self.flight.vehicle, {"reason": reason}, causes)
             self._next_command(now, out, causes)
         else:
-            self._give_up(reason, now, out, causes)
+            self.give_up(reason, now, out, causes)
 
     def _drop_commands(self) -> None:
         self.exchange = None

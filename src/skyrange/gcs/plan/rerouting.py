@@ -43,20 +43,22 @@ def reroute(
     now: Time,
     city: City | None,
     margins: Margins,
+    *,
+    direct: bool = False,
 ) -> FlightPlan:
     """The rest of a plan from `here` on as a guided plan whose volumes from `now` on are none of the closed ones.
 
     It holds where the aircraft is until the way is free, or leads around or above closed volumes, whichever takes less
     time; first around those that are in its way, then around those that are in the way of that way, and so on.
-    `progress` is the mission item, or the index of the target, that is being flown to. Raises `NoRouteError` where
-    there is no way, and for a mission that does more than fly through points.
+    `progress` is the mission item, or the index of the target, that is being flown to; `direct` leaves out all points
+    but the last. Raises `NoRouteError` where there is no way, and for a mission that does more than fly through points.
     """
     rest, end = _rest_of(plan, progress)
     if not rest:
         raise NoRouteError("nothing of the plan is left but its end")
-    airspace = Airspace()
-    for number, volume in enumerate(closed):
-        airspace.put(str(number), [volume])
+    if direct:
+        rest = rest[-1:]
+    airspace = _airspace_of(closed)
     alt_m = max(point.up_m for point in (here, *rest))
     limits = Limits(alt_m, alt_m + CLIMB_M, CLEARANCE_M, costs=Costs(plan.cruise_mps))
     places = [(point.east_m, point.north_m) for point in (here, *rest)]
@@ -112,6 +114,38 @@ def _hold(way: FlightPlan, here: Point, now: Time, airspace: Airspace, margins: 
 
 def _claimed(plan: FlightPlan, here: Point, now: Time, margins: Margins) -> tuple[Volume4D, ...]:
     return leg_volumes(plan.origin, rest_legs(plan, here), now, margins)
+
+
+def is_met(
+    closed: Sequence[Volume4D], plan: FlightPlan, progress: int, here: Point, now: Time, margins: Margins
+) -> bool:
+    """Whether the rest of a plan from `here` on, flown straight, overlaps closed volumes."""
+    rest = _straight_rest(plan, progress, direct=False)
+    return rest is not None and bool(_airspace_of(closed).find_overlaps(_claimed(rest, here, now, margins)))
+
+
+def rest_duration_s(plan: FlightPlan, progress: int, here: Point, *, direct: bool = False) -> float | None:
+    """How long the rest of a plan takes from `here` on, flown straight; `None` if it is over, or more than points."""
+    rest = _straight_rest(plan, progress, direct)
+    return None if rest is None else _duration_s(rest, here)
+
+
+def _straight_rest(plan: FlightPlan, progress: int, direct: bool) -> FlightPlan | None:
+    try:
+        rest, end = _rest_of(plan, progress)
+    except NoRouteError:
+        return None
+    if not rest:
+        return None
+    return replace(plan, kind="guided", targets_enu_m=tuple(rest[-1:] if direct else rest), end=end)
+
+
+def _airspace_of(closed: Sequence[Volume4D]) -> Airspace:
+    """Closed volumes, each under its number."""
+    airspace = Airspace()
+    for number, volume in enumerate(closed):
+        airspace.put(str(number), [volume])
+    return airspace
 
 
 def _duration_s(plan: FlightPlan, here: Point) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from skyrange.contracts.plugins import APPROVALS
 from skyrange.core.errors import nearest
@@ -55,6 +55,28 @@ class VolumeMargins(Model):
     )
 
 
+class ReplanningRules(Model):
+    """What the ground station replans flights for while they are flown, through an approval that tracks intents."""
+
+    battery_reserve: Number | None = Field(
+        default=None,
+        gt=0,
+        lt=1,
+        description="Share of the battery that is to be left at the end. An aircraft whose battery would end below "
+        "skips the points between, or returns; default: none.",
+    )
+    jammed_radius_m: Number | None = Field(
+        default=None,
+        gt=0,
+        le=10_000,
+        description="How far around the place where the link of an aircraft was lost others do not fly, in metres; "
+        "default: they do.",
+    )
+    jammed_s: Number = Field(
+        default=600.0, gt=0, le=86_400, description="How long such a place counts as jammed, in seconds."
+    )
+
+
 class Operator(Model):
     """One operator: its aircraft, and the ground station that flies them."""
 
@@ -74,6 +96,9 @@ class Operator(Model):
     )
     margins: VolumeMargins = Field(
         default_factory=VolumeMargins, description="Margins of the airspace that it claims for its flights."
+    )
+    replan: ReplanningRules | None = Field(
+        default=None, description="What its ground station replans flights for in flight; default: closed volumes only."
     )
     request_ahead_s: Number | None = Field(
         default=None,
@@ -100,6 +125,14 @@ class Operator(Model):
     avoidance: Avoids = None
     vehicles: tuple[Vehicle, ...] = Field(default=(), description="Its individual aircraft.")
     fleets: tuple[Fleet, ...] = Field(default=(), description="Its fleets; their aircraft come after the vehicles.")
+
+    @model_validator(mode="after")
+    def _replans_through_its_approval(self) -> Operator:
+        if self.replan is not None and self.approval == "approve-all":
+            raise wrong(
+                "a table", "none, because approve-all tracks no intents", "Set approval = 'authority'.", where="replan"
+            )
+        return self
 
 
 _HANDED_ON: dict[str, Any] = {"fleets": (), "params": {}, "remote_id": None, "avoidance": None}

@@ -1,0 +1,122 @@
+"""Replanning of flights by what their ground station learns itself: where it loses links, and what batteries give.
+
+An aircraft whose link is lost may be in a jammed area: the others are led around it. One whose battery would end below
+a reserve skips the points between, or returns, whichever takes less. Both ask the approval for the new way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from skyrange.contracts.mailboxes import Outbox
+from skyrange.contracts.scalars import Scalar
+from skyrange.core.time import Time, to_seconds
+from skyrange.core.volumes import Volume4D
+from skyrange.gcs.flight.lifecycle import FlightState
+from skyrange.gcs.flight.sequencer import FlightSequencer
+from skyrange.gcs.plan.rerouting import is_met, rest_duration_s
+from skyrange.gcs.plan.routes import return_legs
+from skyrange.gcs.plan.volumes import around
+
+_TOP_M: Final = 1_000.0
+"""A jammed area reaches up to here."""
+_LEAST_USED: Final = 3
+"""Percent of the battery that have to be used before the use of the rest is estimated; readings are whole percents."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replanning:
+    """What flights are replanned for; `None` for nothing."""
+
+    battery_reserve: float | None = None
+    """Share of the battery, 0 to 1, that is to be left at the end of a flight."""
+    jammed_radius_m: float | None = None
+    """How far around the place where a link was lost others do not fly."""
+    jammed_ns: Time = 0
+    """For how long."""
+
+
+@dataclass(slots=True)
+class Replanner:
+    """The replanning of all flights of a station.
+
+    Notes: `decision.area_jammed` about the aircraft whose link was lost, {east_m, north_m}; `decision.battery_short`
+    about one whose battery will end below the reserve, {left, at_end}, in percent.
+    """
+
+    rules: Replanning
+    sequencers: Sequence[FlightSequencer]
+    latest_status: Callable[[int], Any]
+    """The last SYS_STATUS of the aircraft with an index, or `None`."""
+    _jammed: list[Volume4D] = field(default_factory=list)
+    _lost: set[int] = field(default_factory=set)
+    _avoided: dict[int, int] = field(default_factory=dict)
+    """How many of the jammed areas each flight has been checked for."""
+    _begun: dict[int, tuple[Time, int]] = field(default_factory=dict)
+    """When each flight began, and with how many percent."""
+    _short: set[int] = field(default_factory=set)
+
+    def check(self, now: Time, out: Outbox) -> list[int]:
+        """Replan what has to be; returns the indices of flights that were. It is called once a second."""
+        changed = []
+        if self.rules.jammed_radius_m is not None:
+            self._look_for_jamming(now, self.rules.jammed_radius_m, out)
+        for place, one in enumerate(self.sequencers):
+            if one.state is not FlightState.FLYING or not one.claim.tracked or one.link_lost:
+                continue
+            if self._avoid(now, place, one, out) or self._save_battery(now, place, one, out):
+                changed.append(place)
+        return changed
+
+    def _look_for_jamming(self, now: Time, radius_m: float, out: Outbox) -> None:
+        for place, one in enumerate(self.sequencers):
+            if not one.link_lost:
+                self._lost.discard(place)
+            elif place not in self._lost:
+                self._lost.add(place)
+                if one.state is FlightState.FLYING and one.claim.seen is not None:
+                    plan = one.flight.plan
+                    there = one.claim.position(plan)
+                    area = around(plan.origin, there, radius_m, _TOP_M, now, now + self.rules.jammed_ns)
+                    self._jammed.append(area)
+                    data: dict[str, Scalar] = {"east_m": there.east_m, "north_m": there.north_m}
+                    out.note("decision.area_jammed", one.flight.vehicle, data)
+
+    def _avoid(self, now: Time, place: int, one: FlightSequencer, out: Outbox) -> bool:
+        """Lead a flight around the areas that it has not been checked for, if it would meet one; where there is no way,
+        it flies on.
+        """
+        found = [area for area in self._jammed[self._avoided.get(place, 0) :] if area.end_ns > now]
+        self._avoided[place] = len(self._jammed)
+        plan, claim = one.flight.plan, one.claim
+        if not found or not is_met(found, plan, one.progress, claim.position(plan), now, claim.margins):
+            return False
+        closed = [area for area in self._jammed if area.end_ns > now]
+        return not one.ask_for_way(now, closed, "a jammed area", (), out)
+
+    def _save_battery(self, now: Time, place: int, one: FlightSequencer, out: Outbox) -> bool:
+        """Make a flight shorter whose battery will not last."""
+        status = None if self.rules.battery_reserve is None else self.latest_status(place)
+        if status is None or status["battery_remaining"] < 0 or self.rules.battery_reserve is None:
+            return False
+        left = int(status["battery_remaining"])
+        since, full = self._begun.setdefault(place, (now, left))
+        if full - left < _LEAST_USED or place in self._short:
+            return False
+        per_s = (full - left) / to_seconds(now - since)
+        plan, here = one.flight.plan, one.claim.position(one.flight.plan)
+        rest_s = rest_duration_s(plan, one.progress, here)
+        if rest_s is None or left - per_s * rest_s >= 100.0 * self.rules.battery_reserve:
+            return False
+        self._short.add(place)
+        out.note("decision.battery_short", one.flight.vehicle, {"left": left, "at_end": left - per_s * rest_s})
+        return_s = sum(leg.duration_s for leg in return_legs(plan, here))
+        direct_s = rest_duration_s(plan, one.progress, here, direct=True)
+        if direct_s is not None and direct_s < min(return_s, rest_s):
+            return not one.ask_for_way(now, (), "the battery", (), out, direct=True)
+        if return_s < rest_s:
+            one.give_up("the battery would end below its reserve", now, out, ())
+            return True
+        return False
