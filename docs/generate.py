@@ -116,6 +116,7 @@ _SECTIONS = (
     ("DetectorTable", "`[[detectors]]`"),
     ("Operator", "`[[operators]]`"),
     ("VolumeMargins", "`margins` of an operator"),
+    ("ReplanningRules", "`replan` of an operator"),
     ("Vehicle", "`[[operators.vehicles]]`"),
     ("Fleet", "`[[operators.fleets]]`"),
     ("Start", "`start`"),
