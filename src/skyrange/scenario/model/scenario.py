@@ -35,7 +35,7 @@ from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
-from skyrange.scenario.model.operators import Operator, VolumeMargins, name_operators
+from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
 from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
 from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
@@ -66,6 +66,7 @@ __all__ = [
     "Receiver",
     "Record",
     "RemoteId",
+    "ReplanningRules",
     "Route",
     "Scenario",
     "Sensors",
