@@ -152,9 +152,9 @@ def scenario() -> str:
 
 def tables() -> str:
     """Every table and column of a run's folder."""
-    from skyrange.record.schema import TABLES
+    from skyrange.record.schema import TABLES, TELEMETRY
 
-    return _tables(TABLES)
+    return _tables({**TABLES, "telemetry": TELEMETRY})
 
 
 def pair_tables() -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import shutil
@@ -251,6 +252,26 @@ def test_the_command_line(record: RunRecord, tmp_path: Path, capsys: pytest.Capt
         with pytest.raises(InputError, match=says) as caught:
             app(["export", str(record.path), *wrong], standalone_mode=False)
         assert caught.value.exit_code == 2
+
+
+def test_files_of_operators(record: RunRecord, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert not (record.path / "operators").exists(), "not unless they are wanted"
+    app(["export", str(record.path), "--csv", "--out", str(tmp_path), "--json"], standalone_mode=False)
+    made = json.loads(capsys.readouterr().out)
+    assert set(made) == {"blue.csv", "red.csv", "fields.csv"}
+    with (tmp_path / "operators" / "blue.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["vehicle"] for row in rows} == {"blue/b1"}
+    assert len([row for row in rows if row["message"] == "ATTITUDE"]) == sum(
+        vehicle == "blue/b1" for vehicle in record.telemetry("ATTITUDE")["vehicle"].to_pylist()
+    )
+    app(["export", str(record.path), "--tlog", "--out", str(tmp_path)], standalone_mode=False)
+    assert {path.name for path in (tmp_path / "operators").glob("*.tlog")} == {"blue.tlog", "red.tlog"}
+    assert f"bytes  {tmp_path}/operators/blue.tlog" in capsys.readouterr().out
+    assert (tmp_path / "operators" / "blue.tlog").stat().st_size > 10_000
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="a folder that exists"):
+        app(["export", str(record.path), "--csv", "--out", str(tmp_path / "file")], standalone_mode=False)
 
 
 def test_the_ground_station_knows_whom_its_receivers_heard(record: RunRecord) -> None:

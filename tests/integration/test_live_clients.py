@@ -133,7 +133,7 @@ def test_a_script_on_the_network_lands_the_aircraft_and_lies_to_the_ground_stati
         cause = frames[cause].parent
     assert cause == order.id
 
-    heard_at = [row for row in record.table("telemetry").to_pylist() if row["message"] == "GLOBAL_POSITION_INT"]
+    heard_at = record.telemetry("GLOBAL_POSITION_INT").to_pylist()
     false = [row for row in heard_at if row["lat"] > (LAT + 0.4) * 1e7]
     assert len(false) == 5
     # neither lie nor order took the aircraft's telemetry, nor the ground station, elsewhere for long

@@ -41,8 +41,8 @@ def squares(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def believed_m(record: RunRecord, vehicle: str) -> float:
     """The greatest height above home that an aircraft has told."""
-    told = record.table("telemetry")
-    rows = (told["vehicle"].to_numpy() == vehicle) & (told["message"].to_numpy() == "GLOBAL_POSITION_INT")
+    told = record.telemetry("GLOBAL_POSITION_INT")
+    rows = told["vehicle"].to_numpy() == vehicle
     return float(max(told["relative_alt"].to_numpy()[rows])) * 1e-3
 
 
@@ -75,7 +75,7 @@ def test_squares_completes_as_published(squares: Path) -> None:
 def test_the_folder_holds_what_the_design_says(squares: Path) -> None:
     names = {path.relative_to(squares).as_posix() for path in squares.rglob("*") if path.is_file()}
     tables = {f"{t}.parquet" for t in (
-        "truth", "sensors", "telemetry", "frames", "payloads", "decisions", "events", "labels")}  # fmt: skip
+        "truth", "sensors", "telemetry/ATTITUDE", "frames", "payloads", "decisions", "events", "labels")}  # fmt: skip
     assert tables | {"manifest.json", "scenario.toml", "report.html", "operators/blue.csv", "operators/green.csv",
                      "operators/blue.tlog", "operators/green.tlog", "missions/blue-b1.waypoints"} <= names  # fmt: skip
     assert not [name for name in names if "spool" in name]

@@ -43,8 +43,8 @@ def flown(folder: Path, plan: AttackPlan | None) -> RunRecord:
 
 
 def positions(record: RunRecord, vehicle: str) -> list[float]:
-    rows = record.table("telemetry", ["time_ns", "vehicle", "message"]).to_pylist()
-    return [r["time_ns"] / 1e9 for r in rows if r["vehicle"] == vehicle and r["message"] == "GLOBAL_POSITION_INT"]
+    rows = record.telemetry("GLOBAL_POSITION_INT", ["time_ns", "vehicle"]).to_pylist()
+    return [r["time_ns"] / 1e9 for r in rows if r["vehicle"] == vehicle]
 
 
 def test_live_muted_and_removed(tmp_path: Path) -> None:

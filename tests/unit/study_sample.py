@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from skyrange.core.geodesy import Origin
 
@@ -74,6 +75,13 @@ class SampleRun:
             self._tables[name] = pa.Table.from_pylist(self._rows.get(name, []), schema=schema)
         table = self._tables[name]
         return table if columns is None else table.select(list(columns))
+
+    def telemetry(self, message: str, columns: Sequence[str] | None = None) -> pa.Table:
+        rows = self.table("telemetry")
+        rows = rows.filter(pc.equal(rows.column("message"), message)).drop_columns(["message"])
+        for name in set(columns or ()) - set(rows.column_names):  # every table has all fields of its message
+            rows = rows.append_column(name, pa.nulls(rows.num_rows, pa.float64()))
+        return rows if columns is None else rows.select(list(columns))
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         yield from self.table(name, columns).to_batches(max_chunksize=1000)

@@ -47,7 +47,7 @@ def test_a_stream_cut_anywhere_loads_a_prefix(tmp_path: Path, table: str) -> Non
         recorded = list(run.frames_with_payloads())
         assert [frame.id for frame in recorded] == expected[: len(recorded)]
         assert all(frame.payload == payloads[frame.id] for frame in recorded)
-        assert run.telemetry.num_rows <= len(recorded)
+        assert sum(run.messages.values()) <= len(recorded)
         lengths.append(len(recorded))
     assert lengths == sorted(lengths)
     assert lengths[0] == 0
@@ -98,7 +98,7 @@ def test_sigkill_keeps_all_but_the_last_flush(tmp_path: Path) -> None:
     expected = [(str(frame.id), frame.payload) for frame, _ in zip(traffic(500), recorded, strict=False)]
     assert [(frame.id, frame.payload) for frame in recorded] == expected
     assert run.table("truth").num_rows % 3 == 0
-    assert run.telemetry.num_rows > 0
+    assert run.telemetry("ATTITUDE").num_rows == run.messages["ATTITUDE"] > 0
     assert run.duration > 0
 
 
@@ -294,8 +294,8 @@ def test_rates_of_truth_and_sensors(tmp_path: Path) -> None:
 
 def test_a_fork_continues_identically(tmp_path: Path) -> None:
     frames = list(traffic(20))
-    straight = Recorder.open(tmp_path / "straight", HEADER)
-    stem = Recorder.open(tmp_path / "stem", HEADER)
+    straight = Recorder.open(tmp_path / "straight", HEADER, csv=True)
+    stem = Recorder.open(tmp_path / "stem", HEADER, csv=True)
     half = len(frames) // 2 + 1
     for frame in frames:
         straight.on_frame(frame)
@@ -317,9 +317,13 @@ def test_a_fork_continues_identically(tmp_path: Path) -> None:
         recorder.close()
     a, b, c = (load(tmp_path / name) for name in ("straight", "stem", "twin"))
     assert a.manifest["digests"] == b.manifest["digests"] == c.manifest["digests"]
-    for name in ("frames", "payloads", "truth", "sensors", "events", "decisions", "labels", "telemetry"):
+    for name in ("frames", "payloads", "truth", "sensors", "events", "decisions", "labels"):
         assert a.table(name).equals(b.table(name))
         assert a.table(name).equals(c.table(name))
+    assert a.messages == b.messages == c.messages
+    for message in a.messages:
+        assert a.telemetry(message).equals(b.telemetry(message))
+        assert a.telemetry(message).equals(c.telemetry(message))
     assert killed.equals(a.table("frames"))
     for name in ("blue.csv", "blue.tlog"):
         assert (a.path / "operators" / name).read_bytes() == (c.path / "operators" / name).read_bytes()

@@ -58,7 +58,9 @@ def same(found: RunRecord, whole: RunRecord) -> None:
         assert found.table(table).equals(whole.table(table)), table
     for key in ("digests", "counts", "outcomes", "simulated_s", "record", "operators", "links"):
         assert found.manifest[key] == whole.manifest[key], key
-    assert found.telemetry.equals(whole.telemetry)
+    assert found.messages == whole.messages
+    for message in whole.messages:
+        assert found.telemetry(message).equals(whole.telemetry(message))
 
 
 @pytest.mark.parametrize("offset_ns", [0, 3 * NS_PER_S // 2, -NS_PER_S], ids=["one clock", "behind", "ahead"])

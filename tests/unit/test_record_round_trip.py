@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 import struct
 from pathlib import Path
 
@@ -14,15 +15,20 @@ import pytest
 from pymavlink import mavutil
 
 from skyrange.codec.mavlink import decode
-from skyrange.contracts.frames.frame import Fate
+from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import FrameId
 from skyrange.record import MemoryObserver, Recorder, RunRecord, load
-from skyrange.record.schema import OPTIONAL, TABLES, arrow_schema
+from skyrange.record.read import station_frames
+from skyrange.record.read.telemetry import UNION
+from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
+from skyrange.record.write import telemetry_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 ROUNDS = 20
+NAMED = {column.name for column in TELEMETRY}
+"""Columns of telemetry that are no fields of a message."""
 
 
 @pytest.fixture(params=["complete", "in spool", "spooled"])
@@ -117,24 +123,78 @@ def test_outcomes_city_duration(run: RunRecord) -> None:
 
 
 def test_telemetry_is_what_the_ground_stations_received(run: RunRecord) -> None:
-    telemetry = run.telemetry
     arrivals = [f for f in traffic(ROUNDS) if f.link.startswith("gcs:") and f.direction == "rev"]
     arrivals = sorted((f for f in arrivals if f.fate is Fate.DELIVERED), key=lambda f: (f.arrived_ns, f.link))
-    rows = telemetry.to_pylist()
-    assert len(rows) == len(arrivals) > 0
-    for row, frame in zip(rows, arrivals, strict=True):
-        message = decode(frame.payload)
-        assert (row["time_ns"], row["message"]) == (frame.arrived_ns, message.get_type())
-        assert (row["system_id"], row["component_id"]) == (message.get_srcSystem(), 1)
-        assert f"gcs:{row['vehicle']}" == frame.link
-        assert row["vehicle"].split("/")[0] == row["operator"]
-        if row["message"] == "ATTITUDE":
-            assert row["roll"] == message.roll
-            assert row["custom_mode"] is None
-        else:
-            assert row["custom_mode"] == message.custom_mode
-            assert row["roll"] is None
-    assert "severity" not in telemetry.column_names  # only ever sent
+    received: dict[str, list[Frame]] = {}
+    for frame in arrivals:
+        received.setdefault(decode(frame.payload).get_type(), []).append(frame)
+    assert run.messages == {name: len(frames) for name, frames in sorted(received.items())}
+    assert set(received) == {"ATTITUDE", "HEARTBEAT"}
+    for name, frames in received.items():
+        table = run.telemetry(name)
+        for row, frame in zip(table.to_pylist(), frames, strict=True):
+            message = decode(frame.payload)
+            assert row["time_ns"] == frame.arrived_ns
+            assert (row["system_id"], row["component_id"]) == (message.get_srcSystem(), 1)
+            assert f"gcs:{row['vehicle']}" == frame.link
+            assert row["vehicle"].split("/")[0] == row["operator"]
+            assert {field: row[field] for field in message.fieldnames} == {
+                field: getattr(message, field) for field in message.fieldnames
+            }
+    attitude = run.telemetry("ATTITUDE").schema
+    assert attitude.field("roll").type == pa.float32()
+    assert attitude.field("roll").metadata == {b"unit": b"rad", b"meaning": b"the field roll of ATTITUDE"}
+    assert run.telemetry("HEARTBEAT").schema.field("base_mode").type == pa.uint8()
+    assert run.telemetry("STATUSTEXT").num_rows == 0, "only ever sent"
+    assert run.telemetry("ATTITUDE", ["roll"]).column_names == ["roll"]
+    with pytest.raises(InputError, match=r"Did you mean 'ATTITUDE'"):
+        run.telemetry("ATITUDE")
+    with pytest.raises(InputError, match=r"record\.telemetry\('ATTITUDE'\)"):
+        run.table("telemetry")
+
+
+def test_telemetry_of_an_older_run_is_read_by_message_too(tmp_path: Path) -> None:
+    """Older versions wrote one table with the columns of all messages, numbers as float64."""
+    recorder = Recorder.open(tmp_path / "run", HEADER)
+    tell(recorder, ROUNDS)
+    recorder.close()
+    run = load(tmp_path / "run")
+    shutil.copytree(run.path, tmp_path / "old")
+    parts = []
+    for name in run.messages:
+        table = run.telemetry(name)
+        numeric = [one.name not in NAMED and pa.types.is_primitive(one.type) for one in table.schema]
+        fields = [
+            (one.with_type(pa.float64()) if own else one).with_nullable(True)
+            for one, own in zip(table.schema, numeric, strict=True)
+        ]
+        wide = table.cast(pa.schema(fields))
+        parts.append(wide.append_column("message", pa.array([name] * table.num_rows)))
+    pq.write_table(pa.concat_tables(parts, promote_options="default").sort_by("time_ns"), tmp_path / "old" / UNION)
+    shutil.rmtree(tmp_path / "old" / "telemetry")
+    manifest = json.loads((tmp_path / "old" / "manifest.json").read_text())
+    manifest["counts"]["telemetry"] = sum(manifest.pop("messages").values())
+    manifest.pop("files")
+    (tmp_path / "old" / "manifest.json").write_text(json.dumps(manifest))
+    old = load(tmp_path / "old")
+    assert old.messages == run.messages
+    for name in run.messages:
+        assert old.telemetry(name).equals(run.telemetry(name))
+
+
+def test_telemetry_is_written_in_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder = Recorder.open(tmp_path / "whole", HEADER)
+    tell(recorder, ROUNDS)
+    recorder.close()
+    monkeypatch.setattr(telemetry_files, "HELD_ROWS", 7)
+    monkeypatch.setattr(station_frames, "BLOCK_ROWS", 3)
+    recorder = Recorder.open(tmp_path / "groups", HEADER)
+    tell(recorder, ROUNDS)
+    recorder.close()
+    whole, groups = load(tmp_path / "whole"), load(tmp_path / "groups")
+    assert pq.read_metadata(tmp_path / "groups" / "telemetry" / "ATTITUDE.parquet").num_row_groups > 1
+    for name in whole.messages:
+        assert groups.telemetry(name).equals(whole.telemetry(name))
 
 
 def test_columns_are_documented_in_the_files(run: RunRecord) -> None:
@@ -158,7 +218,7 @@ def test_columns_can_be_chosen(run: RunRecord) -> None:
 
 
 def test_csv_holds_all_data_received(tmp_path: Path) -> None:
-    recorder = Recorder.open(tmp_path / "run", HEADER)
+    recorder = Recorder.open(tmp_path / "run", HEADER, csv=True)
     tell(recorder, ROUNDS)
     recorder.on_frame(make_frame("gcs:blue/b1", "rev", "tap", 0, 3 * MS, b"\x00garbage", arrived_ns=4 * MS))
     text = decode(list(traffic(1))[3].payload)
@@ -166,15 +226,16 @@ def test_csv_holds_all_data_received(tmp_path: Path) -> None:
     recorder.close()
     with (tmp_path / "run" / "operators" / "blue.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    telemetry = [row for row in load(tmp_path / "run").telemetry.to_pylist() if row["operator"] == "blue"]
-    assert len(rows) == len(telemetry)
+    run = load(tmp_path / "run")
     assert [row["message"] for row in rows[:2]] == ["BAD_DATA", "HEARTBEAT"]
-    for read, row in zip(rows, telemetry, strict=True):
-        assert float(read["time_s"]) == pytest.approx(row["time_ns"] / 1e9, abs=1e-6)
-        assert read["vehicle"] == row["vehicle"]
-        assert read["message"] == row["message"]
-        for name in ("roll", "pitch", "custom_mode", "base_mode"):
-            assert (float(read[name]) if read[name] else None) == row[name]
+    assert set(run.messages) == {row["message"] for row in rows}
+    for message in run.messages:
+        told = [row for row in run.telemetry(message).to_pylist() if row["operator"] == "blue"]
+        for read, row in zip([row for row in rows if row["message"] == message], told, strict=True):
+            assert float(read["time_s"]) == pytest.approx(row["time_ns"] / 1e9, abs=1e-6)
+            assert read["vehicle"] == row["vehicle"]
+            for name in ("roll", "pitch", "custom_mode", "base_mode"):
+                assert (float(read[name]) if read[name] else None) == row.get(name)
     assert rows[0]["system_id"] == ""
     assert {row["text"] for row in rows} == {"", 'say "0", please'}
     first = rows[1]
@@ -189,7 +250,7 @@ def test_csv_holds_all_data_received(tmp_path: Path) -> None:
 
 
 def test_tlog_is_read_back_by_pymavlink(tmp_path: Path) -> None:
-    recorder = Recorder.open(tmp_path / "run", HEADER)
+    recorder = Recorder.open(tmp_path / "run", HEADER, csv=True)
     tell(recorder, ROUNDS)
     recorder.on_frame(make_frame("gcs:blue/b1", "rev", "tap", 0, 3 * MS, b"\x00garbage", arrived_ns=4 * MS))
     # recorded last, sent first: a tlog is in order of time all the same
@@ -232,7 +293,7 @@ def test_manifest_from_start_to_end(tmp_path: Path) -> None:
     assert manifest["versions"]["pyarrow"] == pa.__version__
     assert manifest["platform"]["numeric"]
     assert sorted(path.name for path in (tmp_path / "run").iterdir()) == sorted(
-        ["manifest.json", "operators", *(f"{name}.parquet" for name in TABLES if name not in OPTIONAL)]
+        ["manifest.json", "telemetry", *(f"{name}.parquet" for name in TABLES if name not in OPTIONAL)]
     )
 
 
@@ -300,4 +361,4 @@ def test_odd_frames_survive(tmp_path: Path) -> None:
     assert [frame.payload for frame in read] == [frame.payload for frame in frames]
     assert [frame.arrived_ns for frame in read] == [None, frames[1].arrived_ns, frames[2].arrived_ns]
     assert [frame.parent for frame in read] == [None, "x|fwd|y|7", None]
-    assert load(tmp_path / "run").telemetry.column("message").to_pylist() == ["BAD_DATA"]
+    assert load(tmp_path / "run").messages == {"BAD_DATA": 1}

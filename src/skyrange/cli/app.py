@@ -244,12 +244,23 @@ def export(
             "May be repeated. Default: all receivers.",
         ),
     ] = None,
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Write a CSV file of what each operator's ground station received instead.")
+    ] = False,
+    tlog: Annotated[
+        bool, typer.Option("--tlog", help="Write tlogs of what each ground station received and sent instead.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links."""
+    """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links. Or
+    write files for each operator: CSV files and tlogs.
+    """
+    if csv or tlog:
+        runs.export_operators(run, csv, tlog, out, as_json)
+        return
     runs.export(run, only.value if only is not None else None, receiver or [], out, as_json)
 
 

@@ -6,6 +6,7 @@ import json
 import os
 import platform
 from collections.abc import Iterator, Mapping
+from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
 from skyrange.core.geodesy import Origin
 from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
+from skyrange.core.time import Epoch
 from skyrange.record.schema import FORMAT
 
 MANIFEST = "manifest.json"
@@ -36,6 +38,7 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("digests", dict, "a table"),
     ("outcomes", dict, "a table by vehicle"),
     ("counts", dict, "a table by table"),
+    ("messages", dict, "a table by MAVLink message"),
     ("files", dict, "a table by file"),
 )
 """Key, type and description of the entries that readers rely on; each may be absent."""
@@ -136,3 +139,12 @@ def start_unix_ns_of(manifest: Mapping[str, Any]) -> int | None:
     """UTC of a run's time 0 in ns since 1970, by its manifest; None if the manifest has none."""
     found = manifest.get("start_unix_ns")
     return found if isinstance(found, int) and not isinstance(found, bool) else None
+
+
+def epoch_of(manifest: Mapping[str, Any]) -> Epoch:
+    """UTC of simulated time 0 by the manifest's `start_utc` (ISO 8601); the Unix epoch if there is none.
+
+    Raises `ValueError` for another text.
+    """
+    text = manifest.get("start_utc")
+    return Epoch.from_datetime(datetime.fromisoformat(str(text))) if text else Epoch(0)

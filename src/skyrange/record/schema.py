@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import pyarrow as pa
 
@@ -248,28 +248,24 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("auth_timestamp_s", _I64, "s", "claimed time of the Authentication, since 2019-01-01 UTC", True),
         Column("auth_data", pa.binary(), "", "data of the pages in the body", True),
     ),
-    "telemetry": (
-        Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
-        Column("operator", NAME, "", "the operator of the ground station"),
-        Column("vehicle", NAME, "", "the aircraft at the other end of the gcs link"),
-        Column("system_id", pa.int32(), "", "MAVLink system id of the sender; null for undecodable bytes", True),
-        Column("component_id", pa.int32(), "", "MAVLink component id of the sender; null for undecodable bytes", True),
-        Column(
-            "message",
-            NAME,
-            "",
-            "name of the MAVLink message, BAD_DATA for undecodable bytes; one column per field follows",
-        ),
-    ),
 }
-"""The columns of every table. Truth may have more, as the world defines; telemetry has one per MAVLink field."""
+"""The columns of every table. Truth may have more, as the world defines."""
+
+TELEMETRY = (
+    Column("time_ns", _I64, "ns", f"time of reception by the ground station, {_TIME}"),
+    Column("operator", NAME, "", "the operator of the ground station"),
+    Column("vehicle", NAME, "", "the aircraft at the other end of the gcs link"),
+    Column("system_id", _I32, "", "MAVLink system id of the sender; null for undecodable bytes", True),
+    Column("component_id", _I32, "", "MAVLink component id of the sender; null for undecodable bytes", True),
+)
+"""The columns with which the telemetry of every MAVLink message begins, a table for each; its fields follow."""
 
 OPTIONAL = frozenset({"alerts", "observations"})
 """Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
 decoded something. In other runs they are read as empty."""
 
-DERIVED = frozenset({"observations", "telemetry"})
-"""Tables that are not recorded: they are derived from recorded tables after the run."""
+DERIVED = frozenset({"observations"})
+"""Tables that are not recorded: they are derived from recorded tables after the run, as telemetry is."""
 
 BAD_DATA = "BAD_DATA"
 """pymavlink's name for bytes that are not a message."""
@@ -297,8 +293,15 @@ def unit_of(name: str) -> str:
     return next((unit for suffix, unit in _SUFFIXES if stem.endswith(suffix)), "")
 
 
+def columns_of(table: str) -> tuple[Column, ...]:
+    """The declared columns of a table in `TABLES`, or of "telemetry"; none of any other one."""
+    return TELEMETRY if table == "telemetry" else TABLES.get(table, ())
+
+
 def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Schema:
-    """The Arrow schema of `table` for readers; `columns` replaces the declared columns if a run has others."""
+    """The Arrow schema of `table`, a name in `TABLES` or "telemetry", for readers; `columns` replaces the declared
+    columns if a run has others.
+    """
     fields = [
         pa.field(
             column.name,
@@ -306,7 +309,7 @@ def arrow_schema(table: str, columns: Sequence[Column] | None = None) -> pa.Sche
             nullable=column.nullable,
             metadata={"unit": column.unit, "meaning": column.meaning},
         )
-        for column in (TABLES[table] if columns is None else columns)
+        for column in (columns_of(table) if columns is None else columns)
     ]
     return pa.schema(fields, metadata={"skyrange.table": table, "skyrange.format": FORMAT})
 
@@ -319,16 +322,9 @@ def truth_columns(names: Iterable[str]) -> tuple[Column, ...]:
     )
 
 
-def telemetry_columns(fields: Iterable[tuple[str, bool]]) -> tuple[Column, ...]:
-    """The columns of telemetry for MAVLink fields, given as (name, is text); a name already in use gets a `_`."""
-    taken = {column.name for column in TABLES["telemetry"]}
-    return TABLES["telemetry"] + tuple(
-        Column(
-            name + "_" if name in taken else name,
-            TEXT if text else _F64,
-            "",
-            "the MAVLink field of that name; units are in operators/fields.csv",
-            True,
-        )
-        for name, text in fields
+def telemetry_columns(fields: Iterable[Column]) -> tuple[Column, ...]:
+    """The columns of the telemetry of a MAVLink message with these fields; a name already in use gets a `_`."""
+    taken = {column.name for column in TELEMETRY}
+    return TELEMETRY + tuple(
+        replace(field, name=field.name + "_") if field.name in taken else field for field in fields
     )

@@ -209,7 +209,9 @@ def open_record(built: BuiltScenario, out: Path | None) -> Recorder:
     while True:
         folder = out if out is not None else free_folder(scenario.name)
         try:
-            recorder = Recorder.open(folder, built.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz)
+            recorder = Recorder.open(
+                folder, built.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz, csv=record.csv
+            )
             break
         except InputError:
             if out is not None or free_folder(scenario.name) == folder:

@@ -20,7 +20,7 @@ from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_un
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
-from skyrange.record.read.telemetry import derive_telemetry
+from skyrange.record.read.telemetry import FOLDER, count_messages, read_message
 from skyrange.record.schema import DERIVED, TABLES
 from skyrange.record.spool import SPOOL
 
@@ -76,22 +76,16 @@ class RunRecord:
         """
         _check(name)
         if self._is_derived_now(name):
-            table = (
-                derive_telemetry(self.tables)
-                if name == "telemetry"
-                else observations_table(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
-            )
+            table = observations_table(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
 
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
         """The same rows in batches, for tables that are larger than memory."""
         _check(name)
-        if name == "observations" and self._is_derived_now(name):
+        if self._is_derived_now(name):
             batches = derive_observations(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
             return batches if columns is None else (batch.select(list(columns)) for batch in batches)
-        if self._is_derived_now(name):
-            return iter(self.table(name, columns).to_batches())
         return self.tables.batches(name, columns)
 
     def rows(self, name: str) -> int:
@@ -103,14 +97,26 @@ class RunRecord:
 
     def _is_derived_now(self, name: str) -> bool:
         """Whether a table is derived on request, because the run did not end or is older than the table."""
-        if name == "observations" and not (self.path / f"{name}.parquet").exists():
-            return True
-        return name in DERIVED and self.tables.spooled
+        return name in DERIVED and (self.tables.spooled or not (self.path / f"{name}.parquet").exists())
 
     @property
-    def telemetry(self) -> pa.Table:
-        """The messages that the ground stations received; for a killed run, derived from its frames now."""
-        return self.table("telemetry")
+    def messages(self) -> dict[str, int]:
+        """How many of each MAVLink message the ground stations received, by name; `BAD_DATA` is undecodable bytes."""
+        declared = self.manifest.get("messages")
+        return count_messages(self.tables) if declared is None or self.tables.spooled else dict(declared)
+
+    def telemetry(self, message: str, columns: Sequence[str] | None = None) -> pa.Table:
+        """What ground stations received of a MAVLink message, such as "ATTITUDE", in order of time: its fields in
+        MAVLink's types and units. For a killed run it is derived from the frames now.
+
+        Raises `InputError` for a name that no message has.
+        """
+        try:
+            table = read_message(self.tables, message)
+        except KeyError:
+            hint = nearest(message, self.messages)
+            raise InputError.one("record", "message", message, "a MAVLink message such as ATTITUDE", hint) from None
+        return table if columns is None else table.select(list(columns))
 
     def frames_with_payloads(self) -> Iterator[RecordedFrame]:
         """Every frame with its payload, in the order recorded, which is nearly the order of time."""
@@ -165,7 +171,8 @@ def load(path: Path | str) -> RunRecord:
     """
     record = open_folder(path)
     counts = record.manifest.get("counts") or {}
-    lost = [name for name in counts if not record.tables.spooled and not (record.path / f"{name}.parquet").is_file()]
+    names = [*counts, *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ())]
+    lost = [name for name in names if not record.tables.spooled and not (record.path / f"{name}.parquet").is_file()]
     if lost:
         hint = f"It was removed. `skyrange verify {record.path}` names everything that is not as the manifest says."
         problems = [Problem(f"{name}.parquet", "missing", "a table of this run", hint) for name in lost]
@@ -185,5 +192,8 @@ def open_folder(path: Path | str) -> RunRecord:
 
 
 def _check(name: str) -> None:
+    if name == FOLDER:
+        hint = "Each MAVLink message has its own: record.telemetry('ATTITUDE'); record.messages names them."
+        raise InputError.one("record", "table", name, "a table of all messages no more", hint)
     if name not in TABLES:
         raise InputError.one("record", "table", name, f"one of {', '.join(TABLES)}", nearest(name, TABLES))

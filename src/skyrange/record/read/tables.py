@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
-from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TABLES, TEXT, Column, arrow_schema, truth_columns
+from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TEXT, Column, arrow_schema, columns_of, truth_columns
 from skyrange.record.spool import read_spool
 
 BATCH_ROWS = 65_536
@@ -45,7 +45,7 @@ _JOINED = {"parent": _join_parent_ids}
 class Tables:
     """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
 
-    `telemetry` and `observations` are not recorded but derived from other tables (`record.read.telemetry`,
+    Telemetry and `observations` are not recorded but derived from other tables (`record.read.telemetry`,
     `record.read.observations`) and stored as Parquet.
     """
 
@@ -86,12 +86,22 @@ class Tables:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
         return pa.Table.from_batches(self.batches(name, columns), schema=schema)
 
+    def file(self, name: str, schema: pa.Schema) -> pa.Table:
+        """A whole Parquet file of the folder, with its own columns; without rows and of `schema` if there is none."""
+        path = (self.folder / name).absolute()
+        with self._name_damaged_file(path):
+            return pq.read_table(path, memory_map=False) if path.exists() else schema.empty_table()
+
+    def file_rows(self, name: str) -> int:
+        """Number of rows of a Parquet file of the folder; 0 if it is not there."""
+        path = (self.folder / name).absolute()
+        with self._name_damaged_file(path):
+            return int(pq.read_metadata(path).num_rows) if path.exists() else 0
+
     def rows(self, name: str) -> int:
         """Number of rows of the table."""
-        path = self._parquet(name)
         if not self.spooled:
-            with self._name_damaged_file(path):
-                return int(pq.read_metadata(path).num_rows) if path.exists() else 0
+            return self.file_rows(f"{name}.parquet")
         return sum(batch.num_rows for batch in read_spool(self.folder, name))
 
     def frames_with_payloads(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
@@ -194,5 +204,5 @@ def parquet_options(schema: pa.Schema) -> dict[str, object]:
 def _column(schema: pa.Schema, name: str) -> Column:
     """The declaration of a column; a string column that is not declared counts as free text."""
     table = (schema.metadata or {}).get(b"skyrange.table", b"").decode()
-    found = {column.name: column for column in TABLES.get(table, ())}
+    found = {column.name: column for column in columns_of(table)}
     return found.get(name, Column(name, TEXT, "", ""))

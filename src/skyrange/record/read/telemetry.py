@@ -1,102 +1,106 @@
-"""The `telemetry` table, derived from received frames: one column per MAVLink field, filled message by message."""
+"""Telemetry: the messages that ground stations received, one table per MAVLink message, derived from their frames."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from skyrange.codec.mavlink.message_columns import message_columns
-from skyrange.record.read.station_frames import (
-    MessageSurvey,
-    StationFrames,
-    name_of,
-    numeric_column,
-    read_station_frames,
-    survey_messages,
-    text_column,
-)
+from skyrange.codec.mavlink.frame_layout import LAYOUTS
+from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.record.read.station_frames import StationFrames, name_of, read_station_frames, text_column
 from skyrange.record.read.tables import Tables
-from skyrange.record.schema import BAD_DATA, arrow_schema, telemetry_columns
+from skyrange.record.schema import BAD_DATA, TEXT, Column, arrow_schema, telemetry_columns
+
+FOLDER: Final = "telemetry"
+"""The folder of the tables of a run that ended: `telemetry/ATTITUDE.parquet`."""
+UNION: Final = "telemetry.parquet"
+"""The one table of all messages, with the columns of all, that older versions wrote."""
+_IDS: Final = {name_of(number): number for number in LAYOUTS}
 
 
-class ReceivedMessages:
-    """The received rows of a block as columns: message names, and by field the values and a mask of absent ones."""
-
-    def __init__(self, block: StationFrames, kinds: dict[str, str]) -> None:
-        """`kinds` gives the type of each column: "int", "float" or "text"."""
-        self.rows = np.flatnonzero(block.received)
-        count = len(self.rows)
-        place = np.cumsum(block.received) - 1
-        self.block = block
-        self.messages = [BAD_DATA]
-        self.message: NDArray[np.int32] = np.zeros(count, dtype=np.int32)
-        self.system = np.full(count, -1, dtype=np.int32)
-        self.component = np.full(count, -1, dtype=np.int32)
-        self.values: dict[str, tuple[Any, NDArray[np.bool_]]] = {}
-        for group in block.groups(block.received):
-            places = place[group.rows]
-            self.message[places] = len(self.messages)
-            self.messages.append(name_of(group.message_id))
-            self.system[places] = group.systems
-            self.component[places] = group.components
-            for cell in message_columns(group.message_id):
-                text = kinds[cell.name] == "text"
-                if cell.name not in self.values:
-                    empty: Any = np.full(count, None, dtype=object) if text else np.zeros(count)
-                    self.values[cell.name] = (empty, np.ones(count, dtype=np.bool_))
-                values, absent = self.values[cell.name]
-                values[places] = text_column(group, cell) if text else numeric_column(group, cell)
-                absent[places] = False
-
-    def vehicles(self) -> pa.Array:
-        """The vehicle id of each row."""
-        return pa.array(self.block.owners, pa.string()).take(pa.array(self.block.owner[self.rows]))
-
-    def names(self) -> pa.Array:
-        """The message name of each row."""
-        return pa.array(self.messages, pa.string()).take(pa.array(self.message))
+@cache
+def message_schema(message: str) -> pa.Schema:
+    """The columns of a message's table: the fields of the message in MAVLink's types and units. Raises `KeyError`."""
+    if message == BAD_DATA:
+        return arrow_schema(FOLDER)
+    number = _IDS[message]
+    dtype, units = payload_dtype(number), LAYOUTS[number].cls.fieldunits_by_name
+    fields = []
+    for cell in message_columns(number):
+        kind = TEXT if cell.kind == "text" else pa.from_numpy_dtype(dtype[cell.field].base.newbyteorder("="))
+        fields.append(Column(cell.name, kind, units.get(cell.field, ""), f"the field {cell.field} of {message}"))
+    return arrow_schema(FOLDER, telemetry_columns(fields))
 
 
-class TelemetryBuilder:
-    """Builds rows of `telemetry` with the columns that a survey of the messages found."""
+def received_messages(block: StationFrames) -> Iterator[tuple[str, pa.RecordBatch]]:
+    """The messages in a block of frames, by name, with the rows of each in their order."""
+    bad = np.flatnonzero(block.received & (block.kinds < 0))
+    if len(bad):
+        yield BAD_DATA, _batch(BAD_DATA, block, bad, None)
+    for group in block.groups(block.received):
+        yield name_of(group.message_id), _batch(name_of(group.message_id), block, group.rows, group)
 
-    def __init__(self, found: MessageSurvey) -> None:
-        """The schema contains the fields of all operators."""
-        self.kinds = found.cells()
-        fields = [(name, kind == "text") for name, kind in self.kinds.items()]
-        columns = telemetry_columns(fields)
-        self.schema = arrow_schema("telemetry", columns)
-        fixed = len(columns) - len(fields)
-        self._fields = [(name, columns[fixed + place].name) for place, (name, _) in enumerate(fields)]
 
-    def batch(self, block: ReceivedMessages) -> pa.RecordBatch:
-        """The rows of one block."""
-        names, number = block.block.operators()
-        arrays: dict[str, pa.Array] = {
-            "time_ns": pa.array(block.block.time_ns[block.rows]),
-            "operator": pa.array(names, pa.string()).take(pa.array(number[block.rows])),
-            "vehicle": block.vehicles(),
-            "system_id": pa.array(block.system, mask=block.message == 0),
-            "component_id": pa.array(block.component, mask=block.message == 0),
-            "message": block.names(),
-        }
-        for name, column in self._fields:
-            if name not in block.values:
-                arrays[column] = pa.nulls(len(block.rows), self.schema.field(column).type)
+def _batch(message: str, block: StationFrames, rows: Ints, group: MessageGroup | None) -> pa.RecordBatch:
+    names, number = block.operators()
+    arrays: list[pa.Array] = [
+        pa.array(block.time_ns[rows]),
+        _names(names, number[rows]),
+        _names(block.owners, block.owner[rows]),
+    ]
+    if group is None:
+        arrays += [pa.nulls(len(rows), pa.int32())] * 2
+    else:
+        arrays += [pa.array(group.systems.astype(np.int32)), pa.array(group.components.astype(np.int32))]
+        for cell in message_columns(group.message_id):
+            if cell.kind == "text":
+                arrays.append(pa.array(text_column(group, cell), pa.string()))
                 continue
-            values, absent = block.values[name]
-            if self.kinds[name] == "text":
-                arrays[column] = pa.array(values.tolist(), pa.string())
-            else:
-                arrays[column] = pa.array(values, mask=absent)
-        return pa.RecordBatch.from_arrays([arrays[name] for name in self.schema.names], schema=self.schema)
+            column = group.values[cell.field]
+            picked = column if cell.element is None else column[:, cell.element]
+            arrays.append(pa.array(np.ascontiguousarray(picked)))
+    return pa.RecordBatch.from_arrays(arrays, schema=message_schema(message))
 
 
-def derive_telemetry(tables: Tables) -> pa.Table:
-    """The whole `telemetry` table, derived now, for a run that did not end."""
-    builder = TelemetryBuilder(survey_messages(tables))
-    batches = (builder.batch(ReceivedMessages(block, builder.kinds)) for block in read_station_frames(tables))
-    return pa.Table.from_batches(batches, schema=builder.schema)
+def _names(names: Sequence[str], numbers: NDArray[Any]) -> pa.Array:
+    return pa.array(names, pa.string()).take(pa.array(numbers))
+
+
+def count_messages(tables: Tables) -> dict[str, int]:
+    """Rows by message, in order of name; of a run that did not end, counted in its frames now."""
+    counts: dict[str, int] = {}
+    union = tables.folder / UNION
+    if tables.spooled:
+        for block in read_station_frames(tables):
+            for message, batch in received_messages(block):
+                counts[message] = counts.get(message, 0) + batch.num_rows
+    elif union.exists():
+        told = tables.file(UNION, arrow_schema(FOLDER)).column("message").combine_chunks()
+        counts = {pair["values"]: pair["counts"] for pair in told.value_counts().to_pylist()}
+    else:
+        for path in (tables.folder / FOLDER).glob("*.parquet"):
+            counts[path.stem] = tables.file_rows(f"{FOLDER}/{path.name}")
+    return dict(sorted(counts.items()))
+
+
+def read_message(tables: Tables, message: str) -> pa.Table:
+    """The table of a message; of a run that did not end, derived from its frames now. Raises `KeyError` for a name
+    that no message of the dialect has.
+    """
+    schema = message_schema(message)
+    if tables.spooled:
+        every = (pair for block in read_station_frames(tables) for pair in received_messages(block))
+        return pa.Table.from_batches((batch for name, batch in every if name == message), schema=schema)
+    if (tables.folder / UNION).exists():
+        rows = tables.file(UNION, schema)
+        rows = rows.filter(pc.equal(rows.column("message"), message))
+        own = pa.schema([schema.field(name) for name in schema.names if name in rows.column_names])
+        return rows.select(own.names).cast(own)
+    return tables.file(f"{FOLDER}/{message}.parquet", schema)

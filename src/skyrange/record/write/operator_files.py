@@ -9,11 +9,11 @@ a file of its own: `blue.tlog`, `blue.net1.tlog`, …
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import IO
+from typing import IO, Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -21,12 +21,22 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import csv
 
+from skyrange.codec.mavlink.message_columns import message_columns
 from skyrange.contracts.frames.payloads import Bytes, Ints
 from skyrange.core.compiled import compiled
 from skyrange.core.ids import ID_PATTERN, operator_of
-from skyrange.core.time import Epoch
-from skyrange.record.read.station_frames import MessageSurvey, StationFrames
-from skyrange.record.read.telemetry import ReceivedMessages
+from skyrange.record.manifest import epoch_of
+from skyrange.record.read.station_frames import (
+    MessageSurvey,
+    StationFrames,
+    name_of,
+    numeric_column,
+    read_station_frames,
+    survey_messages,
+    text_column,
+)
+from skyrange.record.read.tables import Tables
+from skyrange.record.schema import BAD_DATA
 
 _FIXED = ("time_s", "utc", "vehicle", "system_id", "component_id", "message")
 _STAMP_BYTES = 8
@@ -45,39 +55,96 @@ def _interleave(stamps: NDArray[np.uint64], data: Bytes, starts: Ints, sizes: In
         at += sizes[row]
 
 
+OPERATORS: Final = "operators"
+"""The folder of the files in a run's folder."""
+
+
+def write_operator_files(
+    folder: Path, tables: Tables, manifest: Mapping[str, Any], *, with_csv: bool = True, with_tlogs: bool = True
+) -> None:
+    """Write the files of all operators of a run into an existing folder, in one pass over the frames at their ground
+    stations, after one that finds the columns of CSV files. Raises `OSError`.
+    """
+    found = survey_messages(tables) if with_csv else MessageSurvey()
+    kinds = found.cells()
+    with OperatorFiles(folder, manifest, found, with_csv=with_csv, with_tlogs=with_tlogs) as files:
+        for block in read_station_frames(tables):
+            files.write_tlogs(block)
+            if with_csv:
+                files.write_csv(ReceivedMessages(block, kinds))
+
+
+class ReceivedMessages:
+    """The received rows of a block as columns: message names, and by field the values and a mask of absent ones."""
+
+    def __init__(self, block: StationFrames, kinds: dict[str, str]) -> None:
+        """`kinds` gives the type of each column: "int", "float" or "text"."""
+        self.rows = np.flatnonzero(block.received)
+        count = len(self.rows)
+        place = np.cumsum(block.received) - 1
+        self.block = block
+        self.messages = [BAD_DATA]
+        self.message: NDArray[np.int32] = np.zeros(count, dtype=np.int32)
+        self.system = np.full(count, -1, dtype=np.int32)
+        self.component = np.full(count, -1, dtype=np.int32)
+        self.values: dict[str, tuple[Any, NDArray[np.bool_]]] = {}
+        for group in block.groups(block.received):
+            places = place[group.rows]
+            self.message[places] = len(self.messages)
+            self.messages.append(name_of(group.message_id))
+            self.system[places] = group.systems
+            self.component[places] = group.components
+            for cell in message_columns(group.message_id):
+                text = kinds[cell.name] == "text"
+                if cell.name not in self.values:
+                    empty: Any = np.full(count, None, dtype=object) if text else np.zeros(count)
+                    self.values[cell.name] = (empty, np.ones(count, dtype=np.bool_))
+                values, absent = self.values[cell.name]
+                values[places] = text_column(group, cell) if text else numeric_column(group, cell)
+                absent[places] = False
+
+    def vehicles(self) -> pa.Array:
+        """The vehicle id of each row."""
+        return pa.array(self.block.owners, pa.string()).take(pa.array(self.block.owner[self.rows]))
+
+    def names(self) -> pa.Array:
+        """The message name of each row."""
+        return pa.array(self.messages, pa.string()).take(pa.array(self.message))
+
+
 class OperatorFiles:
     """The CSV file and tlogs of every operator, open for writing; a context manager."""
 
     def __init__(
-        self, folder: Path, operators: Sequence[str], found: MessageSurvey, epoch: Epoch, networks: Mapping[str, int]
+        self, folder: Path, manifest: Mapping[str, Any], found: MessageSurvey, *, with_csv: bool, with_tlogs: bool
     ) -> None:
-        """The files are created in `folder`; `networks` is the MAVLink network number of each vehicle.
-
-        Raises `OSError` if a file cannot be created.
-        """
+        """The files of the run with a manifest are created in `folder`. Raises `OSError` if one cannot be."""
+        operators = [str(row["id"]) for row in manifest.get("operators") or []]
         self._folder = folder
-        self._epoch = epoch
-        self._networks = networks
+        self._epoch = epoch_of(manifest)
+        self._networks = {str(row["id"]): int(row.get("network", 0)) for row in manifest.get("vehicles") or []}
         self._open_files = ExitStack()
         self._csv: dict[str, IO[bytes]] = {}
         self._cells: dict[str, dict[str, str]] = {}
         self._tlog: dict[tuple[str, int], IO[bytes]] = {}
-        for operator in dict.fromkeys([*operators, *found.operators]):
-            if ID_PATTERN.match(operator):
-                self._open(operator, found.cells(operator))
-        for vehicle, network in networks.items():
-            if operator_of(vehicle) in self._csv:
-                self._open_tlog(operator_of(vehicle), network)
-        with (folder / "fields.csv").open("w", encoding="utf-8", newline="") as file:
-            file.write("message,field,unit\n")
-            for (message, name), unit in sorted(found.units().items()):
-                file.write(f"{message},{name},{unit}\n")
+        names = [one for one in dict.fromkeys([*operators, *found.operators]) if ID_PATTERN.match(one)]
+        if with_csv:
+            for operator in names:
+                self._open_csv(operator, found.cells(operator))
+            with (folder / "fields.csv").open("w", encoding="utf-8", newline="") as file:
+                file.write("message,field,unit\n")
+                for (message, name), unit in sorted(found.units().items()):
+                    file.write(f"{message},{name},{unit}\n")
+        if with_tlogs:
+            networks = [(operator_of(vehicle), network) for vehicle, network in self._networks.items()]
+            for operator, network in [*((one, 0) for one in names), *networks]:
+                if operator in names:
+                    self._open_tlog(operator, network)
 
-    def _open(self, operator: str, cells: dict[str, str]) -> None:
+    def _open_csv(self, operator: str, cells: dict[str, str]) -> None:
         self._cells[operator] = cells
         self._csv[operator] = self._open_files.enter_context((self._folder / f"{operator}.csv").open("wb"))
         self._csv[operator].write((",".join((*_FIXED, *cells)) + "\n").encode())
-        self._open_tlog(operator, 0)
 
     def _open_tlog(self, operator: str, network: int) -> None:
         if (operator, network) not in self._tlog:

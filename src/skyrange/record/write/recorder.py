@@ -30,7 +30,7 @@ from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.file_hashes import describe_files
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
-from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, write_manifest
+from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import (
     OUTCOME,
     AlertRow,
@@ -47,7 +47,7 @@ from skyrange.record.notes import (
 )
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
-from skyrange.record.write.finalisation import epoch_of, finalise
+from skyrange.record.write.finalisation import finalise
 from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
 from skyrange.record.write.receptions import ReceptionSource, reception_batch
@@ -130,6 +130,7 @@ class Recorder:
         *,
         truth_hz: float = 10.0,
         sensors_hz: float = 2.0,
+        csv: bool = False,
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
     ) -> Self:
@@ -137,6 +138,7 @@ class Recorder:
 
         `header` holds the manifest's entries about the scenario (name, seed, start_utc, origin, operators, vehicles,
         links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time; 0 records none.
+        With `csv` it ends with CSV files and tlogs of what ground stations received and sent.
         Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
         are de-duplicated together. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
         is not empty or cannot be written.
@@ -147,7 +149,7 @@ class Recorder:
             epoch_of(header)
         except ValueError as error:
             raise InputError.one("header", "start_utc", repr(header["start_utc"]), "ISO 8601") from error
-        rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz}
+        rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz, "csv": csv}
         manifest = {"format": FORMAT, "status": RUNNING, **describe_platform(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}
         made = make_folder(folder)
@@ -364,7 +366,7 @@ class Recorder:
     def close(
         self, status: str = "complete", extra: Mapping[str, Any] | None = None, *, in_spool: bool = False
     ) -> None:
-        """End the record: write tables, CSV files and tlogs from the spool, then the manifest, then delete the spool.
+        """End the record: write all files from the spool, then the manifest, then delete the spool.
 
         With `in_spool` the rows stay in the spool, as for a part that will be merged. `status` is complete,
         interrupted or failed. `extra` holds manifest entries (simulated_s, timings, …) that override the recorder's
@@ -383,9 +385,11 @@ class Recorder:
         try:
             self.flush()
             self._spool.end_segment()
-            counts = dict(self._state.counts) if in_spool else finalise(self.path, self._manifest)
-            self._manifest |= {"counts": counts}
-            self._manifest |= {"spooled": True} if in_spool else {"files": describe_files(self.path)}
+            if in_spool:
+                self._manifest |= {"counts": dict(self._state.counts), "spooled": True}
+            else:
+                counts, messages = finalise(self.path, self._manifest)
+                self._manifest |= {"counts": counts, "messages": messages, "files": describe_files(self.path)}
             self._manifest |= self._final_entries(status, extra or {})
             write_manifest(self.path, self._manifest)
         except OSError as error:

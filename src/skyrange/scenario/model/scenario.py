@@ -209,6 +209,11 @@ class Record(Model):
     sensors_hz: Number = Field(
         default=5.0, ge=0, le=400, description="Rows of sensors per aircraft and second; 0 records none."
     )
+    csv: bool = Field(
+        default=False,
+        description="Whether the run ends with a CSV file and tlogs of each operator. `skyrange export --csv --tlog` "
+        "writes them later.",
+    )
 
 
 OnDeath = Literal["stop", "continue", "restart"]

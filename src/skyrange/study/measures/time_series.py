@@ -51,6 +51,10 @@ class Record(Protocol):
         """A `pyarrow.Table` with all columns or with `columns`; without rows if the run recorded none."""
         ...
 
+    def telemetry(self, message: str, columns: Sequence[str] | None = None) -> Any:
+        """A `pyarrow.Table` of a MAVLink message that ground stations received; without rows if none did."""
+        ...
+
     def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[Any]:
         """The same rows as `pyarrow.RecordBatch`es, for tables that are larger than memory."""
         ...
@@ -157,14 +161,10 @@ def belief_tracks(record: Record) -> dict[str, Track]:
     """
     names = ("lat", "lon", "alt", "vx", "vy", "vz")
     parts: dict[str, list[tuple[Ints, Floats]]] = {}
-    try:
-        for batch in record.batches("telemetry", ["time_ns", "operator", "vehicle", "message", *names]):
-            heard = batch.filter(pc.equal(batch.column("message"), POSITION_MESSAGE))
-            own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
-            heard = heard.filter(own)  # an operator's belief covers only its own aircraft
-            _append_rows(parts, heard, heard.column("vehicle"), names)
-    except KeyError:  # telemetry has a column for each field received; these fields were never received
-        parts = {}
+    for heard in record.telemetry(POSITION_MESSAGE, ["time_ns", "operator", "vehicle", *names]).to_batches():
+        own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
+        heard = heard.filter(own)  # an operator's belief covers only its own aircraft
+        _append_rows(parts, heard, heard.column("vehicle"), names)
     origin = origin_of(record.manifest) or Origin(0.0, 0.0)
 
     def local(rows: Floats) -> tuple[Floats, Floats]:

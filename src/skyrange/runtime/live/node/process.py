@@ -69,6 +69,7 @@ async def _serve_node(
         built.header | {"node": facts},
         truth_hz=rates.truth_hz,
         sensors_hz=rates.sensors_hz,
+        csv=rates.csv,
         flush_s=math.inf,  # the node flushes by the system's clock
     )
     recorder.record_receptions(built.oracle)

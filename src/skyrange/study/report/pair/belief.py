@@ -70,11 +70,7 @@ def innovations(run: Record, chosen: Sequence[str]) -> dict[str, Line]:
     """
     ends = _ends(run)
     found: dict[str, Line] = {}
-    try:
-        rows = run.table("telemetry", ["time_ns", "vehicle", "message", *_RATIOS])
-    except KeyError:  # telemetry has a column for each field that was received, and these never were
-        return found
-    rows = rows.filter(pc.equal(rows.column("message"), "EKF_STATUS_REPORT"))
+    rows = run.telemetry("EKF_STATUS_REPORT", ["time_ns", "vehicle", *_RATIOS])
     for name in chosen:
         own = rows.filter(pc.equal(rows.column("vehicle"), name))
         times = own.column("time_ns").to_numpy()

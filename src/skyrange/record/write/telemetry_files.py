@@ -1,0 +1,67 @@
+"""Parquet files of telemetry: one for each MAVLink message that a ground station received."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+from types import TracebackType
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.record.read.station_frames import StationFrames
+from skyrange.record.read.tables import parquet_options
+from skyrange.record.read.telemetry import message_schema, received_messages
+
+GROUP_ROWS: Final = 131_072
+"""Rows of a row group of one message."""
+HELD_ROWS: Final = 262_144
+"""Rows of all messages that are held in memory; of what has most, a group is written then."""
+
+
+class TelemetryFiles:
+    """The files, opened when their first rows are written; a context manager."""
+
+    def __init__(self, folder: Path) -> None:
+        """`folder` is made. Raises `OSError`."""
+        folder.mkdir()
+        self.counts: dict[str, int] = {}
+        """Rows by message."""
+        self._folder = folder
+        self._open_files = ExitStack()
+        self._writers: dict[str, pq.ParquetWriter] = {}
+        self._held: dict[str, list[pa.RecordBatch]] = {}
+        self._rows: dict[str, int] = {}
+
+    def write(self, block: StationFrames) -> None:
+        """Write the messages that were received."""
+        for message, batch in received_messages(block):
+            self._held.setdefault(message, []).append(batch)
+            self.counts[message] = self.counts.get(message, 0) + batch.num_rows
+            self._rows[message] = self._rows.get(message, 0) + batch.num_rows
+            if self._rows[message] >= GROUP_ROWS:
+                self._write_group(message)
+        while sum(self._rows.values()) > HELD_ROWS:
+            self._write_group(max(self._rows, key=self._rows.__getitem__))
+
+    def _write_group(self, message: str) -> None:
+        writer = self._writers.get(message)
+        if writer is None:
+            schema = message_schema(message)
+            path = self._folder / f"{message}.parquet"
+            writer = self._open_files.enter_context(pq.ParquetWriter(path, schema, **parquet_options(schema)))
+            self._writers[message] = writer
+        writer.write_table(pa.Table.from_batches(self._held.pop(message)), row_group_size=GROUP_ROWS)
+        self._rows[message] = 0
+
+    def __enter__(self) -> TelemetryFiles:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        try:
+            if error is None:
+                for message in sorted(self._held):
+                    self._write_group(message)
+        finally:
+            self._open_files.close()
