@@ -30,6 +30,9 @@ def test_a_row_says_what_flew() -> None:
     row = measure(3, 4.0)
     assert row["vehicles"] == row["flying"] == 3
     assert row["real_time_factor"] * row["wall_s"] == pytest.approx(4.0, rel=0.05)  # both are rounded
+    assert row["total_factor"] * row["total_s"] == pytest.approx(WARM_UP_S + 4.0, rel=0.05)
+    assert row["total_s"] > row["setup_s"] + row["wall_s"] + row["finalise_s"]
+    assert row["bytes_per_frame"] > 1.0
     assert row["cpu_s"] > 0.0
     assert row["yardsticks"] * row["yardstick_us"] == pytest.approx(row["cpu_s"] / 4.0 / 3 * 1e6, rel=0.05)
     assert row["memory_mb"] > row["base_memory_mb"] > 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 import time
 from collections.abc import Mapping
@@ -115,18 +116,23 @@ def measure(
 
     With `detector` a heartbeat gap detector listens at the ground stations' ends of all `gcs` links.
 
-    `real_time_factor` is simulated over wall seconds while flying, recording on; `cpu_s` is the process's
-    CPU time for that (user and system); `yardstick_us` the result of `yardstick` right after, and `yardsticks` the
-    cost of an aircraft-second in that unit; `memory_mb` the peak resident set size, of which `base_memory_mb`
-    was used before the fleet; `setup_s` and `finalise_s` are wall seconds before and after, not in the
-    factor; `flying` is the number of aircraft armed and on their mission throughout; `frames_per_s` frames per
+    `total_factor` is simulated seconds, the warm-up included, over `total_s`, the wall seconds from the start of the
+    process to its end; it has one CPU. `real_time_factor` is that of the measured flight, recording on; `cpu_s` is the
+    process's CPU time for that (user and system); `yardstick_us` the result of `yardstick` right after, and
+    `yardsticks` the cost of an aircraft-second in that unit; `memory_mb` the peak resident set size, of which
+    `base_memory_mb` was used before the fleet; `setup_s` and `finalise_s` are wall seconds before and after the
+    measured flight; `flying` is the number of aircraft armed and on their mission throughout; `frames_per_s` frames per
     simulated second over all hops, `receptions_per_s` decoded broadcasts; `disk_mb` the size of the finished run
-    folder; `share` the share of CPU time per part.
+    folder, `bytes_per_frame` that for each frame on each hop; `share` the share of CPU time per part.
     """
-    return run_in_process(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
+    began = time.perf_counter()
+    row = run_in_process(f"bench with {vehicles} aircraft", _flown, vehicles, seconds, load, remote_id, detector)
+    total_s = time.perf_counter() - began - row.pop("evaluation_s")
+    return {**row, "total_s": round(total_s, 3), "total_factor": round((WARM_UP_S + seconds) / total_s, 3)}
 
 
 def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detector: bool) -> dict[str, Any]:
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
     base_mb = peak_memory_mb()
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
@@ -140,12 +146,14 @@ def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detec
             run.advance(WARM_UP_S + seconds)
             wall_s = time.perf_counter() - wall
             cpu_s = time.process_time() - cpu
-        yard_us = yardstick_us()
         began = time.perf_counter()
         run.finish()
         finalise_s = time.perf_counter() - began
+        began = time.perf_counter()
+        yard_us = yardstick_us()
         record = load(Path(folder) / "run")
-        return {
+        disk_bytes = sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file())
+        row = {
             "vehicles": vehicles,
             "seconds": seconds,
             "load": telemetry,
@@ -163,9 +171,11 @@ def _flown(vehicles: int, seconds: float, telemetry: str, remote_id: bool, detec
             "flying": flying(record),
             "receptions_per_s": round(record.rows("receptions") / to_seconds(run.now), 1),
             "frames_per_s": round(record.rows("frames") / to_seconds(run.now), 1),
-            "disk_mb": round(sum(f.stat().st_size for f in record.path.rglob("*") if f.is_file()) / 1e6, 2),
+            "disk_mb": round(disk_bytes / 1e6, 2),
+            "bytes_per_frame": round(disk_bytes / max(record.rows("frames"), 1), 1),
             "share": sampler.shares(),
         }
+        return {**row, "evaluation_s": time.perf_counter() - began}
 
 
 def flying(record: Any) -> int:

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -39,10 +40,12 @@ class Run:
     `fork` at will, and `finish`; `execute` does all of it.
     """
 
-    def __init__(self, kernel: Kernel, recorder: Recorder, built: BuiltScenario) -> None:
+    def __init__(self, kernel: Kernel, recorder: Recorder, built: BuiltScenario, setup_s: float = 0.0) -> None:
+        """`setup_s` is how long it took to build it, in wall seconds."""
         self.kernel = kernel
         self.recorder = recorder
         self.built = built
+        self._setup_s = setup_s
         self._wall_s = 0.0
         self._finished = False
 
@@ -69,13 +72,14 @@ class Run:
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
         record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
         """
+        began = time.perf_counter()
         built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
         resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
         kernel = Kernel(replace(built.wiring, fuse=fuse))
         recorder = open_record(built, out)
         recorder.record_receptions(built.oracle)
         kernel.set_observers([recorder, *observers])
-        return cls(kernel, recorder, built)
+        return cls(kernel, recorder, built, time.perf_counter() - began)
 
     @property
     def now(self) -> Time:
@@ -108,7 +112,7 @@ class Run:
         """A second run that continues from here into the folder `out`, with a copy of the record so far."""
         recorder = self.recorder.fork(out)
         kernel = self.kernel.fork([recorder])
-        twin = Run(kernel, recorder, self.built)
+        twin = Run(kernel, recorder, self.built, self._setup_s)
         recorder.record_receptions(twin._oracle())
         twin._wall_s = self._wall_s
         return twin
@@ -129,6 +133,7 @@ class Run:
             try:
                 if not all(engine.paces_itself for engine in engines):
                     warm_up(self.built.scenario)  # vehicles outside the range do not wait for a compilation
+                    self._setup_s += time.perf_counter() - began
                     began = time.perf_counter()
                 while self.kernel.now < end and not interrupt.requested:
                     self.kernel.advance(self._next(pace.step_ns, end))
@@ -160,7 +165,7 @@ class Run:
             return
         self._finished = True
         self._end()
-        self.recorder.close(status, self._summary(lag_s))
+        self.recorder.close(status, partial(self._summary, lag_s))
 
     def _fail(self, cause: Exception) -> None:
         """Close the record as failed; an error in doing so is only noted at `cause`, which matters more."""
@@ -168,7 +173,7 @@ class Run:
         reason = str(cause) if isinstance(cause, SkyrangeError) else repr(cause)
         try:
             self._end()
-            self.recorder.close("failed", {**self._summary(0.0), "error": reason})
+            self.recorder.close("failed", lambda finish_s: {**self._summary(0.0, finish_s), "error": reason})
         except ComponentError as error:
             cause.add_note(str(error))
 
@@ -188,14 +193,19 @@ class Run:
             if oracle is not None:
                 oracle.close()
 
-    def _summary(self, lag_s: float) -> dict[str, Any]:
+    def _summary(self, lag_s: float, finish_s: float) -> dict[str, Any]:
+        """Entries of the manifest; `finish_s` is how long the recorder took to finish."""
         simulated_s = to_seconds(self.now)
+        total_s = self._setup_s + self._wall_s + finish_s
         return {
             "simulated_s": simulated_s,
             "engines": describe_engines(self.built.wiring.engines),
             "timings": {
+                "setup_s": round(self._setup_s, 3),
                 "wall_s": round(self._wall_s, 3),
+                "finish_s": round(finish_s, 3),
                 "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,
+                "total_factor": round(simulated_s / total_s, 3) if total_s else None,
                 "max_lag_s": round(lag_s, 3),
                 "peak_memory_mb": round(peak_memory_mb(), 1),
             },

@@ -18,14 +18,17 @@ def bench_fleet(
 
     rows = []
     if not as_json:
-        print_text(f"{'aircraft':>8} {'× real time':>11} {'cpu s':>7} {'memory MB':>9}  share of time")
+        heads = f"{'aircraft':>8} {'× real time':>11} {'of flight':>9} {'set-up s':>8} {'flight s':>8} {'finish s':>8}"
+        print_text(f"{heads} {'disk MB':>7} {'B/frame':>7} {'memory MB':>9}  share of time in flight")
     for count in vehicles:
         row = measure(count, seconds, load, remote_id, detector)
         rows.append(row)
         if not as_json:
             shares = " · ".join(f"{part} {row['share'][part]:.0%}" for part in PARTS)
             print_text(
-                f"{count:>8} {row['real_time_factor']:>11.2f} {row['cpu_s']:>7.2f} {row['memory_mb']:>9.0f}  {shares}"
+                f"{count:>8} {row['total_factor']:>11.2f} {row['real_time_factor']:>9.2f} {row['setup_s']:>8.1f} "
+                f"{row['wall_s']:>8.1f} {row['finalise_s']:>8.1f} {row['disk_mb']:>7.1f} "
+                f"{row['bytes_per_frame']:>7.1f} {row['memory_mb']:>9.0f}  {shares}"
             )
     if as_json:
         print_json(rows)

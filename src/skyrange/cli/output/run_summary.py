@@ -50,16 +50,24 @@ def print_summary(facts: dict[str, Any]) -> None:
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     _print_trust(console, facts.get("trust"))
-    timings = facts["timings"]
-    factor = timings.get("real_time_factor")
-    wall_s = timings.get("wall_s")
-    pace = f" in {wall_s:.1f} s, {factor:.0f}× real time" if wall_s and factor else ""
+    pace = _pace(facts["timings"])
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
     console.print(f"run    {facts['path']}", soft_wrap=True)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True)
+
+
+def _pace(timings: Mapping[str, Any]) -> str:
+    """How long a run took, and its speed: of all, and of the flight without set-up and finishing."""
+    factor, wall_s, total = (timings.get(name) for name in ("real_time_factor", "wall_s", "total_factor"))
+    if not wall_s or not factor:
+        return ""
+    if not total:
+        return f" in {wall_s:.1f} s, {factor:.0f}× real time"
+    whole_s = sum(timings.get(name) or 0.0 for name in ("setup_s", "wall_s", "finish_s"))
+    return f" in {whole_s:.1f} s, {total:.3g}× real time (the flight in {wall_s:.1f} s, {factor:.3g}×)"
 
 
 def _print_trust(console: Console, trust: Mapping[str, Any] | None) -> None:

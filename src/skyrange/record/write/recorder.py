@@ -7,7 +7,7 @@ clock decides only when rows are written, never what they contain.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, field
@@ -364,23 +364,32 @@ class Recorder:
     # ---------------------------------------------------------------- the end
 
     def close(
-        self, status: str = "complete", extra: Mapping[str, Any] | None = None, *, in_spool: bool = False
+        self,
+        status: str = "complete",
+        extra: Mapping[str, Any] | Callable[[float], Mapping[str, Any]] | None = None,
+        *,
+        in_spool: bool = False,
     ) -> None:
         """End the record: write all files from the spool, then the manifest, then delete the spool.
 
         With `in_spool` the rows stay in the spool, as for a part that will be merged. `status` is complete,
         interrupted or failed. `extra` holds manifest entries (simulated_s, timings, …) that override the recorder's
-        own. Memory stays bounded. Raises `ComponentError` if writing fails; everything recorded is then still in the
-        spool. After an earlier failed write, only the status in the manifest is set, if that can be written. Closing
-        a second time does nothing.
+        own, or returns them when it is called with the seconds that writing took. Memory stays bounded. Raises
+        `ComponentError` if writing fails; everything recorded is then still in the spool. After an earlier failed
+        write, only the status in the manifest is set, if that can be written. Closing a second time does nothing.
         """
         if status not in ENDINGS:
             raise ValueError(f"status {status!r}, expected one of {', '.join(ENDINGS)}")
         if self._closed:
             return
         self._closed = True
+        began = monotonic()
+
+        def more() -> Mapping[str, Any]:
+            return extra(monotonic() - began) if callable(extra) else extra or {}
+
         if self._write_failed:
-            self._note_spooled(extra or {})
+            self._note_spooled(more())
             return
         try:
             self.flush()
@@ -390,12 +399,12 @@ class Recorder:
             else:
                 counts, messages = finalise(self.path, self._manifest)
                 self._manifest |= {"counts": counts, "messages": messages, "files": describe_files(self.path)}
-            self._manifest |= self._final_entries(status, extra or {})
+            self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:
             raise write_error(self.path / MANIFEST, error) from error
         except ComponentError:
-            self._note_spooled(extra or {})
+            self._note_spooled(more())
             raise
         if not in_spool:
             shutil.rmtree(self.path / SPOOL, ignore_errors=True)
