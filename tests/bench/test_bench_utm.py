@@ -8,7 +8,8 @@ import pytest
 
 from skyrange.bench import approval, planning, utm_services
 from skyrange.cli.handlers.benchmarks import bench_planning
-from skyrange.planning.routes import Limits, find_route
+from skyrange.planning.limits import Limits
+from skyrange.planning.routes import find_route
 
 
 def test_approval_is_measured_while_intents_are_accepted() -> None:
@@ -36,7 +37,9 @@ def test_routes_are_planned_between_free_places() -> None:
     assert len(find_route(city, [(-188.0, 0.0), (188.0, 0.0)], Limits(30.0, 60.0))) == 2, "along a street"
 
 
-def test_the_command_prints_json(capsys: pytest.CaptureFixture[str]) -> None:
-    bench_planning(None, 2, 200.0, [60.0], 60.0, as_json=True)
+@pytest.mark.parametrize("iterations", [0, 500])
+def test_the_command_prints_json(iterations: int, capsys: pytest.CaptureFixture[str]) -> None:
+    bench_planning(None, 2, 200.0, [60.0], 60.0, iterations, as_json=True)
     (row,) = json.loads(capsys.readouterr().out)
     assert row["alt_m"] == 60.0
+    assert row["late"] >= row["detour"] >= 1.0
