@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, encode_payload
@@ -34,6 +33,7 @@ from skyrange.record.read.tables import Tables
 from skyrange.record.read.time_order import sort_by_time
 
 _COLUMNS = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "fate")
+_NAMED = ("link", "direction", "sender", "fate")
 _KIND = "gcs:"
 
 BLOCK_ROWS = 16_384
@@ -55,15 +55,19 @@ class StationFrames:
     message."""
     singles: dict[int, tuple[int, int, int, bytes]] = field(default_factory=dict)
     """Rows that only `decode` can read (MAVLink 1): sequence, system, component, complete payload."""
+    operators: list[str] = field(init=False)
+    """The operators, indexed by `operator`."""
+    operator: Ints = field(init=False)
+    """The operator of each row."""
+
+    def __post_init__(self) -> None:
+        names = [operator_of(owner) for owner in self.owners]
+        self.operators = sorted(set(names))
+        places = {name: place for place, name in enumerate(self.operators)}
+        self.operator = np.array([places[name] for name in names], dtype=np.int64)[self.owner]
 
     def __len__(self) -> int:
         return len(self.time_ns)
-
-    def operators(self) -> tuple[list[str], Ints]:
-        """The operators, and the index of each row's operator."""
-        names = sorted({operator_of(owner) for owner in self.owners})
-        number = np.array([names.index(operator_of(owner)) for owner in self.owners], dtype=np.int64)
-        return names, number[self.owner]
 
     def groups(self, chosen: NDArray[np.bool_]) -> Iterator[MessageGroup]:
         """The messages of the `chosen` rows, grouped by message id."""
@@ -82,28 +86,40 @@ class StationFrames:
 
 def _station_frames(tables: Tables) -> Iterator[pa.Table]:
     """Batches of (time_ns, vehicle, received, payload) and the frame's identity, in the order recorded."""
-    for batch in tables.frames_with_payloads(_COLUMNS):
-        batch = batch.filter(pc.starts_with(batch.column("link"), _KIND))
-        links = batch.column("link").combine_chunks().dictionary_encode()
-        owners = [name[len(_KIND) :] for name in links.dictionary.to_pylist()]
-        stations = pa.array([endpoint(operator_of(owner), "gcs") for owner in owners], pa.string()).take(links.indices)
-        forward = pc.equal(batch.column("direction"), "fwd")
-        received = pc.and_(pc.invert(forward), pc.equal(batch.column("fate"), str(Fate.DELIVERED)))
-        sent = pc.and_(forward, pc.equal(batch.column("sender"), stations))
-        time_ns = pc.if_else(received, batch.column("arrived_ns"), batch.column("sent_ns"))
-        rows = pa.table(
+    for batch in tables.frames_with_payloads(_COLUMNS, encoded=True):
+        names, codes = zip(*(_dictionary(batch.column(name)) for name in _NAMED), strict=True)
+        (links, directions, senders, fates), (link, direction, sender, fate) = names, codes
+        owners = [name[len(_KIND) :] if name.startswith(_KIND) else "" for name in links]
+        stations = [endpoint(operator_of(owner), "gcs") if owner else "" for owner in owners]
+        numbers = {name: number for number, name in enumerate(senders)}
+        station = np.array([numbers.get(name, -1) for name in stations] or [-1])
+        owned = np.array([bool(owner) for owner in owners] or [False])[link]
+        forward = np.array([name == "fwd" for name in directions])[direction]
+        received = ~forward & np.array([name == str(Fate.DELIVERED) for name in fates])[fate]
+        chosen = np.flatnonzero(owned & (received | (forward & (sender == station[link]))))
+        taken, received = pa.array(chosen), received[chosen]
+        kept = batch.take(taken)
+        arrived, sent = kept.column("arrived_ns").fill_null(0).to_numpy(), kept.column("sent_ns").to_numpy()
+        yield pa.table(
             {
-                "time_ns": time_ns,
-                "vehicle": pa.array(owners, pa.string()).take(links.indices),
+                "time_ns": np.where(received, arrived, sent),
+                "vehicle": pa.array(owners, pa.string()).take(pa.array(link[chosen])),
                 "received": received,
-                "payload": batch.column("payload"),
-                "link": batch.column("link"),
-                "direction": batch.column("direction"),
-                "sender": batch.column("sender"),
-                "serial": batch.column("serial"),
+                "payload": kept.column("payload"),
+                "link": kept.column("link").cast(pa.string()),
+                "direction": kept.column("direction").cast(pa.string()),
+                "sender": kept.column("sender").cast(pa.string()),
+                "serial": kept.column("serial"),
             }
         )
-        yield rows.filter(pc.or_(received, sent))
+
+
+def _dictionary(column: pa.ChunkedArray) -> tuple[list[str], Ints]:
+    """The names of a dictionary-encoded column, and the number of each row's."""
+    whole = column.unify_dictionaries().combine_chunks()
+    if isinstance(whole, pa.ChunkedArray):  # of no chunk
+        return [], np.zeros(0, dtype=np.int64)
+    return whole.dictionary.to_pylist(), whole.indices.to_numpy(zero_copy_only=False).astype(np.int64)
 
 
 def _decode_frames(rows: pa.Table) -> StationFrames:
@@ -181,19 +197,29 @@ def survey_messages(tables: Tables) -> MessageSurvey:
     found = MessageSurvey()
     for batch in _station_frames(tables):
         block = _decode_frames(batch.filter(batch.column("received")))
-        names, number = block.operators()
-        for operator, name in enumerate(names):
-            kinds = np.unique(block.kinds[(number == operator) & (block.kinds >= 0)])
+        for operator, name in enumerate(block.operators):
+            kinds = np.unique(block.kinds[(block.operator == operator) & (block.kinds >= 0)])
             if len(kinds):
                 found.operators.setdefault(name, set()).update(message_id_of_kind(kind) for kind in kinds.tolist())
     return found
 
 
-def read_station_frames(tables: Tables) -> Iterator[StationFrames]:
+def read_station_frames(tables: Tables, block_rows: int = BLOCK_ROWS) -> Iterator[StationFrames]:
     """Blocks of frames received and sent by ground stations, in order of time, then of link, direction and frame."""
-    for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ("link", "direction", "sender", "serial")):
-        for start in range(0, ordered.num_rows, BLOCK_ROWS):
-            yield _decode_frames(ordered.slice(start, BLOCK_ROWS))
+    ties = ("link", "direction", "sender", "serial")
+    held: list[pa.Table] = []
+    rows = 0
+    for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ties):
+        held.append(ordered)
+        rows += ordered.num_rows
+        if rows >= block_rows:
+            whole = pa.concat_tables(held)
+            ready = rows - rows % block_rows
+            for start in range(0, ready, block_rows):
+                yield _decode_frames(whole.slice(start, block_rows))
+            held, rows = [whole.slice(ready)], rows - ready
+    if rows:
+        yield _decode_frames(pa.concat_tables(held))
 
 
 def text_of(raw: bytes) -> str:

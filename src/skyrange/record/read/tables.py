@@ -17,6 +17,7 @@ from skyrange.core.errors import InputError
 from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TEXT, Column, arrow_schema, columns_of, truth_columns
 from skyrange.record.spool import read_spool
 
+_DICTIONARY = pa.dictionary(pa.int32(), pa.string())
 BATCH_ROWS = 65_536
 """Number of rows read at once from a Parquet file."""
 
@@ -57,17 +58,23 @@ class Tables:
         if not self.spooled:
             path = self._parquet(name)
             with self._name_damaged_file(path):
-                return pq.read_schema(path) if path.exists() else arrow_schema(name)
+                return _plain(pq.read_schema(path)) if path.exists() else arrow_schema(name)
         if name == "truth":
             for batch in read_spool(self.folder, name):
                 return arrow_schema(name, truth_columns(batch.schema.names[3:]))
         return arrow_schema(name)
 
-    def batches(self, name: str, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
-        """The rows in the order recorded, with all columns or with `columns` in that order."""
+    def batches(
+        self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
+    ) -> Iterator[pa.RecordBatch]:
+        """The rows in the order recorded, with all columns or with `columns` in that order; names are plain strings, or
+        with `encoded` dictionaries.
+        """
         schema = self.schema(name)
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        names = names_of(schema) if encoded else []
+        schema = encoded_schema(schema) if encoded else schema
         if self.spooled:
             for batch in read_spool(self.folder, name):
                 yield decode_spooled(batch, schema)
@@ -75,7 +82,7 @@ class Tables:
         path = self._parquet(name)
         if not path.exists():
             return
-        with self._name_damaged_file(path), pq.ParquetFile(path) as file:
+        with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=names) as file:
             for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
                 yield decode_spooled(batch, schema)
 
@@ -87,10 +94,15 @@ class Tables:
         return pa.Table.from_batches(self.batches(name, columns), schema=schema)
 
     def file(self, name: str, schema: pa.Schema) -> pa.Table:
-        """A whole Parquet file of the folder, with its own columns; without rows and of `schema` if there is none."""
+        """A whole Parquet file of the folder, with its own columns and names as plain strings; without rows and of
+        `schema` if there is none.
+        """
         path = (self.folder / name).absolute()
         with self._name_damaged_file(path):
-            return pq.read_table(path, memory_map=False) if path.exists() else schema.empty_table()
+            if not path.exists():
+                return schema.empty_table()
+            table = pq.read_table(path)
+            return table.cast(_plain(table.schema))
 
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
@@ -104,15 +116,17 @@ class Tables:
             return self.file_rows(f"{name}.parquet")
         return sum(batch.num_rows for batch in read_spool(self.folder, name))
 
-    def frames_with_payloads(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Batches of frames in the order recorded, with the additional column `payload`.
+    def frames_with_payloads(
+        self, columns: Sequence[str] | None = None, *, encoded: bool = False
+    ) -> Iterator[pa.Table]:
+        """Batches of frames in the order recorded, with the additional column `payload`; `encoded` as in `batches`.
 
         Memory holds at most two windows of payloads. If payloads are missing, because the file system lost data, the
         frames end with the last one before the gap.
         """
         wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
         window = _PayloadWindow(self.batches("payloads"))
-        for batch in self.batches("frames", wanted):
+        for batch in self.batches("frames", wanted, encoded=encoded):
             payloads = window.take(batch.column("payload_id").to_numpy())
             whole = len(payloads)
             table = pa.Table.from_batches([batch]).slice(0, whole)
@@ -184,7 +198,7 @@ def combine_batches(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa
 
 def parquet_options(schema: pa.Schema) -> dict[str, object]:
     """Parquet options for a table: names dictionary-encoded, integers delta-encoded, floats split by byte position."""
-    names = [field.name for field in schema if _column(schema, field.name).type == NAME]
+    names = names_of(schema)
     layout: dict[str, str] = {}
     for field in schema:
         if pa.types.is_integer(field.type):
@@ -199,6 +213,24 @@ def parquet_options(schema: pa.Schema) -> dict[str, object]:
         "use_dictionary": names or False,
         "column_encoding": layout or None,
     }
+
+
+def names_of(schema: pa.Schema) -> list[str]:
+    """The columns of a table that are names."""
+    return [field.name for field in schema if _column(schema, field.name).type == NAME]
+
+
+def _plain(schema: pa.Schema) -> pa.Schema:
+    """A schema with plain strings instead of dictionaries."""
+    fields = [field.with_type(pa.string()) if pa.types.is_dictionary(field.type) else field for field in schema]
+    return pa.schema(fields, metadata=schema.metadata)
+
+
+def encoded_schema(schema: pa.Schema) -> pa.Schema:
+    """A schema with names as dictionaries."""
+    names = names_of(schema)
+    fields = [field.with_type(_DICTIONARY) if field.name in names else field for field in schema]
+    return pa.schema(fields, metadata=schema.metadata)
 
 
 def _column(schema: pa.Schema, name: str) -> Column:

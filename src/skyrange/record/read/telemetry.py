@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from numpy.typing import NDArray
 
 from skyrange.codec.mavlink.frame_layout import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
 from skyrange.contracts.frames.payloads import Ints
 from skyrange.record.read.station_frames import StationFrames, name_of, read_station_frames, text_column
-from skyrange.record.read.tables import Tables
+from skyrange.record.read.tables import Tables, encoded_schema
 from skyrange.record.schema import BAD_DATA, TEXT, Column, arrow_schema, telemetry_columns
 
 FOLDER: Final = "telemetry"
@@ -39,8 +38,14 @@ def message_schema(message: str) -> pa.Schema:
     return arrow_schema(FOLDER, telemetry_columns(fields))
 
 
+@cache
+def encoded_message_schema(message: str) -> pa.Schema:
+    """The columns of a message's table with names as dictionaries. Raises `KeyError`."""
+    return encoded_schema(message_schema(message))
+
+
 def received_messages(block: StationFrames) -> Iterator[tuple[str, pa.RecordBatch]]:
-    """The messages in a block of frames, by name, with the rows of each in their order."""
+    """The messages in a block of frames, by name, with the rows of each in their order, names as dictionaries."""
     bad = np.flatnonzero(block.received & (block.kinds < 0))
     if len(bad):
         yield BAD_DATA, _batch(BAD_DATA, block, bad, None)
@@ -49,10 +54,9 @@ def received_messages(block: StationFrames) -> Iterator[tuple[str, pa.RecordBatc
 
 
 def _batch(message: str, block: StationFrames, rows: Ints, group: MessageGroup | None) -> pa.RecordBatch:
-    names, number = block.operators()
     arrays: list[pa.Array] = [
         pa.array(block.time_ns[rows]),
-        _names(names, number[rows]),
+        _names(block.operators, block.operator[rows]),
         _names(block.owners, block.owner[rows]),
     ]
     if group is None:
@@ -66,11 +70,11 @@ def _batch(message: str, block: StationFrames, rows: Ints, group: MessageGroup |
             column = group.values[cell.field]
             picked = column if cell.element is None else column[:, cell.element]
             arrays.append(pa.array(np.ascontiguousarray(picked)))
-    return pa.RecordBatch.from_arrays(arrays, schema=message_schema(message))
+    return pa.RecordBatch.from_arrays(arrays, schema=encoded_message_schema(message))
 
 
-def _names(names: Sequence[str], numbers: NDArray[Any]) -> pa.Array:
-    return pa.array(names, pa.string()).take(pa.array(numbers))
+def _names(names: Sequence[str], numbers: Ints) -> pa.Array:
+    return pa.DictionaryArray.from_arrays(pa.array(numbers.astype(np.int32)), pa.array(names, pa.string()))
 
 
 def count_messages(tables: Tables) -> dict[str, int]:
@@ -97,7 +101,8 @@ def read_message(tables: Tables, message: str) -> pa.Table:
     schema = message_schema(message)
     if tables.spooled:
         every = (pair for block in read_station_frames(tables) for pair in received_messages(block))
-        return pa.Table.from_batches((batch for name, batch in every if name == message), schema=schema)
+        found = [batch for name, batch in every if name == message]
+        return pa.Table.from_batches(found, schema=encoded_message_schema(message)).cast(schema)
     if (tables.folder / UNION).exists():
         rows = tables.file(UNION, schema)
         rows = rows.filter(pc.equal(rows.column("message"), message))

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.record.read.observations import derive_observations
 from skyrange.record.read.station_frames import read_station_frames
-from skyrange.record.read.tables import Tables, combine_batches, parquet_options
+from skyrange.record.read.tables import Tables, combine_batches, encoded_schema, parquet_options
 from skyrange.record.read.telemetry import FOLDER
 from skyrange.record.schema import DERIVED, OPTIONAL, TABLES, arrow_schema
 from skyrange.record.spool import write_error
@@ -30,6 +30,9 @@ FINAL = ".final"
 
 GROUP_ROWS = 131_072
 """Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
+
+BLOCK_ROWS = 65_536
+"""Frames at ground stations that are decoded together."""
 
 _WIDE_GROUP_ROWS = 32_768  # observations have a column for each field of Remote ID
 
@@ -48,12 +51,14 @@ def finalise(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, int],
         final.mkdir()
         for name in TABLES:
             if name not in DERIVED and has_table(name, tables, manifest):
-                counts[name] = _write(final / f"{name}.parquet", tables.schema(name), tables.batches(name))
+                counts[name] = _write(
+                    final / f"{name}.parquet", tables.schema(name), tables.batches(name, encoded=True)
+                )
         observed = _write_observations(final / "observations.parquet", tables, manifest)
         if observed:
             counts["observations"] = observed
         with TelemetryFiles(final / FOLDER) as telemetry:
-            for block in read_station_frames(tables):
+            for block in read_station_frames(tables, BLOCK_ROWS):
                 telemetry.write(block)
         if (manifest.get("record") or {}).get("csv"):
             (final / OPERATORS).mkdir()
@@ -76,10 +81,11 @@ def has_table(name: str, tables: Tables, manifest: Mapping[str, Any]) -> bool:
 
 
 def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], group: int = GROUP_ROWS) -> int:
+    """Write a table with names as dictionaries, which are half as large and quicker to write than plain strings."""
     rows = 0
-    with pq.ParquetWriter(path, schema, **parquet_options(schema)) as writer:
+    with pq.ParquetWriter(path, encoded_schema(schema), **parquet_options(schema)) as writer:
         for table in combine_batches(batches, group):
-            writer.write_table(table, row_group_size=group)
+            writer.write_table(table.cast(writer.schema), row_group_size=group)
             rows += table.num_rows
     return rows
 

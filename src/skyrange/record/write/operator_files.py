@@ -153,9 +153,8 @@ class OperatorFiles:
 
     def write_csv(self, block: ReceivedMessages) -> None:
         """Write the received messages to the CSV files."""
-        names, number = block.block.operators()
-        number = number[block.rows]
-        for place, operator in enumerate(names):
+        number = block.block.operator[block.rows]
+        for place, operator in enumerate(block.block.operators):
             chosen = np.flatnonzero(number == place)
             if operator in self._csv and len(chosen):
                 self._write_csv(operator, block, chosen)

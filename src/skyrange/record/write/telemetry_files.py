@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 
 from skyrange.record.read.station_frames import StationFrames
 from skyrange.record.read.tables import parquet_options
-from skyrange.record.read.telemetry import message_schema, received_messages
+from skyrange.record.read.telemetry import encoded_message_schema, received_messages
 
 GROUP_ROWS: Final = 131_072
 """Rows of a row group of one message."""
@@ -48,11 +48,12 @@ class TelemetryFiles:
     def _write_group(self, message: str) -> None:
         writer = self._writers.get(message)
         if writer is None:
-            schema = message_schema(message)
-            path = self._folder / f"{message}.parquet"
+            schema, path = encoded_message_schema(message), self._folder / f"{message}.parquet"
             writer = self._open_files.enter_context(pq.ParquetWriter(path, schema, **parquet_options(schema)))
             self._writers[message] = writer
-        writer.write_table(pa.Table.from_batches(self._held.pop(message)), row_group_size=GROUP_ROWS)
+        writer.write_table(
+            pa.Table.from_batches(self._held.pop(message)).unify_dictionaries(), row_group_size=GROUP_ROWS
+        )
         self._rows[message] = 0
 
     def __enter__(self) -> TelemetryFiles:
