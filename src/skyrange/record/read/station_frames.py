@@ -84,26 +84,63 @@ class StationFrames:
             yield found
 
 
+class _Names:
+    """What the names in the columns of frames say about them; computed anew only when a column has other names."""
+
+    def __init__(self) -> None:
+        self._held: dict[str, pa.Array] = {}
+        self.owners: list[str] = []
+        """The vehicle at the other end of each link's ground station; "" for other links."""
+        self.vehicles = pa.array([], pa.string())
+        self.owned = np.zeros(1, dtype=np.bool_)
+        self.forward = np.zeros(1, dtype=np.bool_)
+        self.delivered = np.zeros(1, dtype=np.bool_)
+        self.station = np.zeros(1, dtype=np.int64)
+        """The number of each link's ground station among the senders; -1 for none."""
+
+    def numbers(self, batch: pa.Table) -> list[Ints]:
+        """The number of each row's link, direction, sender and fate."""
+        numbers, changed = [], False
+        for name in _NAMED:
+            column = batch.column(name).unify_dictionaries().combine_chunks()
+            if isinstance(column, pa.ChunkedArray):
+                column = column.chunk(0)
+            numbers.append(column.indices.to_numpy(zero_copy_only=False))
+            if name not in self._held or not self._held[name].equals(column.dictionary):
+                self._held[name] = column.dictionary
+                changed = True
+        if changed:
+            self._look_up(*(self._held[name].to_pylist() for name in _NAMED))
+        return numbers
+
+    def _look_up(self, links: list[str], directions: list[str], senders: list[str], fates: list[str]) -> None:
+        self.owners = [name[len(_KIND) :] if name.startswith(_KIND) else "" for name in links]
+        self.vehicles = pa.array(self.owners, pa.string())
+        self.owned = np.array([bool(owner) for owner in self.owners], dtype=np.bool_)
+        self.forward = np.array([name == "fwd" for name in directions])
+        self.delivered = np.array([name == str(Fate.DELIVERED) for name in fates])
+        places = {name: number for number, name in enumerate(senders)}
+        self.station = np.array(
+            [places.get(endpoint(operator_of(owner), "gcs"), -1) if owner else -1 for owner in self.owners]
+        )
+
+
 def _station_frames(tables: Tables) -> Iterator[pa.Table]:
     """Batches of (time_ns, vehicle, received, payload) and the frame's identity, in the order recorded."""
+    names = _Names()
     for batch in tables.frames_with_payloads(_COLUMNS, encoded=True):
-        names, codes = zip(*(_dictionary(batch.column(name)) for name in _NAMED), strict=True)
-        (links, directions, senders, fates), (link, direction, sender, fate) = names, codes
-        owners = [name[len(_KIND) :] if name.startswith(_KIND) else "" for name in links]
-        stations = [endpoint(operator_of(owner), "gcs") if owner else "" for owner in owners]
-        numbers = {name: number for number, name in enumerate(senders)}
-        station = np.array([numbers.get(name, -1) for name in stations] or [-1])
-        owned = np.array([bool(owner) for owner in owners] or [False])[link]
-        forward = np.array([name == "fwd" for name in directions])[direction]
-        received = ~forward & np.array([name == str(Fate.DELIVERED) for name in fates])[fate]
-        chosen = np.flatnonzero(owned & (received | (forward & (sender == station[link]))))
-        taken, received = pa.array(chosen), received[chosen]
-        kept = batch.take(taken)
+        if not batch.num_rows:
+            continue
+        link, direction, sender, fate = names.numbers(batch)
+        forward = names.forward[direction]
+        received = ~forward & names.delivered[fate]
+        chosen = np.flatnonzero(names.owned[link] & (received | (forward & (sender == names.station[link]))))
+        kept, received = batch.take(pa.array(chosen)), received[chosen]
         arrived, sent = kept.column("arrived_ns").fill_null(0).to_numpy(), kept.column("sent_ns").to_numpy()
         yield pa.table(
             {
                 "time_ns": np.where(received, arrived, sent),
-                "vehicle": pa.array(owners, pa.string()).take(pa.array(link[chosen])),
+                "vehicle": names.vehicles.take(pa.array(link[chosen])),
                 "received": received,
                 "payload": kept.column("payload"),
                 "link": kept.column("link").cast(pa.string()),
@@ -112,14 +149,6 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
                 "serial": kept.column("serial"),
             }
         )
-
-
-def _dictionary(column: pa.ChunkedArray) -> tuple[list[str], Ints]:
-    """The names of a dictionary-encoded column, and the number of each row's."""
-    whole = column.unify_dictionaries().combine_chunks()
-    if isinstance(whole, pa.ChunkedArray):  # of no chunk
-        return [], np.zeros(0, dtype=np.int64)
-    return whole.dictionary.to_pylist(), whole.indices.to_numpy(zero_copy_only=False).astype(np.int64)
 
 
 def _decode_frames(rows: pa.Table) -> StationFrames:
