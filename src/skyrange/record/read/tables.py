@@ -26,10 +26,14 @@ def decode_spooled(batch: pa.RecordBatch, schema: pa.Schema) -> pa.RecordBatch:
     """A spooled batch in the form for readers: names as plain strings, parents' ids joined, metadata of the schema."""
     spooled = batch.schema.names
     arrays = [
-        batch.column(field.name).cast(field.type) if field.name in spooled else _JOINED[field.name](batch)
+        _cast(batch.column(field.name), field.type) if field.name in spooled else _JOINED[field.name](batch)
         for field in schema
     ]
     return pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+
+def _cast(column: pa.Array, type_: pa.DataType) -> pa.Array:
+    return column if column.type == type_ else column.cast(type_)
 
 
 def _join_parent_ids(batch: pa.RecordBatch) -> pa.Array:
@@ -52,6 +56,8 @@ class Tables:
 
     folder: Path
     spooled: bool
+    trusted: bool = False
+    """Whether this process has written the spool itself, which is then not searched for damage."""
 
     def schema(self, name: str) -> pa.Schema:
         """The schema of a table in this run."""
@@ -60,7 +66,7 @@ class Tables:
             with self._name_damaged_file(path):
                 return _plain(pq.read_schema(path)) if path.exists() else arrow_schema(name)
         if name == "truth":
-            for batch in read_spool(self.folder, name):
+            for batch in read_spool(self.folder, name, trusted=self.trusted):
                 return arrow_schema(name, truth_columns(batch.schema.names[3:]))
         return arrow_schema(name)
 
@@ -76,7 +82,7 @@ class Tables:
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
         if self.spooled:
-            for batch in read_spool(self.folder, name):
+            for batch in read_spool(self.folder, name, trusted=self.trusted):
                 yield decode_spooled(batch, schema)
             return
         path = self._parquet(name)
@@ -114,7 +120,7 @@ class Tables:
         """Number of rows of the table."""
         if not self.spooled:
             return self.file_rows(f"{name}.parquet")
-        return sum(batch.num_rows for batch in read_spool(self.folder, name))
+        return sum(batch.num_rows for batch in read_spool(self.folder, name, trusted=self.trusted))
 
     def frames_with_payloads(
         self, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -155,6 +161,8 @@ class _PayloadWindow:
     def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
         self._batches = batches
         self._held: list[pa.RecordBatch] = []
+        self._table: pa.Table | None = None
+        """What is held, in one piece; None when it has changed."""
         self._last = -1
 
     def take(self, ids: NDArray[np.int64]) -> pa.Array:
@@ -168,16 +176,21 @@ class _PayloadWindow:
                 break
             if batch.num_rows:
                 self._held.append(batch)
+                self._table = None
                 self._last = int(batch.column("payload_id")[-1].as_py())
         if not self._held:
             return pa.array([], pa.binary())
-        held = pa.Table.from_batches(self._held).combine_chunks()
+        if self._table is None:
+            self._table = pa.Table.from_batches(self._held).combine_chunks()
+        held = self._table
         known = held.column("payload_id").to_numpy()
         places = np.minimum(np.searchsorted(known, ids), len(known) - 1)
         missing = np.flatnonzero(known[places] != ids)
         places = places[: missing[0]] if len(missing) else places
         start = newest - newest % PAYLOAD_WINDOW  # later frames do not refer to earlier windows
-        self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
+        if self._held[0].column("payload_id")[-1].as_py() < start:
+            self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
+            self._table = None
         column = held.column("payload").take(pa.array(places))
         return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
 
