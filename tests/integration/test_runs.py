@@ -14,6 +14,7 @@ from pathlib import Path
 import pyarrow.compute as pc
 import pytest
 
+from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.record.read.run import RunRecord
@@ -339,3 +340,15 @@ def test_brackets_in_names_and_reasons_are_shown_as_they_are(squares: Path, tmp_
     assert done.returncode == 0, done.stderr
     assert "failed ([/no] way)" in done.stdout
     assert f"run    {folder}" in done.stdout
+
+
+def test_show_says_what_takes_the_disk(squares: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    disk = summary(load(squares))["disk"]
+    files = [path for path in squares.rglob("*") if path.is_file()]
+    assert sum(disk.values()) == sum(path.stat().st_size for path in files)
+    assert disk["frames"] == (squares / "frames.parquet").stat().st_size
+    assert disk["telemetry"] == sum(path.stat().st_size for path in (squares / "telemetry").iterdir())
+    assert list(disk.values()) == sorted(disk.values(), reverse=True)
+    app(["show", str(squares)], standalone_mode=False)
+    (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("disk")]
+    assert f"truth {disk['truth'] / 1e6:.1f}" in line

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from skyrange.contracts.frames.frame import Fate
@@ -27,6 +28,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
     entry: the buildings, and what was kept and dropped of their file; `None` without a city. `trust` says how long
     receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
+    `disk` gives the bytes of each table and of other files of the folder, the most first.
     """
     manifest = record.manifest
     tracks = truth_tracks(record)
@@ -92,9 +94,21 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "trust": trust.facts() if trust.pairs else None,
         "vehicles": vehicles,
         "mishaps": mishaps,
+        "disk": measure_disk(record.path),
         "path": str(record.path),
         "report": str(report) if report.exists() else None,
     }
+
+
+def measure_disk(folder: Path) -> dict[str, int]:
+    """Bytes by table or subfolder of a run's folder, the most first; other files go by their names."""
+    sizes: dict[str, int] = {}
+    for path in folder.rglob("*"):
+        if path.is_file():
+            first = path.relative_to(folder).parts[0]
+            name = first.removesuffix(".parquet")
+            sizes[name] = sizes.get(name, 0) + path.stat().st_size
+    return dict(sorted(sizes.items(), key=lambda one: (-one[1], one[0])))
 
 
 def describe_radio_engine(manifest: Mapping[str, Any]) -> str:

@@ -121,7 +121,7 @@ def _open_pair(folder: Path) -> Pair | None:
 def show(folder: Path, as_json: bool) -> None:
     """`skyrange show`."""
     from skyrange.cli.output.pair_table import print_pair
-    from skyrange.cli.output.run_summary import print_summary
+    from skyrange.cli.output.run_summary import print_disk, print_summary
     from skyrange.record import load
     from skyrange.study.summary import summary
 
@@ -137,6 +137,7 @@ def show(folder: Path, as_json: bool) -> None:
         print_json(facts)
     else:
         print_summary(facts)
+        print_disk(facts)
 
 
 def report(folder: Path, out: Path | None, as_json: bool) -> None:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 MAX_AIRCRAFT = 60
 """Rows of the table; for a larger fleet there is one row per operator, and one per aircraft that did not complete."""
 
+SHOWN_SHARE = 0.01
+"""What takes less of the disk is not named."""
 MAX_MISHAPS = 12
 """Number of mishaps that are printed; the record and its report contain all."""
 
@@ -57,6 +59,15 @@ def print_summary(facts: dict[str, Any]) -> None:
     console.print(f"run    {facts['path']}", soft_wrap=True)
     if facts["report"]:
         console.print(f"report {facts['report']}", soft_wrap=True)
+
+
+def print_disk(facts: Mapping[str, Any]) -> None:
+    """Print how much disk a run takes, and what takes most of it."""
+    disk: Mapping[str, int] = facts["disk"]
+    total = sum(disk.values())
+    most = [f"{name} {size / 1e6:.1f}" for name, size in disk.items() if size >= SHOWN_SHARE * total]
+    per_frame = f", {total / facts['frames']:.0f} bytes for each frame" if facts["frames"] else ""
+    terminal().print(f"disk   {total / 1e6:.1f} MB{per_frame}: {', '.join(most)}", soft_wrap=True, highlight=False)
 
 
 def _pace(timings: Mapping[str, Any]) -> str:
