@@ -180,7 +180,8 @@ def test_a_disk_that_is_full_before_the_start(tmp_path: Path, monkeypatch: pytes
 
 
 def test_attachments_are_kept_inside_and_nothing_is_left_after_a_bad_one(tmp_path: Path) -> None:
-    for name in ("../x", "/etc/x", "a/../../x", "", "manifest.json", "frames.parquet", ".spool/x", "operators/b.csv"):
+    taken = ("manifest.json", "frames.parquet", ".spool/x", "operators/b.csv", "telemetry/ATTITUDE.parquet")
+    for name in ("../x", "/etc/x", "a/../../x", "", *taken):
         recorder = Recorder.open(tmp_path / "run", HEADER)
         recorder.attach_file("scenario.toml", b"")
         with pytest.raises(InputError):

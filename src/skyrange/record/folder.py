@@ -108,7 +108,7 @@ def put_file(folder: Path, name: str, data: bytes) -> None:
     parts = PurePosixPath(name).parts
     if not parts or not all(_PART.match(part) and ".." not in part for part in parts):
         raise InputError.one("attachment", "name", name, "a relative path of plain names, such as missions/a.plan")
-    if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators"):
+    if parts[0].endswith(".parquet") or parts[0] in (MANIFEST, f"{MANIFEST}.new", "operators", "telemetry"):
         raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
     target = folder.joinpath(*parts)
     try:

@@ -277,7 +277,7 @@ class Uss:
         """The DSS has an own intent that the key has to name."""
         task.relevant[reference.id] = None
         if isinstance(reference, IntentReference):
-            self._intents.find(reference)
+            self._intents.confirm(reference)
 
     def _inquire(self, now: Time, task: Task, reference: ConstraintReference, out: Outbox) -> None:
         """Ask the managing USS what an intent claims or a constraint closes, unless the version is known."""

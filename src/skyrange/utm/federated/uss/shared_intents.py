@@ -91,7 +91,7 @@ class SharedIntents:
         self.own[intent.id] = reference
         self._journal.put(OwnIntent(_ended(intent), reference))
 
-    def find(self, reference: IntentReference) -> None:
+    def confirm(self, reference: IntentReference) -> None:
         """The DSS has an own intent; it may be one of which that was not certain."""
         if self.is_uncertain(reference.id):
             self.own[reference.id] = reference
