@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
+import pytest
 import shapely
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -13,6 +15,7 @@ from skyrange.city.city import City
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.core.volumes import Volume4D
+from skyrange.gcs.plan import rerouting
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import path
 from skyrange.gcs.plan.rerouting import MAX_HOLD_S, reroute, rest_legs
@@ -81,3 +84,24 @@ def test_one_closed_volume_is_waited_for_only_if_that_is_quicker_than_around_it(
     except NoRouteError:
         assume(False)
     assert duration_s(closed) <= longest_s + 1e-6
+
+
+def test_hundreds_of_closed_volumes_are_soon_avoided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each way meets other ones: in the end all are avoided at once."""
+    planned = 0
+    find = rerouting.find_route
+
+    def count(*arguments: Any) -> Any:
+        nonlocal planned
+        planned += 1
+        return find(*arguments)
+
+    monkeypatch.setattr(rerouting, "find_route", count)
+    closed = []
+    for number in range(200):
+        east = -100.0 + number
+        ring = tuple(ORIGIN.geodetic_of(*corner) for corner in ((east, 60), (east + 1, 60), (east + 1, 70), (east, 70)))
+        closed.append(Volume4D(ring, TO_ELLIPSOID_M, TO_ELLIPSOID_M + 300, NOW, NOW + 7_200 * NS_PER_S))
+    rest = reroute(PLAN, 1, HERE, closed, NOW, None, MARGINS)
+    assert is_free(leg_volumes(ORIGIN, rest_legs(rest, HERE), NOW, MARGINS), closed)
+    assert planned <= 6

@@ -31,6 +31,8 @@ MAX_HOLD_S: Final = 120.0
 _SPARE_M: Final = 1.0
 _TOP_M: Final = 1_000.0
 """A volume that reaches higher is not flown over."""
+_WAYS: Final = 6
+"""How many ways are planned at most."""
 _ROUNDS: Final = 4
 """How often a hold is made longer, because the margins of what follows it grow with it."""
 
@@ -49,7 +51,8 @@ def reroute(
     """The rest of a plan from `here` on as a guided plan whose volumes from `now` on are none of the closed ones.
 
     It holds where the aircraft is until the way is free, or leads around or above closed volumes, whichever takes less
-    time; first around those that are in its way, then around those that are in the way of that way, and so on.
+    time; first around those that are in its way, then around those that are in the way of that way, and so on, and
+    in the end around all.
     `progress` is the mission item, or the index of the target, that is being flown to; `direct` leaves out all points
     but the last. Raises `NoRouteError` where there is no way, and for a mission that does more than fly through points.
     """
@@ -64,7 +67,7 @@ def reroute(
     places = [(point.east_m, point.north_m) for point in (here, *rest)]
     avoided: dict[int, Building] = {}
     best: FlightPlan | None = None
-    while True:
+    for number in range(_WAYS):
         buildings = [*(city.buildings if city is not None else ()), *avoided.values()]
         around = City(buildings, "closed volumes") if buildings else None
         try:
@@ -78,10 +81,11 @@ def reroute(
         held = _hold(way, here, now, airspace, margins)
         if held is not None and (best is None or _duration_s(held, here) < _duration_s(best, here)):
             best = held
-        found = [number for number in in_the_way if number not in avoided]
+        next_ones = range(len(closed)) if number == _WAYS - 2 else in_the_way
+        found = [one for one in next_ones if one not in avoided]
         if not found:
             break
-        avoided |= {number: _obstacle(plan.origin, number, closed[number], margins) for number in found}
+        avoided |= {one: _obstacle(plan.origin, one, closed[one], margins) for one in found}
     if best is None:
         raise NoRouteError("closed volumes are in the way at all times")
     return best
