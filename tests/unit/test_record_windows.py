@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pytest
 
@@ -77,10 +80,14 @@ def _tables(keys: list[list[int]]) -> list[pa.Table]:
 )
 def test_rows_come_in_order(keys: list[list[int]], reach: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(order_module, "STRAGGLER_ROWS", reach)
-    found = [
-        key for table in sort_by_time(lambda: iter(_tables(keys)), "t", ("n",)) for key in table.column("t").to_pylist()
-    ]
-    assert found == sorted(key for part in keys for key in part)
+
+    def read_keys() -> Iterator[Any]:
+        return (np.array(part, dtype=np.int64) for part in keys)
+
+    for keys_of in (None, read_keys):
+        tables = sort_by_time(lambda: iter(_tables(keys)), "t", ("n",), keys_of)
+        found = [key for table in tables for key in table.column("t").to_pylist()]
+        assert found == sorted(key for part in keys for key in part)
 
 
 def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,6 +102,7 @@ def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
 
 GROWTH = """
 import sys
+from collections.abc import Iterator
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.record import Recorder

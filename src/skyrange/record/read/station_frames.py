@@ -98,6 +98,21 @@ class _Names:
         self.station = np.zeros(1, dtype=np.int64)
         """The number of each link's ground station among the senders; -1 for none."""
 
+    def choose(self, batch: pa.Table) -> tuple[Ints, NDArray[np.bool_], Ints, Ints]:
+        """The rows of a batch that are frames at ground stations; of these whether they were received, when, and the
+        numbers of their links.
+        """
+        if not batch.num_rows:
+            none = np.zeros(0, dtype=np.int64)
+            return none, none.astype(np.bool_), none, none
+        link, direction, sender, fate = self.numbers(batch)
+        forward = self.forward[direction]
+        received = ~forward & self.delivered[fate]
+        chosen = np.flatnonzero(self.owned[link] & (received | (forward & (sender == self.station[link]))))
+        received = received[chosen]
+        arrived, sent = batch.column("arrived_ns").fill_null(0).to_numpy(), batch.column("sent_ns").to_numpy()
+        return chosen, received, np.where(received, arrived[chosen], sent[chosen]), link[chosen]
+
     def numbers(self, batch: pa.Table) -> list[Ints]:
         """The number of each row's link, direction, sender and fate."""
         numbers, changed = [], False
@@ -129,18 +144,12 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
     """Batches of (time_ns, vehicle, received, payload) and the frame's identity, in the order recorded."""
     names = _Names()
     for batch in tables.frames_with_payloads(_COLUMNS, encoded=True):
-        if not batch.num_rows:
-            continue
-        link, direction, sender, fate = names.numbers(batch)
-        forward = names.forward[direction]
-        received = ~forward & names.delivered[fate]
-        chosen = np.flatnonzero(names.owned[link] & (received | (forward & (sender == names.station[link]))))
-        kept, received = batch.take(pa.array(chosen)), received[chosen]
-        arrived, sent = kept.column("arrived_ns").fill_null(0).to_numpy(), kept.column("sent_ns").to_numpy()
+        chosen, received, time_ns, link = names.choose(batch)
+        kept = batch.take(pa.array(chosen))
         yield pa.table(
             {
-                "time_ns": np.where(received, arrived, sent),
-                "vehicle": names.vehicles.take(pa.array(link[chosen])),
+                "time_ns": time_ns,
+                "vehicle": names.vehicles.take(pa.array(link)),
                 "received": received,
                 "payload": kept.column("payload"),
                 "link": kept.column("link").cast(pa.string()),
@@ -149,6 +158,13 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
                 "serial": kept.column("serial"),
             }
         )
+
+
+def _station_times(tables: Tables) -> Iterator[Ints]:
+    """The times of the same rows, which take a third as long to read."""
+    names = _Names()
+    for batch in tables.batches("frames", (*_NAMED, "sent_ns", "arrived_ns"), encoded=True):
+        yield names.choose(pa.Table.from_batches([batch]))[2]
 
 
 def _decode_frames(rows: pa.Table) -> StationFrames:
@@ -238,7 +254,7 @@ def read_station_frames(tables: Tables, block_rows: int = BLOCK_ROWS) -> Iterato
     ties = ("link", "direction", "sender", "serial")
     held: list[pa.Table] = []
     rows = 0
-    for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ties):
+    for ordered in sort_by_time(lambda: _station_frames(tables), "time_ns", ties, lambda: _station_times(tables)):
         held.append(ordered)
         rows += ordered.num_rows
         if rows >= block_rows:

@@ -16,41 +16,34 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NEVER
 
+Ints = NDArray[np.int64]
+
 STRAGGLER_ROWS = 131_072
 """A row is a straggler if a row with a later key was recorded at least this many rows before it."""
 
 
-def sort_by_time(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Sequence[str]) -> Iterator[pa.Table]:
+def sort_by_time(
+    tables: Callable[[], Iterator[pa.Table]],
+    key: str,
+    ties: Sequence[str],
+    keys_of: Callable[[], Iterator[Ints]] | None = None,
+) -> Iterator[pa.Table]:
     """The rows of all tables in ascending order of `key` (int64, not null), then of the columns `ties`.
 
-    `tables` starts one pass over the rows and is called twice. Memory: at most about `STRAGGLER_ROWS` rows, one batch,
-    and the stragglers.
+    `tables` starts one pass over the rows; a first pass is over `keys_of`, the keys of each table, if they can be read
+    sooner. Memory: at most about `STRAGGLER_ROWS` rows, one batch, and the stragglers.
     """
     sorting = [(name, "ascending") for name in (key, *ties)]
-    floors: list[int] = []
-    marks: list[int] = []
+    found = _Bounds()
+    for keys in keys_of() if keys_of is not None else (_keys(table, key) for table in tables()):
+        found.add(keys)
     late: list[pa.Table] = []
-    recent: deque[tuple[int, int]] = deque()  # (rows, highest key so far) of the last batches
-    recent_rows, highest, mark = 0, -NEVER, -NEVER
-    for table in tables():
-        keys = _keys(table, key)
-        straggling = keys < mark
-        if straggling.any():
-            late.append(table.filter(pa.array(straggling)))
-        prompt = keys[~straggling]
-        floors.append(int(prompt.min()) if len(prompt) else NEVER)
-        marks.append(mark)
-        highest = max(highest, int(keys.max()) if len(keys) else -NEVER)
-        recent.append((len(keys), highest))
-        recent_rows += len(keys)
-        while recent_rows - recent[0][0] >= STRAGGLER_ROWS:
-            rows, mark = recent.popleft()
-            recent_rows -= rows
-    later = np.array([*floors[1:], NEVER], dtype=np.int64)
-    bounds = np.minimum.accumulate(later[::-1])[::-1].tolist()
+    if found.are_late:
+        for table, mark in zip(tables(), found.marks, strict=False):
+            late.append(table.filter(pa.array(_keys(table, key) < mark)))
     stragglers = pa.concat_tables(late).sort_by(sorting) if late else None
     pool: pa.Table | None = None
-    for table, mark, bound in zip(tables(), marks, bounds, strict=False):
+    for table, mark, bound in zip(tables(), found.marks, found.bounds(), strict=False):
         keys = _keys(table, key)
         prompt_rows = table if (keys >= mark).all() else table.filter(pa.array(keys >= mark))
         parts = [part for part in (pool, prompt_rows) if part is not None]
@@ -67,6 +60,39 @@ def sort_by_time(tables: Callable[[], Iterator[pa.Table]], key: str, ties: Seque
     rest = [part for part in (pool, stragglers) if part is not None and part.num_rows]
     if rest:
         yield pa.concat_tables(rest).sort_by(sorting)
+
+
+class _Bounds:
+    """What a pass over the keys of all batches finds."""
+
+    def __init__(self) -> None:
+        self.marks: list[int] = []
+        """Of each batch, the key below which its rows are stragglers."""
+        self.are_late = False
+        """Whether there are any."""
+        self._floors: list[int] = []
+        self._recent: deque[tuple[int, int]] = deque()  # (rows, highest key so far) of the last batches
+        self._recent_rows, self._highest, self._mark = 0, -NEVER, -NEVER
+
+    def add(self, keys: Ints) -> None:
+        """Look at the keys of the next batch."""
+        straggling = keys < self._mark
+        self.are_late = self.are_late or bool(straggling.any())
+        prompt = keys[~straggling]
+        self._floors.append(int(prompt.min()) if len(prompt) else NEVER)
+        self.marks.append(self._mark)
+        self._highest = max(self._highest, int(keys.max()) if len(keys) else -NEVER)
+        self._recent.append((len(keys), self._highest))
+        self._recent_rows += len(keys)
+        while self._recent_rows - self._recent[0][0] >= STRAGGLER_ROWS:
+            rows, self._mark = self._recent.popleft()
+            self._recent_rows -= rows
+
+    def bounds(self) -> list[int]:
+        """Of each batch, the least key of all later ones, stragglers aside."""
+        later = np.array([*self._floors[1:], NEVER], dtype=np.int64)
+        found: list[int] = np.minimum.accumulate(later[::-1])[::-1].tolist()
+        return found
 
 
 def _keys(table: pa.Table, key: str) -> NDArray[np.int64]:
