@@ -64,3 +64,12 @@ def test_of_a_station_outside_the_range_it_says_what_was_handed_over(
 ) -> None:
     told = {"frames_sent": 26_276, "frames_received": 26_276, "station_outside": True, "frames_from_station": 812}
     assert "26,276 handed over, 812 from it" in said([aircraft("a/1", **told)], capsys, monkeypatch)
+
+
+def test_an_operator_that_equivocated_has_no_stake_in_the_next_run(capsys: pytest.CaptureFixture[str]) -> None:
+    facts = {
+        "name": "some", "status": "complete", "vehicles": [], "mishaps": [], "timings": {}, "simulated_s": 60.0,
+        "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None, "equivocators": ["red"],
+    }  # fmt: skip
+    run_summary.print_summary(facts)
+    assert "--set approvals.hashgraph.stakes.red=0" in capsys.readouterr().out

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
+
 from skyrange.contracts.frames.frame import Fate
 from skyrange.core.ids import endpoint
 from skyrange.core.time import NS_PER_S
@@ -14,6 +16,8 @@ from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.mishaps import describe_mishap, distinct_mishaps, first_mishaps, mishap_kind
 from skyrange.study.measures.time_series import EMPTY_TRACK, read_notes, truth_tracks
 from skyrange.study.measures.trust import remote_id_trust
+
+FORK_FOUND = "decision.fork_found"
 
 
 def summary(record: RunRecord) -> dict[str, Any]:
@@ -28,6 +32,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
     entry: the buildings, and what was kept and dropped of their file; `None` without a city. `trust` says how long
     receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
+    `equivocators` are operators of which a hashgraph has a proof that they signed two events with one self-parent.
     `disk` gives the bytes of each table and of other files of the folder, the most first.
     """
     manifest = record.manifest
@@ -92,12 +97,19 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "city": manifest.get("city"),
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,
+        "equivocators": _equivocators(record),
         "vehicles": vehicles,
         "mishaps": mishaps,
         "disk": measure_disk(record.path),
         "path": str(record.path),
         "report": str(report) if report.exists() else None,
     }
+
+
+def _equivocators(record: RunRecord) -> list[str]:
+    decisions = record.table("decisions", ["kind", "about"])
+    found = decisions.filter(pc.equal(decisions.column("kind"), FORK_FOUND))
+    return sorted(set(found.column("about").to_pylist()))
 
 
 def measure_disk(folder: Path) -> dict[str, int]:

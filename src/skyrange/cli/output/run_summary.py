@@ -52,6 +52,14 @@ def print_summary(facts: dict[str, Any]) -> None:
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     _print_trust(console, facts.get("trust"))
+    for operator in facts.get("equivocators") or ():
+        console.print(
+            f"fork   {operator} signed two events with one self-parent; its stake counts nothing in the next run: "
+            f"--set approvals.hashgraph.stakes.{operator}=0",
+            soft_wrap=True,
+            markup=False,
+            highlight=False,
+        )
     pace = _pace(facts["timings"])
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
     if facts["fingerprint"]:
