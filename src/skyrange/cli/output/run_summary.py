@@ -52,14 +52,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     _print_trust(console, facts.get("trust"))
-    for operator in facts.get("equivocators") or ():
-        console.print(
-            f"fork   {operator} signed two events with one self-parent; its stake counts nothing in the next run: "
-            f"--set approvals.hashgraph.stakes.{operator}=0",
-            soft_wrap=True,
-            markup=False,
-            highlight=False,
-        )
+    _print_equivocators(console, facts.get("equivocators"))
     pace = _pace(facts["timings"])
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
     if facts["fingerprint"]:
@@ -87,6 +80,20 @@ def _pace(timings: Mapping[str, Any]) -> str:
         return f" in {wall_s:.1f} s, {factor:.0f}× real time"
     whole_s = sum(timings.get(name) or 0.0 for name in ("setup_s", "wall_s", "finish_s"))
     return f" in {whole_s:.1f} s, {total:.3g}× real time (the flight in {wall_s:.1f} s, {factor:.3g}×)"
+
+
+def _print_equivocators(console: Console, operators: Sequence[str] | None) -> None:
+    """Print whose stake counts nothing in the next run."""
+    if not operators:
+        return
+    stakes = ", ".join(f"{operator} = 0" for operator in operators)
+    console.print(
+        f"fork   {', '.join(operators)} signed two events with one self-parent, and should have no stake in the next "
+        f"run: --set 'approvals.hashgraph.stakes={{ {stakes} }}'",
+        soft_wrap=True,
+        markup=False,
+        highlight=False,
+    )
 
 
 def _print_trust(console: Console, trust: Mapping[str, Any] | None) -> None:
