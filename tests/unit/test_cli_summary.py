@@ -69,7 +69,8 @@ def test_of_a_station_outside_the_range_it_says_what_was_handed_over(
 def test_an_operator_that_equivocated_has_no_stake_in_the_next_run(capsys: pytest.CaptureFixture[str]) -> None:
     facts = {
         "name": "some", "status": "complete", "vehicles": [], "mishaps": [], "timings": {}, "simulated_s": 60.0,
-        "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None, "equivocators": ["blue", "red"],
+        "frames": 9, "seed": 1, "fingerprint": None, "path": "runs/some", "report": None,
+        "equivocators": ["blue", "red"],
     }  # fmt: skip
     run_summary.print_summary(facts)
     assert "--set 'approvals.hashgraph.stakes={ blue = 0, red = 0 }'" in capsys.readouterr().out
