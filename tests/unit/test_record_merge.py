@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,8 +23,10 @@ from skyrange.core.errors import InputError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, NS_PER_S, Time
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.frame_matching import DATAGRAM_WINDOW_NS, TOLERANCE_NS, FrameMatcher, SentFrame
 from skyrange.record.live_merge.merge import merge
+from skyrange.record.live_merge.recovery import recover_run
 from tests.probes.test_taps import Meddler
 from tests.probes.toys import MS, ROUGH
 from tests.unit.live_parts import Flown, fly, frames_of
@@ -453,3 +457,21 @@ def test_matching_takes_nothing_from_the_future() -> None:
     lane.add_sent(SentFrame(0, NS_PER_S, NS_PER_S, b"x", 0))
     assert lane.match_received(NS_PER_S - TOLERANCE_NS - 1, b"x") is None
     assert lane.match_received(NS_PER_S - TOLERANCE_NS, b"x") is not None
+
+
+def test_a_killed_range_is_recovered_with_the_settings_of_its_record(tmp_path: Path) -> None:
+    flown = fly(tmp_path, None)
+    run = tmp_path / "run"
+    Recorder.open(run, flown.header, truth_hz=5.0, sensors_hz=1.0, csv=True).flush()
+    for part in flown.parts:
+        shutil.copytree(part, run / PARTS / part.name)
+    with pytest.raises(InputError, match="still written to"):
+        recover_run(run, tmp_path / "early")
+    for path in (run / PARTS).rglob("*"):
+        os.utime(path, (0, 0))
+    recover_run(run, tmp_path / "out")
+    found = load(tmp_path / "out")
+    assert found.manifest["status"] == "failed"
+    assert found.manifest["record"] == {"truth_hz": 5.0, "sensors_hz": 1.0, "csv": True}
+    assert frames_of(found) == frames_of(load(flown.whole))
+    assert list((found.path / "operators").glob("*.tlog"))
