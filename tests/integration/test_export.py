@@ -269,6 +269,8 @@ def test_files_of_operators(record: RunRecord, tmp_path: Path, capsys: pytest.Ca
     assert {path.name for path in (tmp_path / "operators").glob("*.tlog")} == {"blue.tlog", "red.tlog"}
     assert f"bytes  {tmp_path}/operators/blue.tlog" in capsys.readouterr().out
     assert (tmp_path / "operators" / "blue.tlog").stat().st_size > 5_000
+    with pytest.raises(InputError, match="with --only or --receiver"):
+        app(["export", str(record.path), "--csv", "--only", "mavlink"], standalone_mode=False)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="a folder that exists"):
         app(["export", str(record.path), "--csv", "--out", str(tmp_path / "file")], standalone_mode=False)

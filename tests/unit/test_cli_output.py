@@ -61,8 +61,10 @@ def test_a_table_shows_hostile_names_as_they_are(
     facts = {
         "name": HOSTILE, "status": HOSTILE, "vehicles": [row], "mishaps": [{"words": HOSTILE}], "timings": {},
         "simulated_s": 60.0, "frames": 9, "seed": HOSTILE, "fingerprint": HOSTILE, "path": HOSTILE, "report": HOSTILE,
+        "equivocators": [HOSTILE], "disk": {HOSTILE: 5},
     }  # fmt: skip
     run_summary.print_summary(facts)
+    run_summary.print_disk(facts)
     facts["vehicles"] = [row] * (run_summary.MAX_AIRCRAFT + 1)
     run_summary.print_summary(facts)
     out = capsys.readouterr().out

@@ -22,6 +22,7 @@ from skyrange.core.ids import FrameId
 from skyrange.record import MemoryObserver, Recorder, RunRecord, load
 from skyrange.record.read.telemetry import UNION
 from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
+from skyrange.record.verification import verify_run
 from skyrange.record.write import finalisation, telemetry_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
@@ -177,6 +178,7 @@ def test_telemetry_of_an_older_run_is_read_by_message_too(tmp_path: Path) -> Non
     (tmp_path / "old" / "manifest.json").write_text(json.dumps(manifest))
     old = load(tmp_path / "old")
     assert old.messages == run.messages
+    assert verify_run(old).ok
     for name in run.messages:
         assert old.telemetry(name).equals(run.telemetry(name))
 

@@ -174,6 +174,16 @@ def test_rows_that_are_missing_are_counted(whole: Path, tmp_path: Path) -> None:
     assert problem == f"sensors: {table.num_rows - 1} rows — expected {table.num_rows}"
 
 
+def test_rows_of_telemetry_that_are_missing_are_counted(whole: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(whole, folder)
+    without_hashes(folder)
+    table = pq.read_table(folder / "telemetry" / "ATTITUDE.parquet")
+    pq.write_table(table.slice(1), folder / "telemetry" / "ATTITUDE.parquet")
+    (problem,) = verify_run(load(folder)).problems
+    assert problem == f"telemetry/ATTITUDE: {table.num_rows - 1} rows — expected {table.num_rows}"
+
+
 @pytest.mark.parametrize("name", ["frames", "sensors", "telemetry/ATTITUDE", "labels"])
 def test_a_run_without_one_of_its_tables_is_not_opened(whole: Path, tmp_path: Path, name: str) -> None:
     shutil.copytree(whole, tmp_path / "run")

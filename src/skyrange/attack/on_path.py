@@ -134,8 +134,22 @@ def ends_of(link: str, direction: Direction) -> tuple[str, str]:
     return (first, second) if direction == "fwd" else (second, first)
 
 
+class PassiveTap:
+    """What taps share that never act on their own."""
+
+    __slots__ = ()
+
+    def next_wakeup(self) -> Time | None:
+        """Never."""
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
+        """Nothing."""
+        return ()
+
+
 @dataclass(slots=True)
-class ScheduledTap:
+class ScheduledTap(PassiveTap):
     """A tap that acts on frames while its attack acts, and never on its own."""
 
     link: str
@@ -148,14 +162,6 @@ class ScheduledTap:
     def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """The verdicts on a frame."""
         raise NotImplementedError
-
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
 
 
 class InjectionSource(Protocol):

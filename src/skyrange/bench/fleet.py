@@ -118,7 +118,7 @@ def measure(
 
     `total_factor` is simulated seconds, the warm-up included, over `total_s`, the wall seconds from the start of the
     process to its end; it has one CPU. `real_time_factor` is that of the measured flight, recording on; `cpu_s` is the
-    process's CPU time for that (user and system); `yardstick_us` the result of `yardstick` right after, and
+    process's CPU time for that (user and system); `yardstick_us` the result of `yardstick` at the end, and
     `yardsticks` the cost of an aircraft-second in that unit; `memory_mb` the peak resident set size, of which
     `base_memory_mb` was used before the fleet; `setup_s` and `finalise_s` are wall seconds before and after the
     measured flight; `flying` is the number of aircraft armed and on their mission throughout; `frames_per_s` frames per

@@ -29,6 +29,7 @@ from skyrange.cli.options import (
 )
 from skyrange.cli.radio_app import radio_app
 from skyrange.cli.utm_app import utm_app
+from skyrange.core.errors import InputError
 
 app = typer.Typer(
     name="skyrange",
@@ -259,6 +260,9 @@ def export(
     write files for each operator: CSV files and tlogs.
     """
     if csv or tlog:
+        if only is not None or receiver:
+            hint = "Captures and files of operators are written by two commands."
+            raise InputError.one("export", "--csv, --tlog", "with --only or --receiver", "one of both", hint)
         runs.export_operators(run, csv, tlog, out, as_json)
         return
     runs.export(run, only.value if only is not None else None, receiver or [], out, as_json)

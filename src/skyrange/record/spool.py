@@ -138,7 +138,7 @@ class Spool:
 def read_stream(path: Path, *, trusted: bool = False) -> Iterator[pa.RecordBatch]:
     """The complete batches of a stream; ends silently at an incomplete one, left by a crash or still being written.
 
-    Damage that leaves a batch complete is looked for too, which takes as long as reading, unless it is `trusted`.
+    Unless it is `trusted`, damage that leaves a batch complete is looked for too, nearly as long as reading takes.
     """
     with pa.OSFile(str(path)) as source:
         try:

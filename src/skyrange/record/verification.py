@@ -20,6 +20,7 @@ from skyrange.core.ids import hash64
 from skyrange.record.digests import Digests, Words
 from skyrange.record.file_hashes import check_file
 from skyrange.record.read.run import RunRecord
+from skyrange.record.read.telemetry import FOLDER, count_messages
 from skyrange.record.write.payloads import PayloadDeduplicator
 from skyrange.record.write.ticks import split_ticks, truth_words
 
@@ -69,7 +70,9 @@ def verify_run(record: RunRecord) -> Verification:
     problems = [problem for name, entry in files.items() for problem in check_file(record.path, name, entry)]
     counts = record.manifest.get("counts") or {}
     for name, count in counts.items():
-        problems += _check_rows(record, name, count)
+        if name != FOLDER:  # of an older version: the one table of all messages
+            problems += _check_rows(record, name, count)
+    problems += _check_messages(record, counts.get(FOLDER))
     computed: dict[str, str] = {}
     for name, compute in (("frames", _frames_digest), ("truth", _truth_digest), ("events", _events_digest)):
         try:
@@ -93,6 +96,25 @@ def _check_rows(record: RunRecord, name: str, count: Any) -> Iterator[str]:
         return
     if rows != count:
         yield f"{name}: {rows} rows — expected {count}"
+
+
+def _check_messages(record: RunRecord, total: Any) -> Iterator[str]:
+    """Compare the rows of telemetry with those of each message, and with the `total` that older versions declare."""
+    declared = record.manifest.get("messages")
+    if declared is None and total is None:
+        return
+    try:
+        found = count_messages(record.tables)
+    except InputError as error:
+        yield from (str(problem) for problem in error.problems)
+        return
+    if declared is None:
+        if sum(found.values()) != total:
+            yield f"{FOLDER}: {sum(found.values())} rows — expected {total}"
+        return
+    for message in sorted({*declared, *found}):
+        if found.get(message) != declared.get(message):
+            yield f"{FOLDER}/{message}: {found.get(message, 0)} rows — expected {declared.get(message, 0)}"
 
 
 def _frames_digest(record: RunRecord) -> str:

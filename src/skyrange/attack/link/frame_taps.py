@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Final, cast
 
 from skyrange.attack.contract import AttackContext
-from skyrange.attack.on_path import OnPath, Selection, selection_of
+from skyrange.attack.on_path import OnPath, PassiveTap, Selection, selection_of
 from skyrange.codec.mavlink import dialect, message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 from skyrange.contracts.frames.frame import Frame
@@ -62,7 +62,7 @@ def rule_of(params: OnPath, context: AttackContext) -> Rule:
 
 
 @dataclass(slots=True)
-class FrameTap:
+class FrameTap(PassiveTap):
     """A tap that acts on the selected frames while its attack acts, and never on its own."""
 
     link: str
@@ -78,14 +78,6 @@ class FrameTap:
     def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         """The verdicts on a selected frame."""
         raise NotImplementedError
-
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
 
 
 def inject_again(frame: Frame, payload: bytes) -> Inject:

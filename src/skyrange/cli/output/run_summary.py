@@ -68,7 +68,8 @@ def print_disk(facts: Mapping[str, Any]) -> None:
     total = sum(disk.values())
     most = [f"{name} {size / 1e6:.1f}" for name, size in disk.items() if size >= SHOWN_SHARE * total]
     per_frame = f", {total / facts['frames']:.0f} bytes for each frame" if facts["frames"] else ""
-    terminal().print(f"disk   {total / 1e6:.1f} MB{per_frame}: {', '.join(most)}", soft_wrap=True, highlight=False)
+    text = f"disk   {total / 1e6:.1f} MB{per_frame}: {', '.join(most)}"
+    terminal().print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 def _pace(timings: Mapping[str, Any]) -> str:
@@ -89,7 +90,7 @@ def _print_equivocators(console: Console, operators: Sequence[str] | None) -> No
     stakes = ", ".join(f"{operator} = 0" for operator in operators)
     console.print(
         f"fork   {', '.join(operators)} signed two events with one self-parent, and should have no stake in the next "
-        f"run: --set 'approvals.hashgraph.stakes={{ {stakes} }}'",
+        f"run, beside its other stakes: --set 'approvals.hashgraph.stakes={{ {stakes} }}'",
         soft_wrap=True,
         markup=False,
         highlight=False,

@@ -23,13 +23,10 @@ from skyrange.record.read.telemetry import FOLDER
 from skyrange.record.schema import DERIVED, OPTIONAL, TABLES, arrow_schema
 from skyrange.record.spool import write_error
 from skyrange.record.write.operator_files import OPERATORS, write_operator_files
-from skyrange.record.write.telemetry_files import TelemetryFiles
+from skyrange.record.write.telemetry_files import GROUP_ROWS, TelemetryFiles
 
 FINAL = ".final"
 """The folder that holds finished files until all are finished."""
-
-GROUP_ROWS = 131_072
-"""Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
 
 BLOCK_ROWS = 65_536
 """Frames at ground stations that are decoded together."""

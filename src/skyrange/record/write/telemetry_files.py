@@ -15,7 +15,7 @@ from skyrange.record.read.tables import parquet_options
 from skyrange.record.read.telemetry import encoded_message_schema, received_messages
 
 GROUP_ROWS: Final = 131_072
-"""Rows of a row group of one message."""
+"""Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
 HELD_ROWS: Final = 262_144
 """Rows of all messages that are held in memory; of what has most, a group is written then."""
 
