@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,16 +26,20 @@ def build_aircraft(
     chance: Chance,
     motion: bool,
     honest: Sequence[HonestAircraft] = (),
+    flown: Container[str] | None = None,
 ) -> tuple[World, list[EngineMount]]:
     """The world, and an engine for each kind of autopilot with the rows of its aircraft. Raises `InputError`.
 
     `motion` is the command line's word that vehicles outside the range may be moved. `honest` are
-    the real aircraft on claimed tracks; they have the last rows.
+    the real aircraft on claimed tracks; they have the last rows. With `flown` the world has these vehicles only.
     """
-    bodies = []
+    bodies: list[Body] = []
     specs: dict[str, list[tuple[int, VehicleSpec]]] = {}
-    for row, (operator, vehicle) in enumerate(scenario.fleet):
+    for operator, vehicle in scenario.fleet:
         key = vehicle_id(operator.id, vehicle.id)
+        if flown is not None and key not in flown:
+            continue
+        row = len(bodies)
         start = vehicle.start
         bodies.append(Body(key, vehicle.airframe, start.east_m, start.north_m, 0.0, start.heading_deg, vehicle.charge))
         spec = VehicleSpec(

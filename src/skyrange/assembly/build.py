@@ -82,6 +82,7 @@ def build(
     attacks: Sequence[AttackPlan] = (),
     monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
+    flown: Container[str] | None = None,
     motion: bool = False,
     live: LiveMedium | None = None,
 ) -> BuiltScenario:
@@ -89,8 +90,9 @@ def build(
 
     `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
     declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
-    range: world, oracle and autopilots where `oracle` is among them. `motion` is the command line's word that vehicles
-    outside may be moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
+    range: world, oracle and autopilots where `oracle` is among them, with `flown` of these vehicles only. `motion` is
+    the command line's word that vehicles outside may be moved; the scenario's is needed too. `live` says what a live
+    range does about a dead radio engine.
     """
     city = build_city(scenario)
     scenario = apply_placing(plan_routes(scenario, city), city)
@@ -125,7 +127,7 @@ def build(
     plans = {
         vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
     }
-    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft) if whole else (None, [])
+    world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft, flown) if whole else (None, [])
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
         if endpoint(operator.id, "gcs") not in here:

@@ -87,12 +87,20 @@ def run(
     qgc: Qgc = False,
     viewer_port: ViewerPort = None,
     allow_motion: Motion = False,
+    cores: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Processor cores for the run: its operators are divided among them, with the same result.",
+        ),
+    ] = 1,
     plugin: Plugins = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a scenario and write a run folder with a report."""
     runs.load_plugins(plugin)
-    runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, as_json)
+    runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, cores, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --seeds 5 --out runs/study")

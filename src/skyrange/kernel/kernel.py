@@ -130,7 +130,7 @@ class Kernel:
         places = {port: place for side in sides for place, port in enumerate(side)}
         self._network.open_paths(places, wiring.fuse, monitors)
         quantum = self._world.quantum_ns if self._world is not None else 0
-        preroll = max((slot.engine.preroll_ns for slot in self._engines), default=0)
+        preroll = max(wiring.preroll_ns, *(slot.engine.preroll_ns for slot in self._engines), 0)
         start = -ceil_to(preroll, quantum)
         self.now: Time = start - 1
         """Everything up to and including this instant has happened."""

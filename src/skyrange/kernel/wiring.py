@@ -20,7 +20,7 @@ from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel.attack_states import AttackState
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, TapSlot
 from skyrange.kernel.processing_queue import ProcessingQueue
@@ -65,6 +65,8 @@ class Wiring:
     """How long the kernel waits for an engine at one tick, in seconds of wall time."""
     on_silent: str = "stop"
     """"stop" ends the run when an instance falls silent or dies, "continue" goes on without it."""
+    preroll_ns: Time = 0
+    """How long before time 0 the run begins, at least: so long as another kernel's engines need."""
     on_unready: str = "fail"
     """"fail" ends the run when an instance still boots at time 0, "wait" goes on and lets it come later."""
 

@@ -7,9 +7,10 @@ can be searched for. `events` contains no times, so it is comparable between mac
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,6 +149,18 @@ class Digests:
             (self.truth_sum + other.truth_sum) % _MODULUS,
             EventChains(merged),
         )
+
+    def to_plain(self) -> dict[str, Any]:
+        """The state as plain data, for another process."""
+        return {"frames": self.frames_sum, "truth": self.truth_sum, "events": self.event_chains.about}
+
+    @classmethod
+    def from_plain(cls, data: Mapping[str, Any]) -> Digests:
+        """The digests of which `to_plain` made `data`."""
+        about = {
+            name: [(int(at), str(who), str(kind)) for at, who, kind in rows] for name, rows in data["events"].items()
+        }
+        return cls(int(data["frames"]), int(data["truth"]), EventChains(about))
 
     @property
     def events(self) -> str:

@@ -40,6 +40,7 @@ _SHAPE: tuple[tuple[str, type | tuple[type, ...], str], ...] = (
     ("counts", dict, "a table by table"),
     ("messages", dict, "a table by MAVLink message"),
     ("files", dict, "a table by file"),
+    ("cores", dict, "a table"),
 )
 """Key, type and description of the entries that readers rely on; each may be absent."""
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 from skyrange.assembly.aircraft import describe_engines
@@ -62,6 +63,7 @@ class Run:
         observers: Sequence[Observer] = (),
         fuse: bool = True,
         motion: bool = False,
+        more: Mapping[str, Any] = MappingProxyType({}),
     ) -> Run:
         """Build `scenario` and open the run folder `out`. Raises `InputError` before anything is written.
 
@@ -70,11 +72,13 @@ class Run:
         recorder. `speed` is what
         `execute` will be asked for: whether the engines allow it is known once they are made.
         What a frame does on several links in a row they hear at its end, and without `fuse` as it happens; the
-        record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
+        record is the same. `motion` lets external vehicles be moved, where the scenario allows it too. `more` are
+        further entries of the manifest.
         """
         began = time.perf_counter()
         built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
         resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
+        built.header |= more
         kernel = Kernel(replace(built.wiring, fuse=fuse))
         recorder = open_record(built, out)
         recorder.record_receptions(built.oracle)
@@ -196,21 +200,32 @@ class Run:
     def _summary(self, lag_s: float, finish_s: float) -> dict[str, Any]:
         """Entries of the manifest; `finish_s` is how long the recorder took to finish."""
         simulated_s = to_seconds(self.now)
-        total_s = self._setup_s + self._wall_s + finish_s
         return {
             "simulated_s": simulated_s,
             "engines": describe_engines(self.built.wiring.engines),
-            "timings": {
-                "setup_s": round(self._setup_s, 3),
-                "wall_s": round(self._wall_s, 3),
-                "finish_s": round(finish_s, 3),
-                "real_time_factor": round(simulated_s / self._wall_s, 3) if self._wall_s else None,
-                "total_factor": round(simulated_s / total_s, 3) if total_s else None,
-                "max_lag_s": round(lag_s, 3),
-                "peak_memory_mb": round(peak_memory_mb(), 1),
-            },
+            "timings": summarise_timings(
+                simulated_s, self._setup_s, self._wall_s, finish_s, max_lag_s=lag_s, peak_memory_mb=peak_memory_mb()
+            ),
             **({"withheld": list(withheld)} if (withheld := self.kernel.withheld) else {}),
         }
+
+
+def summarise_timings(
+    simulated_s: float, setup_s: float, wall_s: float, finish_s: float, *, max_lag_s: float, peak_memory_mb: float
+) -> dict[str, float | None]:
+    """The manifest's `timings`: of the set-up, the flight and the finishing of the record, in wall seconds, and what
+    share of the simulated time these are.
+    """
+    total_s = setup_s + wall_s + finish_s
+    return {
+        "setup_s": round(setup_s, 3),
+        "wall_s": round(wall_s, 3),
+        "finish_s": round(finish_s, 3),
+        "real_time_factor": round(simulated_s / wall_s, 3) if wall_s else None,
+        "total_factor": round(simulated_s / total_s, 3) if total_s else None,
+        "max_lag_s": round(max_lag_s, 3),
+        "peak_memory_mb": round(peak_memory_mb, 1),
+    }
 
 
 def open_record(built: BuiltScenario, out: Path | None) -> Recorder:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from skyrange.contracts.components import Observer
 from skyrange.contracts.links import AttackPlan, TapPlacement
@@ -12,6 +13,9 @@ from skyrange.core.errors import ShortfallError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Time
 from skyrange.record import RunRecord, load
+from skyrange.runtime.cores.core import ApproachError
+from skyrange.runtime.cores.division import Division, divide
+from skyrange.runtime.cores.run import run_on_cores
 from skyrange.runtime.pace import Pace
 from skyrange.runtime.run import OnProgress, Run
 from skyrange.runtime.viewers import Viewers
@@ -32,17 +36,27 @@ def fly(
     on_progress: OnProgress | None = None,
     report: bool = True,
     motion: bool = False,
+    cores: int = 1,
+    on_notice: Callable[[str], None] | None = None,
 ) -> RunRecord:
     """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report.
 
     `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
     have one, and any other run as fast as possible. `taps`, `attacks` and `monitors` are placed on the scenario's
     links. `observers` see everything and alter nothing. `viewers` are served between steps; the caller closes them.
-    `motion` is that of `Run.start`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the report is
-    written as well.
+    `motion` is that of `Run.start`. The run has at most `cores` cores, with the same digests; why it uses fewer is in
+    the manifest, and is told to `on_notice`. Raises the errors of `Run.execute`; after a `ShortfallError` (Ctrl-C) the
+    report is written as well.
     """
     asked = 0.0 if speed is None else speed
     Pace(asked)  # rejects an invalid speed before a folder is created
+    more: dict[str, Any] = {}
+    if cores > 1:
+        seen = any((taps, attacks, monitors, observers, viewers, motion))
+        folder, reason = _fly_on_cores(scenario, out, cores, asked, seen, on_progress, on_notice, report)
+        if folder is not None:
+            return _report(folder) if report else load(folder)
+        more = {"cores": {"asked": cores, "used": 1, "reason": reason}}
     if viewers is None:
         run = Run.start(
             scenario,
@@ -53,6 +67,7 @@ def fly(
             monitors=monitors,
             observers=observers,
             motion=motion,
+            more=more,
         )
     else:
         seeing = [*observers, viewers]
@@ -66,6 +81,7 @@ def fly(
             observers=seeing,
             fuse=False,
             motion=motion,
+            more=more,
         )
         on_progress = _serving(viewers, on_progress)
     if speed is None and viewers is not None and not run.on_wall_clock:
@@ -78,6 +94,32 @@ def fly(
             _report(folder)
         raise
     return _report(folder) if report else load(folder)
+
+
+def _fly_on_cores(
+    scenario: Scenario, out: Path | None, cores: int, speed: float, seen: bool, on_progress: OnProgress | None,
+    on_notice: Callable[[str], None] | None, report: bool,
+) -> tuple[Path | None, str]:  # fmt: skip
+    """Run `scenario` on several cores: its folder, or None and why it has to run on one; `seen` if something that is
+    passed from Python, or a viewer, has to see all of it.
+    """
+    division = divide(scenario, cores)
+    if seen:
+        division = Division((), "what is passed to the run, or watches it, has to see all of it")
+    if division.reason and on_notice is not None:
+        on_notice(f"using {max(division.cores, 1)} of {cores} cores: {division.reason}")
+    if division.cores < 2:
+        return None, division.reason
+    try:
+        return run_on_cores(scenario, division, cores, out, speed=speed, on_progress=on_progress), ""
+    except ShortfallError as error:
+        if report:
+            _report(error.path)
+        raise
+    except ApproachError as error:
+        if on_notice is not None:
+            on_notice(f"{error}; the run starts again on one core")
+        return None, str(error)
 
 
 _REJECTIONS = ("mission upload refused", "mission read-back differs", "mode AUTO: ", "mission start: ")
@@ -136,6 +178,7 @@ def run(
     viewers: Viewers | None = None,
     on_progress: OnProgress | None = None,
     motion: bool = False,
+    cores: int = 1,
 ) -> RunRecord:
     """Run a scenario and return its record; the Python equivalent of `skyrange run`.
 
@@ -144,7 +187,8 @@ def run(
     and files; a `Scenario` is run unchanged. `taps`, `attacks` and `monitors` are placed on links by name or pattern.
     `observers` (`contracts.components.Observer`) see every frame, note, label and tick, and alter nothing. `viewers`
     (`runtime.viewers.Viewers`) let ground stations watch, preferably at `speed` 1. `motion` is `--allow-motion`:
-    together with the scenario's `allow_motion` it lets external vehicles move.
+    together with the scenario's `allow_motion` it lets external vehicles move. `cores` is how many processor cores it
+    may use.
     """
     if isinstance(scenario, Scenario):
         if seed is not None or buildings is not None or changes:
@@ -163,4 +207,5 @@ def run(
         viewers=viewers,
         on_progress=on_progress,
         motion=motion,
+        cores=cores,
     )

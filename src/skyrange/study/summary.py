@@ -33,6 +33,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     entry: the buildings, and what was kept and dropped of their file; `None` without a city. `trust` says how long
     receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
     `equivocators` are operators of which a hashgraph has a proof that they signed two events with one self-parent.
+    `cores` says on how many cores the run was, `None` where one was asked for.
     `disk` gives the bytes of each table and of other files of the folder, the most first.
     """
     manifest = record.manifest
@@ -94,6 +95,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "fingerprint": digests.get("fingerprint"),
         "digests": digests,
         "timings": manifest.get("timings") or {},
+        "cores": manifest.get("cores"),
         "city": manifest.get("city"),
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,

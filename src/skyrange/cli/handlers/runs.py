@@ -30,6 +30,7 @@ def run(
     qgc: bool,
     viewer_port: int | None,
     motion: bool,
+    cores: int,
     as_json: bool,
 ) -> None:
     """`skyrange run`."""
@@ -47,7 +48,16 @@ def run(
     watched = qgc or viewer_port is not None
     with open_viewers(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
-            record = fly(scenario, out, speed=speed, viewers=viewers, on_progress=on_progress, motion=motion)
+            record = fly(
+                scenario,
+                out,
+                speed=speed,
+                viewers=viewers,
+                on_progress=on_progress,
+                motion=motion,
+                cores=cores,
+                on_notice=print_notice,
+            )
         except ShortfallError as error:
             from skyrange.record import load as load_run
 

@@ -55,6 +55,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     _print_equivocators(console, facts.get("equivocators"))
     pace = _pace(facts["timings"])
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
+    _print_cores(console, facts.get("cores"))
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
     console.print(f"run    {facts['path']}", soft_wrap=True)
@@ -81,6 +82,16 @@ def _pace(timings: Mapping[str, Any]) -> str:
         return f" in {wall_s:.1f} s, {factor:.0f}× real time"
     whole_s = sum(timings.get(name) or 0.0 for name in ("setup_s", "wall_s", "finish_s"))
     return f" in {whole_s:.1f} s, {total:.3g}× real time (the flight in {wall_s:.1f} s, {factor:.3g}×)"
+
+
+def _print_cores(console: Console, cores: Mapping[str, Any] | None) -> None:
+    """Print on how many cores a run was, and what each did."""
+    if not cores:
+        return
+    parts = [f"{part['vehicles']} aircraft, waited {part['waited_s']:.1f} s" for part in cores.get("parts") or ()]
+    why = f": {cores['reason']}" if cores["reason"] else ""
+    text = f"cores  {cores['used']} of {cores['asked']}{why}" + "".join(f"\n       {part}" for part in parts)
+    console.print(text, soft_wrap=True, markup=False, highlight=False)
 
 
 def _print_equivocators(console: Console, operators: Sequence[str] | None) -> None:

@@ -91,9 +91,11 @@ class _Columns(NamedTuple):
 class FrameEncoder:
     """Encodes frames as columns. Its state is the numbering so far. Deep-copyable."""
 
-    def __init__(self, window_bytes: int) -> None:
-        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory."""
-        self._payloads = PayloadDeduplicator(window_bytes)
+    def __init__(self, window_bytes: int, first_payload: int = 0) -> None:
+        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory; their ids count from
+        `first_payload`, a multiple of `PAYLOAD_WINDOW`.
+        """
+        self._payloads = PayloadDeduplicator(window_bytes, first_payload)
         self._flows = _Numbers()  # (link, direction, sender, src, dst)
         self._origins = _Numbers()  # (link, direction, sender) of parents
         self._names = _Numbers()  # (name,)

@@ -82,10 +82,12 @@ class PayloadDeduplicator:
     on when the recorder flushes. Deep-copyable.
     """
 
-    def __init__(self, window_bytes: int) -> None:
-        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory."""
+    def __init__(self, window_bytes: int, first: int = 0) -> None:
+        """`window_bytes` of distinct payloads are de-duplicated together and kept in memory; ids count from `first`, a
+        multiple of `PAYLOAD_WINDOW`.
+        """
         self.window_bytes = window_bytes
-        self.start = 0
+        self.start = first
         """The id of the window's first payload."""
         self._slots = np.full(_SLOTS, -1, dtype=np.int32)
         self._hashes = np.empty((PAYLOAD_WINDOW, 2), dtype=np.uint64)

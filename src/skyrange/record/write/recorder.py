@@ -65,6 +65,11 @@ from skyrange.record.write.ticks import (
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
 
+SHARD_SEGMENTS = 100
+"""Segments of the spool that each shard of a run may have."""
+SHARD_PAYLOADS = 1 << 48
+"""Numbers of payloads that each shard may use."""
+
 
 @dataclass(slots=True)
 class _State:
@@ -169,6 +174,53 @@ class Recorder:
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
         return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
+
+    @classmethod
+    def join(
+        cls,
+        path: Path,
+        header: Mapping[str, Any],
+        shard: int,
+        *,
+        truth_hz: float = 10.0,
+        sensors_hz: float = 2.0,
+        spool_bytes: int = 4 << 20,
+        flush_s: float = 1.0,
+    ) -> Self:
+        """Record a shard of a run in the folder that another process has opened, which has shard 0; `shard` is unique.
+
+        End it with `leave`; the recorder of shard 0 takes over what that returns with `take_over`.
+        """
+        state = _State(
+            FrameEncoder(spool_bytes, shard * SHARD_PAYLOADS),
+            truth_ns=period_ns(truth_hz),
+            sensors_ns=period_ns(sensors_hz),
+            truth_due=-NEVER if truth_hz else NEVER,
+            sensors_due=-NEVER if sensors_hz else NEVER,
+        )
+        return cls(path, dict(header), state, Spool(path, shard * SHARD_SEGMENTS), spool_bytes, flush_s)
+
+    def leave(self) -> dict[str, Any]:
+        """End a shard: write all its rows; returns what `take_over` of shard 0 needs, as plain data."""
+        self.flush()
+        self._spool.end_segment()
+        self._closed = True
+        state = self._state
+        return {
+            "last_ns": state.last_ns,
+            "digests": state.digests.to_plain(),
+            "counts": state.counts,
+            "outcomes": state.outcomes,
+        }
+
+    def take_over(self, shard: Mapping[str, Any]) -> None:
+        """Add a shard of the run, of which `leave` has returned this."""
+        state = self._state
+        state.last_ns = max(state.last_ns, int(shard["last_ns"]))
+        state.digests = state.digests + Digests.from_plain(shard["digests"])
+        for table, rows in shard["counts"].items():
+            state.counts[table] = state.counts.get(table, 0) + rows
+        state.outcomes |= shard["outcomes"]
 
     def record_receptions(self, source: ReceptionSource | None) -> None:
         """Record the receptions of `source`, fetched at each flush from now on."""
@@ -408,6 +460,13 @@ class Recorder:
             raise
         if not in_spool:
             shutil.rmtree(self.path / SPOOL, ignore_errors=True)
+
+    def abandon(self) -> None:
+        """End the record and remove its folder, if this recorder has made it, or else all that is in it."""
+        self._closed = self._write_failed = True
+        self._clear()
+        self._spool.end_segment()
+        remove_folder(self.path, self._made)
 
     def _note_spooled(self, extra: Mapping[str, Any]) -> None:
         """Note in the manifest, if it can be written, that the run failed and its rows are in the spool."""

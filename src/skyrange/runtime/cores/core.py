@@ -1,0 +1,207 @@
+"""One core's part of a run: its kernel and its recorder, driven from barrier to barrier."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skyrange.assembly.aircraft import describe_engines
+from skyrange.assembly.build import BuiltScenario, build
+from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
+from skyrange.contracts.links import LinkSpec
+from skyrange.core.ids import Port, vehicle_id
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.kernel import Kernel, Transit, Wiring
+from skyrange.radio.oracle import ENDPOINT as ORACLE
+from skyrange.radio.oracle import Oracle
+from skyrange.record import Recorder
+from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barrier_period
+from skyrange.runtime.cores.exchange import Member
+from skyrange.runtime.cores.fleet_motion import FleetMotion
+from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
+from skyrange.runtime.cores.oracle_replica import OracleReplica
+from skyrange.runtime.cores.separation import Approach, Separation
+from skyrange.runtime.memory import peak_memory_mb
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.world.airframes import AIRFRAMES
+
+LONGEST_PERIOD_NS: Final[Time] = 100 * NS_PER_MS
+"""Longest time between two barriers: so often Ctrl-C is looked for, and the distances between aircraft."""
+_START, _BARRIER, _END = 0, 1, 3
+"""Purposes of rounds of the exchange; `oracle_replica.PURPOSE` is another."""
+
+
+class ApproachError(Exception):
+    """Aircraft on different cores may touch before the next barrier: the run has to be flown on one core."""
+
+    def __init__(self, now: Time, approach: Approach) -> None:
+        self.now = now
+        self.approach = approach
+        super().__init__(
+            f"{approach.vehicle} and {approach.other}, on different cores, came within {approach.gap_m:.1f} m "
+            f"at {now / NS_PER_S:.2f} s"
+        )
+
+
+class Core:
+    """A core's part of a run. Call `open`, `advance` to the end, and `leave`, on all cores alike."""
+
+    def __init__(self, scenario: Scenario, division: Division, member: Member) -> None:
+        """Build what is on this core. Raises `InputError` with everything that is wrong with the scenario."""
+        self.member = member
+        self.began = time.perf_counter()
+        self._scenario = scenario
+        here = division.endpoints(scenario, member.number)
+        self._here = here
+        mine = division.vehicles(scenario, member.number)
+        self.built: BuiltScenario = build(scenario, local=here, flown=frozenset(mine))
+        self._motion = FleetMotion([division.vehicles(scenario, core) for core in range(member.count)])
+        self._operators = division.operators[member.number]
+        self._vehicles = mine
+        self._inbound: list[Transit] = []
+        self._checked = False
+        self.wall_s = 0.0
+        self.setup_s = 0.0
+
+    def open(self, open_record: Callable[[BuiltScenario], Recorder] | None) -> None:
+        """Agree with the other cores on the start and on the barriers, and open the record: on the first core, which
+        has `open_record`, a new one.
+        """
+        world = self.built.wiring.world
+        assert world is not None
+        told = {
+            "preroll_ns": max(mount.engine.preroll_ns for mount in self.built.wiring.engines),
+            "crossings": sorted(set(_list_crossings(self.built.wiring, self._here))),
+        }
+        parts = [json.loads(part) for part in self._gather(_START, 0, told)]
+        crossings = [Crossing(*link) for part in parts for link in part["crossings"]]
+        self.period_ns = find_barrier_period(crossings, world.quantum_ns, LONGEST_PERIOD_NS)
+        airframes = {vehicle_id(operator.id, one.id): one.airframe for operator, one in self._scenario.fleet}
+        self._separation = Separation(
+            self._motion, [AIRFRAMES[airframes[vehicle]] for vehicle in self._motion.vehicles], self.period_ns
+        )
+        oracle = self.built.oracle
+        replica = None if oracle is None else self._replicate(oracle)
+        wiring = replace(
+            self.built.wiring,
+            preroll_ns=max(part["preroll_ns"] for part in parts),
+            truth_subscribers=[] if replica is None else [replica],
+        )
+        self.kernel = Kernel(wiring)
+        record = self.built.scenario.record
+        if open_record is not None:
+            self.recorder = open_record(self.built)
+            self._gather(_START, 1, str(self.recorder.path.resolve()))
+        else:
+            folder = Path(json.loads(self._gather(_START, 1, "")[0]))
+            self.recorder = Recorder.join(
+                folder,
+                self.built.header,
+                self.member.number,
+                truth_hz=record.truth_hz,
+                sensors_hz=record.sensors_hz,
+            )
+        self.recorder.record_receptions(replica)
+        self.kernel.set_observers([self.recorder])
+        self.setup_s = time.perf_counter() - self.began
+
+    def advance(self, until: Time, stop: bool) -> bool:
+        """Run to the next barrier, no later than `until`; returns whether the first core has asked to stop there.
+
+        Raises `ApproachError` on all cores alike.
+        """
+        began = time.perf_counter()
+        try:
+            kernel = self.kernel
+            barrier = min((kernel.now // self.period_ns + 1) * self.period_ns, until)
+            outbound = kernel.advance(barrier, self._inbound)
+            return self._exchange(barrier, outbound, stop)
+        finally:
+            self.wall_s += time.perf_counter() - began
+
+    def _exchange(self, now: Time, outbound: list[Transit], stop: bool) -> bool:
+        """Exchange frames and positions at a barrier; returns whether to stop."""
+        member = self.member
+        world = self.built.wiring.world
+        assert world is not None
+        sent: list[list[Transit]] = [[] for _ in range(member.count)]
+        for transit in outbound:
+            sent[self._here.core_of(transit.frame.dst)].append(transit)
+        motion = self._motion.pack(*world.motion())
+        packed = [pack_transits(part) for part in sent]
+        head = np.array([stop, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
+        parts = member.gather(_BARRIER, now, b"".join([head, motion, *packed]))
+        heads = [np.frombuffer(part, dtype=np.int64, count=2 + member.count) for part in parts]
+        self._inbound = []
+        motions = []
+        for part, sizes in zip(parts, heads, strict=True):
+            at = sizes.nbytes + int(sizes[1])
+            motions.append(part[sizes.nbytes : at])
+            at += int(sizes[2 : 2 + member.number].sum())
+            self._inbound += unpack_transits(part[at : at + int(sizes[2 + member.number])])
+        self._motion.update(motions)
+        approach = self._separation.check()
+        if approach is not None:
+            raise ApproachError(now, approach)
+        return bool(heads[0][0])
+
+    def leave(self) -> list[Mapping[str, Any]]:
+        """End this core's part of the run, and exchange what the first core needs to close the record: one entry for
+        each core.
+        """
+        for name, path in self.kernel.kept_files().items():
+            self.recorder.keep_file(name, path)
+        self.kernel.advance(self.kernel.now, self._inbound)
+        self.kernel.finish()
+        self.built.close()
+        shard = self.recorder.leave() if self.member.number else None
+        told = {
+            "shard": shard,
+            "engines": describe_engines(self.built.wiring.engines),
+            "operators": list(self._operators),
+            "vehicles": len(self._vehicles),
+            "wall_s": round(self.wall_s, 3),
+            "waited_s": round(self.member.waited_s, 3),
+            "cpu_s": round(time.process_time(), 3),
+            "peak_memory_mb": round(peak_memory_mb(), 1),
+        }
+        return [json.loads(part) for part in self._gather(_END, 0, told)]
+
+    def _gather(self, purpose: int, now: Time, value: Any) -> list[bytes]:
+        return self.member.gather(purpose, now, json.dumps(value).encode())
+
+    def _replicate(self, oracle: Oracle) -> OracleReplica:
+        mine = frozenset((*self._vehicles, *self._operators))
+        radio = self._scenario.radio
+        receivers = () if radio is None else radio.receivers
+        radios = [*self._vehicles, *(one.id for one in receivers if one.operator in mine)]
+        ports = [port for port in oracle.ports if port.link.split(":", 1)[1] in mine]
+        table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
+        return OracleReplica(oracle, self.member, self._motion, table, ports, radios)
+
+
+def _number_links(links: Iterable[LinkSpec], places: Mapping[Port, int]) -> LinkTable:
+    """The directed links as every kernel of the run numbers them: in order of their names."""
+    named = []
+    for spec in links:
+        named.append((f"{spec.name}:fwd", DirectedLinkName(spec.name, "fwd", spec.a, spec.b)))
+        named.append((f"{spec.name}:rev", DirectedLinkName(spec.name, "rev", spec.b, spec.a)))
+    names = [name for _, name in sorted(named)]
+    return LinkTable(names, np.array([places.get(Port(name.dst, name.link), -1) for name in names], dtype=np.int64))
+
+
+def _list_crossings(wiring: Wiring, here: Endpoints) -> Iterator[Crossing]:
+    """The links on which this core sends to others, those of the oracle aside, of which each core has a replica."""
+    service = {port: agent.service_ns for agent in wiring.agents for port in agent.ports}
+    for spec in wiring.links:
+        if ORACLE in (spec.a, spec.b) or here.core_of(spec.a) == here.core_of(spec.b):
+            continue
+        for end in (spec.a, spec.b):
+            if end in here:
+                yield Crossing(spec.channel.latency_ns, service.get(Port(end, spec.name), 0))

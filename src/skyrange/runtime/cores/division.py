@@ -1,0 +1,137 @@
+"""Division of a scenario's operators among cores, and the reasons for which a scenario cannot be divided."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from math import gcd
+from typing import NamedTuple
+
+from skyrange.core.ids import endpoint, vehicle_id
+from skyrange.core.time import Time
+from skyrange.radio.contract import BUILTIN
+from skyrange.radio.oracle import ENDPOINT as ORACLE
+from skyrange.scenario.model.scenario import Scenario
+
+_ROLES = ("companion", "proxy", "autopilot")
+MIN_VEHICLES = 20
+"""Aircraft on each core below which a division costs more than it gains: see the page on performance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Division:
+    """Which operators are on which core, and why there are fewer cores than asked for, or ""."""
+
+    operators: tuple[tuple[str, ...], ...]
+    reason: str = ""
+
+    @property
+    def cores(self) -> int:
+        """The number of cores."""
+        return len(self.operators)
+
+    def vehicles(self, scenario: Scenario, core: int) -> list[str]:
+        """The aircraft on a core, in the order of the scenario."""
+        mine = frozenset(self.operators[core])
+        return [vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if operator.id in mine]
+
+    def endpoints(self, scenario: Scenario, core: int) -> Endpoints:
+        """The endpoints on a core. All have the oracle; the first has all that belongs to no operator."""
+        owned = {
+            end: number
+            for number, operators in enumerate(self.operators)
+            for end in (
+                *(endpoint(operator, "gcs") for operator in operators),
+                *(endpoint(vehicle, role) for vehicle in self.vehicles(scenario, number) for role in _ROLES),
+            )
+        }
+        return Endpoints(core, owned)
+
+
+class Endpoints:
+    """The endpoints on one core."""
+
+    def __init__(self, core: int, owned: Mapping[str, int]) -> None:
+        """`owned` has the core of each endpoint that belongs to an operator."""
+        self._core = core
+        self._owned = owned
+
+    def __contains__(self, name: object) -> bool:
+        return name == ORACLE or self.core_of(name) == self._core
+
+    def core_of(self, name: object) -> int:
+        """The core of an endpoint, apart from the oracle."""
+        return self._owned.get(name, 0) if isinstance(name, str) else 0
+
+
+def divide(scenario: Scenario, cores: int) -> Division:
+    """Divide the operators among at most `cores` cores, so that each has about as many aircraft.
+
+    An operator's ground station and its MAVLink networks stay together.
+    """
+    everyone = tuple(operator.id for operator in scenario.operators)
+    vehicles = sum(len(operator.vehicles) for operator in scenario.operators)
+    if cores <= 1:
+        return Division((everyone,))
+    reason = next(_find_obstacles(scenario), "")
+    if reason:
+        return Division((everyone,), reason)
+    count = min(cores, len(everyone), max(vehicles // MIN_VEHICLES, 1))
+    if count < min(cores, len(everyone)):
+        reason = f"a core pays for {MIN_VEHICLES} aircraft or more, and there are {vehicles}"
+    elif count < cores:
+        reason = f"operators are divided among the cores, and there are {len(everyone)}"
+    if count == 1:
+        return Division((everyone,), reason)
+    dealt: list[list[str]] = [[] for _ in range(count)]
+    loads = [0] * count
+    for operator in sorted(scenario.operators, key=lambda one: -len(one.vehicles)):
+        core = loads.index(min(loads))
+        dealt[core].append(operator.id)
+        loads[core] += len(operator.vehicles)
+    places = {name: place for place, name in enumerate(everyone)}
+    return Division(tuple(tuple(sorted(part, key=places.__getitem__)) for part in dealt), reason)
+
+
+def _find_obstacles(scenario: Scenario) -> Iterator[str]:
+    """Why a scenario cannot be divided."""
+    acting = [name for name in ("attacks", "faults", "defences", "detectors") if getattr(scenario, name)]
+    if acting:
+        yield f"{' and '.join(acting)} may concern all operators at once"
+    if scenario.radio is not None and scenario.radio.plugin is not BUILTIN:
+        yield f"the radio engine {scenario.radio.engine} is one program"
+    if any(scenario.over_air(f"gcs:{vehicle_id(operator.id, v.id)}") is not None for operator, v in scenario.fleet):
+        yield "control links over the air share one spectrum"
+    if len(scenario.operators) < 2:
+        yield "all aircraft belong to one operator, whose ground station is one program"
+    if "fork" not in multiprocessing.get_all_start_methods():
+        yield "this system cannot fork processes"
+
+
+class Crossing(NamedTuple):
+    """A link between cores in one direction: its shortest delay, and how often its sender is served."""
+
+    latency_ns: Time
+    service_ns: Time
+
+
+def find_barrier_period(crossings: Iterable[Crossing], quantum_ns: Time, at_most_ns: Time) -> Time:
+    """The longest time between two barriers, in whole ticks, at which no frame arrives late on another core.
+
+    A frame may be sent at any multiple of its sender's service time. It is passed on at the next barrier, at or after
+    it was sent, and arrives at least a latency after it was sent. It is in time if no barrier is later than its
+    arrival: either the period is at most the latency, or the sender is served only at barriers.
+    """
+    links = list(crossings)
+    steps = {link.latency_ns - link.latency_ns % quantum_ns for link in links} | {at_most_ns}
+    for latency in sorted({link.latency_ns for link in links}):
+        steps.add(gcd(*(link.service_ns for link in links if link.latency_ns <= latency)))
+    fitting = [
+        step
+        for step in steps
+        if 0 < step <= at_most_ns
+        and step % quantum_ns == 0
+        and all(link.latency_ns >= step or (link.service_ns and link.service_ns % step == 0) for link in links)
+    ]
+    return max(fitting, default=quantum_ns)

@@ -1,0 +1,96 @@
+"""Separation of aircraft on different cores: no core sees those of another, so none may come near enough to touch.
+
+Between two barriers an aircraft of speed v moves at most (v + a·T)·T, where T is the time between them and a no less
+than any acceleration that an airframe can have. Two aircraft that are farther apart than both can move cannot collide
+before the next barrier. All cores decide this from the same numbers, so all decide alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from skyrange.core.compiled import compiled
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.runtime.cores.fleet_motion import FleetMotion
+from skyrange.world.airframes import Airframe
+from skyrange.world.collision.broad_phase import (
+    HEIGHT,
+    NEAR_M,
+    RADIUS,
+    Floats,
+    Ints,
+    cylinder_gap,
+    list_near_pairs,
+    shape_row,
+)
+
+ACCELERATION_MPS2: Final = 200.0
+"""More than thrust, gravity and drag in a wind of 60 m/s together give any of the airframes."""
+TUMBLING_MPS: Final = 10.0
+"""How much faster than its centre of gravity the gear of a tumbling aircraft moves: a lever of 0.3 m at 30 rad/s."""
+
+
+class Approach(NamedTuple):
+    """Two aircraft on different cores that may touch before the next barrier, and the gap between them."""
+
+    vehicle: str
+    other: str
+    gap_m: float
+
+
+@compiled
+def _find_close(
+    pairs: Ints, core: Ints, position: Floats, reach_m: Floats, shape: Floats, airframe: Ints
+) -> tuple[int, float]:
+    """The first pair on different cores with a gap smaller than both can move, -1 if there is none, and its gap."""
+    for k in range(pairs.shape[0]):
+        i, j = pairs[k, 0], pairs[k, 1]
+        if core[i] == core[j]:
+            continue
+        a, b = shape[airframe[i]], shape[airframe[j]]
+        gap = cylinder_gap(position[i], position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
+        if not gap > reach_m[i] + reach_m[j]:
+            return k, gap
+    return -1, 0.0
+
+
+class Separation:
+    """Watches the gaps between aircraft on different cores, barrier by barrier."""
+
+    def __init__(self, motion: FleetMotion, airframes: Sequence[Airframe], period_ns: Time) -> None:
+        """`airframes` in the order of `motion.vehicles`; `period_ns` is the longest time between two barriers."""
+        kinds = {airframe.name: airframe for airframe in airframes}
+        names = sorted(kinds)
+        self._motion = motion
+        self._shape = np.array([shape_row(kinds[name]) for name in names])
+        self._airframe = np.array([names.index(airframe.name) for airframe in airframes], dtype=np.int64)
+        vehicles = motion.vehicles
+        self._order = np.array(sorted(range(len(vehicles)), key=vehicles.__getitem__), dtype=np.int64)
+        self._period_s = period_ns / NS_PER_S
+        self._pairs = np.empty((0, 2), dtype=np.int64)
+        self._listed_m = 0.0
+        """How far any aircraft may have moved since the near pairs were listed."""
+        self._census_due = True
+
+    def check(self) -> Approach | None:
+        """Two aircraft that may touch before the next barrier; `None` if there are none."""
+        position, velocity = self._motion.motion()
+        speed = np.sqrt((velocity * velocity).sum(axis=1)) + TUMBLING_MPS
+        reach = (speed + ACCELERATION_MPS2 * self._period_s) * self._period_s
+        longest = float(reach.max())
+        # a pair that is not listed is at least NEAR_M apart, less what both have moved since, and will before the next
+        if self._census_due or 2.0 * (self._listed_m + longest) >= NEAR_M:
+            self._census_due, self._listed_m = False, 0.0
+            pairs, _ = list_near_pairs(self._order, self._shape, self._airframe, position, 0.0)
+            self._pairs = pairs[self._motion.core[pairs[:, 0]] != self._motion.core[pairs[:, 1]]]
+        self._listed_m += longest
+        if not len(self._pairs):
+            return None
+        at, gap = _find_close(self._pairs, self._motion.core, position, reach, self._shape, self._airframe)
+        if at < 0:
+            return None
+        a, b = self._pairs[at].tolist()
+        return Approach(self._motion.vehicles[a], self._motion.vehicles[b], gap)

@@ -1,0 +1,268 @@
+"""The parts of a run on several cores: exchange among processes, division of operators, barriers, gaps."""
+
+from __future__ import annotations
+
+import os
+import signal
+import traceback
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skyrange.contracts.frames.frame import Frame
+from skyrange.core.errors import ComponentError
+from skyrange.core.ids import FrameId
+from skyrange.core.time import NS_PER_MS, NS_PER_S, ceil_to
+from skyrange.kernel import Transit
+from skyrange.runtime.cores.division import Crossing, divide, find_barrier_period
+from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
+from skyrange.runtime.cores.fleet_motion import FleetMotion
+from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
+from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, Separation
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.toml_reader import load_text
+from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS
+
+QUANTUM_NS = 2_500_000
+
+
+# ------------------------------------------------------------------ exchange
+
+
+def _in_processes(count: int, work: Callable[[Member], None], area_bytes: int = 64) -> list[int]:
+    """Run `work` in forked processes; returns their exit codes."""
+    exchange = Exchange(count, area_bytes)
+    pids = []
+    for number in range(count):
+        pid = os.fork()
+        if pid == 0:
+            code = 1
+            try:
+                signal.alarm(30)
+                work(exchange.join(number))
+                code = 0
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+        pids.append(pid)
+    exchange.join(-1)
+    return [os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) for pid in pids]
+
+
+def _go_on(member: Member) -> None:
+    for round_ in range(1, 9):
+        member.gather(1, round_, b"x")
+
+
+def _part(member: int, round_: int) -> bytes:
+    size = (37 * member + 101 * round_) % 300
+    return bytes((member * 17 + round_ + place) % 256 for place in range(size))
+
+
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_all_get_the_parts_of_all(count: int) -> None:
+    def work(member: Member) -> None:
+        for round_ in range(60):
+            parts = member.gather(1, round_, _part(member.number, round_))
+            assert parts == [_part(other, round_) for other in range(count)]
+
+    assert _in_processes(count, work) == [0] * count
+
+
+def test_a_failure_reaches_all_others_with_its_reason() -> None:
+    def work(member: Member) -> None:
+        member.gather(1, 0, b"")
+        if member.number == 1:
+            member.fail("the reason")
+            return
+        with pytest.raises(CoreFailedError, match="core 1: the reason"):
+            member.gather(1, 1, b"")
+
+    assert _in_processes(4, work) == [0] * 4
+
+
+def test_a_killed_process_is_noticed_by_all_others() -> None:
+    def work(member: Member) -> None:
+        member.gather(1, 0, b"")
+        if member.number == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        with pytest.raises(CoreFailedError, match=r"core .: its process ended unexpectedly"):
+            _go_on(member)
+
+    assert _in_processes(3, work) == [0, 0, -signal.SIGKILL]
+
+
+def test_processes_out_of_step_are_told_apart() -> None:
+    def work(member: Member) -> None:
+        with pytest.raises(ComponentError, match="out of step"):
+            member.gather(1, member.number, b"")
+
+    assert _in_processes(2, work) == [0, 0]
+
+
+def test_frames_under_way_survive_packing() -> None:
+    parent, cause = FrameId("a", "fwd", "x", 1), FrameId("b", "rev", "y", 2)
+    sent = [
+        Transit(9, "a:fwd", Frame("a", "fwd", "é|x", 3, "é|x", "z", 5, bytes(range(256)), parent, (cause, parent))),
+        Transit(7, "b:rev", Frame("b", "rev", "y", 0, "y", "x", 6, b"")),
+    ]
+    got = list(unpack_transits(pack_transits(sent)))
+    assert [(one.arrival, one.directed_link) for one in got] == [(9, "a:fwd"), (7, "b:rev")]
+    for mine, theirs in zip(got, sent, strict=True):
+        assert all(getattr(mine.frame, name) == getattr(theirs.frame, name) for name in Frame.__slots__)
+    assert list(unpack_transits(pack_transits([]))) == []
+
+
+# ------------------------------------------------------------------ barriers
+
+crossings = st.lists(
+    st.builds(
+        Crossing,
+        st.sampled_from([1_000, 100_000, 2_500_000, 3_000_000, 20_000_000, 25_000_000, 400_000_000]),
+        st.sampled_from([0, 2_500_000, 10_000_000, 15_000_000, 20_000_000, 100_000_000]),
+    ).filter(lambda one: one.service_ns > 0 or one.latency_ns >= QUANTUM_NS),
+    max_size=4,
+)
+
+
+@given(crossings, st.lists(st.integers(0, NS_PER_S), min_size=1, max_size=20))
+def test_no_frame_arrives_before_the_barrier_at_which_it_is_passed_on(links: list[Crossing], times: list[int]) -> None:
+    period = find_barrier_period(links, QUANTUM_NS, 100 * NS_PER_MS)
+    assert period > 0
+    assert period % QUANTUM_NS == 0
+    for link in links:
+        for wish in times:
+            sent = ceil_to(wish, link.service_ns) if link.service_ns else wish
+            assert sent + link.latency_ns > ceil_to(sent, period) - (link.latency_ns >= period)
+
+
+def test_barriers_are_as_far_apart_as_links_allow() -> None:
+    remote_id = Crossing(100_000, 20 * NS_PER_MS)  # a tenth of a millisecond, sent every 20 ms
+    approval = Crossing(25 * NS_PER_MS, 20 * NS_PER_MS)
+    assert find_barrier_period([], QUANTUM_NS, 100 * NS_PER_MS) == 100 * NS_PER_MS
+    assert find_barrier_period([approval], QUANTUM_NS, 100 * NS_PER_MS) == 25 * NS_PER_MS
+    assert find_barrier_period([approval, remote_id], QUANTUM_NS, 100 * NS_PER_MS) == 20 * NS_PER_MS
+    assert find_barrier_period([Crossing(100_000, 0)], QUANTUM_NS, 100 * NS_PER_MS) == QUANTUM_NS
+
+
+# ------------------------------------------------------------------ division
+
+
+def _scenario(sizes: list[int], more: str = "") -> Scenario:
+    text = 'name = "d"\nduration_s = 1\nstart_utc = 2026-01-01T12:00:00Z\norigin = { lat = 0, lon = 0 }\n' + more
+    for number, size in enumerate(sizes):
+        text += f'[[operators]]\nid = "o{number}"\n  [[operators.fleets]]\n  count = {size}\n'
+        text += f"  start = [{1000 * number}, 0]\n  spacing_m = [20, 20]\n"
+        text += "  plan = { path = { points = [[0, 0], [0, 30]], alt_m = 20 } }\n"
+    return load_text(text)
+
+
+@given(st.lists(st.integers(1, 60), min_size=2, max_size=7), st.integers(2, 6))
+@settings(max_examples=20)
+def test_every_operator_is_on_one_core(sizes: list[int], cores: int) -> None:
+    scenario = _scenario(sizes)
+    division = divide(scenario, cores)
+    assert sorted(operator for part in division.operators for operator in part) == [f"o{n}" for n in range(len(sizes))]
+    assert 1 <= division.cores <= cores
+    assert all(division.operators)
+    assert bool(division.reason) == (division.cores < cores)
+    loads = [len(division.vehicles(scenario, core)) for core in range(division.cores)]
+    assert max(loads) - min(loads) <= max(sizes)
+    ends = [division.endpoints(scenario, core) for core in range(division.cores)]
+    for name in ("o0.gcs", "o1/1.autopilot", "approval", "somebody.else"):
+        assert sum(name in one for one in ends) == 1
+    assert all("oracle" in one for one in ends)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "more", "reason"),
+    [
+        ([200], "", "all aircraft belong to one operator, whose ground station is one program"),
+        ([9, 9], "", "a core pays for 20 aircraft or more, and there are 18"),
+        ([40, 40], "", "operators are divided among the cores, and there are 2"),
+        (
+            [40, 40],
+            '[[attacks]]\nid = "x"\nkind = "link.drop"\nparams = { links = ["gcs:o0/*"] }\n',
+            "attacks may concern all",
+        ),
+        (
+            [40, 40],
+            '[[links]]\nmatch = "gcs:*"\nchannel = "wifi"\n[radio]\n',
+            "control links over the air share one spectrum",
+        ),
+    ],
+)
+def test_what_is_not_divided_says_why(sizes: list[int], more: str, reason: str) -> None:
+    assert divide(_scenario(sizes, more), 4).reason.startswith(reason)
+
+
+# ------------------------------------------------------------------ separation
+
+kinds = st.sampled_from(sorted(AIRFRAMES))
+
+
+def _watch(rows: Any, core: list[int], kind: str) -> Any:
+    """A separation of aircraft with these positions and velocities, whose names order them as given."""
+    order = np.argsort(core, kind="stable")
+    parts = [[f"v{row:03}" for row in order.tolist() if core[row] == one] for one in sorted({0, 1, *core})]
+    motion = FleetMotion(parts)
+    sizes = np.cumsum([0, *map(len, parts)])
+    ordered = rows[order]
+    motion.update([ordered[a:b].tobytes() for a, b in pairwise(sizes)])
+    return Separation(motion, [AIRFRAMES[kind]] * len(core), 25 * NS_PER_MS), motion, parts, order
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.tuples(*[st.floats(-30, 30)] * 2, st.floats(0, 20)),
+            st.tuples(*[st.floats(-20, 20)] * 3),
+            st.integers(0, 1),
+        ),
+        min_size=2,
+        max_size=12,
+    ),
+    kinds,
+    st.data(),
+)
+@settings(deadline=None)  # the first example compiles
+def test_aircraft_that_touch_were_announced_at_the_barrier_before(
+    fleet: list[tuple[Any, Any, int]], kind: str, data: st.DataObject
+) -> None:
+    """Random motion within the bounds, barrier by barrier: whoever touches has been named before."""
+    rows = np.array([[*place, *speed] for place, speed, _ in fleet], dtype=np.float64)
+    core = [one for *_, one in fleet]
+    separation, motion, parts, order = _watch(rows, core, kind)
+    period, shape = 0.025, AIRFRAMES[kind]
+    state = rows[order]
+    sizes = np.cumsum([0, *map(len, parts)])
+    for _ in range(20):
+        announced = separation.check()
+        if announced is not None:
+            assert core[int(announced.vehicle[1:])] != core[int(announced.other[1:])]
+            return
+        push = np.array(data.draw(st.lists(st.floats(-50, 50), min_size=3, max_size=3)))
+        state = state.copy()
+        state[:, :3] += state[:, 3:] * period + 0.5 * push * period**2
+        state[:, 3:] += push * period
+        for a in range(sizes[1]):
+            for b in range(sizes[1], len(state)):
+                across = np.hypot(*(state[a, :2] - state[b, :2]))
+                up = abs(state[a, 2] - state[b, 2])
+                assert across > 2 * shape.radius_m or up > shape.height_m
+        motion.update([state[a:b].tobytes() for a, b in pairwise(sizes)])
+
+
+@pytest.mark.parametrize("kind", sorted(AIRFRAMES))
+def test_no_airframe_accelerates_faster_than_is_assumed(kind: str) -> None:
+    airframe = AIRFRAMES[kind]
+    thrust = MOTORS * airframe.thrust_ns2 * airframe.rotor_max_radps**2
+    drag = 0.5 * 1.225 * airframe.drag_area_m2 * 60.0**2
+    assert (thrust + drag) / airframe.mass_kg + GRAVITY_MPS2 < ACCELERATION_MPS2
+    assert 30.0 * airframe.cg_height_m < TUMBLING_MPS
