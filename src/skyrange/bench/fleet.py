@@ -56,12 +56,14 @@ def fleet_scenario(
     remote_id: bool = False,
     autopilot: str = "builtin",
     options: Mapping[str, Any] | None = None,
+    operators: int = 0,
 ) -> Scenario:
     """`vehicles` aircraft on a lattice, each flying laps of a square at 5 m/s for `seconds` after the warm-up.
 
     `load` is the telemetry that ground stations request, a profile of `gcs.streams`. With `remote_id` each goes round a
     block of a downtown, broadcasts over Wi-Fi every second, receives the others and would avoid them. `options` are
-    those of the autopilot's kind.
+    those of the autopilot's kind. The aircraft belong to `operators` operators in equal parts; 0 is one for each
+    thousand.
     """
     # a third more than the time requires, because corners are cut
     path_m = 1.33 * SPEED_MPS * (WARM_UP_S + seconds)
@@ -83,20 +85,21 @@ def fleet_scenario(
         )
         for index in range(vehicles)
     ]
-    operators = [
+    each = PER_OPERATOR if operators == 0 else math.ceil(vehicles / operators)
+    owners = [
         Operator(
-            id=f"op{start // PER_OPERATOR + 1}",
+            id=f"op{start // each + 1}",
             streams=load,
             avoidance=Avoidance(kind="geometric") if remote_id else None,
-            vehicles=tuple(fleet[start : start + PER_OPERATOR]),
+            vehicles=tuple(fleet[start : start + each]),
         )
-        for start in range(0, vehicles, PER_OPERATOR)
+        for start in range(0, vehicles, each)
     ]
     return Scenario(
         name=f"bench fleet {vehicles}",
         duration_s=WARM_UP_S + seconds,
         origin=Origin(lat=-35.3633280, lon=149.1652241),
-        operators=tuple(operators),
+        operators=tuple(owners),
         city=_downtown(columns, side_m) if remote_id else None,
         radio=Radio(horizon_m=HORIZON_M, city_busy=0.2) if remote_id else None,
         autopilots=Autopilots().with_options(autopilot, options or {}, "bench"),

@@ -64,6 +64,13 @@ Telemetry = Annotated[
 ]
 
 
+Cores = Annotated[
+    list[int] | None,
+    typer.Option(metavar="N", min=1, help="Number of cores. May be repeated. Default: 1 and 2."),
+]
+Repeat = Annotated[int, typer.Option(metavar="K", min=1, help="Measure all K times, in turn, and take the medians.")]
+
+
 @bench_app.command(epilog="Example: skyrange bench fleet --vehicles 100 --seconds 30 --json")
 def fleet(
     vehicles: Annotated[
@@ -107,11 +114,44 @@ def ardupilots(
         float, typer.Option(metavar="X", min=0.1, max=100.0, help="Speed relative to real time, with native physics.")
     ] = 1.0,
     remote_id: OnAir = False,
+    cores: Cores = None,
+    repeat: Repeat = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Measure runs of N ArduPilots with all recording: real-time factor, CPU time of ArduPilot and of skyrange."""
+    """Measure runs of N ArduPilots with all recording: real-time factor, CPU time of ArduPilot and of skyrange.
+
+    With --cores, measure instead how many times as fast one run is on several cores as on one: the ArduPilots are
+    divided among the cores, each with its share of the range.
+    """
+    if cores:
+        options = {"rates": rates.value}
+        for count in vehicles or [20]:
+            benchmarks.bench_cores(
+                count, seconds, max(cores), sorted({1, *cores}), load.value, remote_id, "ardupilot", options, repeat,
+                as_json,
+            )  # fmt: skip
+        return
     benchmarks.bench_ardupilot(
         vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, remote_id, as_json
+    )
+
+
+@bench_app.command("cores", epilog="Example: skyrange bench cores --vehicles 1000 --cores 1 --cores 2 --remote-id")
+def cores_bench(
+    vehicles: Annotated[int, typer.Option(metavar="N", min=1, help="Number of aircraft.")] = 1000,
+    seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 60.0,
+    operators: Annotated[
+        int, typer.Option(metavar="K", min=1, help="Operators, each with a ground station and MAVLink networks.")
+    ] = 4,
+    cores: Cores = None,
+    load: Telemetry = Load.LIGHT,
+    remote_id: OnAir = False,
+    repeat: Repeat = 1,
+    as_json: AsJson = False,
+) -> None:
+    """Measure one run on several cores: how many times as fast as on one, with the same fingerprint."""
+    benchmarks.bench_cores(
+        vehicles, seconds, operators, cores or [1, 2], load.value, remote_id, "builtin", {}, repeat, as_json
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,47 @@ def bench_fleet(
             )
     if as_json:
         print_json(rows)
+
+
+def bench_cores(
+    vehicles: int,
+    seconds: float,
+    operators: int,
+    cores: Sequence[int],
+    load: str,
+    remote_id: bool,
+    autopilot: str,
+    options: Mapping[str, Any],
+    repeat: int,
+    as_json: bool,
+) -> None:
+    """`skyrange bench cores`, and `skyrange bench ardupilot --cores`."""
+    from skyrange.bench.cores import compare, measure
+
+    rows = []
+    if not as_json:
+        heads = f"{'cores':>5} {'× real time':>11} {'of flight':>9} {'set-up s':>8} {'flight s':>8} {'finish s':>8}"
+        print_text(f"{heads} {'flying':>6}  waited s, of each core")
+    for count in [*cores] * repeat:
+        row = measure(vehicles, seconds, operators, count, load, remote_id, autopilot, options)
+        rows.append(row)
+        if not as_json:
+            waited = " ".join(f"{one:.1f}" for one in row["waited_s"])
+            print_text(
+                f"{row['used']:>5} {row['total_factor']:>11.2f} {row['real_time_factor']:>9.2f} {row['setup_s']:>8.1f} "
+                f"{row['wall_s']:>8.1f} {row['finish_s']:>8.1f} {row['flying']:>6}  {waited}{row['reason']}"
+            )
+    found = compare(rows)
+    if as_json:
+        print_json({"rows": rows, "compared": found})
+        return
+    for one in found:
+        if one["speed_up"] is not None and one["cores"] > 1:
+            same = "the same fingerprint" if one["same_fingerprint"] else "ANOTHER fingerprint"
+            print_text(
+                f"{one['cores']} cores: {one['speed_up']:.2f} times as fast as one, the flight "
+                f"{one['flight_speed_up']:.2f} times; {same}"
+            )
 
 
 def bench_ardupilot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -33,18 +34,22 @@ def run_on_cores(
     *,
     speed: float = 0.0,
     on_progress: OnProgress | None = None,
+    cpus: Sequence[int] | None = None,
 ) -> Path:
     """Run `scenario` on the cores of `division`, at least two, where `asked` were asked for; returns the run's folder.
 
-    `out`, `speed` and `on_progress` are those of `Run.start` and `Run.execute`, and so are the errors. Also raises
+    `out`, `speed` and `on_progress` are those of `Run.start` and `Run.execute`, and so are the errors. With `cpus` each
+    core has one of these CPUs, with the programs that it starts. Also raises
     `ApproachError`, and leaves no folder, where the run has to be flown on one core.
     """
     exchange = Exchange(division.cores)
     context = multiprocessing.get_context("fork")
     processes: list[BaseProcess] = [
-        context.Process(target=_work, args=(exchange, number, scenario, division), daemon=True)
+        context.Process(target=_work, args=(exchange, number, scenario, division, cpus), daemon=True)
         for number in range(1, division.cores)
     ]
+    if cpus is not None:
+        os.sched_setaffinity(0, {cpus[0]})
     with Interruptible() as interrupt:
         for process in processes:
             process.start()
@@ -153,8 +158,10 @@ def _explain(error: CoreFailedError, processes: Sequence[BaseProcess]) -> CoreFa
     return error
 
 
-def _work(exchange: Exchange, number: int, scenario: Scenario, division: Division) -> None:
+def _work(exchange: Exchange, number: int, scenario: Scenario, division: Division, cpus: Sequence[int] | None) -> None:
     """Another core's part; it ends when the first one does."""
+    if cpus is not None:
+        os.sched_setaffinity(0, {cpus[number]})
     for one in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(one, signal.SIG_IGN)  # the first core stops the run at a barrier
     member = exchange.join(number)
