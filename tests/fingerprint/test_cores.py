@@ -18,15 +18,16 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import RunRecord, load
+from skyrange.runtime.cores.acts import UNBOUND, Binding
 from skyrange.runtime.cores.core import ApproachError
-from skyrange.runtime.cores.division import Division
+from skyrange.runtime.cores.division import Division, divide
 from skyrange.runtime.cores.run import run_on_cores
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
 
-TABLES = ("truth", "sensors", "frames", "receptions", "observations", "decisions", "events")
+TABLES = ("truth", "sensors", "frames", "receptions", "observations", "decisions", "events", "labels", "alerts")
 UNLIKE = {"payload_id"}
 """Columns that number something in each process."""
 
@@ -40,10 +41,12 @@ def rows_of(record: RunRecord, table: str) -> Counter[str]:
     return Counter(json.dumps(row, sort_keys=True, default=str) for row in columns.to_pylist())
 
 
-def assert_same(scenario: Scenario, parts: tuple[tuple[str, ...], ...], folder: Path) -> dict[str, Any]:
+def assert_same(
+    scenario: Scenario, parts: tuple[tuple[str, ...], ...], folder: Path, binding: Binding = UNBOUND
+) -> dict[str, Any]:
     """Run it on one core and on several; returns the manifest of the latter."""
     one = fly(scenario, folder / "one", report=False)
-    path = run_on_cores(scenario, Division(parts), len(parts), folder / "several")
+    path = run_on_cores(scenario, Division(parts, "", binding), len(parts), folder / "several")
     several = load(path)
     assert several.manifest["digests"] == one.manifest["digests"]
     for table in TABLES:
@@ -143,6 +146,51 @@ def test_a_shipped_scenario(tmp_path: Path) -> None:
     scenario = load_scenario("corridor-rush", ["duration_s=65"])
     names = [one.id for one in scenario.operators]
     assert_same(scenario, (tuple(names[::2]), tuple(names[1::2])), tmp_path)
+
+
+ATTACKED = ("approval.squat", "approval.suppress_notifications", "remote_id.suppress_pages", "mitm-mission")
+
+
+@pytest.mark.parametrize("name", ATTACKED)
+def test_attacks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skyrange.runtime.cores.division.MIN_VEHICLES", 1)
+    scenario = load_scenario(name, ["duration_s=60"])
+    division = divide(scenario, 2)
+    assert division.cores == 2
+    manifest = assert_same(scenario, division.operators, tmp_path, division.binding)
+    assert manifest["counts"]["labels"] > 0
+
+
+def test_faults_and_detectors_on_the_first_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("skyrange.runtime.cores.division.MIN_VEHICLES", 1)
+    operators = "".join(operator(name, "authority", 90.0 * k, 1) for k, name in enumerate("abc"))
+    more = """
+[[attacks]]
+id = "push"
+kind = "gnss.jump"
+params = { vehicles = ["b/b1"], offset_m = [9, 0, 0] }
+when = { vehicle = "b/b1", within_m = 12, of = [90, 0, 12] }
+[[attacks]]
+id = "drop"
+kind = "link.drop"
+start_s = 8
+params = { links = ["gcs:*"], probability = 0.3 }
+[[faults]]
+id = "weak"
+kind = "motor.loss"
+start_s = 14
+params = { vehicles = ["b/b1"], motor = 1, loss = 0.2 }
+[[detectors]]
+id = "gap"
+kind = "heartbeat.gap"
+links = ["gcs:b/*"]
+side = "gcs"
+"""
+    scenario = load_text(text(operators, more))
+    division = divide(scenario, 2)
+    assert division.operators == (("b", "c"), ("a",))
+    manifest = assert_same(scenario, division.operators, tmp_path, division.binding)
+    assert manifest["counts"]["labels"] > 0
 
 
 @given(

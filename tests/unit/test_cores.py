@@ -180,6 +180,9 @@ def test_every_operator_is_on_one_core(sizes: list[int], cores: int) -> None:
     assert all("oracle" in one for one in ends)
 
 
+ACT = '[[attacks]]\nid = "%s"\nkind = "%s"\nparams = { %s }\n'
+
+
 @pytest.mark.parametrize(
     ("sizes", "more", "reason"),
     [
@@ -188,8 +191,8 @@ def test_every_operator_is_on_one_core(sizes: list[int], cores: int) -> None:
         ([40, 40], "", "operators are divided among the cores, and there are 2"),
         (
             [40, 40],
-            '[[attacks]]\nid = "x"\nkind = "link.drop"\nparams = { links = ["gcs:o0/*"] }\n',
-            "attacks may concern all",
+            '[[attacks]]\nid = "x"\nkind = "gnss.jump"\nparams = { vehicles = ["o0/o1", "o1/o1"], offset_m = [9, 0, 0] }\n',
+            "'x' may have to do with all operators in common",
         ),
         (
             [40, 40],
@@ -200,6 +203,18 @@ def test_every_operator_is_on_one_core(sizes: list[int], cores: int) -> None:
 )
 def test_what_is_not_divided_says_why(sizes: list[int], more: str, reason: str) -> None:
     assert divide(_scenario(sizes, more), 4).reason.startswith(reason)
+
+
+def test_attacks_keep_operators_on_the_first_core_or_leave_them_free() -> None:
+    on_links = ACT % ("drop", "link.drop", 'links = ["gcs:*"]')
+    on_sensors = ACT % ("jump", "gnss.jump", 'vehicles = ["o2/o1", "o1/o2"], offset_m = [9, 0, 0]')
+    division = divide(_scenario([40, 50, 30, 30], on_links + on_sensors), 2)
+    assert division.operators == (("o1", "o2"), ("o0", "o3"))
+    assert division.binding.operators == {"o1": "jump", "o2": "jump"}
+    assert division.binding.divisible == {"drop"}
+    three = divide(_scenario([40, 50, 30], on_sensors), 3)
+    assert three.operators == (("o1", "o2"), ("o0",))
+    assert three.reason == "'jump' keeps 2 operators on one core"
 
 
 # ------------------------------------------------------------------ separation

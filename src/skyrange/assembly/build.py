@@ -6,14 +6,14 @@ from collections.abc import Container, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from skyrange.assembly.acts.attacks import check_transmitters, make_attack_context, make_attacks
-from skyrange.assembly.acts.defences import make_defences
+from skyrange.assembly.acts.attacks import MadeAttacks, check_transmitters, make_attack_context, make_attacks
+from skyrange.assembly.acts.defences import MadeDefences, make_defences
 from skyrange.assembly.acts.honest_arm import describe_aircraft
 from skyrange.assembly.acts.own_sensors import list_own_sensors
 from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
 from skyrange.assembly.city import build_city
-from skyrange.assembly.control_links import build_control_links, check_links_over_air, make_links_over_air
+from skyrange.assembly.control_links import LinksOverAir, build_control_links, check_links_over_air, make_links_over_air
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
@@ -26,7 +26,7 @@ from skyrange.assembly.run_header import make_attachments, make_header
 from skyrange.assembly.signing import check_signing, derive_keys
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent
-from skyrange.contracts.links import AttackPlan, TapPlacement
+from skyrange.contracts.links import AttackPlan, LinkSpec, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
@@ -100,10 +100,8 @@ def build(
     links, all_routes = build_network(scenario, over_air.channels)
     approvals = build_approvals(scenario, city)
     between = [spec for service in approvals for spec in service.links]
-    context = make_attack_context(scenario, [*links, *between], city)
     own_sensors = list_own_sensors(scenario)
-    made = make_attacks(scenario, context, own_sensors)
-    defences = make_defences(scenario.defences, context, over_air, own_sensors)
+    made, defences = _make_acts(scenario, [*links, *between], city, over_air, own_sensors)
     faults = [
         *check_starts(scenario, city),
         *made.faults,
@@ -195,6 +193,47 @@ def build(
         make_attachments(scenario, plans, city),
         air.oracle,
     )
+
+
+def _make_acts(
+    scenario: Scenario,
+    links: Sequence[LinkSpec],
+    city: City | None,
+    over_air: LinksOverAir,
+    own_sensors: Sequence[str],
+) -> tuple[MadeAttacks, MadeDefences]:
+    """The attacks, faults and defences of a scenario whose links without those of attacks are `links`."""
+    context = make_attack_context(scenario, links, city)
+    made = make_attacks(scenario, context, own_sensors)
+    return made, make_defences(scenario.defences, context, over_air, own_sensors)
+
+
+@dataclass(frozen=True, slots=True)
+class Acts:
+    """All that acts or listens in a scenario beside its own parts, and the links that these are on."""
+
+    plans: Sequence[AttackPlan]
+    taps: Sequence[TapPlacement]
+    monitors: Sequence[MonitorPlacement]
+    links: Sequence[LinkSpec]
+
+
+def list_acts(scenario: Scenario) -> Acts:
+    """The attacks, faults, defences and detectors of a scenario, made but not checked against each other."""
+    city = build_city(scenario)
+    scenario = apply_placing(plan_routes(scenario, city), city)
+    over_air = make_links_over_air(scenario)
+    links, _ = build_network(scenario, over_air.channels)
+    links += [spec for service in build_approvals(scenario, city) for spec in service.links]
+    made, defences = _make_acts(scenario, links, city, over_air, list_own_sensors(scenario))
+    links += made.links
+    plans, taps = [*made.plans, *defences.plans], [*defences.taps, *made.taps]
+    return Acts(plans, taps, build_detectors(scenario, links)[0], links)
+
+
+def stay_elsewhere(plan: AttackPlan) -> AttackPlan:
+    """An attack as a process has it in which only some of its taps are; another one notes when it begins and ends."""
+    return replace(plan, agents=(), faults=(), body_faults=(), noted=False)
 
 
 def _elsewhere(plan: AttackPlan) -> AttackPlan:

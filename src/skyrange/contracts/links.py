@@ -221,6 +221,9 @@ class AttackPlan:
     """Whether it is a defence: its acts are then events named `event.defence_act` and no labels, its taps and sensor
     checks may raise alerts in its name, and its sensor checks come after the sensor faults of all others."""
 
+    noted: bool = True
+    """Whether the kernel notes when it begins and ends; not where another kernel has the rest of it, and does."""
+
     @property
     def benign(self) -> bool:
         """Whether what it does harms nobody: a sham, or real aircraft that say what is true."""

@@ -57,7 +57,7 @@ class AttackState:
         if self._phase == 1 and now >= self.stop_ns:
             self._phase = 2
             notes.append(self._note(self._events[1], self.stop_ns))
-        return [] if self.muted else notes
+        return [] if self.muted or not self.plan.noted else notes
 
     def next_change(self, next_evaluation: Time) -> Time:
         """When it begins or ends, or its trigger is evaluated next."""

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,12 +16,13 @@ from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
 from skyrange.contracts.links import LinkSpec
-from skyrange.core.ids import Port, vehicle_id
+from skyrange.core.ids import Port, endpoint, vehicle_id
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring
 from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
+from skyrange.runtime.cores.acts import keep_own_acts
 from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barrier_period
 from skyrange.runtime.cores.exchange import Member
 from skyrange.runtime.cores.fleet_motion import FleetMotion
@@ -57,6 +59,7 @@ class Core:
         self.member = member
         self.began = time.perf_counter()
         self._scenario = scenario
+        self._division = division
         here = division.endpoints(scenario, member.number)
         self._here = here
         mine = division.vehicles(scenario, member.number)
@@ -88,8 +91,11 @@ class Core:
         )
         oracle = self.built.oracle
         replica = None if oracle is None else self._replicate(oracle)
+        wiring = self.built.wiring
+        if self.member.number:
+            wiring = keep_own_acts(wiring, self._division.binding.divisible)
         wiring = replace(
-            self.built.wiring,
+            wiring,
             preroll_ns=max(part["preroll_ns"] for part in parts),
             truth_subscribers=[] if replica is None else [replica],
         )
@@ -177,13 +183,21 @@ class Core:
         return self.member.gather(purpose, now, json.dumps(value).encode())
 
     def _replicate(self, oracle: Oracle) -> OracleReplica:
-        mine = frozenset((*self._vehicles, *self._operators))
+        mine = {spec.name for spec in self.built.wiring.links for end in (spec.a, spec.b) if self._is_own(end)}
+        ports = [port for port in oracle.ports if port.link in mine]
         radio = self._scenario.radio
-        receivers = () if radio is None else radio.receivers
-        radios = [*self._vehicles, *(one.id for one in receivers if one.operator in mine)]
-        ports = [port for port in oracle.ports if port.link.split(":", 1)[1] in mine]
+        operators = {} if radio is None else {one.id: one.operator for one in radio.receivers}
+        radios = [
+            one.name
+            for one in oracle.medium.radios
+            if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
+        ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
         return OracleReplica(oracle, self.member, self._motion, table, ports, radios)
+
+    def _is_own(self, end: str) -> bool:
+        """Whether an endpoint is on this core and on no other."""
+        return end != ORACLE and end in self._here
 
 
 def _number_links(links: Iterable[LinkSpec], places: Mapping[Port, int]) -> LinkTable:
@@ -198,10 +212,21 @@ def _number_links(links: Iterable[LinkSpec], places: Mapping[Port, int]) -> Link
 
 def _list_crossings(wiring: Wiring, here: Endpoints) -> Iterator[Crossing]:
     """The links on which this core sends to others, those of the oracle aside, of which each core has a replica."""
-    service = {port: agent.service_ns for agent in wiring.agents for port in agent.ports}
+    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
+    service = {port: agent.service_ns for agent in agents for port in agent.ports}
+    tapped = {(spec.name, end) for spec in wiring.links for end in (spec.a, spec.b) if _has_tap(wiring, spec, end)}
     for spec in wiring.links:
         if ORACLE in (spec.a, spec.b) or here.core_of(spec.a) == here.core_of(spec.b):
             continue
         for end in (spec.a, spec.b):
             if end in here:
-                yield Crossing(spec.channel.latency_ns, service.get(Port(end, spec.name), 0))
+                # a tap may send at any time
+                every = 0 if (spec.name, end) in tapped else service.get(Port(end, spec.name), 0)
+                yield Crossing(spec.channel.latency_ns, every)
+
+
+def _has_tap(wiring: Wiring, spec: LinkSpec, end: str) -> bool:
+    """Whether a tap may be at an end of a link."""
+    return any(
+        fnmatchcase(spec.name, tap.match) and (end == tap.side or end.endswith("." + tap.side)) for tap in wiring.taps
+    )

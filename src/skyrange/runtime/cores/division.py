@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from math import gcd
 from typing import NamedTuple
 
+from skyrange.assembly.build import list_acts
 from skyrange.core.ids import endpoint, vehicle_id
 from skyrange.core.time import Time
 from skyrange.radio.contract import BUILTIN
 from skyrange.radio.oracle import ENDPOINT as ORACLE
+from skyrange.runtime.cores.acts import UNBOUND, Binding, bind_operators
 from skyrange.scenario.model.scenario import Scenario
 
 _ROLES = ("companion", "proxy", "autopilot")
@@ -25,6 +27,7 @@ class Division:
 
     operators: tuple[tuple[str, ...], ...]
     reason: str = ""
+    binding: Binding = UNBOUND
 
     @property
     def cores(self) -> int:
@@ -68,7 +71,8 @@ class Endpoints:
 def divide(scenario: Scenario, cores: int) -> Division:
     """Divide the operators among at most `cores` cores, so that each has about as many aircraft.
 
-    An operator's ground station and its MAVLink networks stay together.
+    An operator's ground station and its MAVLink networks stay together. Raises `InputError` for attacks, faults,
+    defences and detectors that cannot be made.
     """
     everyone = tuple(operator.id for operator in scenario.operators)
     vehicles = sum(len(operator.vehicles) for operator in scenario.operators)
@@ -84,21 +88,39 @@ def divide(scenario: Scenario, cores: int) -> Division:
         reason = f"operators are divided among the cores, and there are {len(everyone)}"
     if count == 1:
         return Division((everyone,), reason)
+    binding = _bind(scenario)
+    free = len(everyone) - len(binding.operators)
+    if free < count - bool(binding.operators):
+        count = free + bool(binding.operators)
+        reason = f"{_quote(binding.operators.values())} may have to do with all operators in common"
+        if free:
+            reason = f"{_quote(binding.operators.values())} keeps {len(binding.operators)} operators on one core"
+    if count == 1:
+        return Division((everyone,), reason)
     dealt: list[list[str]] = [[] for _ in range(count)]
     loads = [0] * count
-    for operator in sorted(scenario.operators, key=lambda one: -len(one.vehicles)):
-        core = loads.index(min(loads))
+    for operator in sorted(scenario.operators, key=lambda one: (one.id not in binding.operators, -len(one.vehicles))):
+        core = 0 if operator.id in binding.operators else loads.index(min(loads))
         dealt[core].append(operator.id)
         loads[core] += len(operator.vehicles)
     places = {name: place for place, name in enumerate(everyone)}
-    return Division(tuple(tuple(sorted(part, key=places.__getitem__)) for part in dealt), reason)
+    return Division(tuple(tuple(sorted(part, key=places.__getitem__)) for part in dealt), reason, binding)
+
+
+def _bind(scenario: Scenario) -> Binding:
+    if not any((scenario.acts, scenario.defences, scenario.detectors)):
+        return UNBOUND
+    return bind_operators(list_acts(scenario), {operator.id for operator in scenario.operators})
+
+
+def _quote(ids: Iterable[str]) -> str:
+    return ", ".join(repr(name) for name in dict.fromkeys(ids))
 
 
 def _find_obstacles(scenario: Scenario) -> Iterator[str]:
     """Why a scenario cannot be divided."""
-    acting = [name for name in ("attacks", "faults", "defences", "detectors") if getattr(scenario, name)]
-    if acting:
-        yield f"{' and '.join(acting)} may concern all operators at once"
+    if any(attack.honest for attack in scenario.attacks):
+        yield "real aircraft fly on the tracks that an attack claims"
     if scenario.radio is not None and scenario.radio.plugin is not BUILTIN:
         yield f"the radio engine {scenario.radio.engine} is one program"
     if any(scenario.over_air(f"gcs:{vehicle_id(operator.id, v.id)}") is not None for operator, v in scenario.fleet):

@@ -139,6 +139,7 @@ def _summarise(core: Core, parts: Sequence[Mapping[str, Any]], lag_s: float, fin
         "simulated_s": simulated_s,
         **({"engines": list(engines.values())} if engines else {}),
         "timings": timings,
+        **({"withheld": list(withheld)} if (withheld := core.kernel.withheld) else {}),
         "cores": {
             **core.built.header["cores"],
             "barrier_s": to_seconds(core.period_ns),
