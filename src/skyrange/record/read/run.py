@@ -18,6 +18,7 @@ from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.part_files import table_files
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER, count_messages, read_message
@@ -172,7 +173,7 @@ def load(path: Path | str) -> RunRecord:
     record = open_folder(path)
     counts = record.manifest.get("counts") or {}
     names = [*counts, *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ())]
-    lost = [name for name in names if not record.tables.spooled and not (record.path / f"{name}.parquet").is_file()]
+    lost = [name for name in names if not record.tables.spooled and not table_files(record.path / f"{name}.parquet")]
     if lost:
         hint = f"It was removed. `skyrange verify {record.path}` names everything that is not as the manifest says."
         problems = [Problem(f"{name}.parquet", "missing", "a table of this run", hint) for name in lost]
