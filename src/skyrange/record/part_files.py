@@ -19,7 +19,7 @@ def table_files(path: Path) -> list[Path]:
     in order; none if it does not exist.
     """
     if path.is_dir():
-        return [path / name for name in sorted(part.name for part in path.glob("part-*.parquet"))]
+        return [part for _, part in sorted(_numbered(path, "part-*.parquet").items())]
     return [path] if path.exists() else []
 
 

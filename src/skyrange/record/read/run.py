@@ -171,14 +171,26 @@ def load(path: Path | str) -> RunRecord:
     table. Of a run that was killed or is running, the record contains the rows that were written.
     """
     record = open_folder(path)
-    counts = record.manifest.get("counts") or {}
-    names = [*counts, *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ())]
-    lost = [name for name in names if not record.tables.spooled and not table_files(record.path / f"{name}.parquet")]
+    lost = [] if record.tables.spooled else list(_lost_tables(record))
     if lost:
         hint = f"It was removed. `skyrange verify {record.path}` names everything that is not as the manifest says."
-        problems = [Problem(f"{name}.parquet", "missing", "a table of this run", hint) for name in lost]
+        problems = [Problem(name, "missing", "a table of this run", hint) for name in lost]
         raise InputError(str(record.path), problems)
     return record
+
+
+def _lost_tables(record: RunRecord) -> Iterator[str]:
+    """The tables, and the parts of tables, that a run lacks by its manifest."""
+    names = [
+        *(record.manifest.get("counts") or ()),
+        *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ()),
+    ]
+    for name in names:
+        if not table_files(record.path / f"{name}.parquet"):
+            yield f"{name}.parquet"
+    for name in record.manifest.get("files") or ():
+        if ".parquet/" in name and not (record.path / name).is_file():
+            yield name
 
 
 def open_folder(path: Path | str) -> RunRecord:

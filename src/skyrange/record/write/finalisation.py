@@ -10,10 +10,11 @@ import os
 import shutil
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
 
+from skyrange.record.file_hashes import describe_files
 from skyrange.record.part_files import OPEN, part_path, spool_files
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
@@ -23,9 +24,19 @@ from skyrange.record.write.operator_files import OPERATORS, write_operator_files
 from skyrange.record.write.part_writer import PartWriter
 
 
-def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> tuple[dict[str, int], dict[str, int]]:
+class Finished(NamedTuple):
+    """Entries of the manifest of a finished run."""
+
+    counts: dict[str, int]
+    """Rows by table."""
+    messages: dict[str, int]
+    """Rows of telemetry by message."""
+    files: dict[str, dict[str, Any]]
+
+
+def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> Finished:
     """Place all tables of the run in `folder`, which `writer` has written, and with `csv` in the manifest's `record`
-    write CSV files and tlogs; returns the row count per table, and that of telemetry per message.
+    write CSV files and tlogs.
 
     Raises `ComponentError` if writing fails; the record then remains in its spool and in closed parts.
     """
@@ -33,6 +44,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> t
     folder = folder.absolute()
     tables = Tables(folder, spooled=True, trusted=True)
     counts: dict[str, int] = {}
+    known: dict[str, dict[str, Any]] = {}
     spool = folder / SPOOL
     try:
         if (manifest.get("record") or {}).get("csv"):
@@ -45,7 +57,10 @@ def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> t
             if parts:
                 counts[name] = tables.rows(name)
             for number, path in enumerate(parts):
-                _place(path, part_path(folder / f"{name}.parquet", number, len(parts)))
+                target = part_path(folder / f"{name}.parquet", number, len(parts))
+                _place(path, target)
+                if path in writer.described:
+                    known[target.relative_to(folder).as_posix()] = writer.described[path]
         if observed:
             counts["observations"] = observed
             _place(spool / f"observations.parquet{OPEN}", folder / "observations.parquet")
@@ -53,7 +68,7 @@ def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> t
             _place_folder(spool / f"{FOLDER}{OPEN}", folder / FOLDER)
     except (OSError, pa.ArrowException) as error:
         raise write_error(folder, error) from error
-    return counts, dict(sorted(messages.items()))
+    return Finished(counts, dict(sorted(messages.items())), describe_files(folder, known))
 
 
 def _place_folder(folder: Path, target: Path) -> None:

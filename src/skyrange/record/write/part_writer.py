@@ -104,6 +104,11 @@ class PartWriter:
 
     # ---------------------------------------------------------------- the end
 
+    @property
+    def described(self) -> Mapping[Path, dict[str, Any]]:
+        """Size and hash of each closed part that this writer wrote, after `finish`."""
+        return self._files.described
+
     def finish(self) -> tuple[dict[str, int], int]:
         """Close all parts, also of tables without rows, and the derived tables; returns how many rows each message and
         the observations have.

@@ -28,7 +28,6 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
-from skyrange.record.file_hashes import describe_files
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import (
@@ -419,8 +418,7 @@ class Recorder:
                 if self._writer is None:
                     self._writer = PartWriter(self.path, self._manifest, self._spool)
                     self._writer.read_spool()
-                counts, messages = finalise(self.path, self._manifest, self._writer)
-                self._manifest |= {"counts": counts, "messages": messages, "files": describe_files(self.path)}
+                self._manifest |= finalise(self.path, self._manifest, self._writer)._asdict()
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from skyrange.record.file_hashes import describe_file
 from skyrange.record.part_files import OPEN, closed_part_path, spool_files
 from skyrange.record.read.tables import decode_spooled, encoded_schema, parquet_options
 from skyrange.record.schema import arrow_schema, truth_columns
@@ -26,6 +27,8 @@ class TableFiles:
         """`folder` is the run's."""
         self._folder = folder.absolute()  # Arrow reads a relative name with a colon or a tilde as a URI
         self._open: dict[str, tuple[pa.Schema, pq.ParquetWriter]] = {}
+        self.described: dict[Path, dict[str, Any]] = {}
+        """Size and hash of each closed part."""
 
     def write(self, table: str, rows: pa.Table) -> None:
         """Append a row group of `table` to its open part; rows are as in the spool."""
@@ -48,8 +51,9 @@ class TableFiles:
         """
         _, writer = self._open.pop(table, None) or (None, self._open_file(table, arrow_schema(table)))
         writer.close()
-        path = closed_part_path(self._folder, table, segment)
-        (self._folder / SPOOL / f"{table}.parquet{OPEN}").replace(path)
+        path, made = closed_part_path(self._folder, table, segment), self._folder / SPOOL / f"{table}.parquet{OPEN}"
+        self.described[path] = describe_file(made, str(self._folder), made.name)
+        made.replace(path)
         for replaced in (self._folder / SPOOL).glob(f"{table}-*.arrows"):
             if int(replaced.stem.rpartition("-")[2]) <= segment:
                 replaced.unlink()
