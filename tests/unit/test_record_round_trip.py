@@ -23,7 +23,7 @@ from skyrange.record import MemoryObserver, Recorder, RunRecord, load
 from skyrange.record.read.telemetry import UNION
 from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
 from skyrange.record.verification import verify_run
-from skyrange.record.write import finalisation, telemetry_files
+from skyrange.record.write import derivation, telemetry_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 ROUNDS = 20
@@ -188,7 +188,7 @@ def test_telemetry_is_written_in_groups(tmp_path: Path, monkeypatch: pytest.Monk
     tell(recorder, ROUNDS)
     recorder.close()
     monkeypatch.setattr(telemetry_files, "HELD_ROWS", 7)
-    monkeypatch.setattr(finalisation, "BLOCK_ROWS", 3)
+    monkeypatch.setattr(derivation, "BLOCK_ROWS", 3)
     recorder = Recorder.open(tmp_path / "groups", HEADER)
     tell(recorder, ROUNDS)
     recorder.close()

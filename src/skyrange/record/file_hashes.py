@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 from skyrange.core.input_files import open_input
@@ -16,9 +17,14 @@ REPORT: Final = "report.html"
 """The one file of a run's folder that is written again later."""
 
 
-def describe_files(folder: Path) -> dict[str, dict[str, Any]]:
-    """The manifest's `files`: size and hash (BLAKE2b, 16 bytes) of every file in a run's folder, but the manifest."""
-    return {name: _describe_file(folder / name, str(folder), name) for name in _names(folder)}
+def describe_files(
+    folder: Path, known: Mapping[str, dict[str, Any]] = MappingProxyType({})
+) -> dict[str, dict[str, Any]]:
+    """The manifest's `files`: size and hash (BLAKE2b, 16 bytes) of every file in a run's folder, but the manifest.
+
+    The entries of `known` files are taken as they are.
+    """
+    return {name: known.get(name) or describe_file(folder / name, str(folder), name) for name in _names(folder)}
 
 
 def _names(folder: Path) -> Iterator[str]:
@@ -28,7 +34,8 @@ def _names(folder: Path) -> Iterator[str]:
             yield name.as_posix()
 
 
-def _describe_file(path: Path, who: str, name: str) -> dict[str, Any]:
+def describe_file(path: Path, who: str, name: str) -> dict[str, Any]:
+    """The size and hash of a file; raises `InputError` for `name` of `who` if it cannot be read."""
     with open_input(path, who, name) as file:
         digest = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16))
         return {"bytes": file.tell(), "blake2b": digest.hexdigest()}
@@ -41,6 +48,6 @@ def check_file(folder: Path, name: str, entry: Any) -> Iterator[str]:
         yield f"{MANIFEST}: files: {name} — expected the name of a file in the folder, with bytes and blake2b"
     elif not path.is_file():
         yield f"{name}: missing — expected a file of {entry.get('bytes')} bytes"
-    elif (found := _describe_file(path, str(folder), name)) != entry:
+    elif (found := describe_file(path, str(folder), name)) != entry:
         what = "bytes" if found["bytes"] != entry.get("bytes") else "blake2b"
         yield f"{name}: {what} {found[what]} — expected {entry.get(what)}"

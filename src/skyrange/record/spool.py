@@ -2,7 +2,8 @@
 
 Each table is an Arrow IPC stream in `.spool/`. Whole batches are appended without buffering in the process, so a
 killed process loses only rows that it had not written yet. The reader ignores an incomplete last batch. When a run is
-forked, its streams continue in new segments: `frames-0000.arrows`, `frames-0001.arrows`, ….
+forked, or a part of a table is complete, the stream continues in a new segment: `frames-0000.arrows`,
+`frames-0001.arrows`, …. Segments whose rows are in a closed part (`record.part_files`) are deleted.
 """
 
 from __future__ import annotations
@@ -96,6 +97,13 @@ class _Stream:
         return len(data)
 
 
+def _close(stream: _Stream) -> None:
+    try:
+        stream.close()
+    except OSError as error:
+        raise write_error(stream.path, error) from error
+
+
 def _options() -> pa.ipc.IpcWriteOptions:
     return pa.ipc.IpcWriteOptions(**_OPTIONS)
 
@@ -129,10 +137,17 @@ class Spool:
         streams, self._streams = self._streams, {}
         self.segment += 1
         for stream in streams.values():
-            try:
-                stream.close()
-            except OSError as error:
-                raise write_error(stream.path, error) from error
+            _close(stream)
+
+    def end_stream(self, table: str) -> int:
+        """Close the stream of one table; its later rows go to a new file. Returns the number of the closed segment,
+        which is greater than those of all earlier ones. Raises `ComponentError` if writing fails.
+        """
+        stream = self._streams.pop(table, None)
+        self.segment += 1
+        if stream is not None:
+            _close(stream)
+        return self.segment - 1
 
 
 def read_stream(path: Path, *, trusted: bool = False) -> Iterator[pa.RecordBatch]:

@@ -39,7 +39,7 @@ _TIMES = {name: ["time_ns"] for name in TABLES} | {
     "labels": ["at_ns", "until_ns"],
     "frames": ["sent_ns", "arrived_ns"],
 }
-_OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators"}
+_OWN = {MANIFEST, f"{MANIFEST}{DRAFT}", SPOOL, PARTS, "operators", "telemetry"}
 
 Flow = tuple[str, str, str]
 """Link, direction and sender: each flow numbers its frames separately."""
@@ -209,7 +209,7 @@ def attached_files(folder: Path) -> Iterator[tuple[str, Path]]:
     """The files of a run or a part that are not the record's own, with their names in the folder."""
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder)
-        tabular = len(name.parts) == 1 and name.suffix == ".parquet"
+        tabular = name.parts[0].endswith(".parquet")
         if path.is_file() and not path.is_symlink() and name.parts[0] not in _OWN and not tabular:
             yield str(name), path
 

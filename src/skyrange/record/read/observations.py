@@ -48,7 +48,7 @@ def derive_observations(
     of time 0, `timestamp_age_s` is null. A reception whose frame the record lacks has null in every decoded column.
     """
     for received in read_decoded_receptions(tables):
-        yield _batch(received, origin, start_unix_ns)
+        yield describe_observations(received, origin, start_unix_ns)
 
 
 def observations_table(tables: Tables, origin: Origin | None, start_unix_ns: int | None = None) -> pa.Table:
@@ -64,13 +64,16 @@ def frame_ids(rows: pa.Table) -> pa.ChunkedArray:
     )
 
 
-def _batch(received: DecodedReceptions, origin: Origin | None, start_unix_ns: int | None) -> pa.RecordBatch:
+def describe_observations(
+    received: DecodedReceptions, origin: Origin | None, start_unix_ns: int | None
+) -> pa.RecordBatch:
+    """The rows of `observations` for decoded receptions; the other arguments as in `derive_observations`."""
     rows = received.rows
     decoded = _decode(received.payloads, origin)
     places = pa.array(received.place, mask=received.place < 0)
     columns = {name: rows.column(source) for name, source in _RECEIVED.items()}
     columns["frame"] = frame_ids(rows)
-    columns["radio"] = pc.replace_substring(rows.column("link"), RADIO_LINK, "", max_replacements=1)
+    columns["radio"] = pc.replace_substring(rows.column("link").cast(pa.string()), RADIO_LINK, "", max_replacements=1)
     for name, values in decoded.items():
         columns[name] = values.take(places)
     columns["timestamp_age_s"] = _ages(rows.column("time_ns"), columns["timestamp_s"], start_unix_ns)

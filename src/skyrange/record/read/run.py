@@ -18,6 +18,7 @@ from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.part_files import table_files
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER, count_messages, read_message
@@ -170,14 +171,26 @@ def load(path: Path | str) -> RunRecord:
     table. Of a run that was killed or is running, the record contains the rows that were written.
     """
     record = open_folder(path)
-    counts = record.manifest.get("counts") or {}
-    names = [*counts, *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ())]
-    lost = [name for name in names if not record.tables.spooled and not (record.path / f"{name}.parquet").is_file()]
+    lost = [] if record.tables.spooled else list(_lost_tables(record))
     if lost:
         hint = f"It was removed. `skyrange verify {record.path}` names everything that is not as the manifest says."
-        problems = [Problem(f"{name}.parquet", "missing", "a table of this run", hint) for name in lost]
+        problems = [Problem(name, "missing", "a table of this run", hint) for name in lost]
         raise InputError(str(record.path), problems)
     return record
+
+
+def _lost_tables(record: RunRecord) -> Iterator[str]:
+    """The tables, and the parts of tables, that a run lacks by its manifest."""
+    names = [
+        *(record.manifest.get("counts") or ()),
+        *(f"{FOLDER}/{message}" for message in record.manifest.get("messages") or ()),
+    ]
+    for name in names:
+        if not table_files(record.path / f"{name}.parquet"):
+            yield f"{name}.parquet"
+    for name in record.manifest.get("files") or ():
+        if ".parquet/" in name and not (record.path / name).is_file():
+            yield name
 
 
 def open_folder(path: Path | str) -> RunRecord:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import decode, encode_payload
@@ -84,7 +85,7 @@ class StationFrames:
             yield found
 
 
-class _Names:
+class StationLinks:
     """What the names in the columns of frames say about them; computed anew only when a column has other names."""
 
     def __init__(self) -> None:
@@ -142,7 +143,7 @@ class _Names:
 
 def _station_frames(tables: Tables) -> Iterator[pa.Table]:
     """Batches of (time_ns, vehicle, received, payload) and the frame's identity, in the order recorded."""
-    names = _Names()
+    names = StationLinks()
     for batch in tables.frames_with_payloads(_COLUMNS, encoded=True):
         chosen, received, time_ns, link = names.choose(batch)
         kept = batch.take(pa.array(chosen))
@@ -162,21 +163,47 @@ def _station_frames(tables: Tables) -> Iterator[pa.Table]:
 
 def _station_times(tables: Tables) -> Iterator[Ints]:
     """The times of the same rows, which take a third as long to read."""
-    names = _Names()
+    names = StationLinks()
     for batch in tables.batches("frames", (*_NAMED, "sent_ns", "arrived_ns"), encoded=True):
         yield names.choose(pa.Table.from_batches([batch]))[2]
 
 
-def _decode_frames(rows: pa.Table) -> StationFrames:
-    vehicles = rows.column("vehicle").combine_chunks().dictionary_encode()
-    if isinstance(vehicles, pa.ChunkedArray):
-        vehicles = vehicles.combine_chunks()
+def select_received(links: StationLinks, frames: pa.Table) -> tuple[Ints, pa.Table]:
+    """The rows of encoded frames that ground stations received, and the identity, time and vehicle of each."""
+    chosen, received, time_ns, link = links.choose(frames)
+    chosen, time_ns, link = chosen[received], time_ns[received], link[received]
+    kept = frames.select(["link", "direction", "sender", "serial"]).take(pa.array(chosen))
+    owners = pa.DictionaryArray.from_arrays(pa.array(link.astype(np.int32)), links.vehicles)
+    return chosen, kept.append_column("time_ns", pa.array(time_ns)).append_column("vehicle", owners)
+
+
+def sort_received(rows: pa.Table) -> pa.Table:
+    """Rows of `select_received` in the order of `read_station_frames`."""
+    rows = rows.unify_dictionaries().combine_chunks()
+    ranks = [_ranks(rows.column(name).chunk(0)) for name in ("sender", "direction", "link")] if rows.num_rows else []
+    order = np.lexsort((rows.column("serial").to_numpy(), *ranks, rows.column("time_ns").to_numpy()))
+    return rows if (np.diff(order) == 1).all() else rows.take(pa.array(order))
+
+
+def _ranks(names: pa.DictionaryArray) -> Ints:
+    """Numbers that are ordered as the names are."""
+    ranks = np.empty(len(names.dictionary), dtype=np.int64)
+    ranks[pc.array_sort_indices(names.dictionary).to_numpy()] = np.arange(len(ranks))
+    found: Ints = ranks[names.indices.to_numpy()]
+    return found
+
+
+def decode_station_frames(rows: pa.Table) -> StationFrames:
+    """Frames with the columns `time_ns`, `vehicle`, `payload` and, unless all were received, `received`; decoded."""
+    owners, owner = _owners(rows)
+    all_received = np.ones(rows.num_rows, dtype=np.bool_)
+    received = rows.column("received").to_numpy() if "received" in rows.column_names else all_received
     payloads = payload_column(rows.column("payload"))
     found = StationFrames(
         rows.column("time_ns").to_numpy(),
-        vehicles.dictionary.to_pylist(),
-        vehicles.indices.to_numpy(zero_copy_only=False).astype(np.int64),
-        rows.column("received").to_numpy(),
+        owners,
+        owner,
+        received,
         payloads,
         classify_frames(payloads),
     )
@@ -189,6 +216,21 @@ def _decode_frames(rows: pa.Table) -> StationFrames:
         head = (message.get_seq(), message.get_srcSystem(), message.get_srcComponent())
         found.singles[row] = (*head, encode_payload(message))
     return found
+
+
+def _owners(rows: pa.Table) -> tuple[list[str], Ints]:
+    """The vehicles of some rows in order, and the number of each row's."""
+    column = rows.column("vehicle")
+    column = column.unify_dictionaries() if pa.types.is_dictionary(column.type) else column.dictionary_encode()
+    vehicles = column.combine_chunks()
+    vehicles = vehicles.chunk(0) if isinstance(vehicles, pa.ChunkedArray) else vehicles
+    codes = vehicles.indices.to_numpy(zero_copy_only=False)
+    used = np.unique(codes)
+    names = vehicles.dictionary.take(pa.array(used))
+    order = pc.array_sort_indices(names).to_numpy()
+    place = np.zeros(len(vehicles.dictionary), dtype=np.int64)
+    place[used[order]] = np.arange(len(order))
+    return names.take(pa.array(order)).to_pylist(), place[codes]
 
 
 def payload_column(column: pa.ChunkedArray) -> Payloads:
@@ -241,7 +283,7 @@ def survey_messages(tables: Tables) -> MessageSurvey:
     """Determine the messages that occur, in one pass over all frames."""
     found = MessageSurvey()
     for batch in _station_frames(tables):
-        block = _decode_frames(batch.filter(batch.column("received")))
+        block = decode_station_frames(batch.filter(batch.column("received")))
         for operator, name in enumerate(block.operators):
             kinds = np.unique(block.kinds[(block.operator == operator) & (block.kinds >= 0)])
             if len(kinds):
@@ -261,10 +303,10 @@ def read_station_frames(tables: Tables, block_rows: int = BLOCK_ROWS) -> Iterato
             whole = pa.concat_tables(held)
             ready = rows - rows % block_rows
             for start in range(0, ready, block_rows):
-                yield _decode_frames(whole.slice(start, block_rows))
+                yield decode_station_frames(whole.slice(start, block_rows))
             held, rows = [whole.slice(ready)], rows - ready
     if rows:
-        yield _decode_frames(pa.concat_tables(held))
+        yield decode_station_frames(pa.concat_tables(held))
 
 
 def text_of(raw: bytes) -> str:

@@ -1,21 +1,21 @@
-"""Reading of a run's tables, from its spool or from its Parquet files."""
+"""Reading of a run's tables: from its Parquet files, or from the closed parts and the spool of a run in progress."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
-from skyrange.record.schema import NAME, PAYLOAD_WINDOW, TEXT, Column, arrow_schema, columns_of, truth_columns
-from skyrange.record.spool import read_spool
+from skyrange.record.part_files import SpoolFile, spool_files, table_files
+from skyrange.record.read.payload_window import PayloadWindow
+from skyrange.record.schema import NAME, TEXT, Column, arrow_schema, columns_of, truth_columns
+from skyrange.record.spool import read_stream
 
 _DICTIONARY = pa.dictionary(pa.int32(), pa.string())
 BATCH_ROWS = 65_536
@@ -48,7 +48,8 @@ _JOINED = {"parent": _join_parent_ids}
 
 @dataclass(frozen=True, slots=True)
 class Tables:
-    """The recorded tables of one run, read from its spool if `spooled`, else from its Parquet files.
+    """The recorded tables of one run, read from its closed parts and its spool if `spooled`, else from its Parquet
+    files.
 
     Telemetry and `observations` are not recorded but derived from other tables (`record.read.telemetry`,
     `record.read.observations`) and stored as Parquet.
@@ -62,13 +63,23 @@ class Tables:
     def schema(self, name: str) -> pa.Schema:
         """The schema of a table in this run."""
         if not self.spooled:
-            path = self._parquet(name)
-            with self._name_damaged_file(path):
-                return _plain(pq.read_schema(path)) if path.exists() else arrow_schema(name)
-        if name == "truth":
-            for batch in read_spool(self.folder, name, trusted=self.trusted):
-                return arrow_schema(name, truth_columns(batch.schema.names[3:]))
+            for path in self._parquet(name):
+                return self._parquet_schema(path)
+        elif name == "truth":
+            for file in spool_files(self.folder.absolute(), name):
+                if file.closed:
+                    return self._parquet_schema(file.path)
+                try:
+                    first = next(read_stream(file.path, trusted=self.trusted), None)
+                except FileNotFoundError:
+                    return self._parquet_schema(self._part_of(name, file).path)
+                if first is not None:
+                    return arrow_schema(name, truth_columns(first.schema.names[3:]))
         return arrow_schema(name)
+
+    def _parquet_schema(self, path: Path) -> pa.Schema:
+        with self._name_damaged_file(path):
+            return _plain(pq.read_schema(path))
 
     def batches(
         self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -81,16 +92,45 @@ class Tables:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
-        if self.spooled:
-            for batch in read_spool(self.folder, name, trusted=self.trusted):
-                yield decode_spooled(batch, schema)
-            return
-        path = self._parquet(name)
-        if not path.exists():
-            return
-        with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=names) as file:
-            for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names):
-                yield decode_spooled(batch, schema)
+        found = self._recorded(name, schema, names) if self.spooled else self._written(name, schema, names)
+        for batch in found:
+            yield decode_spooled(batch, schema)
+
+    def _written(self, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        for path in self._parquet(name):
+            yield from self._part(path, schema, names)
+
+    def _part(self, path: Path, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=list(names)) as file:
+            yield from file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names)
+
+    def _recorded(self, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        """The rows of a run in progress: those that were there when reading began, and what the last segment got since.
+
+        A segment whose part is closed while it is waited for is read from that part.
+        """
+        read = 0  # rows of segments, which follow the closed parts
+        last = -1
+        for file in spool_files(self.folder.absolute(), name):
+            if file.closed:
+                yield from self._part(file.path, schema, names)
+            elif file.number > last:
+                try:
+                    for batch in read_stream(file.path, trusted=self.trusted):
+                        read += batch.num_rows
+                        yield batch
+                except FileNotFoundError:
+                    part = self._part_of(name, file)
+                    yield from _skip(self._part(part.path, schema, names), read)
+                    read, last = 0, part.number
+
+    def _part_of(self, name: str, segment: SpoolFile) -> SpoolFile:
+        """The closed part that has replaced a segment of the spool."""
+        for part in spool_files(self.folder.absolute(), name):
+            if part.closed and part.number >= segment.number:
+                return part
+        hint = "The run has ended meanwhile: read it again."
+        raise InputError.one(str(self.folder), segment.path.name, "missing", "the stream of a run in progress", hint)
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """The whole table, in memory."""
@@ -100,27 +140,33 @@ class Tables:
         return pa.Table.from_batches(self.batches(name, columns), schema=schema)
 
     def file(self, name: str, schema: pa.Schema) -> pa.Table:
-        """A whole Parquet file of the folder, with its own columns and names as plain strings; without rows and of
-        `schema` if there is none.
+        """A whole Parquet file of the folder, in one piece or in parts, with its own columns and names as plain
+        strings; without rows and of `schema` if there is none.
         """
-        path = (self.folder / name).absolute()
-        with self._name_damaged_file(path):
-            if not path.exists():
-                return schema.empty_table()
-            table = pq.read_table(path)
-            return table.cast(_plain(table.schema))
+        paths = table_files((self.folder / name).absolute())
+        if not paths:
+            return schema.empty_table()
+        tables = []
+        for path in paths:
+            with self._name_damaged_file(path), pq.ParquetFile(path) as file:
+                table = file.read()
+                tables.append(table.cast(_plain(table.schema)))
+        return pa.concat_tables(tables)
 
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
-        path = (self.folder / name).absolute()
+        return sum(map(self._part_rows, table_files((self.folder / name).absolute())))
+
+    def _part_rows(self, path: Path) -> int:
         with self._name_damaged_file(path):
-            return int(pq.read_metadata(path).num_rows) if path.exists() else 0
+            return int(pq.read_metadata(path).num_rows)
 
     def rows(self, name: str) -> int:
         """Number of rows of the table."""
         if not self.spooled:
             return self.file_rows(f"{name}.parquet")
-        return sum(batch.num_rows for batch in read_spool(self.folder, name, trusted=self.trusted))
+        first = [field.name for field in arrow_schema(name)][:1]
+        return sum(batch.num_rows for batch in self.batches(name, first))
 
     def frames_with_payloads(
         self, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -131,9 +177,14 @@ class Tables:
         frames end with the last one before the gap.
         """
         wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
-        window = _PayloadWindow(self.batches("payloads"))
+        stored, window = self.batches("payloads"), PayloadWindow()
         for batch in self.batches("frames", wanted, encoded=encoded):
-            payloads = window.take(batch.column("payload_id").to_numpy())
+            ids = batch.column("payload_id").to_numpy()
+            newest = int(ids.max(initial=-1))
+            while window.newest < newest and (more := next(stored, None)) is not None:
+                window.add(more)
+            payloads = window.take(ids)
+            window.drop_before_window(newest)
             whole = len(payloads)
             table = pa.Table.from_batches([batch]).slice(0, whole)
             if columns is not None:
@@ -149,62 +200,33 @@ class Tables:
             yield
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:  # the last: names of columns
             reason = str(error).splitlines()[0]
-            raise InputError.one(str(self.folder), path.name, reason, "a complete Parquet file") from error
+            where = str(path.relative_to(self.folder.absolute()))
+            raise InputError.one(str(self.folder), where, reason, "a complete Parquet file") from error
 
-    def _parquet(self, name: str) -> Path:
-        return (self.folder / f"{name}.parquet").absolute()  # Arrow reads a relative name with a colon as a URI
-
-
-class _PayloadWindow:
-    """The payloads that the frames being read may refer to; the window moves forward with the frames."""
-
-    def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
-        self._batches = batches
-        self._held: list[pa.RecordBatch] = []
-        self._table: pa.Table | None = None
-        """What is held, in one piece; None when it has changed."""
-        self._last = -1
-
-    def take(self, ids: NDArray[np.int64]) -> pa.Array:
-        """The payloads of `ids` up to the first that is missing."""
-        if not len(ids):
-            return pa.array([], pa.binary())
-        newest = int(ids.max())
-        while self._last < newest:
-            batch = next(self._batches, None)
-            if batch is None:
-                break
-            if batch.num_rows:
-                self._held.append(batch)
-                self._table = None
-                self._last = int(batch.column("payload_id")[-1].as_py())
-        if not self._held:
-            return pa.array([], pa.binary())
-        if self._table is None:
-            self._table = pa.Table.from_batches(self._held).combine_chunks()
-        held = self._table
-        known = held.column("payload_id").to_numpy()
-        places = np.minimum(np.searchsorted(known, ids), len(known) - 1)
-        missing = np.flatnonzero(known[places] != ids)
-        places = places[: missing[0]] if len(missing) else places
-        start = newest - newest % PAYLOAD_WINDOW  # later frames do not refer to earlier windows
-        if self._held[0].column("payload_id")[-1].as_py() < start:
-            self._held = [batch for batch in self._held if batch.column("payload_id")[-1].as_py() >= start]
-            self._table = None
-        column = held.column("payload").take(pa.array(places))
-        return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+    def _parquet(self, name: str) -> list[Path]:
+        # absolute, because Arrow reads a relative name with a colon as a URI
+        return table_files((self.folder / f"{name}.parquet").absolute())
 
 
-def combine_batches(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
-    """Batches combined into tables of at least `rows` rows; the last may have fewer."""
+def _skip(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.RecordBatch]:
+    """The batches without the first `rows` rows."""
+    for batch in batches:
+        if batch.num_rows > rows:
+            yield batch.slice(rows)
+        rows = max(rows - batch.num_rows, 0)
+
+
+def combine_batches(batches: Iterable[pa.RecordBatch], rows: int) -> Iterator[pa.Table]:
+    """Batches combined into tables of exactly `rows` rows; the last may have fewer."""
     held: list[pa.RecordBatch] = []
     count = 0
     for batch in batches:
-        held.append(batch)
-        count += batch.num_rows
-        if count >= rows:
-            yield pa.Table.from_batches(held)
-            held, count = [], 0
+        while count + batch.num_rows >= rows:
+            yield pa.Table.from_batches([*held, batch.slice(0, rows - count)])
+            batch, held, count = batch.slice(rows - count), [], 0
+        if batch.num_rows:
+            held.append(batch)
+            count += batch.num_rows
     if held:
         yield pa.Table.from_batches(held)
 

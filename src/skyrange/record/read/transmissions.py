@@ -36,7 +36,9 @@ RECEPTION_COLUMNS: Final = (
     "time_ns", "link", "direction", "sender", "serial", "receiver", "east_m", "north_m", "up_m", "transport", "channel",
     "rssi_dbm", "outcome",
 )  # fmt: skip
-_FRAME_COLUMNS: Final = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns")
+FRAME_COLUMNS: Final = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns")
+"""The columns of frames that are needed to find those that were transmitted, besides their payloads."""
+
 _BATCH_ROWS: Final = 16_384
 _SERIAL_BITS: Final = 40
 """A key is the number of a flow, then the serial number; a flow is a link, a direction and a sender."""
@@ -62,24 +64,33 @@ def read_decoded_receptions(
     Frames are not read if there are no receptions.
     """
     wanted = None if receivers is None else pa.array(list(receivers), pa.string())
-    transmissions = _Transmissions(tables)
-    for table in combine_batches(_decoded(tables, wanted), batch_rows):
-        rows = table.combine_chunks()
-        time_ns = rows.column("time_ns").to_numpy()
-        transmissions.advance(int(time_ns.max()) + AHEAD_NS)
-        transmissions.drop(int(time_ns.min()) - KEPT_NS)
-        payloads, place = transmissions.find(rows)
-        yield DecodedReceptions(rows, place, payloads)
+    transmissions = Transmissions()
+    frames: Iterator[pa.Table] | None = None
+    for rows in combine_batches(_decoded(tables, wanted), batch_rows):
+        if frames is None:
+            frames = tables.frames_with_payloads(FRAME_COLUMNS, encoded=True)
+        until = latest_frame_ns(rows)
+        while transmissions.read_ns <= until and (batch := next(frames, None)) is not None:
+            transmissions.add(batch)
+        yield transmissions.join(rows)
 
 
 def _decoded(tables: Tables, receivers: pa.Array | None) -> Iterator[pa.RecordBatch]:
     for batch in tables.batches("receptions", RECEPTION_COLUMNS):
-        keep = pc.equal(batch.column("outcome"), DECODED)
+        rows = decoded_rows(batch)
         if receivers is not None:
-            keep = pc.and_(keep, pc.is_in(batch.column("receiver"), value_set=receivers))
-        rows = batch.filter(keep)
-        if rows.num_rows:
-            yield rows
+            rows = rows.filter(pc.is_in(rows.column("receiver"), value_set=receivers))
+        yield rows
+
+
+def decoded_rows(batch: pa.RecordBatch) -> pa.RecordBatch:
+    """The rows of receptions whose receiver got every byte, with `RECEPTION_COLUMNS`."""
+    return batch.select(list(RECEPTION_COLUMNS)).filter(pc.equal(batch.column("outcome").cast(pa.string()), DECODED))
+
+
+def latest_frame_ns(receptions: pa.Table) -> Time:
+    """The time of sending by which all frames that receptions may name were recorded."""
+    return int(pc.max(receptions.column("time_ns")).as_py()) + AHEAD_NS
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,38 +103,37 @@ class _Batch:
     """Latest arrival."""
 
 
-class _Transmissions:
-    """The frames on `rid_up` that receptions being read may name; the window moves forward with the receptions."""
+class Transmissions:
+    """The frames on `rid_up` that receptions may name; the window moves forward with the receptions."""
 
-    def __init__(self, tables: Tables) -> None:
-        self._tables = tables
-        self._batches: Iterator[pa.Table] | None = None
-        self._read_ns: Time = -NEVER
+    def __init__(self) -> None:
+        self.read_ns: Time = -NEVER
+        """The latest time of sending so far."""
         self._held: list[_Batch] = []
         self._flows: dict[tuple[str, str, str], int] = {}
 
-    def advance(self, until: Time) -> None:
-        """Read frames until one was sent after `until`, or to the end."""
-        if self._batches is None:
-            self._batches = self._tables.frames_with_payloads(_FRAME_COLUMNS)
-        while self._read_ns <= until:
-            batch = next(self._batches, None)
-            if batch is None:
-                self._read_ns = NEVER
-                return
-            if not batch.num_rows:
-                continue
-            self._read_ns = max(self._read_ns, pc.max(batch.column("sent_ns")).as_py())
-            rows = batch.filter(pc.starts_with(batch.column("link"), RADIO_LINK))
-            if rows.num_rows:
-                times = pc.coalesce(rows.column("arrived_ns"), rows.column("sent_ns"))
-                self._held.append(_Batch(self._keys(rows), rows.column("payload"), pc.max(times).as_py()))
+    def add(self, frames: pa.Table) -> None:
+        """Add frames with `FRAME_COLUMNS` and their payloads, in the order recorded."""
+        if not frames.num_rows:
+            return
+        self.read_ns = max(self.read_ns, pc.max(frames.column("sent_ns")).as_py())
+        rows = frames.filter(is_transmission(frames))
+        if rows.num_rows:
+            times = pc.coalesce(rows.column("arrived_ns"), rows.column("sent_ns"))
+            self._held.append(_Batch(self._keys(rows), rows.column("payload"), pc.max(times).as_py()))
+
+    def join(self, receptions: pa.Table) -> DecodedReceptions:
+        """The frames of receptions, which are later than all joined before or at most `KEPT_NS` earlier."""
+        rows = receptions.combine_chunks()
+        self.drop(int(pc.min(rows.column("time_ns")).as_py()) - KEPT_NS)
+        payloads, place = self._find(rows)
+        return DecodedReceptions(rows, place, payloads)
 
     def drop(self, before: Time) -> None:
         """Drop the batches whose frames all arrived before a time."""
         self._held = [batch for batch in self._held if batch.last_ns >= before]
 
-    def find(self, rows: pa.Table) -> tuple[Payloads, Ints]:
+    def _find(self, rows: pa.Table) -> tuple[Payloads, Ints]:
         """The payloads of the frames that some receptions name, each once, and the place of each row's frame."""
         wanted, row_of = np.unique(self._keys(rows), return_inverse=True)
         if not self._held:
@@ -152,8 +162,19 @@ class _Transmissions:
         return (flows[number] << _SERIAL_BITS) + serial
 
 
+def is_transmission(frames: pa.Table) -> pa.ChunkedArray:
+    """Which frames are on a link from a radio to the medium; `link` is dictionary-encoded."""
+    chunks = []
+    for chunk in frames.column("link").chunks:
+        on_radio = pc.starts_with(chunk.dictionary, RADIO_LINK)
+        chunks.append(on_radio.take(chunk.indices))
+    return pa.chunked_array(chunks, pa.bool_())
+
+
 def _codes(rows: pa.Table, name: str) -> tuple[NDArray[np.int64], list[str]]:
     """A column of names as numbers, and the names."""
-    column = rows.column(name).combine_chunks().dictionary_encode()
-    column = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+    column = rows.column(name)
+    column = column.unify_dictionaries() if pa.types.is_dictionary(column.type) else column.dictionary_encode()
+    column = column.combine_chunks()
+    column = column.chunk(0) if isinstance(column, pa.ChunkedArray) else column
     return column.indices.to_numpy(zero_copy_only=False).astype(np.int64), column.dictionary.to_pylist()

@@ -1,96 +1,86 @@
-"""Conversion of a finished run's spool to Parquet tables, batch by batch, and to operator files if they are wanted.
+"""Placement of a finished run's tables in its folder, and its operator files if they are wanted.
 
-All files are written to `.final/` in the run's folder and moved into place when they are complete. Until the manifest
-is replaced, readers use the spool.
+The files are complete beside the spool before the first is placed, and stay there until the manifest is replaced. Until
+then readers use the spool's folder.
 """
 
 from __future__ import annotations
 
+import os
 import shutil
-from collections.abc import Iterator, Mapping
-from itertools import chain
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pyarrow as pa
-import pyarrow.parquet as pq
 
-from skyrange.record.manifest import origin_of, start_unix_ns_of
-from skyrange.record.read.observations import derive_observations
-from skyrange.record.read.station_frames import read_station_frames
-from skyrange.record.read.tables import Tables, combine_batches, encoded_schema, parquet_options
+from skyrange.record.file_hashes import describe_files
+from skyrange.record.part_files import OPEN, part_path, spool_files
+from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
-from skyrange.record.schema import DERIVED, OPTIONAL, TABLES, arrow_schema
-from skyrange.record.spool import write_error
+from skyrange.record.schema import DERIVED, TABLES
+from skyrange.record.spool import SPOOL, write_error
 from skyrange.record.write.operator_files import OPERATORS, write_operator_files
-from skyrange.record.write.telemetry_files import GROUP_ROWS, TelemetryFiles
-
-FINAL = ".final"
-"""The folder that holds finished files until all are finished."""
-
-BLOCK_ROWS = 65_536
-"""Frames at ground stations that are decoded together."""
-
-_WIDE_GROUP_ROWS = 32_768  # observations have a column for each field of Remote ID
+from skyrange.record.write.part_writer import PartWriter
 
 
-def finalise(folder: Path, manifest: Mapping[str, Any]) -> tuple[dict[str, int], dict[str, int]]:
-    """Write all tables of the run in `folder` from its spool, and with `csv` in the manifest's `record` CSV files and
-    tlogs; returns the row count per table, and that of telemetry per message.
+class Finished(NamedTuple):
+    """Entries of the manifest of a finished run."""
 
-    Raises `ComponentError` if writing fails; the record then remains in its spool.
+    counts: dict[str, int]
+    """Rows by table."""
+    messages: dict[str, int]
+    """Rows of telemetry by message."""
+    files: dict[str, dict[str, Any]]
+
+
+def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> Finished:
+    """Place all tables of the run in `folder`, which `writer` has written, and with `csv` in the manifest's `record`
+    write CSV files and tlogs.
+
+    Raises `ComponentError` if writing fails; the record then remains in its spool and in closed parts.
     """
-    final = folder.absolute() / FINAL  # absolute, because Arrow reads a relative name with a colon or a tilde as a URI
+    messages, observed = writer.finish()
+    folder = folder.absolute()
     tables = Tables(folder, spooled=True, trusted=True)
     counts: dict[str, int] = {}
+    known: dict[str, dict[str, Any]] = {}
+    spool = folder / SPOOL
     try:
-        shutil.rmtree(final, ignore_errors=True)
-        final.mkdir()
+        if (manifest.get("record") or {}).get("csv"):
+            made = spool / f"{OPERATORS}{OPEN}"
+            made.mkdir()
+            write_operator_files(made, tables, manifest)
+            _place_folder(made, folder / OPERATORS)
         for name in TABLES:
-            if name not in DERIVED and has_table(name, tables, manifest):
-                counts[name] = _write(
-                    final / f"{name}.parquet", tables.schema(name), tables.batches(name, encoded=True)
-                )
-        observed = _write_observations(final / "observations.parquet", tables, manifest)
+            parts = [file.path for file in spool_files(folder, name)] if name not in DERIVED else []
+            if parts:
+                counts[name] = tables.rows(name)
+            for number, path in enumerate(parts):
+                target = part_path(folder / f"{name}.parquet", number, len(parts))
+                _place(path, target)
+                if path in writer.described:
+                    known[target.relative_to(folder).as_posix()] = writer.described[path]
         if observed:
             counts["observations"] = observed
-        with TelemetryFiles(final / FOLDER) as telemetry:
-            for block in read_station_frames(tables, BLOCK_ROWS):
-                telemetry.write(block)
-        if (manifest.get("record") or {}).get("csv"):
-            (final / OPERATORS).mkdir()
-            write_operator_files(final / OPERATORS, tables, manifest)
-        for path in sorted(final.rglob("*")):
-            if path.is_file():
-                target = folder / path.relative_to(final)
-                target.parent.mkdir(exist_ok=True)
-                path.replace(target)
+            _place(spool / f"observations.parquet{OPEN}", folder / "observations.parquet")
+        if messages:
+            _place_folder(spool / f"{FOLDER}{OPEN}", folder / FOLDER)
     except (OSError, pa.ArrowException) as error:
-        raise write_error(final, error) from error
-    finally:
-        shutil.rmtree(final, ignore_errors=True)
-    return counts, dict(sorted(telemetry.counts.items()))
+        raise write_error(folder, error) from error
+    return Finished(counts, dict(sorted(messages.items())), describe_files(folder, known))
 
 
-def has_table(name: str, tables: Tables, manifest: Mapping[str, Any]) -> bool:
-    """Whether the run of `tables` has a file for the table `name`: of alerts, where it has detectors or raised some."""
-    return name not in OPTIONAL or bool(manifest.get("detectors")) or tables.rows(name) > 0
+def _place_folder(folder: Path, target: Path) -> None:
+    for path in folder.iterdir():
+        _place(path, target / path.name)
 
 
-def _write(path: Path, schema: pa.Schema, batches: Iterator[pa.RecordBatch], group: int = GROUP_ROWS) -> int:
-    """Write a table with names as dictionaries, which are half as large and quicker to write than plain strings."""
-    rows = 0
-    with pq.ParquetWriter(path, encoded_schema(schema), **parquet_options(schema)) as writer:
-        for table in combine_batches(batches, group):
-            writer.write_table(table.cast(writer.schema), row_group_size=group)
-            rows += table.num_rows
-    return rows
-
-
-def _write_observations(path: Path, tables: Tables, manifest: Mapping[str, Any]) -> int:
-    """Write what the receivers decoded; no file if they decoded nothing."""
-    batches = derive_observations(tables, origin_of(manifest), start_unix_ns_of(manifest))
-    first = next(batches, None)
-    if first is None:
-        return 0
-    return _write(path, arrow_schema("observations"), chain([first], batches), _WIDE_GROUP_ROWS)
+def _place(path: Path, target: Path) -> None:
+    """Give a file a second name, or copy it where the file system has no such names."""
+    target.parent.mkdir(exist_ok=True)
+    target.unlink(missing_ok=True)
+    try:
+        os.link(path, target)
+    except OSError:
+        shutil.copyfile(path, target)

@@ -1,7 +1,7 @@
 """Recorder of a run: an observer that streams to the run's folder with bounded memory.
 
-Observations are collected in lists and written in whole batches, every second of wall time or every 4 MB. The wall
-clock decides only when rows are written, never what they contain.
+Observations are collected in lists and written in whole batches to the spool, every second of wall time or every 4 MB.
+A thread writes the same rows to Parquet. The wall clock decides only when rows are written, never what they contain.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
-from skyrange.record.file_hashes import describe_files
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import (
@@ -49,6 +48,7 @@ from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
 from skyrange.record.write.finalisation import finalise
 from skyrange.record.write.frame_encoder import FrameEncoder
+from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
 from skyrange.record.write.receptions import ReceptionSource, reception_batch
 from skyrange.record.write.ticks import (
@@ -102,6 +102,7 @@ class Recorder:
         spool: Spool,
         spool_bytes: int,
         flush_s: float,
+        writer: PartWriter | None,
         made: Sequence[Path] = (),
     ) -> None:
         """Use `Recorder.open`."""
@@ -112,6 +113,7 @@ class Recorder:
         self._spool = spool
         self._spool_bytes = spool_bytes
         self._flush_s = flush_s
+        self._writer = writer
         self._due_s = monotonic() + flush_s
         self._made = made
         self._write_failed = False
@@ -138,6 +140,7 @@ class Recorder:
         csv: bool = False,
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
+        part_rows: int = PART_ROWS,
     ) -> Self:
         """Begin a record in `path`, a folder that does not exist or is empty; its manifest says `running` from now on.
 
@@ -145,7 +148,8 @@ class Recorder:
         links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time; 0 records none.
         With `csv` it ends with CSV files and tlogs of what ground stations received and sent.
         Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
-        are de-duplicated together. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
+        are de-duplicated together. A table of more than `part_rows` rows has several files; with 0 all rows stay in the
+        spool until `close`. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
         is not empty or cannot be written.
         """
         folder = expand_user(path)
@@ -173,7 +177,9 @@ class Recorder:
             truth_due=-NEVER if truth_hz else NEVER,
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
-        return cls(folder, manifest, state, Spool(folder), spool_bytes, flush_s, made)
+        spool = Spool(folder)
+        writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
+        return cls(folder, manifest, state, spool, spool_bytes, flush_s, writer, made)
 
     @classmethod
     def join(
@@ -260,6 +266,7 @@ class Recorder:
             self.flush()
         elif self._singles >= _BATCH_ROWS:
             self._write_frames()
+            self._write_receptions()
 
     def on_block(self, block: FrameBlock) -> None:
         """A block of frames was finished."""
@@ -269,6 +276,7 @@ class Recorder:
             self.flush()
         elif self._frame_rows >= _BLOCK_ROWS:
             self._write_frames()
+            self._write_receptions()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """A decision or an event was noted."""
@@ -319,6 +327,8 @@ class Recorder:
             return
         if table == "truth":
             state.digests.add_truth(truth_words(split_ticks(batch)))
+        elif table == "receptions" and self._writer is not None:
+            self._writer.observe_at_end()
         state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
         self._append(table, batch)
 
@@ -351,9 +361,7 @@ class Recorder:
             self._append("truth", truth_batch(self._truth))
         if self._sensors:
             self._append("sensors", sensor_batch(self._sensors))
-        receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
-        if receptions is not None:
-            self._append("receptions", reception_batch(receptions))
+        self._write_receptions()
         for table, rows in self._notes.items():
             if rows:
                 self._append(table, note_batch(table, rows))
@@ -362,9 +370,15 @@ class Recorder:
         if self._alerts:
             self._append("alerts", alert_batch(self._alerts))
 
+    def _write_receptions(self) -> None:
+        """Write receptions soon after the frames that they name."""
+        receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
+        if receptions is not None and not self._write_failed:
+            self._append("receptions", reception_batch(receptions))
+
     def _append(self, table: str, batch: pa.RecordBatch) -> None:
         try:
-            self._spool.append(table, batch)
+            (self._writer or self._spool).append(table, batch)
         except ComponentError:
             self._write_failed = True
             raise
@@ -400,15 +414,18 @@ class Recorder:
             raise InputError.one("fork", "folder", str(folder), "a folder outside the run that is forked")
         self.flush()
         self._spool.end_segment()
+        if self._writer is not None:
+            self._writer.wait()
         made = make_folder(folder)
         try:
-            shutil.copytree(self.path, folder, dirs_exist_ok=True)
+            shutil.copytree(self.path, folder, dirs_exist_ok=True, ignore=ignore_unfinished)
         except (OSError, shutil.Error) as error:
             remove_folder(folder, made)
             raise unwritable_error(folder, error) from error
         state, manifest = deepcopy(self._state), deepcopy(self._manifest)
         spool = Spool(folder, self._spool.segment)
-        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s)
+        writer = self._writer.fork(folder, manifest, spool) if self._writer is not None else None
+        return Recorder(folder, manifest, state, spool, self._spool_bytes, self._flush_s, writer)
 
     def __deepcopy__(self, memo: object) -> Recorder:
         raise TypeError("a Recorder owns a folder: use fork(path)")
@@ -422,7 +439,7 @@ class Recorder:
         *,
         in_spool: bool = False,
     ) -> None:
-        """End the record: write all files from the spool, then the manifest, then delete the spool.
+        """End the record: write what is left of all files, then the manifest, then delete the spool.
 
         With `in_spool` the rows stay in the spool, as for a part that will be merged. `status` is complete,
         interrupted or failed. `extra` holds manifest entries (simulated_s, timings, …) that override the recorder's
@@ -447,10 +464,13 @@ class Recorder:
             self.flush()
             self._spool.end_segment()
             if in_spool:
+                self._abandon_writer()
                 self._manifest |= {"counts": dict(self._state.counts), "spooled": True}
             else:
-                counts, messages = finalise(self.path, self._manifest)
-                self._manifest |= {"counts": counts, "messages": messages, "files": describe_files(self.path)}
+                if self._writer is None:
+                    self._writer = PartWriter(self.path, self._manifest, self._spool)
+                    self._writer.read_spool()
+                self._manifest |= finalise(self.path, self._manifest, self._writer)._asdict()
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:
@@ -470,9 +490,14 @@ class Recorder:
 
     def _note_spooled(self, extra: Mapping[str, Any]) -> None:
         """Note in the manifest, if it can be written, that the run failed and its rows are in the spool."""
+        self._abandon_writer()
         self._manifest |= self._final_entries("failed", extra) | {"spooled": True}
         with suppress(OSError):
             write_manifest(self.path, self._manifest)
+
+    def _abandon_writer(self) -> None:
+        if self._writer is not None:
+            self._writer.abandon()
 
     def _final_entries(self, status: str, extra: Mapping[str, Any]) -> dict[str, Any]:
         state = self._state

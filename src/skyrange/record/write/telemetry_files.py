@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Final
@@ -13,19 +13,17 @@ import pyarrow.parquet as pq
 from skyrange.record.read.station_frames import StationFrames
 from skyrange.record.read.tables import parquet_options
 from skyrange.record.read.telemetry import encoded_message_schema, received_messages
+from skyrange.record.write.table_files import GROUP_ROWS
 
-GROUP_ROWS: Final = 131_072
-"""Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
 HELD_ROWS: Final = 262_144
 """Rows of all messages that are held in memory; of what has most, a group is written then."""
 
 
 class TelemetryFiles:
-    """The files, opened when their first rows are written; a context manager."""
+    """The files, opened when their first rows are written. `close` writes what is held; a context manager does."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` is made. Raises `OSError`."""
-        folder.mkdir()
+        """`folder` is made with the first file."""
         self.counts: dict[str, int] = {}
         """Rows by message."""
         self._folder = folder
@@ -48,6 +46,7 @@ class TelemetryFiles:
     def _write_group(self, message: str) -> None:
         writer = self._writers.get(message)
         if writer is None:
+            self._folder.mkdir(exist_ok=True)
             schema, path = encoded_message_schema(message), self._folder / f"{message}.parquet"
             writer = self._open_files.enter_context(pq.ParquetWriter(path, schema, **parquet_options(schema)))
             self._writers[message] = writer
@@ -56,13 +55,25 @@ class TelemetryFiles:
         )
         self._rows[message] = 0
 
+    def close(self) -> None:
+        """Write what is held and close the files. Raises `OSError` and `ArrowException`."""
+        try:
+            for message in sorted(self._held):
+                self._write_group(message)
+        finally:
+            self._open_files.close()
+
+    def abandon(self) -> None:
+        """Close the files without what is held."""
+        self._held.clear()
+        with suppress(OSError, pa.ArrowException):
+            self._open_files.close()
+
     def __enter__(self) -> TelemetryFiles:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        try:
-            if error is None:
-                for message in sorted(self._held):
-                    self._write_group(message)
-        finally:
-            self._open_files.close()
+        if error is None:
+            self.close()
+        else:
+            self.abandon()

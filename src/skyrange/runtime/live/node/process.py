@@ -71,6 +71,7 @@ async def _serve_node(
         sensors_hz=rates.sensors_hz,
         csv=rates.csv,
         flush_s=math.inf,  # the node flushes by the system's clock
+        part_rows=0,  # its rows stay in the spool until they are merged
     )
     recorder.record_receptions(built.oracle)
     node = Node(config, built, recorder, system)

@@ -1,0 +1,184 @@
+"""Conversion of recorded rows to Parquet while the run flies: row groups for a thread, and parts of a fixed length.
+
+Rows are cut by their number alone, so files do not depend on the wall clock or on the thread. What is not yet in a
+closed part is in the spool.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+
+from skyrange.record.manifest import origin_of, start_unix_ns_of
+from skyrange.record.part_files import OPEN, spool_files
+from skyrange.record.read.tables import Tables, combine_batches
+from skyrange.record.schema import DERIVED, OPTIONAL, TABLES
+from skyrange.record.spool import Spool, read_stream, write_error
+from skyrange.record.write.background import Background
+from skyrange.record.write.derivation import Derivation
+from skyrange.record.write.table_files import GROUP_ROWS, TableFiles
+
+PART_ROWS: Final = 1 << 21
+"""Rows of a part, of every table; a multiple of the rows of a group."""
+
+
+class PartWriter:
+    """Writes the rows of a run to its spool, and from memory to Parquet, a row group at a time.
+
+    Memory holds up to a row group of each table and those that wait for the thread. Methods raise `ComponentError` if
+    writing fails, then or earlier in the thread; all rows that were added before are then in the spool and in closed
+    parts.
+    """
+
+    def __init__(self, folder: Path, manifest: Mapping[str, Any], spool: Spool, part_rows: int = PART_ROWS) -> None:
+        """`folder` is the run's, with its `spool`; `manifest` says where its origin is, and when it starts."""
+        self._folder = folder
+        self._manifest = manifest
+        self._spool = spool
+        self._part_rows = part_rows
+        self._group_rows = min(GROUP_ROWS, part_rows)
+        self._files = TableFiles(folder)
+        self._derivation = Derivation(folder, origin_of(manifest), start_unix_ns_of(manifest))
+        """Derived tables; the thread uses it, except for its flags."""
+        self._background = Background()
+        self._rows: dict[str, int] = {}  # of the open part
+        self._held: dict[str, list[pa.RecordBatch]] = {}  # less than a group
+        self._held_rows: dict[str, int] = {}
+        self._new_payloads: list[pa.RecordBatch] = []  # since the last group of frames
+        self._new_receptions: list[pa.RecordBatch] = []
+
+    def append(self, table: str, batch: pa.RecordBatch) -> None:
+        """Append rows of a table."""
+        while batch.num_rows:
+            room = self._part_rows - self._rows.get(table, 0)
+            piece, batch = batch.slice(0, room), batch.slice(room)
+            self._spool.append(table, piece)
+            self._hold(table, piece)
+            if self._rows[table] == self._part_rows:
+                self._end_part(table)
+
+    def _hold(self, table: str, batch: pa.RecordBatch) -> None:
+        self._rows[table] = self._rows.get(table, 0) + batch.num_rows
+        if table == "payloads":
+            self._new_payloads.append(batch)
+        elif table == "receptions":
+            self._new_receptions.append(batch)
+        self._held.setdefault(table, []).append(batch)
+        self._held_rows[table] = self._held_rows.get(table, 0) + batch.num_rows
+        if self._held_rows[table] >= self._group_rows:
+            self._write_groups(table, last=False)
+
+    def _write_groups(self, table: str, *, last: bool) -> None:
+        groups = list(combine_batches(self._held.pop(table, []), self._group_rows))
+        self._held_rows[table] = 0
+        for group in groups:
+            if group.num_rows < self._group_rows and not last:
+                self._held[table], self._held_rows[table] = group.to_batches(), group.num_rows
+            else:
+                self._write_group(table, group)
+
+    def _write_group(self, table: str, group: pa.Table) -> None:
+        self._submit(partial(self._files.write, table, group))
+        if table == "frames":
+            self._derive(group)
+
+    def _derive(self, frames: pa.Table | None) -> None:
+        payloads, self._new_payloads = self._new_payloads, []
+        receptions, self._new_receptions = self._new_receptions, []
+        self._submit(partial(self._derivation.add, frames, payloads, receptions))
+
+    def _end_part(self, table: str) -> None:
+        self._write_groups(table, last=True)
+        self._submit(partial(self._files.close_part, table, self._spool.end_stream(table)))
+        self._rows[table] = 0
+
+    def _submit(self, call: Callable[[], None]) -> None:
+        try:
+            self._background.submit(call)
+        except (OSError, pa.ArrowException) as error:
+            raise write_error(self._folder, error) from error
+
+    # ---------------------------------------------------------------- the end
+
+    @property
+    def described(self) -> Mapping[Path, dict[str, Any]]:
+        """Size and hash of each closed part that this writer wrote, after `finish`."""
+        return self._files.described
+
+    def finish(self) -> tuple[dict[str, int], int]:
+        """Close all parts, also of tables without rows, and the derived tables; returns how many rows each message and
+        the observations have.
+        """
+        for table in list(self._held):
+            self._write_groups(table, last=True)
+        self._derive(None)
+        for table in TABLES:
+            if table not in DERIVED and self._is_due(table):
+                self._submit(partial(self._files.close_part, table, self._spool.end_stream(table)))
+        try:
+            self._background.wait()
+            self._background.stop()
+            return self._derivation.finish(Tables(self._folder, spooled=True, trusted=True))
+        except (OSError, pa.ArrowException) as error:
+            raise write_error(self._folder, error) from error
+
+    def _is_due(self, table: str) -> bool:
+        """Whether a part of a table is to be closed at the end; a table has one, but alerts without detectors none."""
+        if self._rows.get(table):
+            return True
+        has_rows = table in self._rows or self._files.has_part(table)
+        return not has_rows and (table not in OPTIONAL or bool(self._manifest.get("detectors")))
+
+    def abandon(self) -> None:
+        """Delete everything that is not whole; the rows stay in the spool and in closed parts."""
+        self._background.stop()
+        self._files.abandon()
+        self._derivation.abandon()
+
+    # ---------------------------------------------------------------- forks
+
+    def wait(self) -> None:
+        """Wait until the thread is idle."""
+        try:
+            self._background.wait()
+        except (OSError, pa.ArrowException) as error:
+            raise write_error(self._folder, error) from error
+
+    def fork(self, folder: Path, manifest: Mapping[str, Any], spool: Spool) -> PartWriter:
+        """A writer that continues in a copy of the folder, made while the thread was idle."""
+        twin = PartWriter(folder, manifest, spool, self._part_rows)
+        if not self._background.is_used:
+            twin._rows = dict(self._rows)
+            twin._held = {table: list(batches) for table, batches in self._held.items()}
+            twin._held_rows = dict(self._held_rows)
+            twin._new_payloads, twin._new_receptions = list(self._new_payloads), list(self._new_receptions)
+        else:
+            twin.read_spool()
+        return twin
+
+    def observe_at_end(self) -> None:
+        """Derive observations at the end, because receptions are not recorded near their frames."""
+        self._derivation.observes = False
+
+    def read_spool(self) -> None:
+        """Take the rows of the spool that are in no closed part; derived tables are then derived at the end."""
+        self._derivation.is_whole = False
+        for table in TABLES:
+            for batch in _open_rows(self._folder, table):
+                self._hold(table, batch)
+        self._new_payloads, self._new_receptions = [], []
+
+
+def _open_rows(folder: Path, table: str) -> Iterator[pa.RecordBatch]:
+    for file in spool_files(folder, table):
+        if not file.closed:
+            yield from read_stream(file.path, trusted=True)
+
+
+def ignore_unfinished(_: str, names: Iterable[str]) -> list[str]:
+    """The files of a run's spool that only this process can continue, for `shutil.copytree`."""
+    return [name for name in names if name.endswith(OPEN)]
