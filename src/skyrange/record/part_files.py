@@ -12,20 +12,46 @@ OPEN: Final = ".new"
 """Suffix of a Parquet file that is still being written, in the spool's folder."""
 
 _NUMBERED: Final = re.compile(r"-(\d{4,})\.(arrows|parquet)$")
+_SHARD: Final = "core-{}"
+"""Folder, in the spool's folder, of the shard that a process other than the first records, and prefix of its parts."""
 
 
 def table_files(path: Path) -> list[Path]:
     """The Parquet files of the table `path`, such as `frames.parquet`: the file itself, or if it is a folder, its parts
     in order; none if it does not exist.
     """
-    if path.is_dir():
-        return [part for _, part in sorted(_numbered(path, "part-*.parquet").items())]
-    return [path] if path.exists() else []
+    return [part for shard in table_shards(path) for part in shard]
 
 
-def part_path(path: Path, number: int, count: int) -> Path:
-    """Where part `number` of the `count` parts of the table `path` belongs: a table of one part is one file."""
-    return path if count == 1 else path / f"part-{number:04d}.parquet"
+def table_shards(path: Path) -> list[list[Path]]:
+    """The files of a table, as `table_files` has them, for each process that recorded some."""
+    if not path.is_dir():
+        return [[path]] if path.exists() else []
+    prefixes = {part.name.rpartition("-")[0] for part in path.glob("*.parquet")}
+    found = (_numbered(path, f"{prefix}-*.parquet") for prefix in sorted(prefixes, key=_shard_number))
+    return [[part for _, part in sorted(parts.items())] for parts in found if parts]
+
+
+def part_path(path: Path, number: int, count: int, shard: int = 0) -> Path:
+    """Where part `number` of a shard of the table `path` belongs; a table of `count` 1 part is one file."""
+    prefix = _SHARD.format(shard) if shard else "part"
+    return path if count == 1 else path / f"{prefix}-{number:04d}.parquet"
+
+
+def shard_folder(folder: Path, shard: int) -> Path:
+    """The folder of a shard of the run in `folder`, with a spool of its own; that of the first is the run's."""
+    return folder / SPOOL / _SHARD.format(shard) if shard else folder
+
+
+def shard_folders(folder: Path) -> list[Path]:
+    """The folders of all shards of a run in progress, in the order of their numbers."""
+    others = (folder / SPOOL).glob(_SHARD.format("*"))
+    return [folder, *sorted((one for one in others if one.is_dir()), key=lambda one: _shard_number(one.name))]
+
+
+def _shard_number(name: str) -> int:
+    number = name.rpartition("-")[2]
+    return int(number) if number.isdecimal() else 0
 
 
 def closed_part_path(folder: Path, table: str, segment: int) -> Path:

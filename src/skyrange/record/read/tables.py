@@ -12,11 +12,15 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.record.part_files import SpoolFile, spool_files, table_files
+from skyrange.record.part_files import SpoolFile, shard_folders, spool_files, table_files, table_shards
 from skyrange.record.read.payload_window import PayloadWindow
+from skyrange.record.read.shards import interleave, time_key
 from skyrange.record.schema import NAME, TEXT, Column, arrow_schema, columns_of, truth_columns
 from skyrange.record.spool import read_stream
 
+_SENT = "sent_ns"
+_Shard = Path | list[Path]
+"""What one process has recorded of a table: the folder of its shard, of a run in progress, or its files."""
 _DICTIONARY = pa.dictionary(pa.int32(), pa.string())
 BATCH_ROWS = 65_536
 """Number of rows read at once from a Parquet file."""
@@ -59,6 +63,8 @@ class Tables:
     spooled: bool
     trusted: bool = False
     """Whether this process has written the spool itself, which is then not searched for damage."""
+    alone: bool = False
+    """Whether to read the rows of one shard only, whose folder this is, of a run in progress."""
 
     def schema(self, name: str) -> pa.Schema:
         """The schema of a table in this run."""
@@ -66,13 +72,13 @@ class Tables:
             for path in self._parquet(name):
                 return self._parquet_schema(path)
         elif name == "truth":
-            for file in spool_files(self.folder.absolute(), name):
+            for root, file in ((one, file) for one in self._roots() for file in spool_files(one, name)):
                 if file.closed:
                     return self._parquet_schema(file.path)
                 try:
                     first = next(read_stream(file.path, trusted=self.trusted), None)
                 except FileNotFoundError:
-                    return self._parquet_schema(self._part_of(name, file).path)
+                    return self._parquet_schema(self._part_of(root, name, file).path)
                 if first is not None:
                     return arrow_schema(name, truth_columns(first.schema.names[3:]))
         return arrow_schema(name)
@@ -85,33 +91,54 @@ class Tables:
         self, name: str, columns: Sequence[str] | None = None, *, encoded: bool = False
     ) -> Iterator[pa.RecordBatch]:
         """The rows in the order recorded, with all columns or with `columns` in that order; names are plain strings, or
-        with `encoded` dictionaries.
+        with `encoded` dictionaries. The rows of several shards are in order of time.
         """
-        schema = self.schema(name)
+        whole = self.schema(name)
+        schema = whole
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
+        shards, key = self._shards(name), time_key(whole)
+        if len(shards) < 2 or key is None:
+            for shard in shards:
+                yield from self._decoded(shard, name, schema, encoded)
+            return
+        keyed = schema if key in schema.names else schema.append(whole.field(key))
+        streams = [_tabled(self._decoded(shard, name, keyed, encoded)) for shard in shards]
+        for table in interleave(streams, key):
+            yield from table.select(schema.names).combine_chunks().to_batches()
+
+    def _roots(self) -> list[Path]:
+        """The folders of the shards of a run in progress."""
+        folder = self.folder.absolute()  # Arrow reads a relative name with a colon as a URI
+        return [folder] if self.alone else shard_folders(folder)
+
+    def _shards(self, name: str) -> Sequence[_Shard]:
+        """What each process has recorded of a table."""
+        return self._roots() if self.spooled else table_shards((self.folder / f"{name}.parquet").absolute())
+
+    def _decoded(self, shard: _Shard, name: str, schema: pa.Schema, encoded: bool) -> Iterator[pa.RecordBatch]:
         names = names_of(schema) if encoded else []
         schema = encoded_schema(schema) if encoded else schema
-        found = self._recorded(name, schema, names) if self.spooled else self._written(name, schema, names)
+        if isinstance(shard, Path):
+            found = self._recorded(shard, name, schema, names)
+        else:
+            found = (batch for path in shard for batch in self._part(path, schema, names))
         for batch in found:
             yield decode_spooled(batch, schema)
-
-    def _written(self, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-        for path in self._parquet(name):
-            yield from self._part(path, schema, names)
 
     def _part(self, path: Path, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
         with self._name_damaged_file(path), pq.ParquetFile(path, read_dictionary=list(names)) as file:
             yield from file.iter_batches(batch_size=BATCH_ROWS, columns=schema.names)
 
-    def _recorded(self, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
-        """The rows of a run in progress: those that were there when reading began, and what the last segment got since.
+    def _recorded(self, root: Path, name: str, schema: pa.Schema, names: Sequence[str]) -> Iterator[pa.RecordBatch]:
+        """The rows of a shard of a run in progress: those that were there when reading began, and what the last segment
+        got since.
 
         A segment whose part is closed while it is waited for is read from that part.
         """
         read = 0  # rows of segments, which follow the closed parts
         last = -1
-        for file in spool_files(self.folder.absolute(), name):
+        for file in spool_files(root, name):
             if file.closed:
                 yield from self._part(file.path, schema, names)
             elif file.number > last:
@@ -120,13 +147,13 @@ class Tables:
                         read += batch.num_rows
                         yield batch
                 except FileNotFoundError:
-                    part = self._part_of(name, file)
+                    part = self._part_of(root, name, file)
                     yield from _skip(self._part(part.path, schema, names), read)
                     read, last = 0, part.number
 
-    def _part_of(self, name: str, segment: SpoolFile) -> SpoolFile:
+    def _part_of(self, root: Path, name: str, segment: SpoolFile) -> SpoolFile:
         """The closed part that has replaced a segment of the spool."""
-        for part in spool_files(self.folder.absolute(), name):
+        for part in spool_files(root, name):
             if part.closed and part.number >= segment.number:
                 return part
         hint = "The run has ended meanwhile: read it again."
@@ -141,17 +168,19 @@ class Tables:
 
     def file(self, name: str, schema: pa.Schema) -> pa.Table:
         """A whole Parquet file of the folder, in one piece or in parts, with its own columns and names as plain
-        strings; without rows and of `schema` if there is none.
+        strings; without rows and of `schema` if there is none. The rows of several shards are in order of time.
         """
-        paths = table_files((self.folder / name).absolute())
-        if not paths:
+        shards = table_shards((self.folder / name).absolute())
+        if not shards:
             return schema.empty_table()
         tables = []
-        for path in paths:
+        for path in (path for shard in shards for path in shard):
             with self._name_damaged_file(path), pq.ParquetFile(path) as file:
                 table = file.read()
                 tables.append(table.cast(_plain(table.schema)))
-        return pa.concat_tables(tables)
+        whole = pa.concat_tables(tables)
+        key = time_key(whole.schema)
+        return whole if len(shards) == 1 or key is None else whole.sort_by([(key, "ascending")])
 
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
@@ -165,8 +194,10 @@ class Tables:
         """Number of rows of the table."""
         if not self.spooled:
             return self.file_rows(f"{name}.parquet")
-        first = [field.name for field in arrow_schema(name)][:1]
-        return sum(batch.num_rows for batch in self.batches(name, first))
+        whole = arrow_schema(name)
+        first = pa.schema([whole.field(0)], metadata=whole.metadata)
+        shards = self._shards(name)
+        return sum(batch.num_rows for shard in shards for batch in self._decoded(shard, name, first, False))
 
     def frames_with_payloads(
         self, columns: Sequence[str] | None = None, *, encoded: bool = False
@@ -176,9 +207,27 @@ class Tables:
         Memory holds at most two windows of payloads. If payloads are missing, because the file system lost data, the
         frames end with the last one before the gap.
         """
-        wanted = None if columns is None else list(dict.fromkeys([*columns, "payload_id"]))
-        stored, window = self.batches("payloads"), PayloadWindow()
-        for batch in self.batches("frames", wanted, encoded=encoded):
+        shards, held = self._shards("frames"), self._shards("payloads")
+        if len(shards) < 2:
+            for shard, stored in zip(shards, held, strict=False):
+                yield from self._frames_of(shard, stored, columns, encoded)
+            return
+        keyed = None if columns is None else list(dict.fromkeys([*columns, _SENT]))
+        streams = [self._frames_of(shard, stored, keyed, encoded) for shard, stored in zip(shards, held, strict=True)]
+        for table in interleave(streams, _SENT):
+            yield table if columns is None else table.select([*columns, "payload"])
+
+    def _frames_of(
+        self, shard: _Shard, held: _Shard, columns: Sequence[str] | None, encoded: bool
+    ) -> Iterator[pa.Table]:
+        """The frames of one shard, whose payloads are in `held`."""
+        schema = self.schema("frames")
+        if columns is not None:
+            wanted = list(dict.fromkeys([*columns, "payload_id"]))
+            schema = pa.schema([schema.field(column) for column in wanted], metadata=schema.metadata)
+        stored = self._decoded(held, "payloads", arrow_schema("payloads"), False)
+        window = PayloadWindow()
+        for batch in self._decoded(shard, "frames", schema, encoded):
             ids = batch.column("payload_id").to_numpy()
             newest = int(ids.max(initial=-1))
             while window.newest < newest and (more := next(stored, None)) is not None:
@@ -206,6 +255,10 @@ class Tables:
     def _parquet(self, name: str) -> list[Path]:
         # absolute, because Arrow reads a relative name with a colon as a URI
         return table_files((self.folder / f"{name}.parquet").absolute())
+
+
+def _tabled(batches: Iterator[pa.RecordBatch]) -> Iterator[pa.Table]:
+    return (pa.Table.from_batches([batch]) for batch in batches)
 
 
 def _skip(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[pa.RecordBatch]:

@@ -79,11 +79,20 @@ class Derivation:
         return self._folder / SPOOL / f"observations.parquet{OPEN}"
 
     def add(
-        self, frames: pa.Table | None, payloads: Iterable[pa.RecordBatch], receptions: Iterable[pa.RecordBatch]
+        self,
+        frames: pa.Table | None,
+        payloads: Iterable[pa.RecordBatch],
+        receptions: Iterable[pa.RecordBatch],
+        foreign: Iterable[pa.Table] = (),
     ) -> None:
-        """Add what was recorded since the last call, as it is in the spool: payloads include those of the frames."""
+        """Add what was recorded since the last call, as it is in the spool: payloads include those of the frames.
+
+        `foreign` are transmissions that another process records: `FRAME_COLUMNS` and payloads.
+        """
         if not self.is_whole:
             return
+        for transmissions in foreign:
+            self._observations.add_foreign(transmissions)
         for batch in payloads:
             self._payloads.add(batch)
         if frames is not None:
@@ -193,6 +202,11 @@ class _Observations:
         self._join()
         earliest_ns = min((pc.min(batch.column("time_ns")).as_py() for batch in self._waiting), default=NEVER)
         self._transmissions.drop(min(earliest_ns, self._transmissions.read_ns) - KEPT_NS)
+
+    def add_foreign(self, rows: pa.Table) -> None:
+        read_ns = self._transmissions.read_ns
+        self._transmissions.add(rows)
+        self._transmissions.read_ns = read_ns  # of what this process records
 
     def add_receptions(self, batch: pa.RecordBatch) -> None:
         rows = decoded_rows(batch)

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from skyrange.record.file_hashes import describe_files
-from skyrange.record.part_files import OPEN, part_path, spool_files
+from skyrange.record.part_files import OPEN, part_path, shard_folder, spool_files
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
 from skyrange.record.schema import DERIVED, TABLES
@@ -34,13 +35,30 @@ class Finished(NamedTuple):
     files: dict[str, dict[str, Any]]
 
 
-def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> Finished:
-    """Place all tables of the run in `folder`, which `writer` has written, and with `csv` in the manifest's `record`
-    write CSV files and tlogs.
+class Shard(NamedTuple):
+    """What a process has written of a run: all its parts are closed, in the folder of its shard."""
+
+    number: int
+    messages: dict[str, int]
+    """Rows of telemetry by message."""
+    observed: int
+    """Rows of observations."""
+    described: dict[str, dict[str, Any]]
+    """Size and hash of parts, by name."""
+
+
+def finish_shard(writer: PartWriter, number: int = 0) -> Shard:
+    """Write the rest of a shard. Raises `ComponentError` if writing fails."""
+    messages, observed = writer.finish()
+    return Shard(number, messages, observed, {path.name: known for path, known in writer.described.items()})
+
+
+def finalise(folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard]) -> Finished:
+    """Place all tables of the run in `folder`, which `shards` are of, and with `csv` in the manifest's `record` write
+    CSV files and tlogs.
 
     Raises `ComponentError` if writing fails; the record then remains in its spool and in closed parts.
     """
-    messages, observed = writer.finish()
     folder = folder.absolute()
     tables = Tables(folder, spooled=True, trusted=True)
     counts: dict[str, int] = {}
@@ -53,22 +71,52 @@ def finalise(folder: Path, manifest: Mapping[str, Any], writer: PartWriter) -> F
             write_operator_files(made, tables, manifest)
             _place_folder(made, folder / OPERATORS)
         for name in TABLES:
-            parts = [file.path for file in spool_files(folder, name)] if name not in DERIVED else []
+            parts = [] if name in DERIVED else _list_parts(folder, name, shards)
             if parts:
                 counts[name] = tables.rows(name)
-            for number, path in enumerate(parts):
-                target = part_path(folder / f"{name}.parquet", number, len(parts))
+            for shard, number, path in parts:
+                target = part_path(folder / f"{name}.parquet", number, len(parts), shard.number)
                 _place(path, target)
-                if path in writer.described:
-                    known[target.relative_to(folder).as_posix()] = writer.described[path]
-        if observed:
-            counts["observations"] = observed
-            _place(spool / f"observations.parquet{OPEN}", folder / "observations.parquet")
-        if messages:
-            _place_folder(spool / f"{FOLDER}{OPEN}", folder / FOLDER)
+                if path.name in shard.described:
+                    known[target.relative_to(folder).as_posix()] = shard.described[path.name]
+        observing = [shard for shard in shards if shard.observed]
+        for shard in observing:
+            counts["observations"] = counts.get("observations", 0) + shard.observed
+            target = part_path(folder / "observations.parquet", 0, len(observing), shard.number)
+            _place(shard_folder(folder, shard.number) / SPOOL / f"observations.parquet{OPEN}", target)
+        messages = _place_telemetry(folder, shards)
     except (OSError, pa.ArrowException) as error:
         raise write_error(folder, error) from error
-    return Finished(counts, dict(sorted(messages.items())), describe_files(folder, known))
+    return Finished(counts, messages, describe_files(folder, known))
+
+
+def _list_parts(folder: Path, table: str, shards: Sequence[Shard]) -> list[tuple[Shard, int, Path]]:
+    """The closed parts of a table with their shards and numbers; without empty ones where another has rows."""
+    found = [
+        (shard, number, file.path)
+        for shard in shards
+        for number, file in enumerate(spool_files(shard_folder(folder, shard.number), table))
+    ]
+    if len(shards) == 1:
+        return found
+    return [part for part in found if pq.read_metadata(part[2]).num_rows] or found[:1]
+
+
+def _place_telemetry(folder: Path, shards: Sequence[Shard]) -> dict[str, int]:
+    """Place the tables of messages; returns the rows of each."""
+    counts: dict[str, int] = {}
+    having: dict[str, list[Shard]] = {}
+    for shard in shards:
+        for message, rows in shard.messages.items():
+            counts[message] = counts.get(message, 0) + rows
+            having.setdefault(message, []).append(shard)
+    for message, parts in having.items():
+        name = f"{message}.parquet"
+        (folder / FOLDER).mkdir(exist_ok=True)
+        for shard in parts:
+            made = shard_folder(folder, shard.number) / SPOOL / f"{FOLDER}{OPEN}" / name
+            _place(made, part_path(folder / FOLDER / name, 0, len(parts), shard.number))
+    return dict(sorted(counts.items()))
 
 
 def _place_folder(folder: Path, target: Path) -> None:

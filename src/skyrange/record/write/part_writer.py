@@ -50,6 +50,7 @@ class PartWriter:
         self._held_rows: dict[str, int] = {}
         self._new_payloads: list[pa.RecordBatch] = []  # since the last group of frames
         self._new_receptions: list[pa.RecordBatch] = []
+        self._foreign: list[pa.Table] = []
 
     def append(self, table: str, batch: pa.RecordBatch) -> None:
         """Append rows of a table."""
@@ -89,7 +90,12 @@ class PartWriter:
     def _derive(self, frames: pa.Table | None) -> None:
         payloads, self._new_payloads = self._new_payloads, []
         receptions, self._new_receptions = self._new_receptions, []
-        self._submit(partial(self._derivation.add, frames, payloads, receptions))
+        foreign, self._foreign = self._foreign, []
+        self._submit(partial(self._derivation.add, frames, payloads, receptions, foreign))
+
+    def add_foreign(self, frames: pa.Table) -> None:
+        """Add transmissions that another shard records, with their payloads: receptions of this one may name them."""
+        self._foreign.append(frames)
 
     def _end_part(self, table: str) -> None:
         self._write_groups(table, last=True)
@@ -122,7 +128,7 @@ class PartWriter:
         try:
             self._background.wait()
             self._background.stop()
-            return self._derivation.finish(Tables(self._folder, spooled=True, trusted=True))
+            return self._derivation.finish(Tables(self._folder, spooled=True, trusted=True, alone=True))
         except (OSError, pa.ArrowException) as error:
             raise write_error(self._folder, error) from error
 

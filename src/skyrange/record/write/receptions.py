@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +21,15 @@ class ReceptionSource(Protocol):
 
     def drain_receptions(self) -> Receptions | None:
         """Receptions since the last call, or `None`."""
+        ...
+
+
+@runtime_checkable
+class ForeignSource(Protocol):
+    """Source of receptions of frames that other processes of the run record."""
+
+    def drain_foreign(self) -> pa.Table | None:
+        """Those frames since the last call: link, direction, sender, serial, times and payload as in `frames`."""
         ...
 
 

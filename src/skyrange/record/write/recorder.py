@@ -44,13 +44,14 @@ from skyrange.record.notes import (
     table_of,
     vehicle_ids,
 )
+from skyrange.record.part_files import shard_folder
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
-from skyrange.record.write.finalisation import finalise
+from skyrange.record.write.finalisation import Shard, finalise, finish_shard
 from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
-from skyrange.record.write.receptions import ReceptionSource, reception_batch
+from skyrange.record.write.receptions import ForeignSource, ReceptionSource, reception_batch
 from skyrange.record.write.ticks import (
     SensorTick,
     TruthTick,
@@ -65,8 +66,6 @@ from skyrange.record.write.ticks import (
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
 
-SHARD_SEGMENTS = 100
-"""Segments of the spool that each shard of a run may have."""
 SHARD_PAYLOADS = 1 << 48
 """Numbers of payloads that each shard may use."""
 
@@ -128,6 +127,7 @@ class Recorder:
         self._sensors: list[SensorTick] = []
         self._tick_bytes = 0
         self._reception_source: ReceptionSource | None = None
+        self._shards: list[Shard] = []
 
     @classmethod
     def open(
@@ -197,6 +197,11 @@ class Recorder:
 
         End it with `leave`; the recorder of shard 0 takes over what that returns with `take_over`.
         """
+        root = shard_folder(path, shard)
+        try:
+            (root / SPOOL).mkdir(parents=True)
+        except OSError as error:
+            raise write_error(root, error) from error
         state = _State(
             FrameEncoder(spool_bytes, shard * SHARD_PAYLOADS),
             truth_ns=period_ns(truth_hz),
@@ -204,15 +209,20 @@ class Recorder:
             truth_due=-NEVER if truth_hz else NEVER,
             sensors_due=-NEVER if sensors_hz else NEVER,
         )
-        return cls(path, dict(header), state, Spool(path, shard * SHARD_SEGMENTS), spool_bytes, flush_s)
+        spool = Spool(root)
+        return cls(path, dict(header), state, spool, spool_bytes, flush_s, PartWriter(root, header, spool))
 
-    def leave(self) -> dict[str, Any]:
-        """End a shard: write all its rows; returns what `take_over` of shard 0 needs, as plain data."""
+    def leave(self, shard: int) -> dict[str, Any]:
+        """End the shard with this number: write all its files; returns what `take_over` of shard 0 needs, as plain
+        data.
+        """
+        assert self._writer is not None
         self.flush()
         self._spool.end_segment()
         self._closed = True
         state = self._state
         return {
+            "written": finish_shard(self._writer, shard)._asdict(),
             "last_ns": state.last_ns,
             "digests": state.digests.to_plain(),
             "counts": state.counts,
@@ -227,6 +237,7 @@ class Recorder:
         for table, rows in shard["counts"].items():
             state.counts[table] = state.counts.get(table, 0) + rows
         state.outcomes |= shard["outcomes"]
+        self._shards.append(Shard(**shard["written"]))
 
     def record_receptions(self, source: ReceptionSource | None) -> None:
         """Record the receptions of `source`, fetched at each flush from now on."""
@@ -372,6 +383,10 @@ class Recorder:
 
     def _write_receptions(self) -> None:
         """Write receptions soon after the frames that they name."""
+        if self._writer is not None and isinstance(self._reception_source, ForeignSource):
+            foreign = self._reception_source.drain_foreign()
+            if foreign is not None:
+                self._writer.add_foreign(foreign)
         receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
         if receptions is not None and not self._write_failed:
             self._append("receptions", reception_batch(receptions))
@@ -470,7 +485,8 @@ class Recorder:
                 if self._writer is None:
                     self._writer = PartWriter(self.path, self._manifest, self._spool)
                     self._writer.read_spool()
-                self._manifest |= finalise(self.path, self._manifest, self._writer)._asdict()
+                shards = [finish_shard(self._writer), *self._shards]
+                self._manifest |= finalise(self.path, self._manifest, shards)._asdict()
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:
@@ -485,6 +501,7 @@ class Recorder:
         """End the record and remove its folder, if this recorder has made it, or else all that is in it."""
         self._closed = self._write_failed = True
         self._clear()
+        self._abandon_writer()
         self._spool.end_segment()
         remove_folder(self.path, self._made)
 

@@ -166,7 +166,7 @@ class Core:
         self.kernel.advance(self.kernel.now, self._inbound)
         self.kernel.finish()
         self.built.close()
-        shard = self.recorder.leave() if self.member.number else None
+        shard = self.recorder.leave(self.member.number) if self.member.number else None
         told = {
             "shard": shard,
             "engines": describe_engines(self.built.wiring.engines),

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
+import pyarrow as pa
 
 from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate, Frame
@@ -64,19 +65,41 @@ def pack_inbox(inbox: Inbox) -> bytes:
     )
 
 
-def merge_inboxes(parts: Sequence[bytes], links: LinkTable) -> Inbox:
-    """One inbox of those that `pack_inbox` packed in all processes, whose links have the numbers of `links`."""
-    singles: list[Arrival] = []
-    blocks: list[FrameBlock] = []
-    for data in parts:
-        (size,) = _SIZE.unpack_from(data)
-        at = _SIZE.size + size
-        for (endpoint, link, when, _, src, ref), payload in _unpack_rows(data[_SIZE.size : at], 3):
-            singles.append(Arrival(Port(endpoint, link), when, payload, src, FrameId(*ref)))
-        if at < len(data):
-            blocks += _unpack_blocks(data, at, links)
-    singles.sort(key=_order)
-    return Inbox(singles, blocks)
+def unpack_inbox(data: bytes, links: LinkTable) -> Inbox:
+    """What `pack_inbox` packed in any process, whose links have the numbers of `links`."""
+    (size,) = _SIZE.unpack_from(data)
+    at = _SIZE.size + size
+    singles = [
+        Arrival(Port(endpoint, link), when, payload, src, FrameId(*ref))
+        for (endpoint, link, when, _, src, ref), payload in _unpack_rows(data[_SIZE.size : at], 3)
+    ]
+    return Inbox(singles, list(_unpack_blocks(data, at, links)) if at < len(data) else [])
+
+
+def merge_inboxes(parts: Sequence[Inbox]) -> Inbox:
+    """One inbox of several."""
+    singles = sorted((arrival for part in parts for arrival in part.singles), key=_order)
+    return Inbox(singles, [block for part in parts for block in part.blocks])
+
+
+def list_transmissions(inboxes: Iterable[Inbox]) -> pa.Table | None:
+    """The frames in some inboxes as `frames` has them: link, direction, sender, serial, times and payload; None without
+    any. Of a single frame the time of sending is not known, and that of its arrival taken.
+    """
+    rows: list[tuple[str, str, str, int, int, int, bytes]] = []
+    for inbox in inboxes:
+        rows += [(*arrival.ref, arrival.at, arrival.at, arrival.payload) for arrival in inbox.singles]
+        for block in inbox.blocks:
+            for row in range(len(block)):
+                rows.append((*block.id(row), block.sent_ns, block.arrived_ns, block.payload(row)))
+    if not rows:
+        return None
+    names = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "payload")
+    kinds = (*[pa.string()] * 3, *[pa.int64()] * 3, pa.binary())
+    columns = [pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), kinds, strict=True)]
+    table = pa.table(dict(zip(names, columns, strict=True)))
+    link = table.column("link").dictionary_encode()
+    return table.set_column(0, "link", link)
 
 
 def _unpack_blocks(data: bytes, at: int, links: LinkTable) -> Iterator[FrameBlock]:

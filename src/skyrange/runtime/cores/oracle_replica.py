@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Any, Final, cast
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Floats, World
@@ -23,7 +24,7 @@ from skyrange.core.time import Time
 from skyrange.radio.oracle import Oracle
 from skyrange.runtime.cores.exchange import Member
 from skyrange.runtime.cores.fleet_motion import FleetMotion
-from skyrange.runtime.cores.frame_messages import merge_inboxes, pack_inbox
+from skyrange.runtime.cores.frame_messages import list_transmissions, merge_inboxes, pack_inbox, unpack_inbox
 
 PURPOSE: Final = 2
 """Of its rounds of the exchange."""
@@ -54,6 +55,8 @@ class OracleReplica:
         self._hears: NDArray[np.bool_] = np.array(
             [radio.name in here for radio in oracle.medium.radios], dtype=np.bool_
         )
+        self._foreign: list[Inbox] = []
+        """What arrived on other cores since it was asked for."""
         self._own: tuple[Floats, Floats] | None = None
         self._next: Time | None = None
 
@@ -74,9 +77,11 @@ class OracleReplica:
         parts = self._member.gather(PURPOSE, now, _SIZE.pack(len(own)) + own + pack_inbox(inbox))
         sizes = [_SIZE.unpack_from(part)[0] for part in parts]
         self._motion.update([part[_SIZE.size : _SIZE.size + size] for part, size in zip(parts, sizes, strict=True)])
-        everything = merge_inboxes(
-            [part[_SIZE.size + size :] for part, size in zip(parts, sizes, strict=True)], self._links
-        )
+        inboxes = [
+            unpack_inbox(part[_SIZE.size + size :], self._links) for part, size in zip(parts, sizes, strict=True)
+        ]
+        self._foreign += [inbox for core, inbox in enumerate(inboxes) if core != self._member.number and len(inbox)]
+        everything = merge_inboxes(inboxes)
         self._oracle.observe(now, cast("World", self._motion))  # which has all that it reads
         wish = self._oracle.next_wakeup()
         if not len(everything) and (wish is None or wish > now):
@@ -101,6 +106,11 @@ class OracleReplica:
     def close(self) -> None:
         """End the medium; again does nothing."""
         self._oracle.close()
+
+    def drain_foreign(self) -> pa.Table | None:
+        """The broadcasts of other cores since the last call, which their recorders record; None without any."""
+        foreign, self._foreign = self._foreign, []
+        return list_transmissions(foreign)
 
     def drain_receptions(self) -> Receptions | None:
         """The receptions on this core since the last call; None if there are none."""

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -96,7 +97,9 @@ def _lead(
         try:
             core.kernel.finish()
             core.built.close()
-            recorder.close("failed", lambda finish_s: {**_summarise(core, (), 0.0, finish_s), "error": reason})
+            # in the spool, where the rows of the other cores are too
+            failed = {**_summarise(core, (), 0.0, 0.0), "error": reason}
+            recorder.close("failed", failed, in_spool=True)
         except ComponentError as problem:
             error.add_note(str(problem))
         raise
@@ -169,14 +172,26 @@ def _work(exchange: Exchange, number: int, scenario: Scenario, division: Divisio
     try:
         core = Core(scenario, division, member)
         core.open(None)
-        end = core.built.duration_ns
-        with collect_seldom():
-            while core.kernel.now < end and not core.advance(end, False):
-                pass
-            core.leave()
+        _fly(core)
     except (CoreFailedError, ApproachError):
         pass  # the first core reports it
     except Exception as error:
         member.fail(str(error) if isinstance(error, SkyrangeError) else repr(error))
     finally:
         member.close()
+
+
+def _fly(core: Core) -> None:
+    """Fly to the end; where that fails, what was recorded is written."""
+    end = core.built.duration_ns
+    try:
+        with collect_seldom():
+            while core.kernel.now < end and not core.advance(end, False):
+                pass
+            core.leave()
+    except ApproachError:
+        raise
+    except Exception:
+        with suppress(SkyrangeError):
+            core.recorder.flush()
+        raise
