@@ -73,10 +73,11 @@ class Run:
         record is the same. `motion` lets external vehicles be moved, where the scenario allows it too.
         """
         began = time.perf_counter()
-        built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
-        resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
-        kernel = Kernel(replace(built.wiring, fuse=fuse))
-        recorder = open_record(built, out)
+        with collect_seldom():
+            built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
+            resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
+            kernel = Kernel(replace(built.wiring, fuse=fuse))
+            recorder = open_record(built, out)
         recorder.record_receptions(built.oracle)
         kernel.set_observers([recorder, *observers])
         return cls(kernel, recorder, built, time.perf_counter() - began)
