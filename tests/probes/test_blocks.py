@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.components import Agent
+from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.verdicts import Delay, Inject, Pass, Verdict
 from skyrange.core.errors import ComponentError
-from skyrange.core.ids import Port
+from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record.write.memory_observer import MemoryObserver
@@ -31,8 +32,9 @@ class Many:
     name = "fleet"
     service_ns = 10 * MS
 
-    def __init__(self, blocks: bool) -> None:
+    def __init__(self, blocks: bool, commanded: bool = False) -> None:
         self.blocks = blocks
+        self.commanded = commanded
         self.ports = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
         self.step_no = 0
 
@@ -52,7 +54,8 @@ class Many:
             out.send_block(np.array(places, dtype=np.int64), Payloads.of(payloads))
         else:
             for place, payload in zip(places, payloads, strict=True):
-                out.send(self.ports[place], payload)
+                command = FrameId(f"gcs:{NAMES[place]}", "fwd", "blue.gcs", self.step_no)
+                out.send(self.ports[place], payload, (command,) if self.commanded and place % 2 else ())
         self.step_no += 1
         return out
 
@@ -142,6 +145,39 @@ def test_blocks_and_singles_leave_one_record(gcs: Channel | None, tapped: str) -
     assert fly(True, gcs=gcs, tapped=tapped) == singly
     assert fly(True, False, gcs=gcs, tapped=tapped) == singly
     assert fly(True, gcs=gcs, tapped=tapped, ends=range(0, END + 1, MS // 2)) == singly
+
+
+class BlockCounter(MemoryObserver):
+    """Counts the blocks that it is shown."""
+
+    blocks = 0
+
+    def on_block(self, block: FrameBlock) -> None:
+        self.blocks += 1
+        super().on_block(block)
+
+
+@pytest.mark.parametrize("tapped", ["", NAMES[3], "blue/*"])
+@pytest.mark.parametrize("gcs", [None, Channel("datagram", 9 * MS, jitter_ns=5 * MS, loss=0.1)])
+@pytest.mark.parametrize("end", [10 * MS, 19 * MS, END])
+def test_single_frames_that_are_gathered_leave_the_record_of_single_frames(
+    monkeypatch: pytest.MonkeyPatch, gcs: Channel | None, tapped: str, end: Time
+) -> None:
+    outcomes, causes, blocks = [], [], []
+    for least in (1_000, 1):
+        monkeypatch.setattr("skyrange.kernel.network.GATHERED_MIN", least)
+        observer, agents = BlockCounter(), [Many(False, commanded=True), Ears()]
+        kernel = Kernel(wiring(False, gcs=gcs, tapped=tapped, agents=agents), [observer])
+        kernel.advance(end)
+        kernel.finish()
+        outcomes.append(outcome(observer, agents[1]))
+        causes.append({frame.id: frame.causes for frame in observer.frames})
+        blocks.append(observer.blocks)
+    assert outcomes[0] == outcomes[1]
+    assert causes[0] == causes[1]
+    assert any(causes[0].values())
+    assert blocks[0] == 0
+    assert (blocks[1] > 0) == (gcs is None and tapped != "blue/*")
 
 
 @pytest.mark.parametrize("end", [0, MS // 20, MS // 10, MS, 10 * MS, 15 * MS, 19 * MS, 19 * MS + 1, END])

@@ -191,7 +191,7 @@ ACT = '[[attacks]]\nid = "%s"\nkind = "%s"\nparams = { %s }\n'
         ([40, 40], "", "operators are divided among the cores, and there are 2"),
         (
             [40, 40],
-            '[[attacks]]\nid = "x"\nkind = "gnss.jump"\nparams = { vehicles = ["o0/o1", "o1/o1"], offset_m = [9, 0, 0] }\n',
+            ACT % ("x", "gnss.jump", 'vehicles = ["o0/o1", "o1/o1"], offset_m = [9, 0, 0]'),
             "'x' may have to do with all operators in common",
         ),
         (

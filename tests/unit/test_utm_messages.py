@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import uuid
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,6 +14,7 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_S, Epoch
 from skyrange.core.volumes import Volume4D
 from skyrange.utm.contract import Alternative, ApprovalDecision, OperationalIntent, intent_id
+from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import (
     MAX_FRAME_BYTES,
     PATH,
@@ -23,6 +25,7 @@ from skyrange.utm.messages import (
     decode_request,
     decode_response,
     encode,
+    encode_request,
 )
 
 EPOCH = Epoch.from_datetime(datetime(2026, 1, 1, 12, tzinfo=UTC))
@@ -48,6 +51,13 @@ def test_a_request_says_what_f3548_asks_in_its_words() -> None:
         "time_start": {"value": "2026-01-01T12:00:01.500000Z", "format": "RFC3339"},
         "time_end": {"value": "2026-01-01T12:01:30.000000Z", "format": "RFC3339"},
     }
+
+
+@pytest.mark.parametrize("state", [IntentState.ACCEPTED, IntentState.ACTIVATED])
+@pytest.mark.parametrize("version", [0, 7])
+def test_a_request_made_without_the_model_has_the_bytes_of_the_model(state: IntentState, version: int) -> None:
+    intent = replace(INTENT, state=state)
+    assert encode_request(intent, EPOCH, version) == encode(Request.of(intent, EPOCH, version))
 
 
 def test_round_trips() -> None:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable
+from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
 from skyrange.core.errors import ComponentError, SkyrangeError
+from skyrange.runtime.garbage_collection import collect_less
 
 Row = dict[str, Any]
 
@@ -19,7 +21,8 @@ def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> 
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_send_result, args=(sender, function, *arguments))
+    named = function.__module__, function.__name__
+    process = context.Process(target=_send_result, args=(sender, *named, *arguments))
     process.start()
     sender.close()
     try:
@@ -33,9 +36,10 @@ def run_in_process(name: str, function: Callable[..., Row], *arguments: Any) -> 
     return answer
 
 
-def _send_result(answer: Connection, function: Callable[..., Row], *arguments: Any) -> None:
+def _send_result(answer: Connection, module: str, name: str, *arguments: Any) -> None:
+    collect_less()  # as the command does, before it imports what it runs
     try:
-        answer.send(function(*arguments))
+        answer.send(getattr(import_module(module), name)(*arguments))
     except SkyrangeError as error:
         answer.send(error)
     answer.close()

@@ -160,11 +160,24 @@ class Inbox(Sequence[Arrival]):
             number -= len(block)
         raise IndexError(number)
 
+    def arrivals(self, numbers: Ints) -> Sequence[Arrival]:
+        """Arrivals by their numbers in `Columns.order`, in the order of `numbers`."""
+        singles = self._singles
+        if not self._blocks:
+            return [singles[number] for number in numbers.tolist()]
+        found: dict[int, Arrival] = {number: singles[number] for number in numbers[numbers < len(singles)].tolist()}
+        begin = len(singles)
+        for block in self._blocks:
+            end = begin + len(block)
+            chosen = numbers[(numbers >= begin) & (numbers < end)]
+            if chosen.size:
+                found.update(zip(chosen.tolist(), _arrivals_of(block, chosen - begin), strict=True))
+            begin = end
+        return [found[number] for number in numbers.tolist()]
+
     @cached_property
     def _arrivals(self) -> Sequence[Arrival]:
-        if not self._blocks:
-            return self._singles
-        return [self.arrival(number) for number in self._order.tolist()]
+        return self._singles if not self._blocks else self.arrivals(self._order)
 
     @cached_property
     def _order(self) -> Ints:
@@ -188,6 +201,18 @@ class Inbox(Sequence[Arrival]):
                 id_ = block.id(row)
                 keys.append((block.arrived_ns, f"{id_.link}:{id_.direction}", id_.sender, id_.serial))
         return np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.int64)
+
+
+def _arrivals_of(block: FrameBlock, rows: Ints) -> list[Arrival]:
+    """Some rows of a block as their receivers see them."""
+    table, at = block.link_table, block.arrived_ns
+    links, serials = block.link_numbers[rows].tolist(), block.serial[rows].tolist()
+    arrivals = []
+    for link, serial, payload in zip(links, serials, block.carried().take(rows), strict=True):
+        name = table.names[link]
+        ref = FrameId(name.link, name.direction, name.src, serial)
+        arrivals.append(Arrival(table.ports[link], at, payload, name.src, ref))
+    return arrivals
 
 
 def _key(arrival: Arrival) -> tuple[Time, str, str, int]:

@@ -178,9 +178,8 @@ class GroundStation:
         reports = np.flatnonzero(table.places > len(self._sequencers))
         if self.traffic_picture is not None and reports.size:
             self.traffic_picture.receive_reports(now, inbox, table.order[reports], out)
-        for row in self._receiver.read(now, table.places, table.payloads).tolist():
-            arrival = inbox.arrival(table.order.item(row))
-            place = table.places.item(row)
+        rows = self._receiver.read(now, table.places, table.payloads)
+        for place, arrival in zip(table.places[rows].tolist(), inbox.arrivals(table.order[rows]), strict=True):
             if place == len(self._sequencers):
                 self._on_approval(now, arrival, out)
             elif place < len(self._sequencers) and self._sequencers[place].on_frame(now, arrival, out):

@@ -10,7 +10,7 @@ from heapq import heappush
 
 import numpy as np
 
-from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.blocks import Causes, FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.mailboxes import Parents
@@ -72,10 +72,11 @@ class BlockForwarder:
         payloads: Payloads,
         parent_links: Ints | None,
         parent_serials: Ints | None,
+        causes: Causes | None = None,
     ) -> None:
         """Send `payloads[i]` from the source of directed link `links[i]`, all of one path."""
-        sent_counts = self._links[0].sent_counts
-        self._schedule(self._fast_path.send(now, path, links, payloads, parent_links, parent_serials, sent_counts))
+        counts = self._links[0].sent_counts
+        self._schedule(self._fast_path.send(now, path, links, payloads, parent_links, parent_serials, causes, counts))
 
     def deliver(self, now: Time, delivery: BlockDelivery) -> None:
         """Put what has arrived into its mailboxes, or have it sent on."""

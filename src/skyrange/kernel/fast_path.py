@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
+from skyrange.contracts.frames.blocks import Causes, DirectedLinkName, FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.links import RowFilter
@@ -146,12 +146,13 @@ class FastPath:
         payloads: Payloads,
         parent_links: Ints | None,
         parent_serials: Ints | None,
+        causes: Causes | None,
         sent_counts: Ints,
     ) -> list[BlockDelivery]:
         """Send `payloads` on `links` (numbers, all of one path); returns where and when each of them comes out."""
         deliveries: list[BlockDelivery] = []
         _follow(
-            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, [],
+            self._paths[path], self.link_table, now, links, payloads, None, parent_links, parent_serials, causes, [],
             sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
@@ -163,7 +164,7 @@ class FastPath:
         carried = rows if block.rows is None else block.rows[rows]
         _follow(
             pending.hop, self.link_table, pending.sent, pending.starts, block.payloads, carried,
-            block.link_numbers[rows], block.serial[rows], [], sent_counts, deliveries,
+            block.link_numbers[rows], block.serial[rows], None, [], sent_counts, deliveries,
         )  # fmt: skip
         return deliveries
 
@@ -177,16 +178,17 @@ def _follow(
     rows: Ints | None,
     parent_links: Ints | None,
     parent_serials: Ints | None,
+    causes: Causes | None,
     hops: list[FrameBlock],
     sent_counts: Ints,
     deliveries: list[BlockDelivery],
 ) -> None:
-    """Send frames over a hop and, where they need not wait, over all hops behind it."""
+    """Send frames over a hop and, where they need not wait, over all hops behind it; `causes` are of the first."""
     link = hop.link_of[starts]
     serial = _take_serials(link, sent_counts)
     arrival = now + hop.latency_ns
     block = FrameBlock(
-        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials
+        table, link, serial, now, arrival, Fate.DELIVERED, payloads, rows, parent_links, parent_serials, causes
     )  # fmt: skip
     hops.append(block)
     if hop.staged:
@@ -204,14 +206,14 @@ def _follow(
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
         if onward.select is None:
-            _follow(onward, table, sent, starts, payloads, rows, link, serial, hops, sent_counts, deliveries)
+            _follow(onward, table, sent, starts, payloads, rows, link, serial, None, hops, sent_counts, deliveries)
         else:
             chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
             if len(chosen) == 0:
                 continue
             _follow(
                 onward, table, sent, starts[chosen], payloads, chosen if rows is None else rows[chosen],
-                link[chosen], serial[chosen], hops, sent_counts, deliveries,
+                link[chosen], serial[chosen], None, hops, sent_counts, deliveries,
             )  # fmt: skip
         branched = True
         hops = []  # the first branch reports the hops before it

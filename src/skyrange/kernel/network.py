@@ -11,7 +11,7 @@ either way.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from heapq import heappush
 from typing import Any
 
@@ -21,7 +21,7 @@ from skyrange.contracts.alerts import Alert
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.links import MIN_LATENCY_NS
-from skyrange.contracts.mailboxes import Arrival, Note, Outbox, Parents
+from skyrange.contracts.mailboxes import Arrival, Departure, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
@@ -48,6 +48,10 @@ from skyrange.kernel.event_heap import (
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.processing_queue import Job, ProcessingQueue
+
+GATHERED_MIN = 16
+"""From this number of single frames at once on they are sent as blocks where they can be: so many take the time of a
+block's array operations."""
 
 
 def _number_of(link: DirectedLink) -> int:
@@ -119,7 +123,11 @@ class Network:
             if outbox.departures or outbox.blocks:
                 note_withheld(attack, now)
             return
-        singles = outbox.departures if attack is None else outbox.each(sender.ports)  # hostile frames: a label each
+        singles: Iterable[Departure] = outbox.departures
+        if attack is not None:
+            singles = outbox.each(sender.ports)  # hostile frames: a label each
+        elif len(outbox.departures) >= GATHERED_MIN:
+            singles = self._send_gathered(now, sender, outbox.departures)
         for port, payload, causes in singles:
             link = self._find_link(sender.name, port)
             originator = self._originators.get(port, link.src)
@@ -134,6 +142,24 @@ class Network:
                 sender.link_numbers = numbers
             for places, payloads, parents in outbox.blocks:
                 self._transmit_block(now, numbers[places], payloads, parents)
+
+    def _send_gathered(self, now: Time, sender: Sender, departures: Sequence[Departure]) -> Sequence[Departure]:
+        """Send those of many single frames that can go in blocks; the others, whole links of them, are returned."""
+        find = self._find_link
+        links = [find(sender.name, port) for port, _, _ in departures]
+        numbers = np.array([link.number for link in links], dtype=np.int64)
+        paths, _ = self._block_forwarder.choose_paths(numbers, None)
+        if self._originators:
+            own = [self._originators.get(departure.port) is None for departure in departures]
+            paths = np.where(np.isin(numbers, numbers[np.logical_not(own)]), -1, paths)
+        for path in np.unique(paths[paths >= 0]).tolist():
+            rows = np.flatnonzero(paths == path)
+            chosen = [departures[row] for row in rows.tolist()]
+            causes = [departure.causes for departure in chosen]
+            payloads = Payloads.of([departure.payload for departure in chosen])
+            known = causes if any(causes) else None
+            self._block_forwarder.send(now, path, numbers[rows], payloads, None, None, known)
+        return [departures[row] for row in np.flatnonzero(paths < 0).tolist()]
 
     def _find_link(self, sender: str, port: Port) -> DirectedLink:
         link = self._outgoing.get(port)

@@ -13,6 +13,11 @@ from contextlib import contextmanager
 _YOUNG = 20_000  # allocations before a collection of the young generation; Python's own figure is 700
 
 
+def collect_less() -> None:
+    """Collect new objects less often from now on, in a process that is the command's own."""
+    gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])
+
+
 @contextmanager
 def collect_seldom() -> Iterator[None]:
     """Exempt all existing objects from collection, and collect new ones less often; restore both at the end."""
@@ -20,7 +25,7 @@ def collect_seldom() -> Iterator[None]:
     nested = gc.get_freeze_count() > 0
     if not nested:
         gc.freeze()
-    gc.set_threshold(_YOUNG, *before[1:])
+    collect_less()
     try:
         yield
     finally:

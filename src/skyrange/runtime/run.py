@@ -76,11 +76,12 @@ class Run:
         further entries of the manifest.
         """
         began = time.perf_counter()
-        built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
-        resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
-        built.header |= more
-        kernel = Kernel(replace(built.wiring, fuse=fuse))
-        recorder = open_record(built, out)
+        with collect_seldom():
+            built = build(scenario, taps=taps, attacks=attacks, monitors=monitors, motion=motion)
+            resolve_speed(speed, [mount.engine for mount in built.wiring.engines])
+            built.header |= more
+            kernel = Kernel(replace(built.wiring, fuse=fuse))
+            recorder = open_record(built, out)
         recorder.record_receptions(built.oracle)
         kernel.set_observers([recorder, *observers])
         return cls(kernel, recorder, built, time.perf_counter() - began)

@@ -282,6 +282,20 @@ def _dump(data: dict[str, Any]) -> bytes:
     return json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False).encode()
 
 
+def encode_request(intent: OperationalIntent, epoch: Epoch, version: int = 0) -> bytes:
+    """The frame of `Request.of`, made without the model: a plan has many volumes, which take a while to check."""
+    body = {
+        "id": intent.id,
+        "operator": intent.operator,
+        "vehicle": intent.vehicle,
+        "state": intent.state.value,
+        "priority": intent.priority,
+        "volumes": [_volume_data(one, epoch) for one in intent.volumes],
+        **({"version": version} if version else {}),
+    }
+    return _dump({"method": "PUT", "path": PATH + intent.id, "body": body})
+
+
 def encode_decision(
     intent_id: str,
     decision: ApprovalDecision,

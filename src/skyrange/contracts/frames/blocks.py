@@ -17,6 +17,8 @@ from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
+Causes = Sequence[tuple[FrameId, ...]]
+
 
 class DirectedLinkName(NamedTuple):
     """One direction of one link: what all frames have in common that its own source sent."""
@@ -48,11 +50,13 @@ class FrameBlock:
 
     Row `i` is frame `serial[i]` of directed link `link_numbers[i]`. It carries payload `rows[i]` of `payloads`, or
     payload `i` where `rows` is None. Its parent, the frame that it forwards, is frame `parent_serial[i]` of
-    directed link `parent_link_numbers[i]`; both are None where no row has a parent.
+    directed link `parent_link_numbers[i]`; both are None where no row has a parent. `causes[i]` names the frames that
+    commanded it; None where none has any.
     """
 
     __slots__ = (
         "arrived_ns",
+        "causes",
         "fate",
         "link_numbers",
         "link_table",
@@ -76,6 +80,7 @@ class FrameBlock:
         rows: Ints | None = None,
         parent_link_numbers: Ints | None = None,
         parent_serial: Ints | None = None,
+        causes: Causes | None = None,
     ) -> None:
         self.link_table = link_table
         self.link_numbers = link_numbers
@@ -87,6 +92,7 @@ class FrameBlock:
         self.rows = rows
         self.parent_link_numbers = parent_link_numbers
         self.parent_serial = parent_serial
+        self.causes = causes
 
     def __len__(self) -> int:
         return len(self.link_numbers)
@@ -105,6 +111,7 @@ class FrameBlock:
             np.arange(len(self.payloads))[rows] if self.rows is None else self.rows[rows],
             self.parent_link_numbers[rows] if parents and self.parent_link_numbers is not None else None,
             self.parent_serial[rows] if parents and self.parent_serial is not None else None,
+            None if self.causes is None else take_causes(self.causes, rows),
         )
 
     def carried(self) -> Payloads:
@@ -129,8 +136,14 @@ class FrameBlock:
             if self.parent_link_numbers is not None and self.parent_serial is not None:
                 above = names[int(self.parent_link_numbers[row])]
                 parent = FrameId(above.link, above.direction, above.src, int(self.parent_serial[row]))
-            serial = int(self.serial[row])
-            frame = Frame(link, direction, src, serial, src, dst, self.sent_ns, self.payload(row), parent)
+            serial, causes = int(self.serial[row]), () if self.causes is None else self.causes[row]
+            frame = Frame(link, direction, src, serial, src, dst, self.sent_ns, self.payload(row), parent, causes)
             frame.arrived_ns = self.arrived_ns
             frame.fate = self.fate
             yield frame
+
+
+def take_causes(causes: Causes, rows: Ints | NDArray[np.bool_]) -> Causes:
+    """The causes of some of the rows."""
+    numbers = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+    return [causes[row] for row in numbers.tolist()]

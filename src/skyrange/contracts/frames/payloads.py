@@ -38,7 +38,8 @@ class Payloads:
         """A column of separate byte strings."""
         parts = list(payloads)
         sizes = np.fromiter(map(len, parts), np.int64, len(parts))
-        return cls(np.frombuffer(b"".join(parts), dtype=np.uint8), _starts(sizes), sizes)
+        # a bytearray gives an array that may be written to, as all others are: one version of each kernel serves both
+        return cls(np.frombuffer(bytearray().join(parts), dtype=np.uint8), _starts(sizes), sizes)
 
     @classmethod
     def join(cls, columns: Iterable[Payloads]) -> Payloads:

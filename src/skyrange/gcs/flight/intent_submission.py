@@ -11,7 +11,7 @@ from skyrange.contracts.scalars import Scalar
 from skyrange.core.time import NS_PER_MS, Epoch, Time, to_seconds
 from skyrange.utm.contract import OperationalIntent
 from skyrange.utm.intent_states import IntentState
-from skyrange.utm.messages import DecisionBody, Request, encode
+from skyrange.utm.messages import DecisionBody, Request, encode, encode_request
 
 ANSWER_TIMEOUT_NS = 1_500 * NS_PER_MS
 MAX_RETRIES = 5
@@ -32,8 +32,8 @@ class IntentSubmission:
     def of(cls, intent: OperationalIntent, version: int, due: Time, epoch: Epoch) -> IntentSubmission:
         """The submission of an intent, or of its end."""
         ends = intent.state is IntentState.ENDED
-        request = Request.end(intent) if ends else Request.of(intent, epoch, version)
-        return cls(intent, encode(request), version, due)
+        payload = encode(Request.end(intent)) if ends else encode_request(intent, epoch, version)
+        return cls(intent, payload, version, due)
 
     def count_attempt(self, now: Time) -> bool:
         """Count an attempt and return whether to send it now; false once all retries are used up."""

@@ -8,9 +8,9 @@ scenario's origin and the aircraft's home, so that its points are absolute posit
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import Mission, MissionItem, read_mission
@@ -22,7 +22,7 @@ from skyrange.codec.mission.differences import TERRAIN_FRAMES as TERRAIN_FRAMES
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.gcs.plan import paths
-from skyrange.gcs.plan.paths import Point
+from skyrange.gcs.plan.paths import Leg, Point
 
 Kind = Literal["auto", "guided"]
 End = Literal["rtl", "land"]
@@ -46,6 +46,14 @@ def is_navigation(command: int) -> bool:
     return command <= mav.MAV_CMD_NAV_LAST or command in _MORE_NAVIGATION
 
 
+class Unrolled(NamedTuple):
+    """A mission as ArduCopter flies it: its legs, whether they are all, and whether it never ends by itself."""
+
+    legs: tuple[Leg, ...]
+    complete: bool
+    endless: bool
+
+
 @dataclass(frozen=True, slots=True)
 class FlightPlan:
     """The plan that one aircraft flies.
@@ -67,6 +75,8 @@ class FlightPlan:
     acceptance_m: float = ACCEPTANCE_M
     end: End = "rtl"
     hold_s: float = 0.0
+    unrolled: Unrolled | None = field(default=None, init=False, repr=False, compare=False)
+    """What `plan.routes` has found out about the mission, kept because a flight asks for it several times."""
 
     @property
     def items(self) -> tuple[MissionItem, ...]:

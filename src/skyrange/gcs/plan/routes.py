@@ -13,7 +13,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import MissionItem
 from skyrange.gcs.plan import paths
 from skyrange.gcs.plan.paths import Leg, Point, leg
-from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan, is_navigation
+from skyrange.gcs.plan.plans import LANDINGS, MSL_FRAMES, TAKEOFFS, TERRAIN_FRAMES, FlightPlan, Unrolled, is_navigation
 
 RTL_ALT_M = 15.0
 """ArduCopter RTL_ALT, default 1500 cm above home (ArduCopter/config.h)."""
@@ -44,17 +44,17 @@ def legs(plan: FlightPlan) -> tuple[Leg, ...]:
     The result is meaningful only for a plan in which `plan.checks.check` finds no problem. What is repeated for ever
     is flown twice in it, and a wait for ever takes no time.
     """
-    return _guided_legs(plan) if plan.kind == "guided" else _auto_legs(plan)[0]
+    return _guided_legs(plan) if plan.kind == "guided" else _unroll(plan).legs
 
 
 def is_bounded(plan: FlightPlan) -> bool:
     """Whether unrolling the plan's jumps ends within `MAX_LEGS`, or they repeat for ever."""
-    return plan.kind == "guided" or _auto_legs(plan)[1]
+    return plan.kind == "guided" or _unroll(plan).complete
 
 
 def is_endless(plan: FlightPlan) -> bool:
     """Whether a mission never ends by itself: it repeats or waits for ever."""
-    return plan.kind != "guided" and _auto_legs(plan)[2]
+    return plan.kind != "guided" and _unroll(plan).endless
 
 
 def enu_points(plan: FlightPlan) -> tuple[Point, ...]:
@@ -131,14 +131,22 @@ def climb_top_m(plan: FlightPlan, item: MissionItem, here: Point) -> float:
     return max(up_m(plan, item), here.up_m + (TAKEOFF_MIN_M if here.up_m <= plan.home_enu_m.up_m else 0.0))
 
 
-def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool, bool]:
-    """The legs, whether they are complete, and whether the mission never ends."""
+def _unroll(plan: FlightPlan) -> Unrolled:
+    """The mission unrolled, the first time that it is asked for."""
+    known = plan.unrolled
+    if known is None:
+        known = _follow_mission(plan)
+        object.__setattr__(plan, "unrolled", known)
+    return known
+
+
+def _follow_mission(plan: FlightPlan) -> Unrolled:
     here, speed_mps = plan.home_enu_m, plan.cruise_mps
     items, out, jumps_done = plan.items, list[Leg](), dict[int, int]()
     at = 0
     while at < len(items):
         if len(out) >= MAX_LEGS or sum(jumps_done.values()) >= MAX_LEGS:
-            return tuple(out), False, False
+            return Unrolled(tuple(out), False, False)
         item, at = items[at], at + 1
         command = item.command
         if command in TAKEOFFS:
@@ -153,7 +161,7 @@ def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool, bool]:
             if wait_s > 0.0:
                 out.append(Leg(here, here, wait_s))
             if command == mav.MAV_CMD_NAV_LOITER_UNLIM:
-                return tuple(out), True, True
+                return Unrolled(tuple(out), True, True)
         elif command == mav.MAV_CMD_NAV_DELAY or command == mav.MAV_CMD_NAV_ATTITUDE_TIME:
             out.append(Leg(here, here, max(item.param1, 0.0)))
         elif command == mav.MAV_CMD_NAV_SCRIPT_TIME:
@@ -161,17 +169,17 @@ def _auto_legs(plan: FlightPlan) -> tuple[tuple[Leg, ...], bool, bool]:
         elif command == mav.MAV_CMD_DO_CHANGE_SPEED and item.param1 in (0.0, 1.0) and item.param2 > 0.0:
             speed_mps = item.param2
         elif command in _JUMPS and item.param2 < 0.0 and jumps_done.get(at, 0) > 0:
-            return tuple(out), True, True
+            return Unrolled(tuple(out), True, True)
         elif command in _JUMPS and (item.param2 < 0.0 or jumps_done.get(at, 0) < item.param2):
             jumps_done[at] = jumps_done.get(at, 0) + 1
             at = _jump_target(items, item) - 1  # item 1 is the first after home
         elif command in LANDINGS:
             there = place(plan, item, here)._replace(up_m=here.up_m)
             out.append(leg(here, there, speed_mps))
-            return (*out, *final_legs(plan, there, speed_mps, rtl=False)), True, False
+            return Unrolled((*out, *final_legs(plan, there, speed_mps, rtl=False)), True, False)
         elif command == mav.MAV_CMD_NAV_RETURN_TO_LAUNCH:
-            return (*out, *final_legs(plan, here, speed_mps, rtl=True)), True, False
-    return (*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False
+            return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=True)), True, False)
+    return Unrolled((*out, *final_legs(plan, here, speed_mps, rtl=plan.end == "rtl")), True, False)
 
 
 def _jump_target(items: Sequence[MissionItem], jump: MissionItem) -> int:

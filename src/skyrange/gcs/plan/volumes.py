@@ -10,12 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
-from shapely.geometry import LineString, Polygon
-from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
+from numpy.typing import NDArray
 
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Time, from_seconds
@@ -38,6 +37,7 @@ class Margins:
 
 
 MARGINS = Margins()
+Outline = tuple[tuple[float, float], ...]
 _QUADRANT_SEGMENTS = 2
 _CIRCUMSCRIBE = 1.0 / math.cos(math.pi / 8.0)
 """Round ends are drawn as octagons, which have few vertices; this factor makes each octagon enclose its circle."""
@@ -50,11 +50,15 @@ def volumes(plan: FlightPlan, depart_ns: Time, margins: Margins = MARGINS) -> tu
 
 def leg_volumes(origin: Origin, flown: Sequence[Leg], begin_ns: Time, margins: Margins) -> tuple[Volume4D, ...]:
     """The volumes of legs that are flown one after another from `begin_ns` on."""
+    outlines = _outlines(origin, _ground_tracks(flown), margins.horizontal_m)
     out: list[Volume4D] = []
     since_s = 0.0
-    for leg in flown:
+    for leg, outline in zip(flown, outlines, strict=True):
         until_s = since_s + leg.duration_s
-        out.append(_volume(origin, leg, begin_ns, since_s, until_s, margins))
+        heights = min(leg.start.up_m, leg.end.up_m), max(leg.start.up_m, leg.end.up_m)
+        start_ns = begin_ns + from_seconds(since_s - margins.early_s)
+        end_ns = begin_ns + from_seconds(until_s * (1.0 + margins.drift) + margins.late_s)
+        out.append(_prism(origin, outline, heights, margins.vertical_m, start_ns, end_ns))
         since_s = until_s
     return tuple(out)
 
@@ -80,46 +84,41 @@ def _is_inside(ring: Sequence[tuple[float, float]], lat: float, lon: float) -> b
 
 def around(origin: Origin, point: Point, radius_m: float, height_m: float, begin_ns: Time, end_ns: Time) -> Volume4D:
     """The volume within `radius_m` and `height_m` of a point, not below the ground."""
-    return _prism(
-        origin,
-        shapely.Point(point.east_m, point.north_m),
-        radius_m,
-        (point.up_m, point.up_m),
-        height_m,
-        begin_ns,
-        end_ns,
-    )
+    (outline,) = _outlines(origin, shapely.points([point[:2]]), radius_m)
+    return _prism(origin, outline, (point.up_m, point.up_m), height_m, begin_ns, end_ns)
 
 
-def _volume(origin: Origin, leg: Leg, depart_ns: Time, since_s: float, until_s: float, margins: Margins) -> Volume4D:
-    a, b = leg.start, leg.end
-    still = (a.east_m, a.north_m) == (b.east_m, b.north_m)
-    line = shapely.Point(a.east_m, a.north_m) if still else LineString([(a.east_m, a.north_m), (b.east_m, b.north_m)])
-    heights = min(a.up_m, b.up_m), max(a.up_m, b.up_m)
-    begin_ns = depart_ns + from_seconds(since_s - margins.early_s)
-    end_ns = depart_ns + from_seconds(until_s * (1.0 + margins.drift) + margins.late_s)
-    return _prism(origin, line, margins.horizontal_m, heights, margins.vertical_m, begin_ns, end_ns)
+def _ground_tracks(flown: Sequence[Leg]) -> NDArray[Any]:
+    """(n,) the geometry over which each leg leads: a line, or a point where it only climbs, sinks or waits."""
+    ends = np.array([[leg.start[:2], leg.end[:2]] for leg in flown]).reshape(-1, 2, 2)
+    tracks: NDArray[Any] = shapely.linestrings(ends)
+    still = (ends[:, 0] == ends[:, 1]).all(axis=1)
+    tracks[still] = shapely.points(ends[still, 0])
+    return tracks
+
+
+def _outlines(origin: Origin, tracks: NDArray[Any], radius_m: float) -> list[Outline]:
+    """The outlines of tracks widened by `radius_m`: (latitude, longitude) of each corner, anticlockwise."""
+    rings = shapely.get_exterior_ring(shapely.buffer(tracks, radius_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
+    corners, of = shapely.get_coordinates(rings, return_index=True)
+    lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
+    places = list(zip(lat.tolist(), lon.tolist(), strict=True))
+    ends = np.searchsorted(of, np.arange(len(rings) + 1)).tolist()
+    outlines = []
+    for anticlockwise, begin, end in zip(shapely.is_ccw(rings).tolist(), ends, ends[1:], strict=False):
+        ring = places[begin:end] if anticlockwise else places[begin:end][::-1]
+        outlines.append(tuple(ring[:-1]))  # without the repeated first corner
+    return outlines
 
 
 def _prism(
-    origin: Origin,
-    line: BaseGeometry,
-    radius_m: float,
-    heights: tuple[float, float],
-    height_m: float,
-    begin_ns: Time,
-    end_ns: Time,
+    origin: Origin, outline: Outline, heights: tuple[float, float], height_m: float, begin_ns: Time, end_ns: Time
 ) -> Volume4D:
-    ring: Polygon = orient(line.buffer(radius_m * _CIRCUMSCRIBE, quad_segs=_QUADRANT_SEGMENTS))
-    corners = np.asarray(ring.exterior.coords)[:-1]
-    lat, lon = origin.to_geodetic(corners[:, 0], corners[:, 1])
     to_ellipsoid_m = origin.ellipsoid_of(origin.alt_msl_m)
-    lower_m = max(heights[0] - height_m, 0.0)
-    upper_m = heights[1] + height_m
     return Volume4D(
-        outline=tuple(zip(lat.tolist(), lon.tolist(), strict=True)),
-        lower_m=lower_m + to_ellipsoid_m,
-        upper_m=upper_m + to_ellipsoid_m,
+        outline=outline,
+        lower_m=max(heights[0] - height_m, 0.0) + to_ellipsoid_m,
+        upper_m=heights[1] + height_m + to_ellipsoid_m,
         start_ns=begin_ns,
         end_ns=end_ns,
     )

@@ -117,7 +117,10 @@ class FrameEncoder:
             if link_table is not None:
                 blocks = cast("list[FrameBlock]", list(run))
                 gathered.append(self._block_columns(blocks, numbered))
-                rows += sum(map(len, blocks))
+                for block in blocks:
+                    commanded = enumerate(block.causes or ())
+                    causes |= {rows + row: [str(c) for c in known] for row, known in commanded if known}
+                    rows += len(block)
                 continue
             frames = cast("list[Frame]", list(run))
             if any(map(_CAUSES, frames)):

@@ -176,8 +176,8 @@ class BuiltinFleet(EngineBase):
             mail = inbox.columns(self._rows_by_port)
             if self._signed is not None:
                 mail = self._signed.verify_inbox(tick, inbox, mail, fleet.outbox)
-            for row in consume_heartbeats(fleet, mail):
-                self._receive(inbox.arrival(mail.order.item(row)))
+            for arrival in inbox.arrivals(mail.order[consume_heartbeats(fleet, mail)]):
+                self._receive(arrival)
         if loop.run_loop(*self._loop_arguments(dt_s)):
             self._handle_events()
         if tick % SERVICE_NS == 0:

@@ -40,7 +40,7 @@ def _mark_heartbeats(
                 single[row] = False
 
 
-def consume_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
+def consume_heartbeats(fleet: Fleet, mail: Columns) -> Ints:
     """Process the heartbeats of each aircraft's own ground station and return the rows of `mail` that remain.
 
     Same effect as `failsafes.ground_station.on_heartbeat` for one heartbeat. Heartbeats of other senders remain,
@@ -54,5 +54,4 @@ def consume_heartbeats(fleet: Fleet, mail: Columns) -> list[int]:
         fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *KIND_TABLES, stations,
         fleet.system_ids, fleet.checks["gcs_heard_ns"], single,
     )  # fmt: skip
-    left: list[int] = np.flatnonzero(single).tolist()
-    return left
+    return np.flatnonzero(single)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -358,11 +359,7 @@ def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[
 
     Raises `InputError` with every unknown name and every value that is not finite or out of range.
     """
-    values = {parameter.name: parameter.default for parameter in PARAMETERS}
-    values.update(AIRFRAME_TUNING.get(airframe.name, {}))
-    values["MOT_THST_HOVER"] = hover_throttle(airframe)
-    values["MOT_THST_EXPO"] = airframe.thrust_expo
-    values["SYSID_THISMAV"] = system_id
+    values: dict[str, float] = {"SYSID_THISMAV": system_id}
     problems = []
     taken: dict[str, str] = {}
     for name, value in given.items():
@@ -383,7 +380,20 @@ def initial_values(who: str, airframe: Airframe, system_id: int, given: Mapping[
         taken.setdefault(known, name)
     if problems:
         raise InputError(f"params of {who}", problems)
-    return np.array([stored_value(parameter, values[parameter.name]) for parameter in PARAMETERS])
+    stored = np.array(_stored_defaults(airframe))
+    for name, value in values.items():
+        stored[INDEX[name]] = stored_value(PARAMETERS[INDEX[name]], value)
+    return stored
+
+
+@cache
+def _stored_defaults(airframe: Airframe) -> tuple[float, ...]:
+    """The values of an airframe that is given none, in the order of `PARAMETERS`."""
+    values = {parameter.name: parameter.default for parameter in PARAMETERS}
+    values.update(AIRFRAME_TUNING.get(airframe.name, {}))
+    values["MOT_THST_HOVER"] = hover_throttle(airframe)
+    values["MOT_THST_EXPO"] = airframe.thrust_expo
+    return tuple(stored_value(parameter, values[parameter.name]) for parameter in PARAMETERS)
 
 
 def fill_settings(
