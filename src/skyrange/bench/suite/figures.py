@@ -54,7 +54,7 @@ def draw_speeds(results: Results, old: Results | None = None) -> Figure | None:
             was = before[name]
             body += _bar(place(10.0**low), place(was), y + 17, 7.0, _OLD, f"{name}, old: {format_value(was)} ×")
             body.append(svg.label(place(was) + 6, y + 25, format_value(was), "start", 10.5, {"opacity": ".7"}))
-    body.append(svg.label(_LEFT, height - 8, "simulated seconds per second; line: real time", "start", 11.5, _DIM))
+    body.append(svg.label(_LEFT, height - 8, "× real time, logarithmic", "start", 11.5, _DIM))
     return svg.document(_WIDE, height, "Speed of each case", body)
 
 
@@ -93,7 +93,7 @@ def draw_changes(changes: Sequence[Change]) -> Figure | None:
 
 def draw_memory(memory: Memory, title: str, old: Memory | None = None) -> Figure:
     """Resident memory of a case's processes over its wall time, that of the old results dashed."""
-    width, height, left, above, below = 440.0, 168.0, 52.0, 10.0, 34.0
+    width, height, left, above, below = 440.0, 172.0, 52.0, 22.0, 34.0
     kept = [one for one in (memory, old) if one is not None and one.resident_mb]
     last = max((len(one.resident_mb) * one.every_s for one in kept), default=1.0)
     top = max((max(one.resident_mb) for one in kept), default=1.0) * 1.08
@@ -109,7 +109,7 @@ def draw_memory(memory: Memory, title: str, old: Memory | None = None) -> Figure
     values, step = svg.ticks(0.0, last, 6)
     body += [svg.label(left + value * x_scale, foot + 15, svg.format_tick(value, step)) for value in values]
     body.append(svg.label(width - 12, height - 4, "wall time, s", "end", 10.5, _DIM))
-    body.append(svg.label(4, height - 4, "MB", "start", 10.5, _DIM))
+    body.append(svg.label(left - 7, 12, "MB", "end", 10.5, _DIM))
     for one in kept:
         points = np.array(
             [(left + (n + 1) * one.every_s * x_scale, foot - mb * y_scale) for n, mb in enumerate(one.resident_mb)]

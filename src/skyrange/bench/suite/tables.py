@@ -12,8 +12,8 @@ from skyrange.bench.suite.results import BenchmarkResult, CaseResult, Measure, R
 NONE: Final = "–"
 LOAD_TEXT: Final = """\
 Involuntary switches: how often the system took the core from the case's processes, per second of wall time. Other
-programs: the cores that they used during the case. The load average of the last minute is from before the case. The
-yardstick is the time in which pymavlink packs and decodes one frame; if it changes, so did the speed of the machine.
+programs: the cores that they used during the case. The load average is that of the last minute before the case. If the
+yardstick changes, so did the speed of the machine.
 """
 
 
@@ -40,9 +40,8 @@ def make_tables(results: Results, old: Results | None = None) -> list[Table]:
 def make_load_table(results: Results) -> Table:
     """What each case used of the machine, and what else ran."""
     head = (
-        "benchmark", "case", "wall time, s", "CPU time over wall time", "involuntary switches, 1/s",
-        "load average before", "other programs, cores", "yardstick before, µs", "after, µs", "peak memory, MB",
-        "processes",
+        "benchmark", "case", "wall time, s", "CPU / wall", "involuntary switches, 1/s", "load average before",
+        "other programs, cores", "yardstick before, µs", "yardstick after, µs", "peak memory, MB",
     )  # fmt: skip
     rows = [(benchmark.name, case.name, *_load(case)) for benchmark, case in results.cases()]
     return Table("Load", LOAD_TEXT, head, rows, 2)
@@ -145,4 +144,3 @@ def _load(case: CaseResult) -> Iterator[str]:
     yield format_value(load.yardstick_before_us)
     yield format_value(load.yardstick_after_us)
     yield format_value(case.memory.peak_mb)
-    yield str(case.memory.processes)
