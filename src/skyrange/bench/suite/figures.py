@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 from xml.etree.ElementTree import Element
 
@@ -48,11 +48,11 @@ def draw_speeds(results: Results, old: Results | None = None) -> Figure | None:
     for n, (name, value) in enumerate(new.items()):
         y = top + row * n + 5
         body.append(svg.label(_LEFT - 12, y + 12, name, "end", 12))
-        body += _bar(place(1e-9 + 10.0**low), place(value), y, 15.0, _NEW, f"{name}: {format_value(value)} ×")
+        body += _bar(_LEFT, place(value), y, 15.0, _NEW, f"{name}: {format_value(value)} ×")
         body.append(svg.label(place(value) + 6, y + 12, f"{format_value(value)} ×", "start", 12, svg.BOLD))
         if before.get(name, 0.0) > 0.0:
             was = before[name]
-            body += _bar(place(10.0**low), place(was), y + 17, 7.0, _OLD, f"{name}, old: {format_value(was)} ×")
+            body += _bar(_LEFT, place(was), y + 17, 7.0, _OLD, f"{name}, old: {format_value(was)} ×")
             body.append(svg.label(place(was) + 6, y + 25, format_value(was), "start", 10.5, {"opacity": ".7"}))
     body.append(svg.label(_LEFT, height - 8, "× real time, logarithmic", "start", 11.5, _DIM))
     return svg.document(_WIDE, height, "Speed of each case", body)
@@ -139,9 +139,8 @@ def _speeds(results: Results) -> Mapping[str, float]:
     }
 
 
-def _log_axis(low: int, high: int, place: object, top: float, foot: float) -> list[Element]:
+def _log_axis(low: int, high: int, place: Callable[[float], float], top: float, foot: float) -> list[Element]:
     """Grid lines at the powers of ten, and a stronger one at 1."""
-    assert callable(place)
     body: list[Element] = []
     for power in range(low, high + 1):
         x = place(10.0**power)
