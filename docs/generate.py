@@ -370,6 +370,48 @@ def avoidance() -> str:
     return table(("parameter", "default", "meaning"), rows)
 
 
+# ---------------------------------------------------------------- benchmarks
+
+
+def benchmark_results() -> str:
+    """The shipped results of all benchmarks."""
+    from skyrange.bench.suite.page import make_markdown
+    from skyrange.bench.suite.results import read_results
+
+    return make_markdown(read_results(DOCS / "data" / "benchmarks.json"))
+
+
+def benchmark_sizes() -> str:
+    """Every benchmark with its cases, those of `--quick` beside them."""
+    from skyrange.bench.suite.cases import BENCHMARKS
+
+    rows = [
+        (
+            f"`{benchmark.name}`",
+            benchmark.about,
+            "; ".join(case.name for case in benchmark.cases),
+            "; ".join(case.name for case in benchmark.quick) or "none",
+        )
+        for benchmark in BENCHMARKS
+    ]
+    return table(("name", "what it measures", "cases", "cases with `--quick`"), rows)
+
+
+def benchmark_format() -> str:
+    """Every key of the JSON document of results."""
+    from skyrange.bench.suite import results as described
+
+    schema = described.Results.model_json_schema()
+    models = {"Results": schema, **schema["$defs"]}
+    names = ("Results", "Machine", "BenchmarkResult", "CaseResult", "Row", "Measure", "Load", "Memory")
+    assert set(names) == set(models) - {"JsonValue"}
+    places = ("the document", "`machine`", "`benchmarks`", "`cases`", "`rows`", "`measures`", "`load`", "`memory`")
+    return "\n".join(
+        f"### {place}\n\n{keys(models[name], getattr(described, name).model_fields)}"
+        for name, place in zip(names, places, strict=True)
+    )
+
+
 # ---------------------------------------------------------------- the Python API
 
 
@@ -402,6 +444,9 @@ def packages() -> str:
 
 GENERATED: dict[str, Callable[[], str]] = {
     "packages": packages,
+    "benchmark-results": benchmark_results,
+    "benchmark-sizes": benchmark_sizes,
+    "benchmark-format": benchmark_format,
     "python-api": python_api,
     "cli": cli,
     "scenario": scenario,

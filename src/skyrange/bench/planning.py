@@ -40,8 +40,9 @@ def measure(
 ) -> dict[str, Any]:
     """Plan `routes` routes of `length_m` whose ends are free, on the lattice, or by BIT* with `iterations` of it.
 
-    `p50_ms` and `p95_ms` are of one route; `detour` is the mean of flown over straight length, `late` that of its
-    duration over the straight flight's; `no_way` counts pairs of free places without a way.
+    `p50_ms` and `p95_ms` are wall time of one route, `cpu_ms` is its mean processor time; `detour` is the mean of flown
+    over straight length, `late` that of its duration over the straight flight's; `no_way` counts pairs of free places
+    without a way.
     """
     chance, limits = Chance(1), Limits(alt_m, ceiling_m)
     west, south, east, north = city.bounds
@@ -50,6 +51,7 @@ def measure(
     lates: list[float] = []
     detours: list[float] = []
     tried = no_way = 0
+    cpu_s = 0.0
     find_route(city, [(east + 400.0, north + 400.0), (east + 410.0, north + 400.0)], limits)  # compiled before
     while len(times) < routes and tried < _MOST_TRIES * routes:
         across, up, turn, _ = chance.uniform4(_STREAM, hash64("place"), tried, 0)
@@ -59,13 +61,14 @@ def measure(
         other = one[0] + length_m * math.cos(angle), one[1] + length_m * math.sin(angle)
         if not city.is_clear([(*one, alt_m)], 8.0) or not city.is_clear([(*other, alt_m)], 8.0):
             continue
-        began = time.perf_counter()
+        began, before_s = time.perf_counter(), time.process_time()
         try:
             found = np.array(find_route(city, [one, other], limits, sampling))
         except NoRouteError:
             no_way += 1
             continue
         times.append(time.perf_counter() - began)
+        cpu_s += time.process_time() - before_s
         detours.append(float(np.linalg.norm(np.diff(found[:, :2], axis=0), axis=1).sum()) / length_m)
         flown_s = sum(limits.costs.of(a, b) for a, b in pairwise(found.tolist()))
         lates.append(flown_s / limits.costs.of((*one, alt_m), (*other, alt_m)))
@@ -76,6 +79,7 @@ def measure(
         "length_m": length_m,
         "alt_m": alt_m,
         "no_way": no_way,
+        "cpu_ms": round(cpu_s / len(times) * 1e3, 2) if times else None,
         "p50_ms": round(float(np.percentile(milliseconds, 50)), 1) if times else None,
         "p95_ms": round(float(np.percentile(milliseconds, 95)), 1) if times else None,
         "detour": round(float(np.mean(detours)), 3) if times else None,

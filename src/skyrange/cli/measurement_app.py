@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import benchmarks, live_benchmark, parity
+from skyrange.cli.handlers import benchmark_suite, benchmarks, live_benchmark, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(
@@ -251,6 +251,43 @@ def planning_bench(
 ) -> None:
     """Measure how fast routes around the buildings of a city are planned."""
     benchmarks.bench_planning(buildings, routes, length_m, alt_m or [30.0, 60.0, 90.0], ceiling_m, ompl, as_json)
+
+
+@bench_app.command("all", epilog="Example: skyrange bench all --quick --output results.json --page results.html")
+def all_benches(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Smaller sizes: about a minute instead of five, and less to rely on.")
+    ] = False,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Run this benchmark, such as fleet-light. May be repeated. Default: all."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the results to this file as JSON, for bench page.")
+    ] = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write a page of the results to this HTML file.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run all benchmarks in turn, with ratios to a yardstick, load of the machine and memory over time."""
+    benchmark_suite.run_all(only or [], quick, output, page, as_json)
+
+
+@bench_app.command("page", epilog="Example: skyrange bench page new.json --against old.json --output comparison.html")
+def results_page(
+    results: Annotated[
+        Path, typer.Argument(metavar="RESULTS", help="Results of bench all, a JSON file.", show_default=False)
+    ],
+    against: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Older results to compare with: old, new and their ratios.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="HTML file to write. Default: beside the results.")
+    ] = None,
+) -> None:
+    """Write a page of the results of bench all, alone or compared with older ones."""
+    benchmark_suite.make_page(results, against, output)
 
 
 @parity_app.command(epilog="Example: skyrange parity flight squares --set wind.speed_mps=8")

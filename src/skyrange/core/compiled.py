@@ -74,6 +74,12 @@ def compiled_before() -> bool:
     return bool(folder) and any(Path(folder).rglob("*.nbi"))
 
 
+def count_compiled() -> int:
+    """The number of compiled functions in the cache, each signature for itself; 0 if numba chooses its folder."""
+    folder = _cache_folder()
+    return sum(1 for _ in Path(folder).rglob("*.nbc")) if folder else 0
+
+
 @cache
 def _cache_folder() -> str:
     """The folder of compiled functions: beside the package, else with the user; "" leaves it to numba."""

@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from skyrange.cli.output.console import print_notice, print_text
+from skyrange.runtime.utm.requirements import check_installed
 
 
 def init(folder: Path, uss: Sequence[str], port: int, tests: bool) -> None:
     """`skyrange utm init`."""
-    _check_installed()
+    check_installed()
     from skyrange.core.errors import InputError
     from skyrange.runtime.utm.initial_files import write_federation
 
@@ -27,7 +28,7 @@ def init(folder: Path, uss: Sequence[str], port: int, tests: bool) -> None:
 
 def init_authority(folder: Path, operators: str, port: int) -> None:
     """`skyrange utm init --authority`."""
-    _check_installed()
+    check_installed()
     from skyrange.runtime.utm.initial_files import write_authority
 
     path = write_authority(folder, [one for one in operators.split(",") if one], port)
@@ -37,21 +38,9 @@ def init_authority(folder: Path, operators: str, port: int) -> None:
 
 def serve(files: Sequence[Path]) -> None:
     """`skyrange utm serve`."""
-    _check_installed()
+    check_installed()
     from skyrange.runtime.utm.config import load_config
     from skyrange.runtime.utm.service import serve as serve_all
 
     configs = [load_config(path) for path in files]
     serve_all(configs, lambda name, url: print_notice(f"{name}: listens at {url}"))
-
-
-def _check_installed() -> None:
-    """Raise `ComponentError` if the packages of the extra are missing."""
-    from importlib.util import find_spec
-
-    from skyrange.core.errors import ComponentError
-
-    needed = ("uas_standards", "s2sphere", "jwt", "sqlalchemy", "alembic")
-    missing = [name for name in needed if find_spec(name) is None]
-    if missing:
-        raise ComponentError("utm", f"{missing[0]} is not installed", "pip install 'skyrange[utm]'")
