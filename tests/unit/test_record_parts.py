@@ -15,12 +15,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import Recorder, RunRecord, load
+from skyrange.record.read.telemetry import count_messages
 from skyrange.record.schema import TABLES
 from skyrange.record.verification import verify_run
 from skyrange.record.write import derivation
@@ -112,6 +114,21 @@ def test_a_part_that_was_removed_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"frames\.parquet/part-0001\.parquet: missing"):
         load(run.path)
     assert "frames.parquet/part-0001.parquet: missing" in "\n".join(verify_run(run).problems)
+
+
+def test_parts_of_telemetry_that_overlap_are_merged(tmp_path: Path) -> None:
+    """As several processes would record them, each the aircraft of its own."""
+    run = _record(tmp_path / "run", traffic(12), 10**6)
+    expected = run.telemetry("ATTITUDE")
+    path = run.path / "telemetry" / "ATTITUDE.parquet"
+    rows = pq.read_table(path)
+    path.unlink()
+    path.mkdir()
+    is_first = pc.equal(rows.column("vehicle"), "blue/b2")
+    for number, chosen in enumerate((is_first, pc.invert(is_first))):
+        pq.write_table(rows.filter(chosen), path / f"part-{number:04d}.parquet")
+    assert run.telemetry("ATTITUDE").equals(expected)
+    assert count_messages(run.tables) == run.messages
 
 
 def test_a_damaged_part_is_named(tmp_path: Path) -> None:

@@ -108,4 +108,7 @@ def read_message(tables: Tables, message: str) -> pa.Table:
         rows = rows.filter(pc.equal(rows.column("message"), message))
         own = pa.schema([schema.field(name) for name in schema.names if name in rows.column_names])
         return rows.select(own.names).cast(own)
-    return tables.file(f"{FOLDER}/{message}.parquet", schema)
+    rows = tables.file(f"{FOLDER}/{message}.parquet", schema)
+    if rows.num_rows and (np.diff(rows.column("time_ns").to_numpy()) < 0).any():  # parts that overlap in time
+        rows = rows.sort_by([("time_ns", "ascending"), ("vehicle", "ascending")])  # stable: an aircraft is in one part
+    return rows
