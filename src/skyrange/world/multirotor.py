@@ -232,7 +232,7 @@ def _land(
     return events
 
 
-@inlined
+@compiled
 def _move_lanes(step_s: float, s: Floats) -> None:
     """The quantum of aircraft in free flight, one in each lane of `s`, whose columns follow each other. Straight-line
     code at constant distances in one array, which LLVM turns into vector instructions.

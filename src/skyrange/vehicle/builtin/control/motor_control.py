@@ -179,7 +179,7 @@ def run_controllers(s: Floats, used: int, dt_s: float) -> None:
     _command_motors(s)
 
 
-@inlined
+@compiled
 def _find_errors(s: Floats, dt_s: float) -> None:
     """Control the vertical acceleration, turn the targets, and find the errors of attitude, as if all were small."""
     for k in range(LANES):
@@ -248,7 +248,7 @@ def _find_large_error(s: Floats, k: int) -> None:
     s[_FORWARD + k] = attitude.feed_forward_share(tilt)
 
 
-@inlined
+@compiled
 def _command_motors(s: Floats) -> None:
     """From the errors of attitude to body rates, from those to demands, and from these to motor commands."""
     for k in range(LANES):

@@ -126,7 +126,7 @@ def run_position_control(s: Floats, used: int) -> None:
     _shape_rates(s)
 
 
-@inlined
+@compiled
 def _request_attitude(s: Floats) -> None:
     """From position to acceleration, from that to an attitude, and to the error of the attitude target."""
     for k in range(LANES):
@@ -176,7 +176,7 @@ def _request_attitude(s: Floats) -> None:
         s[_SMALL + k] = 1.0 if small else 0.0
 
 
-@inlined
+@compiled
 def _shape_rates(s: Floats) -> None:
     """Shape the rates of the attitude target towards the requested attitude."""
     for k in range(LANES):

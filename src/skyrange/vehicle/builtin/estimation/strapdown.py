@@ -130,7 +130,7 @@ def _store_lane(s: Floats, lane: int, shown: bool, e: Any, k: Any) -> None:
         _set_yaw_reference(e, k)
 
 
-@inlined
+@compiled
 def _integrate_lanes(s: Floats, dt_s: float) -> None:
     """Advance all lanes by a tick: straight-line code, which LLVM turns into vector instructions (`motor_control`)."""
     for k in range(LANES):
