@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from skyrange.vehicle.builtin import loop
-from skyrange.vehicle.builtin.control import attitude, gains
+from skyrange.vehicle.builtin.control import gains
+from skyrange.vehicle.builtin.control.motor_mixer import mix_motors, thrust_to_actuator
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, ControlMode, FlightEvent, new_records
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS
@@ -45,7 +46,11 @@ def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     fill_settings(settings, 0, "v", IRIS, 1, {})
     gains.set_motor_factors(table, 0, IRIS)
     gains.compute_gains(table[0], settings[0], DT)
-    out = (np.array(attitude.mix_motors(table[0], throttle, throttle, roll, pitch, yaw)[1:]) - 0.15) / (0.95 - 0.15)
+    factors = [tuple(table[name][0].tolist()) for name in ("roll_factor", "pitch_factor", "yaw_factor")]
+    curve = tuple(float(table[name][0]) for name in ("expo", "expo_a", "expo_b", "expo_c"))
+    spin = float(table["spin_min"][0]), float(table["spin_range"][0])
+    thrusts = mix_motors(*factors, throttle, throttle, roll, pitch, yaw)[1:]
+    out = (np.array([thrust_to_actuator(curve, spin, thrust) for thrust in thrusts]) - 0.15) / (0.95 - 0.15)
     expo = IRIS.thrust_expo
     share: np.ndarray = (1 - expo) * out + expo * out**2
     return share

@@ -7,22 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from skyrange.vehicle.builtin.control.position import _update_vel_i
+from skyrange.vehicle.builtin.control.position import integrate_velocity_error
 
 DT_S = 0.01
 
 
-class Record:
-    """Fields by name."""
-
-    def __init__(self, **fields: object) -> None:
-        self.__dict__.update(fields)
-
-
 def integrated(vel_i: tuple[float, float], error: tuple[float, float], limited: tuple[float, float]) -> np.ndarray:
-    flight = Record(vel_i=np.array(vel_i), vel_err=np.array(error), limited_accel=np.array(limited))
-    _update_vel_i.py_func(flight, Record(vel_i=1.0, vel_imax=10.0), DT_S)
-    return np.asarray(flight.vel_i)
+    more = error[0] * DT_S, error[1] * DT_S
+    return np.asarray(integrate_velocity_error(*vel_i, *more, *limited, 10.0))
 
 
 def test_it_grows_where_nothing_is_limited() -> None:

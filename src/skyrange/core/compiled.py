@@ -30,7 +30,7 @@ R = TypeVar("R")
 
 config: Any = numba_config
 
-_MARK = re.compile(rb"skyrange\.core\.compiled import compiled\b")
+_MARK = re.compile(rb"skyrange\.core\.compiled import (compiled|inlined)\b")
 
 
 class _Shared(FunctionCache):
@@ -57,11 +57,23 @@ class _Shared(FunctionCache):
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` with numba when first called; keeps its Python type for checkers."""
+    """Compile `function` with numba when first called; keeps its Python type for checkers. It runs without the GIL."""
+    return _compile(function, inline=False)
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` as `compiled` does, and insert its code into every compiled function that calls it.
+
+    A loop with a call in it is not turned into vector instructions.
+    """
+    return _compile(function, inline=True)
+
+
+def _compile(function: Callable[P, R], inline: bool) -> Callable[P, R]:
     before = config.CACHE_DIR
     config.CACHE_DIR = _cache_folder() or before  # read while decorating, so it need not stay
     try:
-        dispatcher: Any = numba.njit(fastmath=False, error_model="numpy")(function)
+        dispatcher: Any = numba.njit(fastmath=False, error_model="numpy", nogil=True, forceinline=inline)(function)
         dispatcher._cache = _Shared(function)  # type: ignore[no-untyped-call]  # as cache=True does with numba's own
         return cast("Callable[P, R]", dispatcher)
     finally:

@@ -33,7 +33,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.compiled import compiled
+from skyrange.core.compiled import compiled, inlined
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2, MOTORS, Airframe
 
 Floats = NDArray[np.float64]
@@ -55,6 +55,16 @@ _ROUND = 1e-8  # its square is below a double's precision
 _MASS, _PER_MASS, _JX, _JY, _JZ, _PER_JX, _PER_JY, _PER_JZ, _THRUST, _ARM = range(10)
 _ROTOR_DRAG, _BODY_DRAG, _STANCE, TIP_COS, _FRICTION, _SPIN_DRAG, _LEFT = range(10, 17)
 _FORWARD, _SPIN = _LEFT + MOTORS, _LEFT + 2 * MOTORS  # blocks of one number per rotor, as _LEFT
+_NUMBERS = _LEFT + 3 * MOTORS
+
+LANES = 16
+"""Aircraft that are computed together, in vector registers."""
+# where the lanes of each column begin: first the airframe's numbers, then the state before the quantum, and after it
+(
+    _PX, _PY, _PZ, _VX, _VY, _VZ, _QW, _QX, _QY, _QZ, _WX, _WY, _WZ, _UX, _UY, _UZ,
+    _WORK, _NX, _NY, _NZ, _NVX, _NVY, _NVZ, _AX, _AY, _AZ, _NWX, _NWY, _NWZ, _NQW, _NQX, _NQY, _NQZ, _SPEED,
+) = range(_NUMBERS * LANES, (_NUMBERS + 34) * LANES, LANES)  # fmt: skip
+_COLUMNS = _SPEED + MOTORS * LANES
 
 
 def motor_rows(airframe: Airframe, step_s: float) -> tuple[float, float, float]:
@@ -108,13 +118,14 @@ def spin_rotors(
         command = commands[k]
         command = command if command > 0.0 else 0.0  # a NaN is no thrust
         command = command if command < 1.0 else 1.0
-        target = limit[k] * math.sqrt(command * (1.0 - expo[k] + expo[k] * command))
+        share = max(command * (1.0 - expo[k] + expo[k] * command), 0.0)  # a root that may fail is not vectorised
+        target = limit[k] * math.sqrt(share)
         speed = rotor_radps[k]
         speed += (target - speed) * (lag_up[k] if target > speed else lag_down[k])
         rotor_radps[k] = speed if speed >= _NEGLIGIBLE else 0.0
 
 
-@compiled
+@inlined
 def rotate_attitude(
     qw: float, qx: float, qy: float, qz: float, tx: float, ty: float, tz: float
 ) -> tuple[float, float, float, float]:
@@ -222,6 +233,91 @@ def _land(
 
 
 @compiled
+def _move_lanes(step_s: float, s: Floats) -> None:
+    """The quantum of aircraft in free flight, one in each lane of `s`, whose columns follow each other. Straight-line
+    code at constant distances in one array, which LLVM turns into vector instructions.
+    """
+    half = 0.5 * step_s
+    for k in range(LANES):
+        vx, vy, vz = s[_VX + k], s[_VY + k], s[_VZ + k]
+        qw, qx, qy, qz = s[_QW + k], s[_QX + k], s[_QY + k], s[_QZ + k]
+        wx, wy, wz = s[_WX + k], s[_WY + k], s[_WZ + k]
+
+        # rotors
+        thrust = 0.0
+        turning = 0.0
+        torque_x = 0.0
+        torque_y = 0.0
+        torque_z = 0.0
+        cubes = 0.0
+        for m in range(MOTORS):
+            speed = s[_SPEED + m * LANES + k]
+            force = s[_THRUST * LANES + k] * speed * speed
+            thrust += force
+            turning += speed
+            cubes += force * speed
+            torque_x += s[(_LEFT + m) * LANES + k] * force
+            torque_y -= s[(_FORWARD + m) * LANES + k] * force
+            torque_z -= s[(_SPIN + m) * LANES + k] * s[_ARM * LANES + k] * force
+        s[_WORK + k] = s[_ARM * LANES + k] * cubes * step_s
+
+        # forces in the body, from the air's velocity across it
+        r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
+        r01 = 2.0 * (qx * qy - qw * qz)
+        r02 = 2.0 * (qx * qz + qw * qy)
+        r10 = 2.0 * (qx * qy + qw * qz)
+        r11 = 1.0 - 2.0 * (qx * qx + qz * qz)
+        r12 = 2.0 * (qy * qz - qw * qx)
+        r20 = 2.0 * (qx * qz - qw * qy)
+        r21 = 2.0 * (qy * qz + qw * qx)
+        r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
+        ux = vx - s[_UX + k]
+        uy = vy - s[_UY + k]
+        uz = vz - s[_UZ + k]
+        bx = r00 * ux + r10 * uy + r20 * uz
+        by = r01 * ux + r11 * uy + r21 * uz
+        bz = r02 * ux + r12 * uy + r22 * uz
+        body = s[_BODY_DRAG * LANES + k] * math.sqrt(ux * ux + uy * uy + uz * uz)
+        rotor = s[_ROTOR_DRAG * LANES + k] * turning
+        ax = -(body + rotor) * bx * s[_PER_MASS * LANES + k]
+        ay = -(body + rotor) * by * s[_PER_MASS * LANES + k]
+        az = (thrust - body * bz) * s[_PER_MASS * LANES + k]
+        nvx = vx + (r00 * ax + r01 * ay + r02 * az) * step_s
+        nvy = vy + (r10 * ax + r11 * ay + r12 * az) * step_s
+        nvz = vz + (r20 * ax + r21 * ay + r22 * az - GRAVITY_MPS2) * step_s
+
+        # rates: midpoint rule on Euler's equation
+        torque_x -= s[_SPIN_DRAG * LANES + k] * abs(wx) * wx
+        torque_y -= s[_SPIN_DRAG * LANES + k] * abs(wy) * wy
+        torque_z -= s[_SPIN_DRAG * LANES + k] * abs(wz) * wz
+        x_from_yz = s[_JZ * LANES + k] - s[_JY * LANES + k]
+        y_from_zx = s[_JX * LANES + k] - s[_JZ * LANES + k]
+        z_from_xy = s[_JY * LANES + k] - s[_JX * LANES + k]
+        mx = wx + half * (torque_x - x_from_yz * wy * wz) * s[_PER_JX * LANES + k]
+        my = wy + half * (torque_y - y_from_zx * wz * wx) * s[_PER_JY * LANES + k]
+        mz = wz + half * (torque_z - z_from_xy * wx * wy) * s[_PER_JZ * LANES + k]
+        nwx = wx + step_s * (torque_x - x_from_yz * my * mz) * s[_PER_JX * LANES + k]
+        nwy = wy + step_s * (torque_y - y_from_zx * mz * mx) * s[_PER_JY * LANES + k]
+        nwz = wz + step_s * (torque_z - z_from_xy * mx * my) * s[_PER_JZ * LANES + k]
+
+        s[_NX + k] = s[_PX + k] + 0.5 * (vx + nvx) * step_s
+        s[_NY + k] = s[_PY + k] + 0.5 * (vy + nvy) * step_s
+        s[_NZ + k] = s[_PZ + k] + 0.5 * (vz + nvz) * step_s
+        s[_NVX + k] = nvx
+        s[_NVY + k] = nvy
+        s[_NVZ + k] = nvz
+        s[_AX + k] = ax
+        s[_AY + k] = ay
+        s[_AZ + k] = az
+        s[_NWX + k] = nwx
+        s[_NWY + k] = nwy
+        s[_NWZ + k] = nwz
+        s[_NQW + k], s[_NQX + k], s[_NQY + k], s[_NQZ + k] = rotate_attitude(
+            qw, qx, qy, qz, half * (wx + nwx), half * (wy + nwy), half * (wz + nwz)
+        )
+
+
+@compiled
 def advance(
     step_s: float,
     parameters: Floats,
@@ -271,102 +367,57 @@ def advance(
     )
     events = 0
     longest = 0.0
-    half = 0.5 * step_s
-    for i in range(position.shape[0]):
-        a = airframe[i]  # an index, not a view of its row: making a view every time costs more than a rotor
-        vx, vy, vz = velocity[i, 0], velocity[i, 1], velocity[i, 2]
-        qw, qx, qy, qz = attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3]
-        wx, wy, wz = rates[i, 0], rates[i, 1], rates[i, 2]
-        px, py, pz = position[i, 0], position[i, 1], position[i, 2]
-        before[i, 0], before[i, 1], before[i, 2] = px, py, pz
-
-        # rotors
-        thrust = 0.0
-        turning = 0.0
-        torque_x = 0.0
-        torque_y = 0.0
-        torque_z = 0.0
-        cubes = 0.0
-        for m in range(MOTORS):
-            speed = rotor_radps[i, m]
-            force = parameters[a, _THRUST] * speed * speed
-            thrust += force
-            turning += speed
-            cubes += force * speed
-            torque_x += parameters[a, _LEFT + m] * force
-            torque_y -= parameters[a, _FORWARD + m] * force
-            torque_z -= parameters[a, _SPIN + m] * parameters[a, _ARM] * force
-        work_j[i] += parameters[a, _ARM] * cubes * step_s
-        if is_imposed[i]:
-            continue
-
-        # forces in the body, from the air's velocity across it
-        r00 = 1.0 - 2.0 * (qy * qy + qz * qz)
-        r01 = 2.0 * (qx * qy - qw * qz)
-        r02 = 2.0 * (qx * qz + qw * qy)
-        r10 = 2.0 * (qx * qy + qw * qz)
-        r11 = 1.0 - 2.0 * (qx * qx + qz * qz)
-        r12 = 2.0 * (qy * qz - qw * qx)
-        r20 = 2.0 * (qx * qz - qw * qy)
-        r21 = 2.0 * (qy * qz + qw * qx)
-        r22 = 1.0 - 2.0 * (qx * qx + qy * qy)
-        ux = vx - wind[i, 0]
-        uy = vy - wind[i, 1]
-        uz = vz - wind[i, 2]
-        bx = r00 * ux + r10 * uy + r20 * uz
-        by = r01 * ux + r11 * uy + r21 * uz
-        bz = r02 * ux + r12 * uy + r22 * uz
-        body = parameters[a, _BODY_DRAG] * math.sqrt(ux * ux + uy * uy + uz * uz)
-        rotor = parameters[a, _ROTOR_DRAG] * turning
-        ax = -(body + rotor) * bx * parameters[a, _PER_MASS]
-        ay = -(body + rotor) * by * parameters[a, _PER_MASS]
-        az = (thrust - body * bz) * parameters[a, _PER_MASS]
-        nvx = vx + (r00 * ax + r01 * ay + r02 * az) * step_s
-        nvy = vy + (r10 * ax + r11 * ay + r12 * az) * step_s
-        nvz = vz + (r20 * ax + r21 * ay + r22 * az - GRAVITY_MPS2) * step_s
-
-        # rates: midpoint rule on Euler's equation
-        torque_x -= parameters[a, _SPIN_DRAG] * abs(wx) * wx
-        torque_y -= parameters[a, _SPIN_DRAG] * abs(wy) * wy
-        torque_z -= parameters[a, _SPIN_DRAG] * abs(wz) * wz
-        x_from_yz, y_from_zx, z_from_xy = (
-            parameters[a, _JZ] - parameters[a, _JY],
-            parameters[a, _JX] - parameters[a, _JZ],
-            parameters[a, _JY] - parameters[a, _JX],
-        )
-        mx = wx + half * (torque_x - x_from_yz * wy * wz) * parameters[a, _PER_JX]
-        my = wy + half * (torque_y - y_from_zx * wz * wx) * parameters[a, _PER_JY]
-        mz = wz + half * (torque_z - z_from_xy * wx * wy) * parameters[a, _PER_JZ]
-        nwx = wx + step_s * (torque_x - x_from_yz * my * mz) * parameters[a, _PER_JX]
-        nwy = wy + step_s * (torque_y - y_from_zx * mz * mx) * parameters[a, _PER_JY]
-        nwz = wz + step_s * (torque_z - z_from_xy * mx * my) * parameters[a, _PER_JZ]
-
-        ground = floor[i]
-        nz = pz + 0.5 * (vz + nvz) * step_s
-        if nvz <= 0.0 and nz <= ground:  # a separate function, because it is rare in flight: half as fast again
-            events += _land(
-                i, step_s, parameters[a], ground, nvx, nvy, nvz, nwx, nwy, nwz,
-                position, velocity, attitude, rates, accel, limit, alive, flags, impact_mps,
-            )  # fmt: skip
-            height[i] = 0.0
-            dx, dy, dz = position[i, 0] - px, position[i, 1] - py, position[i, 2] - pz
+    count = position.shape[0]
+    s = np.zeros(_COLUMNS)
+    loaded = np.full(LANES, -1)  # the airframe whose numbers are in each lane
+    for first in range(0, count, LANES):
+        used = min(LANES, count - first)
+        for lane in range(used):
+            i = first + lane
+            a = airframe[i]  # an index, not a view of its row: making a view every time costs more than a rotor
+            if a != loaded[lane]:
+                loaded[lane] = a
+                for k in range(_NUMBERS):
+                    s[k * LANES + lane] = parameters[a, k]
+            s[_PX + lane], s[_PY + lane], s[_PZ + lane] = position[i, 0], position[i, 1], position[i, 2]
+            s[_VX + lane], s[_VY + lane], s[_VZ + lane] = velocity[i, 0], velocity[i, 1], velocity[i, 2]
+            s[_QW + lane], s[_QX + lane], s[_QY + lane] = attitude[i, 0], attitude[i, 1], attitude[i, 2]
+            s[_QZ + lane] = attitude[i, 3]
+            s[_WX + lane], s[_WY + lane], s[_WZ + lane] = rates[i, 0], rates[i, 1], rates[i, 2]
+            s[_UX + lane], s[_UY + lane], s[_UZ + lane] = wind[i, 0], wind[i, 1], wind[i, 2]
+            for m in range(MOTORS):
+                s[_SPEED + m * LANES + lane] = rotor_radps[i, m]
+        _move_lanes(step_s, s)
+        for lane in range(used):
+            i = first + lane
+            px, py, pz = s[_PX + lane], s[_PY + lane], s[_PZ + lane]
+            before[i, 0], before[i, 1], before[i, 2] = px, py, pz
+            work_j[i] += s[_WORK + lane]
+            if is_imposed[i]:
+                continue
+            ground = floor[i]
+            nx, ny, nz = s[_NX + lane], s[_NY + lane], s[_NZ + lane]
+            nvx, nvy, nvz = s[_NVX + lane], s[_NVY + lane], s[_NVZ + lane]
+            nwx, nwy, nwz = s[_NWX + lane], s[_NWY + lane], s[_NWZ + lane]
+            if nvz <= 0.0 and nz <= ground:
+                events += _land(
+                    i, step_s, parameters[airframe[i]], ground, nvx, nvy, nvz, nwx, nwy, nwz,
+                    position, velocity, attitude, rates, accel, limit, alive, flags, impact_mps,
+                )  # fmt: skip
+                height[i] = 0.0
+                nx, ny, nz = position[i, 0], position[i, 1], position[i, 2]
+            else:
+                flags[i, ON_GROUND] = 0
+                flags[i, ALOFT] |= nz > ground + REARM_M
+                height[i] = nz - ground
+                position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
+                velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz
+                accel[i, 0], accel[i, 1], accel[i, 2] = s[_AX + lane], s[_AY + lane], s[_AZ + lane]
+                attitude[i, 0], attitude[i, 1] = s[_NQW + lane], s[_NQX + lane]
+                attitude[i, 2], attitude[i, 3] = s[_NQY + lane], s[_NQZ + lane]
+                rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz
+            dx, dy, dz = nx - px, ny - py, nz - pz
             odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
             longest = max(longest, dx * dx + dy * dy + dz * dz)
-            continue
-        flags[i, ON_GROUND] = 0
-        flags[i, ALOFT] |= nz > ground + REARM_M
-        nx = px + 0.5 * (vx + nvx) * step_s
-        ny = py + 0.5 * (vy + nvy) * step_s
-        dx, dy, dz = nx - px, ny - py, nz - pz
-        odometer_m[i] += abs(dx) + abs(dy) + abs(dz)
-        longest = max(longest, dx * dx + dy * dy + dz * dz)
-        height[i] = nz - ground
-        position[i, 0], position[i, 1], position[i, 2] = nx, ny, nz
-        velocity[i, 0], velocity[i, 1], velocity[i, 2] = nvx, nvy, nvz
-        accel[i, 0], accel[i, 1], accel[i, 2] = ax, ay, az
-        attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = rotate_attitude(
-            qw, qx, qy, qz, half * (wx + nwx), half * (wy + nwy), half * (wz + nwz)
-        )
-        rates[i, 0], rates[i, 1], rates[i, 2] = nwx, nwy, nwz
     max_step2_m2[0] = longest
     return events

@@ -9,17 +9,21 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
 from skyrange.contracts.components import Floats, Ints
 from skyrange.core.compiled import compiled
-from skyrange.vehicle.builtin.control import attitude
+from skyrange.vehicle.builtin.control import attitude, motor_control, position_lanes
 from skyrange.vehicle.builtin.control.gains import SLOW_LOOP_S
-from skyrange.vehicle.builtin.control.position import (
-    output_motors,
-    relax_controllers,
-    run_accel_controller,
-    update_ne_controller,
-    update_u_controller,
+from skyrange.vehicle.builtin.control.motor_control import (
+    COMING_DOWN,
+    FOLLOWS_CLIMB,
+    HELD,
+    LANES,
+    ON_GROUND,
+    RATES_ONLY,
 )
+from skyrange.vehicle.builtin.control.position import relax_controllers, update_u_controller
 from skyrange.vehicle.builtin.guidance.reference import update_reference
 from skyrange.vehicle.builtin.guidance.yaw_target import update_yaw_target
 from skyrange.vehicle.builtin.layout import AutoYawMode, ControlMode, FlightEvent, Records
@@ -51,6 +55,8 @@ _RELAX_TC_S = 0.16  # AC_PosControl.cpp POSCONTROL_RELAX_TC
 _CRASH_S = 2.0
 _CRASH_ACCEL_MPS2 = 3.0
 _CRASH_SPEED_MPS = 10.0
+_KEEP = -1.0  # instead of a command: the motors keep theirs
+_CHUNK = 64  # rows that are processed together: their records stay in the cache
 _EARLY_S = 1e-9  # rounding error of a sum of steps
 
 
@@ -69,43 +75,30 @@ def reset_reference(e: Any, f: Any) -> None:
 
 
 @compiled
-def _spool(e: Any, f: Any, p: Any, out: Any, i: int, dt_s: float) -> bool:
-    """Spool the motors up from ground idle (AP_MotorsMulticopter::output_logic); whether they have spooled up."""
+def _spool(e: Any, f: Any, p: Any, dt_s: float) -> float:
+    """Spool the motors up from ground idle (AP_MotorsMulticopter::output_logic); their command, `_KEEP` once up.
+
+    Like the other functions for one row it is passed records and no arrays: a compiled function that is passed an array
+    counts a reference to it, which takes as long as the rest.
+    """
     reset_reference(e, f)
     relax_controllers(f)
     if f.spool_state >= 1.0:
-        return True
+        return _KEEP
     f.spool_state = min(f.spool_state + dt_s / p.MOT_SPOOL_TIME, 1.0)
     f.throttle = 0.0
-    _set_all_motors(out, i, f.spool_state * p.MOT_SPIN_MIN)
-    return False
+    command: float = f.spool_state * p.MOT_SPIN_MIN
+    return command
 
 
 @compiled
-def _set_all_motors(out: Any, i: int, command: float) -> None:
-    for motor in range(out.shape[1]):
-        out[i, motor] = command
-
-
-@compiled
-def _idle_motors(f: Any, p: Any, out: Any, i: int, dt_s: float) -> None:
-    """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up."""
+def _idle_motors(f: Any, p: Any, dt_s: float) -> float:
+    """Move towards ground idle, MOT_SPIN_ARM, no faster than motors spool up; returns the command of all motors."""
     step = dt_s / p.MOT_SPOOL_TIME
     armed = min(p.MOT_SPIN_ARM / p.MOT_SPIN_MIN, 1.0) if p.MOT_SPIN_MIN > 0.0 else 0.0
     f.spool_state = min(max(armed, f.spool_state - step), f.spool_state + step)
-    _set_all_motors(out, i, f.spool_state * p.MOT_SPIN_MIN)
-
-
-@compiled
-def _hold_level(e: Any, f: Any, g: Any, out: Any, i: int, throttle: float) -> None:
-    """Hold level at a given throttle on the ground, before lift-off."""
-    f.throttle = throttle
-    f.att_target_rate[0] = 0.0
-    f.att_target_rate[1] = 0.0
-    f.att_target_rate[2] = 0.0
-    out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, False, False)
-    for axis in range(3):
-        f.rate_i[axis] = 0.0
+    command: float = f.spool_state * p.MOT_SPIN_MIN
+    return command
 
 
 @compiled
@@ -117,40 +110,44 @@ def _leave_ground(f: Any) -> None:
 
 
 @compiled
-def _run_takeoff(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
-    """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp)."""
-    if not _spool(e, f, p, out, i, dt_s):
-        return
+def _run_takeoff(e: Any, f: Any, p: Any, dt_s: float) -> tuple[int, float]:
+    """Spool up, then raise the throttle until the aircraft moves (takeoff.cpp); returns as `_prepare_row`."""
+    command = _spool(e, f, p, dt_s)
+    if command != _KEEP:
+        return 0, command
     level = math.sqrt(e.quat[0] * e.quat[0] + e.quat[3] * e.quat[3])
     if level > 0.0:  # upright, as it stands
         f.att_target[0] = e.quat[0] / level
         f.att_target[1] = 0.0
         f.att_target[2] = 0.0
         f.att_target[3] = e.quat[3] / level
-    _hold_level(e, f, g, out, i, min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0))
+    f.throttle = min(f.throttle + dt_s / p.TKOFF_SLEW_TIME, 1.0)
+    for axis in range(3):
+        f.att_target_rate[axis] = 0.0
     if f.throttle >= 0.9 or e.accel[2] >= 0.5 * f.accel_z or e.vel[2] >= 0.1 * f.speed_up:
         f.throttle_i = f.throttle - p.MOT_THST_HOVER
         _leave_ground(f)
+    return HELD | ON_GROUND, _KEEP
 
 
 @compiled
-def _wait_for_pilot(e: Any, f: Any, p: Any, g: Any, out: Any, i: int, dt_s: float) -> None:
-    """Keep the motors idle on the ground in a pilot's mode until the throttle is raised."""
+def _wait_for_pilot(e: Any, f: Any, p: Any, dt_s: float) -> tuple[int, float]:
+    """Keep the motors idle on the ground in a pilot's mode until the throttle is raised; returns as `_prepare_row`."""
     if f.control == _STABILIZE:
-        if stick_input.update_throttle_zero(f, dt_s):
-            f.throttle = 0.0
-            reset_reference(e, f)
-            _idle_motors(f, p, out, i, dt_s)
-        elif _spool(e, f, p, out, i, dt_s):
-            _leave_ground(f)
-    elif stick_input.desired_climb_rate(f, p) > 0.0:
-        stick_input.update_throttle_zero(f, dt_s)
-        _run_takeoff(e, f, p, g, out, i, dt_s)
+        if not stick_input.update_throttle_zero(f, dt_s):
+            command = _spool(e, f, p, dt_s)
+            if command == _KEEP:
+                _leave_ground(f)
+            return 0, command
     else:
+        climbing = stick_input.desired_climb_rate(f, p) > 0.0
         stick_input.update_throttle_zero(f, dt_s)
-        f.throttle = 0.0
-        reset_reference(e, f)
-        _idle_motors(f, p, out, i, dt_s)
+        if climbing:
+            todo, command = _run_takeoff(e, f, p, dt_s)
+            return todo, command
+    f.throttle = 0.0
+    reset_reference(e, f)
+    return 0, _idle_motors(f, p, dt_s)
 
 
 @compiled
@@ -206,47 +203,111 @@ def _update_detectors(e: Any, f: Any, dt_s: float) -> None:
 
 
 @compiled
-def _run_slow_control(e: Any, f: Any, w: Any, p: Any, g: Any, dt_s: float) -> None:
-    """Run the slow part of control: reference, position and height controllers, and the attitude that they request."""
+def _controls_position(control: int) -> bool:
+    """Whether a control mode follows a position or a velocity, not the pilot's lean angles nor an attitude."""
+    return control not in (_STABILIZE, _ALT_HOLD, _ATTITUDE)
+
+
+@compiled
+def _run_attitude_modes(e: Any, f: Any, p: Any, g: Any, dt_s: float) -> None:
+    """Run the slow part of control in the modes that do not control a position."""
     control = f.control
-    update_reference(e, f, w, p, dt_s)
     if control != _STABILIZE:
         update_u_controller(e, f, g, dt_s)
     most = p.ANGLE_MAX * _CDEG
+    for axis in range(2):  # no position is held; holding one again starts from here
+        f.ref_pos[axis] = e.pos[axis]
+        f.ref_vel[axis] = e.vel[axis]
     if control in (_STABILIZE, _ALT_HOLD):
         forward, left = stick_input.desired_lean_accel(e, f, most, most)
         acc_e, acc_n = stick_input.heading_to_local(e, forward, left)
         attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, stick_input.desired_yaw_rate(f, p), dt_s)
-        for axis in range(2):  # no position is held; holding one again starts from here
-            f.ref_pos[axis] = e.pos[axis]
-            f.ref_vel[axis] = e.vel[axis]
         return
-    if control == _ATTITUDE:
-        for axis in range(2):
-            f.ref_pos[axis] = e.pos[axis]
-            f.ref_vel[axis] = e.vel[axis]
-        if f.rates_only == 1:
-            for axis in range(3):
-                f.att_target_rate[axis] = f.guided_ang_vel[axis]
-            return
-        q = f.guided_quat
-        f.tilt_cos = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
-        attitude.input_quaternion(f, g, dt_s)
+    if f.rates_only == 1:
+        for axis in range(3):
+            f.att_target_rate[axis] = f.guided_ang_vel[axis]
         return
-    correction = stick_input.MAX_LOITER_CORRECTION_MPS if control == _LOITER else max(f.speed_xy, 1.0)
-    if f.land_nogps == 1:  # level, drifting with the wind
-        acc_e, acc_n = 0.0, 0.0
-    else:
-        acc_e, acc_n = update_ne_controller(e, f, g, correction, dt_s)
-    if control == _LOITER:
-        attitude.input_thrust_vector(f, g, acc_e, acc_n, True, 0.0, stick_input.desired_yaw_rate(f, p), dt_s)
-        return
+    q = f.guided_quat
+    f.tilt_cos = 1.0 - 2.0 * (q[1] * q[1] + q[2] * q[2])
+    attitude.input_quaternion(f, g, dt_s)
+
+
+@compiled
+def _request_position_control(e: Any, f: Any, p: Any, dt_s: float) -> tuple[float, bool, float, float]:
+    """Return what position control is asked for, the arguments of `position_lanes.load_lane` from the speed on."""
+    if f.control == _LOITER:
+        return stick_input.MAX_LOITER_CORRECTION_MPS, True, 0.0, stick_input.desired_yaw_rate(f, p)
     turning, yaw, yaw_rate = update_yaw_target(e, f, dt_s)
     if f.sticks[2] != 0.0:  # the yaw stick overrides the yaw mode (AutoYaw::get_heading)
         f.auto_yaw_mode = _HOLD
         turning = True
         yaw_rate = stick_input.desired_yaw_rate(f, p)
-    attitude.input_thrust_vector(f, g, acc_e, acc_n, turning, yaw, yaw_rate, dt_s)
+    return max(f.speed_xy, 1.0), turning, yaw, yaw_rate
+
+
+@compiled
+def _run_on_ground(e: Any, f: Any, p: Any, dt_s: float) -> tuple[int, float]:
+    """Run one pass of an aircraft that has landed; returns as `_prepare_row`."""
+    if f.control == _TAKEOFF or (f.control == _ATTITUDE and f.guided_climb_rate > 0.0):
+        todo, command = _run_takeoff(e, f, p, dt_s)
+        return todo, command
+    if f.control >= _STABILIZE:
+        todo, command = _wait_for_pilot(e, f, p, dt_s)
+        return todo, command
+    f.control = _IDLE
+    return 0, _KEEP
+
+
+@compiled
+def _prepare_flight(e: Any, f: Any, p: Any, control: int, dt_s: float) -> tuple[int, float]:
+    """Prepare attitude control of a flying aircraft, whose mode was `control`; returns as `_prepare_row`."""
+    if control != _STABILIZE:
+        if control == _ATTITUDE and f.rates_only == 1:
+            attitude.reset_target(e, f)
+            return HELD | FOLLOWS_CLIMB | RATES_ONLY, _KEEP
+        down = control == _LAND and e.height < _LAND_HEIGHT_M
+        return HELD | FOLLOWS_CLIMB | (COMING_DOWN if down else 0), _KEEP
+    if not stick_input.update_throttle_zero(f, dt_s):
+        f.throttle = stick_input.desired_throttle(f, p)
+        return HELD, _KEEP
+    f.throttle = 0.0
+    f.rate_i[0] = 0.0
+    f.rate_i[1] = 0.0
+    f.rate_i[2] = 0.0
+    attitude.reset_target_and_rate(e, f)
+    return 0, p.MOT_SPIN_ARM
+
+
+@compiled
+def _prepare_row(e: Any, f: Any, p: Any, w: Any, g: Any, dt_s: float) -> tuple[int, float, float]:
+    """Run what has branches for one aircraft: modes, guidance, take-off.
+
+    Returns what is left for attitude control, a sum of bits; if nothing is, the command of all motors, `_KEEP` if they
+    keep theirs; and the step of slow control, 0 if it was not due.
+    """
+    control = f.control
+    if control == _OFF:
+        return 0, 0.0, 0.0
+    if f.arming_delay_s > 0.0:
+        f.arming_delay_s -= dt_s
+        f.spool_state = 0.0
+        return 0, 0.0, 0.0
+    f.since_slow_s += dt_s
+    if control == _IDLE:
+        return 0, _idle_motors(f, p, dt_s), 0.0
+    if f.landed == 1:
+        todo, command = _run_on_ground(e, f, p, dt_s)
+        return todo, command, 0.0
+    f.spool_state = 1.0
+    slow_s = 0.0
+    if f.since_slow_s >= SLOW_LOOP_S - _EARLY_S:
+        slow_s = f.since_slow_s if f.since_slow_s < 2.0 * SLOW_LOOP_S else max(SLOW_LOOP_S, dt_s)
+        f.since_slow_s = 0.0
+        update_reference(e, f, w, p, slow_s)
+        if not _controls_position(control):
+            _run_attitude_modes(e, f, p, g, slow_s)
+    todo, command = _prepare_flight(e, f, p, control, dt_s)
+    return todo, command, slow_s
 
 
 @compiled
@@ -265,62 +326,64 @@ def run_loop(
     `set_index` (n,) is the row of `tuned` and `settings` that holds each aircraft's gains and parameters.
     """
     flagged = 0
-    for i in range(flight.shape[0]):
-        f: Any = flight[i]
-        control = f.control
-        before = f.flags
-        if control == _OFF:
-            for motor in range(out.shape[1]):
-                out[i, motor] = 0.0
-            continue
-        if f.arming_delay_s > 0.0:
-            f.arming_delay_s -= dt_s
-            f.spool_state = 0.0
-            _set_all_motors(out, i, 0.0)
-            continue
-        e: Any = estimate[i]
-        g: Any = tuned[set_index[i]]
-        f.since_slow_s += dt_s
-        if control == _IDLE:
-            _idle_motors(f, settings[set_index[i]], out, i, dt_s)
-        elif f.landed == 1:
-            if control == _TAKEOFF or (control == _ATTITUDE and f.guided_climb_rate > 0.0):
-                _run_takeoff(e, f, settings[set_index[i]], g, out, i, dt_s)
-            elif control >= _STABILIZE:
-                _wait_for_pilot(e, f, settings[set_index[i]], g, out, i, dt_s)
-            else:
-                f.control = _IDLE
-        else:
-            f.spool_state = 1.0
-            slow = f.since_slow_s >= SLOW_LOOP_S - _EARLY_S
-            if slow:
-                slow_s = f.since_slow_s if f.since_slow_s < 2.0 * SLOW_LOOP_S else max(SLOW_LOOP_S, dt_s)
-                f.since_slow_s = 0.0
-                _run_slow_control(e, f, legs[i], settings[set_index[i]], g, slow_s)
-            if control != _STABILIZE:
-                f.throttle = run_accel_controller(e, f, g)
-                if f.rates_only == 0 or control != _ATTITUDE:
-                    attitude.update_attitude_target(f, dt_s)
-                else:
-                    attitude.reset_target(e, f)
-                down = control == _LAND and e.height < _LAND_HEIGHT_M
-                rates_only = control == _ATTITUDE and f.rates_only == 1
-                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, down, rates_only)
-            elif stick_input.update_throttle_zero(f, dt_s):
-                f.throttle = 0.0
-                f.rate_i[0] = 0.0
-                f.rate_i[1] = 0.0
-                f.rate_i[2] = 0.0
-                attitude.reset_target_and_rate(e, f)
-                _set_all_motors(out, i, settings[set_index[i]].MOT_SPIN_ARM)
-            else:
-                f.throttle = stick_input.desired_throttle(f, settings[set_index[i]])
-                attitude.update_attitude_target(f, dt_s)
-                out[i, 0], out[i, 1], out[i, 2], out[i, 3] = output_motors(e, f, g, False, False)
-            if slow:
-                _update_detectors(e, f, slow_s)
-        if f.flags & ~before:
-            flagged += 1
+    count = flight.shape[0]
+    before = np.zeros(_CHUNK, dtype=np.int64)
+    todo = np.zeros(_CHUNK, dtype=np.int64)
+    slow_s = np.zeros(_CHUNK)
+    rows = np.zeros(LANES, dtype=np.int64)
+    position = np.zeros(position_lanes.COLUMNS)
+    position_set = np.full(LANES, -1)  # the set of gains in each lane
+    motors = np.zeros(motor_control.COLUMNS)
+    motor_set = np.full(LANES, -1)
+    for first in range(0, count, _CHUNK):
+        size = min(_CHUNK, count - first)
+        used = 0
+        for k in range(size):
+            i = first + k
+            f: Any = flight[i]
+            number = set_index[i]
+            before[k] = f.flags
+            control = f.control
+            e: Any = estimate[i]
+            todo[k], command, slow_s[k] = _prepare_row(e, f, settings[number], legs[i], tuned[number], dt_s)
+            if todo[k] == 0 and command != _KEEP:
+                for motor in range(out.shape[1]):
+                    out[i, motor] = command
+            if slow_s[k] > 0.0 and _controls_position(control):
+                speed, turning, yaw, yaw_rate = _request_position_control(e, f, settings[number], slow_s[k])
+                level = f.land_nogps == 1  # drifting with the wind
+                position_lanes.load_lane(position, used, e, f, speed, level, turning, yaw, yaw_rate, slow_s[k])
+                rows[used] = i
+                if position_set[used] != number:
+                    position_set[used] = number
+                    position_lanes.load_gains(position, used, tuned[number])
+                used += 1
+            if used == LANES or (k == size - 1 and used > 0):
+                position_lanes.run_position_control(position, used)
+                for lane in range(used):
+                    position_lanes.store_lane(position, lane, flight[rows[lane]])
+                used = 0
+        for k in range(size):
+            i = first + k
+            number = set_index[i]
+            if todo[k] != 0:
+                rows[used] = i
+                if motor_set[used] != number:
+                    motor_set[used] = number
+                    motor_control.load_gains(motors, used, tuned[number])
+                motor_control.load_lane(motors, used, estimate[i], flight[i], todo[k])
+                used += 1
+            if used == LANES or (k == size - 1 and used > 0):
+                motor_control.run_controllers(motors, used, dt_s)
+                for lane in range(used):
+                    motor_control.store_lane(motors, lane, flight[rows[lane]], out, rows[lane])
+                used = 0
+        for k in range(size):
+            row: Any = flight[first + k]
+            if slow_s[k] > 0.0:
+                _update_detectors(estimate[first + k], row, slow_s[k])
+            if row.flags & ~before[k]:
+                flagged += 1
     return flagged
 
 

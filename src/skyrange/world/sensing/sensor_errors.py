@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import READINGS_NS
 from skyrange.core.chance import philox, uniform4
-from skyrange.core.compiled import compiled
+from skyrange.core.compiled import compiled, inlined
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 
@@ -235,6 +235,12 @@ def integrate_inertial(gyro: Floats, force: Floats, step_s: float, sums: Floats)
             sums[i, 3 + axis] += force[i, axis] * step_s
 
 
+@inlined
+def _is_due(now: int, phase: int, epoch: int, period: int) -> bool:
+    """Whether a sensor has a new sample since its `epoch`-th: a multiplication, where their count takes a division."""
+    return now - phase >= (epoch + 1) * period
+
+
 @compiled
 def draw_errors(
     now: int,
@@ -283,8 +289,8 @@ def draw_errors(
             error[i, axis] = bias[i, axis] + gyro_sd * z[axis]
             error[i, 3 + axis] = bias[i, 3 + axis] + accel_sd * z[3 + axis]
 
-        count = (now - phase[i, GNSS]) // GNSS_PERIOD_NS
-        if count != epoch[i, GNSS]:
+        if _is_due(now, phase[i, GNSS], epoch[i, GNSS], GNSS_PERIOD_NS):
+            count = (now - phase[i, GNSS]) // GNSS_PERIOD_NS
             epoch[i, GNSS] = count
             at = count * GNSS_PERIOD_NS + phase[i, GNSS]
             w = normal6(seed, _S_GNSS, who[i], at, _0)
@@ -308,21 +314,21 @@ def draw_errors(
                 fix[i] = FIX_3D
                 satellites[i] = GNSS_SATELLITES
 
-        count = (now - phase[i, BARO]) // BARO_PERIOD_NS
-        if count != epoch[i, BARO]:
+        if _is_due(now, phase[i, BARO], epoch[i, BARO], BARO_PERIOD_NS):
+            count = (now - phase[i, BARO]) // BARO_PERIOD_NS
             epoch[i, BARO] = count
             b = normal6(seed, _S_BARO, who[i], count * BARO_PERIOD_NS + phase[i, BARO], _0)
             wander[i, 3] = _BARO_KEEP * wander[i, 3] + _BARO_STIR * level * BARO_DRIFT_M * b[0]
             baro[i] = position[i, 2] + wander[i, 3] + level * BARO_NOISE_M * b[1]
-        count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
-        if count != epoch[i, COMPASS]:
+        if _is_due(now, phase[i, COMPASS], epoch[i, COMPASS], COMPASS_PERIOD_NS):
+            count = (now - phase[i, COMPASS]) // COMPASS_PERIOD_NS
             epoch[i, COMPASS] = count
             c = normal6(seed, _S_COMPASS, who[i], count * COMPASS_PERIOD_NS + phase[i, COMPASS], _0)
             body_field(attitude[i], field, compass[i])
             for axis in range(3):
                 compass[i, axis] += offset[i, axis] + level * COMPASS_NOISE_GAUSS * c[axis]
-        count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS
-        if count != epoch[i, RANGE]:
+        if _is_due(now, phase[i, RANGE], epoch[i, RANGE], RANGE_PERIOD_NS):
+            count = (now - phase[i, RANGE]) // RANGE_PERIOD_NS
             epoch[i, RANGE] = count
             r = normal6(seed, _S_RANGE, who[i], count * RANGE_PERIOD_NS + phase[i, RANGE], _0)
             rangefinder[i] = max(height[i] + level * RANGE_NOISE_M * r[0], 0.0)

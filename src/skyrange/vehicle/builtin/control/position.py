@@ -12,17 +12,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from skyrange.core.compiled import compiled
-from skyrange.vehicle.builtin.control.attitude import cos_tilt, mix_motors, run_angle_controller, run_rate_controller
+from skyrange.core.compiled import compiled, inlined
 from skyrange.vehicle.builtin.control.shaping import clamp, limit_xy, sqrt_controller, sqrt_controller_xy
 
-_LEAN_COS_MIN = 0.5  # the angle boost's limit (AC_AttitudeControl_Multi::get_throttle_boosted)
-_MIX_MAX = 0.5  # ATC_THR_MIX_MAX: share of hover thrust up to which attitude control may raise the thrust
-_MIX_MIN = 0.1  # ATC_THR_MIX_MIN: the same on descent close to the ground
 
-
-@compiled
-def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) -> tuple[float, float]:
+@inlined
+def limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) -> tuple[float, float]:
     """Limit an acceleration to `most`; the part across the velocity has priority (`limit_accel_xy`)."""
     if e * e + n * n <= most * most:
         return e, n
@@ -37,23 +32,38 @@ def _limit_accel(vel_e: float, vel_n: float, e: float, n: float, most: float) ->
     square = across_e * across_e + across_n * across_n
     if square > most * most:
         return limit_xy(across_e, across_n, most)
-    room = math.sqrt(most * most - square)
+    room = math.sqrt(max(most * most - square, 0.0))
     along = clamp(along, -room, room)
     return across_e + u * along, across_n + v * along
 
 
-@compiled
-def _update_vel_i(f: Any, g: Any, dt_s: float) -> None:
-    """Integrate the velocity error; towards an acceleration that was limited, the integral turns but does not grow.
+@inlined
+def integrate_velocity_error(
+    i_e: float, i_n: float, more_e: float, more_n: float, limited_e: float, limited_n: float, most: float
+) -> tuple[float, float]:
+    """Return the integral of the velocity error; towards an acceleration that was limited, it turns but does not grow.
 
-    After AC_PID_2D::update_i.
+    After AC_PID_2D::update_i. `limited_e` and `limited_n` are the acceleration that was requested, 0 if it was granted.
     """
-    more_e = g.vel_i * f.vel_err[0] * dt_s
-    more_n = g.vel_i * f.vel_err[1] * dt_s
-    most = g.vel_imax
-    if more_e * f.limited_accel[0] + more_n * f.limited_accel[1] > 0.0:
-        most = min(most, math.sqrt(f.vel_i[0] * f.vel_i[0] + f.vel_i[1] * f.vel_i[1]))
-    f.vel_i[0], f.vel_i[1] = limit_xy(f.vel_i[0] + more_e, f.vel_i[1] + more_n, most)
+    size = math.sqrt(i_e * i_e + i_n * i_n)
+    grows = more_e * limited_e + more_n * limited_n > 0.0
+    return limit_xy(i_e + more_e, i_n + more_n, min(most, size) if grows else most)
+
+
+@inlined
+def request_velocity(
+    off_e: float, off_n: float, p: float, accel: float, most: float, dt_s: float
+) -> tuple[float, float]:
+    """Return the velocity, at most `most`, that corrects an error of position by deceleration at `accel`."""
+    want_e, want_n = sqrt_controller_xy(off_e, off_n, p, accel, dt_s)
+    return limit_xy(want_e, want_n, most)
+
+
+@inlined
+def request_climb(off: float, p: float, accel: float, down: float, up: float, dt_s: float) -> float:
+    """Return the climb rate that corrects an error of height, within the speeds down and up."""
+    want = sqrt_controller(off, p, accel, dt_s)
+    return clamp(want, -max(down, 0.5), max(up, 0.5))
 
 
 @compiled
@@ -65,18 +75,20 @@ def update_ne_controller(e: Any, f: Any, g: Any, correction_mps: float, dt_s: fl
     """
     f.pos_err[0] = f.ref_pos[0] - e.pos[0]
     f.pos_err[1] = f.ref_pos[1] - e.pos[1]
-    want_e, want_n = sqrt_controller_xy(f.pos_err[0], f.pos_err[1], g.pos_p, f.accel_xy, dt_s)
-    want_e, want_n = limit_xy(want_e, want_n, correction_mps)
+    want_e, want_n = request_velocity(f.pos_err[0], f.pos_err[1], g.pos_p, f.accel_xy, correction_mps, dt_s)
     last_e = f.vel_err[0]
     last_n = f.vel_err[1]
     f.vel_err[0] += (want_e + f.ref_vel[0] - e.vel[0] - last_e) * g.vel_alpha
     f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * g.vel_alpha
     f.vel_d[0] += (f.vel_err[0] - last_e - f.vel_d[0]) * g.vel_d_alpha
     f.vel_d[1] += (f.vel_err[1] - last_n - f.vel_d[1]) * g.vel_d_alpha
-    _update_vel_i(f, g, dt_s)
+    f.vel_i[0], f.vel_i[1] = integrate_velocity_error(
+        f.vel_i[0], f.vel_i[1], g.vel_i * f.vel_err[0] * dt_s, g.vel_i * f.vel_err[1] * dt_s,
+        f.limited_accel[0], f.limited_accel[1], g.vel_imax,
+    )  # fmt: skip
     ask_e = g.vel_p * f.vel_err[0] + f.vel_i[0] + g.vel_d * f.vel_d[0] + f.ref_acc[0]
     ask_n = g.vel_p * f.vel_err[1] + f.vel_i[1] + g.vel_d * f.vel_d[1] + f.ref_acc[1]
-    got_e, got_n = _limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
+    got_e, got_n = limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
     cut = got_e != ask_e or got_n != ask_n
     f.limited_accel[0] = ask_e if cut else 0.0
     f.limited_accel[1] = ask_n if cut else 0.0
@@ -86,21 +98,9 @@ def update_ne_controller(e: Any, f: Any, g: Any, correction_mps: float, dt_s: fl
 @compiled
 def update_u_controller(e: Any, f: Any, g: Any, dt_s: float) -> None:
     """Compute the vertical acceleration to request, m/s², from the errors of height and climb rate."""
-    want = sqrt_controller(f.ref_pos[2] - e.pos[2], g.height_p, f.accel_z, dt_s)
-    want = clamp(want, -max(f.speed_down, 0.5), max(f.speed_up, 0.5)) + f.ref_vel[2]
+    want = request_climb(f.ref_pos[2] - e.pos[2], g.height_p, f.accel_z, f.speed_down, f.speed_up, dt_s) + f.ref_vel[2]
     f.climb_err += (want - e.vel[2] - f.climb_err) * g.climb_alpha
     f.climb_accel = g.climb_p * f.climb_err + f.ref_acc[2]
-
-
-@compiled
-def run_accel_controller(e: Any, f: Any, g: Any) -> float:
-    """Return the thrust to request, 0…1 of full, before the compensation of the lean."""
-    f.accel_err += (f.climb_accel - e.accel[2] - f.accel_err) * g.accel_alpha
-    step = g.accel_i * f.accel_err
-    throttle = g.throttle_hover + g.accel_p * f.accel_err + f.throttle_i
-    if not ((throttle <= 0.0 and step < 0.0) or ((throttle >= 1.0 or f.throttle_limited == 1) and step > 0.0)):
-        f.throttle_i = clamp(f.throttle_i + step, -g.accel_imax, g.accel_imax)
-    return clamp(g.throttle_hover + g.accel_p * f.accel_err + f.throttle_i, 0.0, 1.0)
 
 
 @compiled
@@ -118,26 +118,3 @@ def relax_controllers(f: Any) -> None:
     f.climb_accel = 0.0
     f.accel_err = 0.0
     f.throttle_limited = 0
-
-
-@compiled
-def output_motors(e: Any, f: Any, g: Any, coming_down: bool, rates_only: bool) -> tuple[float, float, float, float]:
-    """Hold the attitude target, or (`rates_only`) its rates, at `throttle`; return the commands of four motors.
-
-    They are returned as numbers because a compiled function that is passed an array counts a reference to it, which
-    takes as long.
-    """
-    if rates_only:
-        roll_rate = f.att_target_rate[0]
-        pitch_rate = f.att_target_rate[1]
-        yaw_rate = f.att_target_rate[2]
-    else:
-        roll_rate, pitch_rate, yaw_rate = run_angle_controller(e, f, g)
-    roll, pitch, yaw = run_rate_controller(e, f, g, roll_rate, pitch_rate, yaw_rate)
-    boost = 1.0 / max(cos_tilt(e), _LEAN_COS_MIN)
-    thrust = f.throttle * boost
-    share_of_mix = _MIX_MIN if coming_down else _MIX_MAX
-    average = max(thrust, f.throttle * (1.0 - share_of_mix) + g.throttle_hover * share_of_mix)
-    full, a, b, c, d = mix_motors(g, thrust, average, roll, pitch, yaw)
-    f.throttle_limited = 1 if full else 0
-    return a, b, c, d

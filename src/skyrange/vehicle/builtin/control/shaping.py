@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import math
 
-from skyrange.core.compiled import compiled
+from skyrange.core.compiled import compiled, inlined
 
 _CORNER = 1.0 / math.sqrt(2.0)  # CORNER_ACCELERATION_RATIO
 
 
-@compiled
+@inlined
 def clamp(value: float, low: float, high: float) -> float:
     """Limit `value` to [low, high]."""
     return min(max(value, low), high)
@@ -28,7 +28,7 @@ def wrap_pi(angle_rad: float) -> float:
     return (angle_rad + math.pi) % (2.0 * math.pi) - math.pi
 
 
-@compiled
+@inlined
 def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) -> float:
     """Return the correction rate for `error`: linear with gain `p` near 0, a square root beyond.
 
@@ -37,13 +37,13 @@ def sqrt_controller(error: float, p: float, second_limit: float, dt_s: float) ->
     size = abs(error)
     rate = size * p
     if rate * p > second_limit:
-        rate = math.sqrt(second_limit * (2.0 * size - second_limit / (p * p)))
+        rate = math.sqrt(max(second_limit * (2.0 * size - second_limit / (p * p)), 0.0))
     if rate * dt_s > size:  # divide only where needed: this runs five times in each step of position control
         rate = size / dt_s
     return math.copysign(rate, error)
 
 
-@compiled
+@inlined
 def sqrt_controller_xy(east: float, north: float, p: float, second_limit: float, dt_s: float) -> tuple[float, float]:
     """Apply `sqrt_controller` to the length of a horizontal vector, along its direction."""
     length = math.sqrt(east * east + north * north)
@@ -63,7 +63,7 @@ def stopping_distance(speed: float, p: float, second_limit: float) -> float:
     return far if speed > 0.0 else -far
 
 
-@compiled
+@inlined
 def limit_xy(east: float, north: float, most: float) -> tuple[float, float]:
     """Return the vector, shortened to length `most` where it is longer."""
     square = east * east + north * north

@@ -16,8 +16,8 @@ from skyrange.vehicle.builtin.control.shaping import clamp
 from skyrange.vehicle.builtin.estimation.covariance import correct_gyro_bias, rotate_attitude
 from skyrange.vehicle.builtin.estimation.gnss import gate_squared
 from skyrange.vehicle.builtin.estimation.state import HGT_AVG_NS, INTERVAL_MIN_NS, MAG_RESET_NS, EstimatorEvent
-from skyrange.vehicle.builtin.estimation.strapdown import Vector3
 
+Vector3 = tuple[float, float, float]
 _YAW = int(EstimatorEvent.YAW_RESET)
 _RATE_SCALE = 0.005  # magVarRateScale, gauss per rad/s
 _MIN_FIELD_GAUSS = 0.05

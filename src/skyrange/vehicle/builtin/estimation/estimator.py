@@ -37,9 +37,11 @@ from skyrange.vehicle.builtin.estimation.state import (
     new_filters,
 )
 from skyrange.vehicle.builtin.estimation.strapdown import (
+    COLUMNS,
+    LANES,
+    run_strapdown,
     update_output,
     update_roll_pitch,
-    update_strapdown,
     valid_reading,
 )
 from skyrange.vehicle.builtin.layout import Records
@@ -157,6 +159,20 @@ def initialise_filters(
 
 
 @compiled
+def step_strapdown(gyro: Floats, accel: Floats, dt_s: float, estimate: Records, filters: Records) -> None:
+    """Run one tick of every row that is no filter step."""
+    _run_strapdowns(gyro, accel, dt_s, True, estimate, filters)
+
+
+@compiled
+def _run_strapdowns(gyro: Floats, accel: Floats, dt_s: float, shown: bool, estimate: Records, filters: Records) -> None:
+    count = estimate.shape[0]
+    lanes = np.zeros(COLUMNS)
+    for first in range(0, count, LANES):
+        run_strapdown(lanes, first, min(LANES, count - first), gyro, accel, dt_s, shown, estimate, filters)
+
+
+@compiled
 def step_filters(
     now: int,
     dt_s: float,
@@ -190,48 +206,39 @@ def step_filters(
     """
     news = 0
     earth = (field[0], field[1], field[2])
+    _run_strapdowns(gyro, accel, dt_s, step_s <= 0.0, estimate, filters)
+    if step_s <= 0.0:
+        return news
     for i in range(estimate.shape[0]):
         e: Any = estimate[i]
         k: Any = filters[i]
-        update_strapdown(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
-        if step_s > 0.0:
-            p: Any = settings[set_index[i]]
-            on = armed[i] != 0
-            here = slot & (HISTORY_LENGTH - 1)
-            for axis in range(3):
-                history[i, here, axis] = k.pos[axis] - k.corrected_pos[axis]
-                history[i, here, 3 + axis] = k.vel[axis] - k.corrected_vel[axis]
-                k.accel_slow[axis] += _ACCEL_FILTER * (e.accel[axis] - k.accel_slow[axis])
-            check_aiding(k, p, now)
-            predict(k, p, step_s)
-            read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
-            update_receiver_status(e, k, now, fix[i], satellites[i])
-            if time[i] != k.fix_time and now - k.fix_at >= INTERVAL_MIN_NS:
-                process_fix(
-                    e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
-                )
-            read_baro(e, k, p, now, baro[i], on)
-            _finish_step(e, k, p, step_s)
-            seen = rangefinder[i]
-            ranged = math.isfinite(seen) and seen >= 0.0
-            e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
-            update_filter_status(e, k, p, ranged)
-            e.battery_v = valid_reading(volts[i], e.battery_v, _VOLTS_MAX)
-            e.battery_a = valid_reading(amperes[i], e.battery_a, _AMPERES_MAX)
-            if k.events != 0:
-                news += 1
+        p: Any = settings[set_index[i]]
+        on = armed[i] != 0
+        here = slot & (HISTORY_LENGTH - 1)
+        for axis in range(3):
+            history[i, here, axis] = k.pos[axis] - k.corrected_pos[axis]
+            history[i, here, 3 + axis] = k.vel[axis] - k.corrected_vel[axis]
+            k.accel_slow[axis] += _ACCEL_FILTER * (e.accel[axis] - k.accel_slow[axis])
+        check_aiding(k, p, now)
+        predict(k, p, step_s)
+        read_compass(e, k, p, now, (compass[i, 0], compass[i, 1], compass[i, 2]), earth, on)
+        update_receiver_status(e, k, now, fix[i], satellites[i])
+        if time[i] != k.fix_time and now - k.fix_at >= INTERVAL_MIN_NS:
+            process_fix(
+                e, k, p, now, fix[i], satellites[i], time[i], position, velocity, accuracy, history, i, slot, room
+            )
+        read_baro(e, k, p, now, baro[i], on)
+        _finish_step(e, k, p, step_s)
+        seen = rangefinder[i]
+        ranged = math.isfinite(seen) and seen >= 0.0
+        e.height = min(seen, HEIGHT_MAX_M) if ranged else k.pos[2]
+        update_filter_status(e, k, p, ranged)
+        e.battery_v = valid_reading(volts[i], e.battery_v, _VOLTS_MAX)
+        e.battery_a = valid_reading(amperes[i], e.battery_a, _AMPERES_MAX)
+        if k.events != 0:
+            news += 1
         update_output(e, k)
     return news
-
-
-@compiled
-def step_strapdown(gyro: Floats, accel: Floats, dt_s: float, estimate: Records, filters: Records) -> None:
-    """Run one tick of every row that is no filter step."""
-    for i in range(estimate.shape[0]):
-        e: Any = estimate[i]
-        k: Any = filters[i]
-        update_strapdown(e, k, (gyro[i, 0], gyro[i, 1], gyro[i, 2]), (accel[i, 0], accel[i, 1], accel[i, 2]), dt_s)
-        update_output(e, k)
 
 
 @compiled
