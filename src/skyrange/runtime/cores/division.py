@@ -14,6 +14,7 @@ from skyrange.core.time import Time
 from skyrange.radio.contract import BUILTIN
 from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.runtime.cores.acts import UNBOUND, Binding, bind_operators
+from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
 
 _ROLES = ("companion", "proxy", "autopilot")
@@ -52,6 +53,10 @@ class Division:
         return Endpoints(core, owned)
 
 
+_PROGRAM = 10
+_IN_COMMON = "may have to do with all operators in common"
+
+
 class Endpoints:
     """The endpoints on one core."""
 
@@ -75,15 +80,15 @@ def divide(scenario: Scenario, cores: int) -> Division:
     defences and detectors that cannot be made.
     """
     everyone = tuple(operator.id for operator in scenario.operators)
-    vehicles = sum(len(operator.vehicles) for operator in scenario.operators)
     if cores <= 1:
         return Division((everyone,))
+    weights = {operator.id: sum(map(_weigh, operator.vehicles)) for operator in scenario.operators}
     reason = next(_find_obstacles(scenario), "")
     if reason:
         return Division((everyone,), reason)
-    count = min(cores, len(everyone), max(vehicles // MIN_VEHICLES, 1))
+    count = min(cores, len(everyone), max(sum(weights.values()) // MIN_VEHICLES, 1))
     if count < min(cores, len(everyone)):
-        reason = f"a core pays for {MIN_VEHICLES} aircraft or more, and there are {vehicles}"
+        reason = f"a core pays for {MIN_VEHICLES} aircraft or more{_count_aircraft(scenario)}"
     elif count < cores:
         reason = f"operators are divided among the cores, and there are {len(everyone)}"
     if count == 1:
@@ -92,19 +97,28 @@ def divide(scenario: Scenario, cores: int) -> Division:
     free = len(everyone) - len(binding.operators)
     if free < count - bool(binding.operators):
         count = free + bool(binding.operators)
-        reason = f"{_quote(binding.operators.values())} may have to do with all operators in common"
-        if free:
-            reason = f"{_quote(binding.operators.values())} keeps {len(binding.operators)} operators on one core"
+        kept = f"keeps {len(binding.operators)} operators on one core" if free else _IN_COMMON
+        reason = f"{_quote(binding.operators.values())} {kept}"
     if count == 1:
         return Division((everyone,), reason)
     dealt: list[list[str]] = [[] for _ in range(count)]
     loads = [0] * count
-    for operator in sorted(scenario.operators, key=lambda one: (one.id not in binding.operators, -len(one.vehicles))):
-        core = 0 if operator.id in binding.operators else loads.index(min(loads))
-        dealt[core].append(operator.id)
-        loads[core] += len(operator.vehicles)
-    places = {name: place for place, name in enumerate(everyone)}
-    return Division(tuple(tuple(sorted(part, key=places.__getitem__)) for part in dealt), reason, binding)
+    for operator in sorted(everyone, key=lambda one: (one not in binding.operators, -weights[one])):
+        core = 0 if operator in binding.operators else loads.index(min(loads))
+        dealt[core].append(operator)
+        loads[core] += weights[operator]
+    return Division(tuple(tuple(sorted(part, key=everyone.index)) for part in dealt), reason, binding)
+
+
+def _weigh(vehicle: Vehicle) -> int:
+    """What an aircraft costs, in aircraft with the builtin autopilot: a program of its own, about ten."""
+    return 1 if vehicle.autopilot == "builtin" else _PROGRAM
+
+
+def _count_aircraft(scenario: Scenario) -> str:
+    vehicles = [vehicle for _, vehicle in scenario.fleet]
+    programs = any(_weigh(vehicle) > 1 for vehicle in vehicles)
+    return f", and there are {len(vehicles)}" + (f"; an autopilot program counts as {_PROGRAM}" if programs else "")
 
 
 def _bind(scenario: Scenario) -> Binding:
@@ -125,6 +139,9 @@ def _find_obstacles(scenario: Scenario) -> Iterator[str]:
         yield f"the radio engine {scenario.radio.engine} is one program"
     if any(scenario.over_air(f"gcs:{vehicle_id(operator.id, v.id)}") is not None for operator, v in scenario.fleet):
         yield "control links over the air share one spectrum"
+    for kind in sorted({vehicle.autopilot for _, vehicle in scenario.fleet}):
+        if kind == "external" or getattr(scenario.autopilots.params_of(kind), "physics", "") == "native":
+            yield f"{kind} autopilots run on the machine's clock"
     if len(scenario.operators) < 2:
         yield "all aircraft belong to one operator, whose ground station is one program"
     if "fork" not in multiprocessing.get_all_start_methods():
