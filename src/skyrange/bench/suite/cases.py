@@ -6,12 +6,13 @@ Every case measures in processes of its own. A row's yardsticks are a cost in un
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
-from skyrange.bench import approval, ardupilot, attacks, fleet, live, planning, radio, transports
+from skyrange.bench import approval, ardupilot, attacks, cores, fleet, live, planning, radio, transports
 from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.results import Better, Measure
 from skyrange.core.errors import InputError, nearest
@@ -117,6 +118,12 @@ _FLEET: Final = (
     Quantity("disk", "MB", "lower", _key("disk_mb")),
     Quantity("a frame and hop", "bytes", "lower", _key("bytes_per_frame"), relative=True),
 )
+_CORES: Final = (
+    Quantity(_FACTOR, "×", "higher", _key("total_factor")),
+    Quantity("speed of flight", "×", "higher", _key("real_time_factor")),
+    Quantity("all, times as fast as on one core", "×", "higher", _key("speed_up"), relative=True),
+    Quantity("flight, times as fast as on one core", "×", "higher", _key("flight_speed_up"), relative=True),
+)
 _RADIO: Final = (
     Quantity(_FACTOR, "×", "higher", _key("real_time_factor")),
     Quantity("a radio-second", "yardsticks", "lower", _yardsticks("us_per_node_s", 1.0), relative=True),
@@ -174,6 +181,23 @@ def _fleets(sizes: Sequence[tuple[int, float]], load: str, remote_id: bool = Fal
         return [fleet.measure(count, seconds, load, remote_id)]
 
     return tuple(Case(_aircraft(*size), partial(fly, *size)) for size in sizes)
+
+
+def _on_cores(sizes: Sequence[tuple[int, float]], remote_id: bool) -> tuple[Case, ...]:
+    def fly(count: int, seconds: float) -> list[RawRow]:
+        rows = [cores.measure(count, seconds, 4, number, "light", remote_id) for number in (1, 2)]
+        compared = {one["cores"]: one for one in cores.compare(rows)}
+        names = {1: "one core", 2: "two cores"}
+        return [{**compared[row["cores"]], **row, "on": names[row["cores"]]} for row in rows]
+
+    name = ", Remote ID" if remote_id else ""
+    return tuple(Case(f"{_aircraft(*size)}{name}", partial(fly, *size)) for size in sizes)
+
+
+def _require_cores() -> None:
+    count = len(os.sched_getaffinity(0))
+    if count < 2:
+        raise InputError.one("bench cores", "CPUs", str(count), "two or more")
 
 
 def _radios(sizes: Sequence[tuple[int, float]], engine: str) -> tuple[Case, ...]:
@@ -291,6 +315,15 @@ BENCHMARKS: Final = (
         _FLEET,
         _fleets([(100, 10.0), (500, 10.0)], "light", True),
         _fleets([(50, 5.0)], "light", True),
+    ),
+    Benchmark(
+        "cores",
+        "One run of four operators on one core and on two, each pinned to a CPU of its own, as in bench cores.",
+        _CORES,
+        (*_on_cores([(500, 20.0)], False), *_on_cores([(250, 10.0)], True)),
+        _on_cores([(100, 5.0)], False),
+        row_key="on",
+        require=_require_cores,
     ),
     Benchmark(
         "attacks",
