@@ -229,14 +229,21 @@ def summarise_timings(
     }
 
 
-def open_record(built: BuiltScenario, out: Path | None) -> Recorder:
-    """Open the record of a run in `out`, or in a free folder, with the scenario as flown in it."""
+def open_record(built: BuiltScenario, out: Path | None, *, flush_s: float = 1.0) -> Recorder:
+    """Open the record of a run in `out`, or in a free folder, with the scenario as flown in it; `flush_s` is that of
+    `Recorder.open`.
+    """
     scenario, record = built.scenario, built.scenario.record
     while True:
         folder = out if out is not None else free_folder(scenario.name)
         try:
             recorder = Recorder.open(
-                folder, built.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz, csv=record.csv
+                folder,
+                built.header,
+                truth_hz=record.truth_hz,
+                sensors_hz=record.sensors_hz,
+                csv=record.csv,
+                flush_s=flush_s,
             )
             break
         except InputError:

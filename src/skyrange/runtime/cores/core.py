@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -35,6 +36,8 @@ from skyrange.world.airframes import AIRFRAMES
 
 LONGEST_PERIOD_NS: Final[Time] = 100 * NS_PER_MS
 """Longest time between two barriers: so often Ctrl-C is looked for, and the distances between aircraft."""
+FLUSH_S: Final = 1.0
+"""All cores write what they recorded together, so often in wall time: what one does alone all others wait for."""
 _START, _BARRIER, _END = 0, 1, 3
 """Purposes of rounds of the exchange; `oracle_replica.PURPOSE` is another."""
 
@@ -68,7 +71,7 @@ class Core:
         self._operators = division.operators[member.number]
         self._vehicles = mine
         self._inbound: list[Transit] = []
-        self._checked = False
+        self._flush_due_s = time.monotonic()
         self.wall_s = 0.0
         self.setup_s = 0.0
 
@@ -112,6 +115,7 @@ class Core:
                 self.member.number,
                 truth_hz=record.truth_hz,
                 sensors_hz=record.sensors_hz,
+                flush_s=math.inf,
             )
         self.recorder.record_receptions(replica)
         self.kernel.set_observers([self.recorder])
@@ -141,7 +145,8 @@ class Core:
             sent[self._here.core_of(transit.frame.dst)].append(transit)
         motion = self._motion.pack(*world.motion())
         packed = [pack_transits(part) for part in sent]
-        head = np.array([stop, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
+        due = self.member.number == 0 and time.monotonic() >= self._flush_due_s
+        head = np.array([stop + 2 * due, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
         parts = member.gather(_BARRIER, now, b"".join([head, motion, *packed]))
         heads = [np.frombuffer(part, dtype=np.int64, count=2 + member.count) for part in parts]
         self._inbound = []
@@ -155,7 +160,11 @@ class Core:
         approach = self._separation.check()
         if approach is not None:
             raise ApproachError(now, approach)
-        return bool(heads[0][0])
+        order = int(heads[0][0])
+        if order & 2:
+            self._flush_due_s = time.monotonic() + FLUSH_S
+            self.recorder.flush()
+        return bool(order & 1)
 
     def leave(self) -> list[Mapping[str, Any]]:
         """End this core's part of the run, and exchange what the first core needs to close the record: one entry for

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import signal
@@ -121,7 +122,7 @@ def _begin(scenario: Scenario, division: Division, asked: int, member: Member, o
     try:
         core = Core(scenario, division, member)
         core.built.header["cores"] = {"asked": asked, "used": division.cores, "reason": division.reason}
-        core.open(lambda built: open_record(built, out))
+        core.open(lambda built: open_record(built, out, flush_s=math.inf))
     except Exception as error:
         if not isinstance(error, CoreFailedError):
             member.fail(str(error))
