@@ -39,7 +39,7 @@ FLEETS: Final = (
 
 def fly_fleets(cores: int, repeat: int) -> None:
     """Measure and write the file."""
-    division.MIN_VEHICLES = 1
+    division.MIN_VEHICLES = division.MIN_ON_AIR = 1
     found = []
     for load, remote_id, vehicles, seconds in FLEETS:
         rows = [
@@ -123,7 +123,16 @@ def describe(data: dict[str, Any]) -> str:
             f"{several['speed_up']:.2f} | {several['flight_speed_up']:.2f} |"
         )
     runs = data["fleets"][0]["compared"][0]["runs"]
-    return "\n".join([*lines, "", f"Medians of {runs} runs each, in turn, on {data['machine']['processor']}.", ""])
+    several = f"medians of {runs} runs each" if runs > 1 else "one run each"
+    said = f"30 s of pre-flight and 30 s flown, at operator load 10 s; {several}, in turn"
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"{said}, on {data['machine']['processor']}.",
+            "",
+        ]
+    )
 
 
 if __name__ == "__main__":

@@ -62,6 +62,11 @@ def assert_same(
     return several.manifest
 
 
+def divide_small_fleets(monkeypatch: pytest.MonkeyPatch) -> None:
+    for least in ("MIN_VEHICLES", "MIN_ON_AIR"):
+        monkeypatch.setattr(f"skyrange.runtime.cores.division.{least}", 1)
+
+
 def operator(name: str, approval: str, east_m: float, count: int, more: str = "") -> str:
     return f"""
 [[operators]]
@@ -153,7 +158,7 @@ ATTACKED = ("approval.squat", "approval.suppress_notifications", "remote_id.supp
 
 @pytest.mark.parametrize("name", ATTACKED)
 def test_attacks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.runtime.cores.division.MIN_VEHICLES", 1)
+    divide_small_fleets(monkeypatch)
     scenario = load_scenario(name, ["duration_s=60"])
     division = divide(scenario, 2)
     assert division.cores == 2
@@ -162,7 +167,7 @@ def test_attacks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_faults_and_detectors_on_the_first_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("skyrange.runtime.cores.division.MIN_VEHICLES", 1)
+    divide_small_fleets(monkeypatch)
     operators = "".join(operator(name, "authority", 90.0 * k, 1) for k, name in enumerate("abc"))
     more = """
 [[attacks]]
@@ -256,7 +261,7 @@ def test_aircraft_that_meet_are_flown_on_one_core(tmp_path: Path, monkeypatch: p
     with pytest.raises(ApproachError, match="a/1 and b/1, on different cores, came within") as caught:
         run_on_cores(scenario, Division((("a",), ("b",))), 2, tmp_path / "two")
     assert not (tmp_path / "two").exists()
-    monkeypatch.setattr("skyrange.runtime.cores.division.MIN_VEHICLES", 1)
+    divide_small_fleets(monkeypatch)
     notices: list[str] = []
     record = fly(scenario, tmp_path / "two", report=False, cores=2, on_notice=notices.append)
     assert record.manifest["digests"] == expected.manifest["digests"]

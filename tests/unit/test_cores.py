@@ -163,8 +163,8 @@ def _scenario(sizes: list[int], more: str = "") -> Scenario:
     return load_text(text)
 
 
-@given(st.lists(st.integers(1, 60), min_size=2, max_size=7), st.integers(2, 6))
-@settings(max_examples=20)
+@given(st.lists(st.integers(1, 120), min_size=2, max_size=7), st.integers(2, 6))
+@settings(max_examples=20, deadline=None)
 def test_every_operator_is_on_one_core(sizes: list[int], cores: int) -> None:
     scenario = _scenario(sizes)
     division = divide(scenario, cores)
@@ -187,15 +187,16 @@ ACT = '[[attacks]]\nid = "%s"\nkind = "%s"\nparams = { %s }\n'
     ("sizes", "more", "reason"),
     [
         ([200], "", "all aircraft belong to one operator, whose ground station is one program"),
-        ([9, 9], "", "a core pays for 20 aircraft or more, and there are 18"),
-        ([40, 40], "", "operators are divided among the cores, and there are 2"),
+        ([9, 9], "", "a core pays for 50 aircraft or more, and there are 18"),
+        ([90, 90], "[radio]\n", "a core pays for 200 aircraft that broadcast or more, and there are 180"),
+        ([60, 60], "", "operators are divided among the cores, and there are 2"),
         (
-            [40, 40],
+            [60, 60],
             ACT % ("x", "gnss.jump", 'vehicles = ["o0/o1", "o1/o1"], offset_m = [9, 0, 0]'),
             "'x' may have to do with all operators in common",
         ),
         (
-            [40, 40],
+            [60, 60],
             '[[links]]\nmatch = "gcs:*"\nchannel = "wifi"\n[radio]\n',
             "control links over the air share one spectrum",
         ),
@@ -212,7 +213,7 @@ def test_attacks_keep_operators_on_the_first_core_or_leave_them_free() -> None:
     assert division.operators == (("o1", "o2"), ("o0", "o3"))
     assert division.binding.operators == {"o1": "jump", "o2": "jump"}
     assert division.binding.divisible == {"drop"}
-    three = divide(_scenario([40, 50, 30], on_sensors), 3)
+    three = divide(_scenario([60, 50, 50], on_sensors), 3)
     assert three.operators == (("o1", "o2"), ("o0",))
     assert three.reason == "'jump' keeps 2 operators on one core"
 

@@ -320,7 +320,7 @@ BENCHMARKS: Final = (
         "cores",
         "One run of four operators on one core and on two, each pinned to a CPU of its own, as in bench cores.",
         _CORES,
-        (*_on_cores([(500, 20.0)], False), *_on_cores([(250, 10.0)], True)),
+        (*_on_cores([(500, 20.0)], False), *_on_cores([(400, 10.0)], True)),
         _on_cores([(100, 5.0)], False),
         row_key="on",
         require=_require_cores,

@@ -18,8 +18,10 @@ from skyrange.scenario.model.fleet import Vehicle
 from skyrange.scenario.model.scenario import Scenario
 
 _ROLES = ("companion", "proxy", "autopilot")
-MIN_VEHICLES = 20
-"""Aircraft on each core below which a division costs more than it gains: see the page on performance."""
+MIN_VEHICLES = 50
+"""Aircraft on each core below which a division costs more than it gains, as measured: docs/data/cores.json."""
+MIN_ON_AIR = 200
+"""The same where they broadcast Remote ID: each core computes the medium for all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +55,7 @@ class Division:
         return Endpoints(core, owned)
 
 
-_PROGRAM = 10
+_PROGRAM = 25
 _IN_COMMON = "may have to do with all operators in common"
 
 
@@ -86,9 +88,11 @@ def divide(scenario: Scenario, cores: int) -> Division:
     reason = next(_find_obstacles(scenario), "")
     if reason:
         return Division((everyone,), reason)
-    count = min(cores, len(everyone), max(sum(weights.values()) // MIN_VEHICLES, 1))
+    least = MIN_VEHICLES if scenario.radio is None else MIN_ON_AIR
+    count = min(cores, len(everyone), max(sum(weights.values()) // least, 1))
     if count < min(cores, len(everyone)):
-        reason = f"a core pays for {MIN_VEHICLES} aircraft or more{_count_aircraft(scenario)}"
+        air = "" if scenario.radio is None else " that broadcast"
+        reason = f"a core pays for {least} aircraft{air} or more{_count_aircraft(scenario)}"
     elif count < cores:
         reason = f"operators are divided among the cores, and there are {len(everyone)}"
     if count == 1:
@@ -111,7 +115,7 @@ def divide(scenario: Scenario, cores: int) -> Division:
 
 
 def _weigh(vehicle: Vehicle) -> int:
-    """What an aircraft costs, in aircraft with the builtin autopilot: a program of its own, about ten."""
+    """What an aircraft costs, in aircraft with the builtin autopilot: a program of its own much more."""
     return 1 if vehicle.autopilot == "builtin" else _PROGRAM
 
 
