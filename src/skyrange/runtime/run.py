@@ -236,7 +236,13 @@ def open_record(built: BuiltScenario, out: Path | None) -> Recorder:
         folder = out if out is not None else free_folder(scenario.name)
         try:
             recorder = Recorder.open(
-                folder, built.header, truth_hz=record.truth_hz, sensors_hz=record.sensors_hz, csv=record.csv
+                folder,
+                built.header,
+                truth_hz=record.truth_hz,
+                sensors_hz=record.sensors_hz,
+                level=record.level,
+                features_hz=record.features_hz,
+                csv=record.csv,
             )
             break
         except InputError:

@@ -112,6 +112,8 @@ class Core:
                 self.member.number,
                 truth_hz=record.truth_hz,
                 sensors_hz=record.sensors_hz,
+                level=record.level,
+                features_hz=record.features_hz,
             )
         self.recorder.record_receptions(replica)
         self.kernel.set_observers([self.recorder])
