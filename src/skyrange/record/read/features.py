@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.contracts.frames.frame import Fate
-from skyrange.core.time import NEVER, Time, from_seconds
+from skyrange.core.time import Time, from_seconds
 from skyrange.record.message_groups import GROUPS, group_messages
 from skyrange.record.read.station_frames import payload_column
 from skyrange.record.read.tables import Tables
@@ -32,9 +32,9 @@ _FRAME_COLUMNS: Final = ("link", "direction", "sent_ns", "arrived_ns", "fate", "
 
 
 def features_period_ns(manifest: Mapping[str, Any]) -> Time:
-    """The length of an interval by a run's manifest: a second in those of older versions; `NEVER` for a rate of 0."""
+    """The length of an interval by a run's manifest; a second in those of older versions."""
     rate_hz = (manifest.get("record") or {}).get("features_hz", 1.0)
-    return from_seconds(1.0 / rate_hz) if rate_hz else NEVER
+    return from_seconds(1.0 / rate_hz)
 
 
 def merge_features(tables: Tables) -> Iterator[pa.Table]:
@@ -48,9 +48,7 @@ def merge_features(tables: Tables) -> Iterator[pa.Table]:
 
 
 def count_features(tables: Tables, period_ns: Time) -> pa.Table:
-    """The whole table, counted in recorded frames; in memory. Without rows for a period of `NEVER`."""
-    if period_ns == NEVER:
-        return _SCHEMA.empty_table()
+    """The whole table, counted in recorded frames; in memory."""
     parts = [_add_up(_describe(frames, period_ns)) for frames in tables.frames_with_payloads(_FRAME_COLUMNS)]
     whole = pa.concat_tables([_SCHEMA.empty_table(), *parts])
     return _add_up(whole)

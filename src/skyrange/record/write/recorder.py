@@ -97,7 +97,7 @@ def _start_state(
 ) -> _State:  # fmt: skip
     return _State(
         level,
-        FrameEncoder(window_bytes, first_payload, with_groups=level == STUDY and features_hz > 0),
+        FrameEncoder(window_bytes, first_payload, with_groups=level == STUDY),
         truth_ns=period_ns(truth_hz),
         sensors_ns=period_ns(sensors_hz),
         truth_due=-NEVER if truth_hz else NEVER,

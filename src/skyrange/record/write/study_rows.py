@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from skyrange.core.time import NEVER, Time
+from skyrange.core.time import Time
 from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.record.read.transmissions import RADIO_LINK
 from skyrange.record.write.feature_counts import FeatureCounts
@@ -21,10 +21,10 @@ class StudyRows:
 
     def __init__(self, header: Mapping[str, Any], features_ns: Time) -> None:
         """`header` says where the run's origin is, and when it starts; `features_ns` is the length of the intervals in
-        which frames are counted, `NEVER` for no counts.
+        which frames are counted.
         """
         self._observations = ObservationRows(origin_of(header), start_unix_ns_of(header))
-        self._counts = FeatureCounts(features_ns) if features_ns != NEVER else None
+        self._counts = FeatureCounts(features_ns)
         self._on_radio = np.zeros(0, dtype=np.bool_)  # of each flow
 
     def add_frames(self, encoder: FrameEncoder, gathered: GatheredFrames) -> None:
@@ -32,10 +32,7 @@ class StudyRows:
         flows, columns = encoder.flows, gathered.columns
         if len(flows) > len(self._on_radio):
             self._on_radio = np.array([key[0].startswith(RADIO_LINK) for key in flows], dtype=np.bool_)
-        if self._counts is not None:
-            self._counts.add(
-                flows, columns.flow, columns.sent, columns.arrived, columns.fate, columns.size, columns.group
-            )
+        self._counts.add(flows, columns.flow, columns.sent, columns.arrived, columns.fate, columns.size, columns.group)
         chosen = np.flatnonzero(self._on_radio[columns.flow])
         transmissions = encoder.table(gathered, chosen) if len(chosen) else None
         self._observations.add_frames(transmissions, encoder.take_payloads(), gathered.last_ns)
@@ -51,11 +48,11 @@ class StudyRows:
     @property
     def is_full(self) -> bool:
         """Whether rows are to be taken before more frames are added."""
-        return self._counts is not None and self._counts.is_full
+        return self._counts.is_full
 
     def take(self, *, last: bool = False) -> Iterator[tuple[str, pa.RecordBatch]]:
         """New rows with the names of their tables; receptions may wait for their frames, unless these are the last."""
-        counts = self._counts.take() if self._counts is not None else None
+        counts = self._counts.take()
         if counts is not None:
             yield "features", counts
         observations = self._observations.take(last=last)

@@ -218,9 +218,9 @@ class Record(Model):
     )
     features_hz: Number = Field(
         default=1.0,
-        ge=0,
+        gt=0,
         le=400,
-        description="Rows of features per direction of a link and second, at level study; 0 records none.",
+        description="Rows of features per direction of a link and second, at level study.",
     )
     csv: bool = Field(
         default=False,
