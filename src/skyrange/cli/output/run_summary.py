@@ -61,7 +61,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     pace = _pace(facts["timings"])
     console.print(f"{facts['simulated_s']:.1f} s simulated{pace}{_frames_of_run(facts)}; seed {facts['seed']}")
     _print_cores(console, facts.get("cores"))
-    _print_level(console, facts["level"])
+    _print_level(console, facts.get("level"))
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
     console.print(f"run    {facts['path']}", soft_wrap=True)
@@ -128,7 +128,7 @@ def _print_trust(console: Console, trust: Mapping[str, Any] | None) -> None:
     )
 
 
-def _print_level(console: Console, level: str) -> None:
+def _print_level(console: Console, level: str | None) -> None:
     """Print what a run does not keep."""
     if level in _LEFT_OUT:
         console.print(f"level  {level}: without {_LEFT_OUT[level]}", soft_wrap=True, markup=False, highlight=False)

@@ -189,6 +189,8 @@ class Recorder:
         rates["csv"] = csv and level == FULL
         manifest = {"format": FORMAT, "status": RUNNING, **describe_platform(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}
+        if level == SUMMARY:  # the channel of each link, which follows from the scenario, would be most of the folder
+            manifest.pop("links", None)
         made = make_folder(folder)
         try:
             write_manifest(folder, manifest)
