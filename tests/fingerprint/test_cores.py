@@ -18,6 +18,8 @@ from hypothesis import strategies as st
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import RunRecord, load
+from skyrange.record.levels import RECORDED
+from skyrange.record.verification import verify_run
 from skyrange.runtime.cores.acts import UNBOUND, Binding
 from skyrange.runtime.cores.core import ApproachError
 from skyrange.runtime.cores.division import Division, divide
@@ -139,6 +141,23 @@ def test_remote_id_among_cores(parts: tuple[tuple[str, ...], ...], tmp_path: Pat
     operators = "".join(operator(name, "approve-all", 40.0 * k, 2, aware) for k, name in enumerate("abc"))
     manifest = assert_same(load_text(text(operators, RADIO + WEATHER)), parts, tmp_path)
     assert manifest["counts"]["receptions"] > 0
+
+
+@pytest.mark.parametrize("level", ["study", "summary"])
+def test_levels_of_the_record(level: str, tmp_path: Path) -> None:
+    aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
+    operators = "".join(operator(name, "authority", 40.0 * k, 2, aware) for k, name in enumerate("ab"))
+    scenario = load_text(text(operators, f'[record]\nlevel = "{level}"\n' + RADIO + BAD_LINKS))
+    one = fly(scenario, tmp_path / "one", report=False)
+    several = load(run_on_cores(scenario, Division((("a",), ("b",))), 2, tmp_path / "several"))
+    for key in ("digests", "not_kept", "outcomes", "counts"):
+        assert several.manifest[key] == one.manifest[key]
+    for table in RECORDED[level]:
+        assert rows_of(several, table) == rows_of(one, table), table
+    if level == "study":
+        assert one.rows("observations") > 0
+        assert (several.path / "features.parquet").is_dir()  # a file of each core
+    assert verify_run(several).ok
 
 
 def test_links_that_lose_repeat_and_reorder(tmp_path: Path) -> None:

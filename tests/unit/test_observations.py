@@ -16,7 +16,7 @@ from skyrange.contracts.frames.frame import Fate
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
-from skyrange.record.read import transmissions
+from skyrange.record.read.tables import Tables
 from skyrange.record.read.transmissions import read_decoded_receptions
 from skyrange.record.schema import arrow_schema
 from tests.unit.record_sample import HEADER, MS, make_frame, traffic
@@ -130,8 +130,8 @@ def test_what_is_no_message_is_a_row_without_fields(tmp_path: Path) -> None:
 def test_a_run_without_receptions_has_no_file_and_reads_no_frames(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(transmissions._Transmissions, "advance", lambda *_: pytest.fail("frames were read"))
     run = recorded(tmp_path / "run", list(traffic(3)), [], "closed")
+    monkeypatch.setattr(Tables, "frames_with_payloads", lambda *_, **__: pytest.fail("frames were read"))
     assert not (tmp_path / "run" / "observations.parquet").exists()
     assert "observations" not in run.manifest["counts"]
     assert run.table("observations").num_rows == run.rows("observations") == 0

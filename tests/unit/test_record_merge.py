@@ -472,6 +472,8 @@ def test_a_killed_range_is_recovered_with_the_settings_of_its_record(tmp_path: P
     recover_run(run, tmp_path / "out")
     found = load(tmp_path / "out")
     assert found.manifest["status"] == "failed"
-    assert found.manifest["record"] == {"truth_hz": 5.0, "sensors_hz": 1.0, "csv": True}
+    assert found.manifest["record"] == {
+        "level": "full", "truth_hz": 5.0, "sensors_hz": 1.0, "features_hz": 1.0, "csv": True
+    }  # fmt: skip
     assert frames_of(found) == frames_of(load(flown.whole))
     assert list((found.path / "operators").glob("*.tlog"))

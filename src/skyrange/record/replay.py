@@ -35,6 +35,7 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
     is bounded: frames are read in batches, twice. Raises `InputError` for a placement that matches no end of a link,
     `ComponentError` for a monitor that breaks its contract.
     """
+    record.tables.require("frames")
     rows = record.manifest.get("links") or []
     ports = find_ends(placement, [(row["name"], row["a"], row["b"]) for row in rows])
     ends = _Ends(ports, {row["name"]: (row["a"], row["b"]) for row in rows})

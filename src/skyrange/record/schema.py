@@ -248,6 +248,25 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("auth_timestamp_s", _I64, "s", "claimed time of the Authentication, since 2019-01-01 UTC", True),
         Column("auth_data", pa.binary(), "", "data of the pages in the body", True),
     ),
+    "features": (
+        Column("time_ns", _I64, "ns", f"start of the interval, a multiple of 1 / features_hz, {_TIME}"),
+        Column("link", NAME, "", "link instance"),
+        Column("direction", NAME, "", "fwd from the link's first end to its second, else rev"),
+        Column("sent", _I32, "", "frames sent in the interval; the other columns are about these"),
+        Column("delivered", _I32, "", "of these, delivered, then or later"),
+        Column("lost", _I32, "", "lost by the channel"),
+        Column("overflow", _I32, "", "refused by a full queue"),
+        Column("dropped", _I32, "", "dropped by a tap"),
+        Column("replaced", _I32, "", "replaced by a tap; what it sent instead is counted as well"),
+        Column("in_flight", _I32, "", "on their way when the run ended"),
+        Column("size_bytes", _I64, "byte", "payloads of all frames sent"),
+        Column("latency_sum_ns", _I64, "ns", "latencies of the delivered frames; divide by delivered for the mean"),
+        Column("latency_max_ns", _I64, "ns", "the longest of these; null if none was delivered", True),
+        Column("heartbeats", _I32, "", "frames sent that are a MAVLink HEARTBEAT"),
+        Column("commands", _I32, "", "frames sent that are COMMAND_LONG, COMMAND_INT, COMMAND_ACK or SET_MODE"),
+        Column("missions", _I32, "", "frames sent that are a message MISSION_… of MAVLink's mission protocol"),
+        Column("parameters", _I32, "", "frames sent that are a message PARAM_… of MAVLink's parameter protocol"),
+    ),
 }
 """The columns of every table. Truth may have more, as the world defines."""
 
@@ -260,12 +279,13 @@ TELEMETRY = (
 )
 """The columns with which the telemetry of every MAVLink message begins, a table for each; its fields follow."""
 
-OPTIONAL = frozenset({"alerts", "observations"})
+OPTIONAL = frozenset({"alerts", "observations", "features"})
 """Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
-decoded something. In other runs they are read as empty."""
+decoded something; `features`, only runs at level `study`. In other runs the first two are read as empty."""
 
-DERIVED = frozenset({"observations"})
-"""Tables that are not recorded: they are derived from recorded tables after the run, as telemetry is."""
+DERIVED = frozenset({"observations", "features"})
+"""Tables that follow from frames and receptions: computed from these where they are recorded, as telemetry is, or else
+during the run."""
 
 BAD_DATA = "BAD_DATA"
 """pymavlink's name for bytes that are not a message."""

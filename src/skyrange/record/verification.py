@@ -40,6 +40,8 @@ class Verification:
     """Tables whose rows were counted."""
     digests: tuple[str, ...]
     """Digests that were computed anew from the tables."""
+    unchecked: tuple[str, ...]
+    """Digests of tables that the run's level leaves out."""
     problems: tuple[str, ...]
 
     @property
@@ -55,7 +57,9 @@ class Verification:
         if self.problems:
             return "\n".join([f"{self.path}: not as its manifest says", *(f"  {one}" for one in self.problems)])
         files = f"{self.files} files, " if self.files else "no hashes of files (an older version wrote the run), "
-        return f"{self.path}: as its manifest says: {files}{self.tables} tables, digests {', '.join(self.digests)}"
+        left = f"; not checked, for want of the table: {', '.join(self.unchecked)}" if self.unchecked else ""
+        digests = f"digests {', '.join(self.digests)}{left}"
+        return f"{self.path}: as its manifest says: {files}{self.tables} tables, {digests}"
 
 
 def verify_run(record: RunRecord) -> Verification:
@@ -74,7 +78,10 @@ def verify_run(record: RunRecord) -> Verification:
             problems += _check_rows(record, name, count)
     problems += _check_messages(record, counts.get(FOLDER))
     computed: dict[str, str] = {}
+    unchecked = tuple(name for name in ("frames", "truth") if not record.keeps(name))
     for name, compute in (("frames", _frames_digest), ("truth", _truth_digest), ("events", _events_digest)):
+        if name in unchecked:
+            continue
         try:
             computed[name] = compute(record)
         except InputError as error:
@@ -85,7 +92,9 @@ def verify_run(record: RunRecord) -> Verification:
     for name, digest in computed.items():
         if digest != declared.get(name):
             problems.append(f"{name}: the digest of the rows is {digest} — expected {declared.get(name)}")
-    return Verification(str(record.path), len(files), len(counts), tuple(computed), tuple(dict.fromkeys(problems)))
+    return Verification(
+        str(record.path), len(files), len(counts), tuple(computed), unchecked, tuple(dict.fromkeys(problems))
+    )
 
 
 def _check_rows(record: RunRecord, name: str, count: Any) -> Iterator[str]:

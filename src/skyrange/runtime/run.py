@@ -242,6 +242,8 @@ def open_record(built: BuiltScenario, out: Path | None, *, flush_s: float = 1.0)
                 built.header,
                 truth_hz=record.truth_hz,
                 sensors_hz=record.sensors_hz,
+                level=record.level,
+                features_hz=record.features_hz,
                 csv=record.csv,
                 flush_s=flush_s,
             )

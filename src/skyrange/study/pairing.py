@@ -48,6 +48,7 @@ from skyrange.study.attribution.attribute import (
     with_authors,
 )
 from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.levels import require_level
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.parallel_runs import OnRunProgress, RunResult, run_all
@@ -106,6 +107,7 @@ def pair(
     for name, value in (("seeds", seeds), ("jobs", jobs)):
         if value < 1:
             raise InputError.one("pair", name, value, "1 or more")
+    require_level(scenario, "frames", "pair")  # effects are followed from frame to frame
     attacks = acting_attacks(scenario)
     if not attacks:
         what = "all muted or sham" if scenario.acts else "none"

@@ -39,7 +39,8 @@ def fly(
     cores: int = 1,
     on_notice: Callable[[str], None] | None = None,
 ) -> RunRecord:
-    """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report.
+    """Run `scenario` into the folder `out`, or into the first free folder `runs/NAME`, `runs/NAME-2` …, with a report
+    unless its record is a summary.
 
     `speed` is that of `Run.execute`. Without it, a run with viewers runs in real time, or at the pace of engines that
     have one, and any other run as fast as possible. `taps`, `attacks` and `monitors` are placed on the scenario's
@@ -159,7 +160,8 @@ def _report(folder: Path) -> RunRecord:
     from skyrange.study.report import write_report
 
     record = load(folder)
-    write_report(record, folder / "report.html")
+    if record.keeps("truth"):  # what a summary can tell, `show` does
+        write_report(record, folder / "report.html")
     return record
 
 

@@ -34,11 +34,14 @@ def summary(record: RunRecord) -> dict[str, Any]:
     receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
     `equivocators` are operators of which a hashgraph has a proof that they signed two events with one self-parent.
     `cores` says on how many cores the run was, `None` where one was asked for.
-    `disk` gives the bytes of each table and of other files of the folder, the most first.
+    `disk` gives the bytes of each table and of other files of the folder, the most first. `level` is that of the
+    record: at `summary`, distances, heights and the frames of each aircraft are `None`, and `frames` is `None` until
+    the run ends.
     """
     manifest = record.manifest
-    tracks = truth_tracks(record)
-    links = link_statistics(record)
+    has_truth, has_links = record.keeps("truth"), record.keeps("features")
+    tracks = truth_tracks(record) if has_truth else {}
+    links = link_statistics(record) if has_links else []
     downlinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "rev")}
     uplinks = {stats.owner: stats for stats in links if (stats.kind, stats.direction) == ("gcs", "fwd")}
     outside = set((manifest.get("live") or {}).get("outside") or ())
@@ -52,8 +55,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
         track = tracks.get(name, EMPTY_TRACK)
         downlink, uplink = downlinks.get(name), uplinks.get(name)
         is_outside = endpoint(vehicle["operator"], "gcs") in outside
-        received = downlink.delivered if downlink else 0
-        if downlink and is_outside:  # nobody records what arrives there
+        received = (downlink.delivered if downlink else 0) if has_links else None
+        if downlink and is_outside and received is not None:  # nobody records what arrives there
             received += downlink.fates.get(Fate.IN_FLIGHT, 0)
         vehicles.append(
             {
@@ -64,12 +67,12 @@ def summary(record: RunRecord) -> dict[str, Any]:
                 "reason": outcome.get("reason") or "",
                 "finished_s": outcome.get("finished_s"),
                 "mishap": ends.get(name),
-                "distance_m": round(track.distance_m, 3),
-                "highest_m": round(float(track.enu_m[:, 2].max(initial=0.0)), 3),
-                "frames_sent": downlink.sent if downlink else 0,
+                "distance_m": round(track.distance_m, 3) if has_truth else None,
+                "highest_m": round(float(track.enu_m[:, 2].max(initial=0.0)), 3) if has_truth else None,
+                "frames_sent": (downlink.sent if downlink else 0) if has_links else None,
                 "frames_received": received,
                 "station_outside": is_outside,
-                "frames_from_station": uplink.delivered if uplink else 0,
+                "frames_from_station": (uplink.delivered if uplink else 0) if has_links else None,
             }
         )
     mishaps = [
@@ -91,7 +94,8 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "seed": manifest.get("seed"),
         "simulated_s": record.duration,
         "duration_s": manifest.get("duration_s"),
-        "frames": sum(stats.sent for stats in links),
+        "level": record.level,
+        "frames": sum(stats.sent for stats in links) if has_links else (manifest.get("not_kept") or {}).get("frames"),
         "fingerprint": digests.get("fingerprint"),
         "digests": digests,
         "timings": manifest.get("timings") or {},

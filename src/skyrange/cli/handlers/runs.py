@@ -178,6 +178,7 @@ def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path |
     from skyrange.study.captures.received_broadcasts import has_radio
 
     record = load(folder)
+    record.tables.require("frames")
     target = _target(record.path, out)
     if receivers and only == "mavlink":
         raise InputError.one("--receiver", "with --only mavlink", receivers[0], "no --receiver, or --only remote_id")
@@ -201,6 +202,7 @@ def export_operators(folder: Path, with_csv: bool, with_tlogs: bool, out: Path |
     from skyrange.record.write.operator_files import OPERATORS, write_operator_files
 
     record = load(folder)
+    record.tables.require("frames")
     target = _target(record.path, out) / OPERATORS
     try:
         target.mkdir(exist_ok=True)

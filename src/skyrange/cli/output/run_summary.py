@@ -14,6 +14,11 @@ MAX_AIRCRAFT = 60
 
 SHOWN_SHARE = 0.01
 """What takes less of the disk is not named."""
+_LEFT_OUT = {
+    "study": "frames, receptions and telemetry; the table features counts frames",
+    "summary": "truth, sensors, frames, receptions, telemetry, labels and observations",
+}
+"""By level of the record."""
 MAX_MISHAPS = 12
 """Number of mishaps that are printed; the record and its report contain all."""
 
@@ -42,8 +47,8 @@ def print_summary(facts: dict[str, Any]) -> None:
                 row["id"],
                 Text.assemble((row["outcome"], "green" if good else "yellow"), reason),
                 "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
-                f"{row['distance_m']:.0f} m",
-                f"{row['highest_m']:.1f} m",
+                _metres(row["distance_m"], 0),
+                _metres(row["highest_m"], 1),
                 _frames_text(row),
             )
         console.print(aircraft)
@@ -54,8 +59,9 @@ def print_summary(facts: dict[str, Any]) -> None:
     _print_trust(console, facts.get("trust"))
     _print_equivocators(console, facts.get("equivocators"))
     pace = _pace(facts["timings"])
-    console.print(f"{facts['simulated_s']:.1f} s simulated{pace}; {facts['frames']:,} frames; seed {facts['seed']}")
+    console.print(f"{facts['simulated_s']:.1f} s simulated{pace}{_frames_of_run(facts)}; seed {facts['seed']}")
     _print_cores(console, facts.get("cores"))
+    _print_level(console, facts.get("level"))
     if facts["fingerprint"]:
         console.print(f"fingerprint {facts['fingerprint']}")
     console.print(f"run    {facts['path']}", soft_wrap=True)
@@ -122,8 +128,24 @@ def _print_trust(console: Console, trust: Mapping[str, Any] | None) -> None:
     )
 
 
+def _print_level(console: Console, level: str | None) -> None:
+    """Print what a run does not keep."""
+    if level in _LEFT_OUT:
+        console.print(f"level  {level}: without {_LEFT_OUT[level]}", soft_wrap=True, markup=False, highlight=False)
+
+
+def _frames_of_run(facts: Mapping[str, Any]) -> str:
+    return "" if facts["frames"] is None else f"; {facts['frames']:,} frames"
+
+
+def _metres(value: float | None, decimals: int) -> str:
+    return "–" if value is None else f"{value:.{decimals}f} m"
+
+
 def _frames_text(row: Mapping[str, Any]) -> str:
     """The frames between an aircraft and its ground station."""
+    if row["frames_sent"] is None:
+        return "–"
     if row.get("station_outside"):
         return f"{row['frames_received']:,} handed over, {row['frames_from_station']:,} from it"
     return f"{row['frames_received']:,} of {row['frames_sent']:,}"
@@ -154,10 +176,15 @@ def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]
             f"{len(own):,}",
             f"{sum(row['outcome'] == 'complete' for row in own):,}",
             f"{max(finished):.1f} s" if finished else "–",
-            f"{sum(row['distance_m'] for row in own) / len(own):.0f} m",
-            f"{max(row['highest_m'] for row in own):.1f} m",
+            _metres(_mean([row["distance_m"] for row in own]), 0),
+            _metres(max((row["highest_m"] for row in own if row["highest_m"] is not None), default=None), 1),
         )
     console.print(table)
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None
 
 
 def _print_mishaps(console: Console, mishaps: Sequence[dict[str, Any]]) -> None:

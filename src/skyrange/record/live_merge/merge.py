@@ -42,6 +42,7 @@ def merge(
     extra: Mapping[str, Any] | None = None,
     truth_hz: float = 10.0,
     sensors_hz: float = 2.0,
+    features_hz: float = 1.0,
     csv: bool = False,
     files: Iterable[tuple[str, Path]] = (),
 ) -> None:
@@ -53,13 +54,14 @@ def merge(
     `name`, the `endpoints` that ran there, the `offset_ns` to add to its times, and optionally `until_ns`, the time on
     its own clock until which it recorded. Without `until_ns`, a complete part lasted until the run's end and any other
     until its last row. `files` are copied into the folder under their names. `header` is that of `Recorder.open` and
-    includes the run's `links`. The rates are those at which the parts were recorded; `csv` as in `Recorder.open`.
+    includes the run's `links`. The rates are those at which the parts were recorded; `features_hz` and `csv` as in
+    `Recorder.open`.
 
     The manifest gets `nodes`, an entry for each part including unreadable ones, and `crossings`, the counts of
     matched and unmatched frames. `extra` overrides these entries. Raises `InputError` as `Recorder.open` does, and
     `ComponentError` if writing fails; the parts are not changed.
     """
-    recorder = Recorder.open(into, header, truth_hz=truth_hz, sensors_hz=sensors_hz, csv=csv)
+    recorder = Recorder.open(into, header, truth_hz=truth_hz, sensors_hz=sensors_hz, features_hz=features_hz, csv=csv)
     try:
         for name, path in files:
             recorder.keep_file(name, path)

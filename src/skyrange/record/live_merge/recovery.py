@@ -34,4 +34,5 @@ def recover_run(run: Path, out: Path) -> None:
         raise InputError.one("merge", str(run), "still written to", "a range that has ended", "Stop it with Ctrl-C.")
     header: dict[str, Any] = {key: value for key, value in manifest.items() if key not in _OF_THE_WHOLE}
     why = {"error": manifest.get("error", "the supervisor was killed")}
-    merge(parts, out, header, status="failed", extra=why, files=attached_files(run), **manifest.get("record", {}))
+    settings = {key: value for key, value in manifest.get("record", {}).items() if key != "level"}  # which is full
+    merge(parts, out, header, status="failed", extra=why, files=attached_files(run), **settings)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,13 +16,15 @@ from skyrange.core.ids import FrameId
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
+from skyrange.record.levels import FULL, keeps, level_of
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
 from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
 from skyrange.record.part_files import table_files
+from skyrange.record.read.features import count_features, features_period_ns, merge_features
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER, count_messages, read_message
-from skyrange.record.schema import DERIVED, TABLES
+from skyrange.record.schema import TABLES, arrow_schema
 from skyrange.record.spool import SPOOL
 
 
@@ -74,10 +76,11 @@ class RunRecord:
         """A whole table as a `pyarrow.Table`, with names as plain strings; `columns` selects columns.
 
         The names of tables are those of `skyrange.record.schema.TABLES`. A table without recorded rows is empty.
+        Raises `InputError` for a table that the run's `level` leaves out.
         """
         _check(name)
         if self._is_derived_now(name):
-            table = observations_table(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
+            table = self._derive(name)
             return table if columns is None else table.select(list(columns))
         return self.tables.table(name, columns)
 
@@ -85,8 +88,12 @@ class RunRecord:
         """The same rows in batches, for tables that are larger than memory."""
         _check(name)
         if self._is_derived_now(name):
-            batches = derive_observations(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
-            return batches if columns is None else (batch.select(list(columns)) for batch in batches)
+            batches: Iterable[pa.RecordBatch] = (
+                derive_observations(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
+                if name == "observations"
+                else self._derive(name).to_batches()
+            )
+            return iter(batches) if columns is None else (batch.select(list(columns)) for batch in batches)
         return self.tables.batches(name, columns)
 
     def rows(self, name: str) -> int:
@@ -97,12 +104,35 @@ class RunRecord:
         return self.tables.rows(name)
 
     def _is_derived_now(self, name: str) -> bool:
-        """Whether a table is derived on request, because the run did not end or is older than the table."""
-        return name in DERIVED and (self.tables.spooled or not (self.path / f"{name}.parquet").exists())
+        """Whether a table is derived on request: the run did not end, is older than the table, or keeps the frames that
+        are counted in it.
+        """
+        if name == "observations":
+            return self.level == FULL and (self.tables.spooled or not (self.path / f"{name}.parquet").exists())
+        return name == "features" and (self.level == FULL or self.tables.spooled)
+
+    def _derive(self, name: str) -> pa.Table:
+        """The whole of a table that is derived now."""
+        self.tables.require(name)
+        if name == "observations":
+            return observations_table(self.tables, origin_of(self.manifest), start_unix_ns_of(self.manifest))
+        if self.level == FULL:
+            return count_features(self.tables, features_period_ns(self.manifest))
+        return pa.concat_tables([arrow_schema(name).empty_table(), *merge_features(self.tables)])
+
+    @property
+    def level(self) -> str:
+        """The level at which it was recorded: full, study or summary (`record.levels`)."""
+        return level_of(self.manifest)
+
+    def keeps(self, name: str) -> bool:
+        """Whether the run's level keeps a table, or "telemetry"; reading another raises `InputError`."""
+        return keeps(self.manifest, name)
 
     @property
     def messages(self) -> dict[str, int]:
         """How many of each MAVLink message the ground stations received, by name; `BAD_DATA` is undecodable bytes."""
+        self.tables.require(FOLDER)
         declared = self.manifest.get("messages")
         return count_messages(self.tables) if declared is None or self.tables.spooled else dict(declared)
 
@@ -159,6 +189,8 @@ class RunRecord:
             return float(declared)
         last = 0
         for name, column in (("truth", "time_ns"), ("frames", "arrived_ns"), ("events", "time_ns")):
+            if not self.keeps(name):
+                continue
             for batch in self.tables.batches(name, [column]):
                 last = max(last, pc.max(batch.column(0)).as_py() or 0)
         return to_seconds(last)
@@ -201,7 +233,7 @@ def open_folder(path: Path | str) -> RunRecord:
     spooled = manifest["status"] == RUNNING or manifest.get("spooled") is True
     if spooled and not (folder / SPOOL).is_dir():
         raise InputError.one(str(folder), SPOOL, "missing", "the streams of a run that did not end", "It was removed.")
-    return RunRecord(folder, manifest, Tables(folder, spooled))
+    return RunRecord(folder, manifest, Tables(folder, spooled, level=level_of(manifest)))
 
 
 def _check(name: str) -> None:

@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
+from skyrange.record.levels import FULL, require_table
 from skyrange.record.part_files import SpoolFile, shard_folders, spool_files, table_files, table_shards
 from skyrange.record.read.payload_window import PayloadWindow
 from skyrange.record.read.shards import interleave, time_key
@@ -65,6 +66,12 @@ class Tables:
     """Whether this process has written the spool itself, which is then not searched for damage."""
     alone: bool = False
     """Whether to read the rows of one shard only, whose folder this is, of a run in progress."""
+    level: str = FULL
+    """The level at which the run was recorded; a table that it leaves out raises `InputError` when it is read."""
+
+    def require(self, name: str) -> None:
+        """Raise `InputError` if the run's level leaves out a table, or "telemetry"."""
+        require_table(self.folder, self.level, name)
 
     def schema(self, name: str) -> pa.Schema:
         """The schema of a table in this run."""
@@ -93,6 +100,7 @@ class Tables:
         """The rows in the order recorded, with all columns or with `columns` in that order; names are plain strings, or
         with `encoded` dictionaries. The rows of several shards are in order of time.
         """
+        self.require(name)
         whole = self.schema(name)
         schema = whole
         if columns is not None:
@@ -161,6 +169,7 @@ class Tables:
 
     def table(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """The whole table, in memory."""
+        self.require(name)
         schema = self.schema(name)
         if columns is not None:
             schema = pa.schema([schema.field(column) for column in columns], metadata=schema.metadata)
@@ -192,6 +201,7 @@ class Tables:
 
     def rows(self, name: str) -> int:
         """Number of rows of the table."""
+        self.require(name)
         if not self.spooled:
             return self.file_rows(f"{name}.parquet")
         whole = arrow_schema(name)
@@ -207,6 +217,7 @@ class Tables:
         Memory holds at most two windows of payloads. If payloads are missing, because the file system lost data, the
         frames end with the last one before the gap.
         """
+        self.require("frames")
         shards, held = self._shards("frames"), self._shards("payloads")
         if len(shards) < 2:
             for shard, stored in zip(shards, held, strict=False):

@@ -79,6 +79,7 @@ def _names(names: Sequence[str], numbers: Ints) -> pa.Array:
 
 def count_messages(tables: Tables) -> dict[str, int]:
     """Rows by message, in order of name; of a run that did not end, counted in its frames now."""
+    tables.require(FOLDER)
     counts: dict[str, int] = {}
     union = tables.folder / UNION
     if tables.spooled:
@@ -99,6 +100,7 @@ def read_message(tables: Tables, message: str) -> pa.Table:
     that no message of the dialect has.
     """
     schema = message_schema(message)
+    tables.require(FOLDER)
     if tables.spooled:
         every = (pair for block in read_station_frames(tables) for pair in received_messages(block))
         found = [batch for name, batch in every if name == message]

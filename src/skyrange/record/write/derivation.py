@@ -41,6 +41,7 @@ from skyrange.record.read.transmissions import (
 )
 from skyrange.record.schema import arrow_schema
 from skyrange.record.spool import SPOOL
+from skyrange.record.write.table_files import WIDE_GROUP_ROWS
 from skyrange.record.write.telemetry_files import TelemetryFiles
 
 BLOCK_ROWS: Final = 65_536
@@ -50,7 +51,6 @@ HELD_NS: Final[Time] = NS_PER_S // 4
 """How much later than its arrival a frame at a ground station may be recorded. The kernel records it within a tick."""
 
 _RECEPTION_ROWS: Final = 16_384
-_WIDE_GROUP_ROWS: Final = 32_768  # observations have a column for each field of Remote ID
 
 
 class Derivation:
@@ -243,20 +243,20 @@ class _ObservationsFile:
         self._held.append(batch)
         self._held_rows += batch.num_rows
         self.rows += batch.num_rows
-        if self._held_rows >= _WIDE_GROUP_ROWS:
+        if self._held_rows >= WIDE_GROUP_ROWS:
             self._write_groups(last=False)
 
     def _write_groups(self, *, last: bool) -> None:
         schema = arrow_schema("observations")
-        groups: Sequence[pa.Table] = list(combine_batches(self._held, _WIDE_GROUP_ROWS))
+        groups: Sequence[pa.Table] = list(combine_batches(self._held, WIDE_GROUP_ROWS))
         self._held, self._held_rows = [], 0
         for group in groups:
-            if group.num_rows < _WIDE_GROUP_ROWS and not last:
+            if group.num_rows < WIDE_GROUP_ROWS and not last:
                 self._held, self._held_rows = group.to_batches(), group.num_rows
                 return
             if self._writer is None:
                 self._writer = pq.ParquetWriter(self._path, encoded_schema(schema), **parquet_options(schema))
-            self._writer.write_table(group.cast(self._writer.schema), row_group_size=_WIDE_GROUP_ROWS)
+            self._writer.write_table(group.cast(self._writer.schema), row_group_size=WIDE_GROUP_ROWS)
 
     def close(self) -> None:
         self._write_groups(last=True)

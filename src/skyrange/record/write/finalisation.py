@@ -16,10 +16,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.record.file_hashes import describe_files
+from skyrange.record.levels import RECORDED, level_of
 from skyrange.record.part_files import OPEN, part_path, shard_folder, spool_files
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
-from skyrange.record.schema import DERIVED, TABLES
+from skyrange.record.schema import TABLES
 from skyrange.record.spool import SPOOL, write_error
 from skyrange.record.write.operator_files import OPERATORS, write_operator_files
 from skyrange.record.write.part_writer import PartWriter
@@ -30,8 +31,8 @@ class Finished(NamedTuple):
 
     counts: dict[str, int]
     """Rows by table."""
-    messages: dict[str, int]
-    """Rows of telemetry by message."""
+    messages: dict[str, int] | None
+    """Rows of telemetry by message; None if no frames were kept."""
     files: dict[str, dict[str, Any]]
 
 
@@ -39,18 +40,18 @@ class Shard(NamedTuple):
     """What a process has written of a run: all its parts are closed, in the folder of its shard."""
 
     number: int
-    messages: dict[str, int]
-    """Rows of telemetry by message."""
-    observed: int
-    """Rows of observations."""
+    messages: dict[str, int] | None
+    """Rows of telemetry by message; None if no frames were kept."""
+    derived: dict[str, int]
+    """Rows of the tables that were derived in a file each."""
     described: dict[str, dict[str, Any]]
     """Size and hash of parts, by name."""
 
 
 def finish_shard(writer: PartWriter, number: int = 0) -> Shard:
     """Write the rest of a shard. Raises `ComponentError` if writing fails."""
-    messages, observed = writer.finish()
-    return Shard(number, messages, observed, {path.name: known for path, known in writer.described.items()})
+    messages, derived = writer.finish()
+    return Shard(number, messages, derived, {path.name: known for path, known in writer.described.items()})
 
 
 def finalise(folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard]) -> Finished:
@@ -70,8 +71,9 @@ def finalise(folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard])
             made.mkdir()
             write_operator_files(made, tables, manifest)
             _place_folder(made, folder / OPERATORS)
+        recorded = RECORDED[level_of(manifest)] - {"features"}  # whose parts are merged
         for name in TABLES:
-            parts = [] if name in DERIVED else _list_parts(folder, name, shards)
+            parts = _list_parts(folder, name, shards) if name in recorded else []
             if parts:
                 counts[name] = tables.rows(name)
             for shard, number, path in parts:
@@ -79,12 +81,13 @@ def finalise(folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard])
                 _place(path, target)
                 if path.name in shard.described:
                     known[target.relative_to(folder).as_posix()] = shard.described[path.name]
-        observing = [shard for shard in shards if shard.observed]
-        for shard in observing:
-            counts["observations"] = counts.get("observations", 0) + shard.observed
-            target = part_path(folder / "observations.parquet", 0, len(observing), shard.number)
-            _place(shard_folder(folder, shard.number) / SPOOL / f"observations.parquet{OPEN}", target)
-        messages = _place_telemetry(folder, shards)
+        for name in dict.fromkeys(name for shard in shards for name in shard.derived):
+            having = [shard for shard in shards if name in shard.derived]
+            for shard in having:
+                counts[name] = counts.get(name, 0) + shard.derived[name]
+                target = part_path(folder / f"{name}.parquet", 0, len(having), shard.number)
+                _place(shard_folder(folder, shard.number) / SPOOL / f"{name}.parquet{OPEN}", target)
+        messages = _place_telemetry(folder, shards) if "frames" in recorded else None
     except (OSError, pa.ArrowException) as error:
         raise write_error(folder, error) from error
     return Finished(counts, messages, describe_files(folder, known))
@@ -107,7 +110,7 @@ def _place_telemetry(folder: Path, shards: Sequence[Shard]) -> dict[str, int]:
     counts: dict[str, int] = {}
     having: dict[str, list[Shard]] = {}
     for shard in shards:
-        for message, rows in shard.messages.items():
+        for message, rows in (shard.messages or {}).items():
             counts[message] = counts.get(message, 0) + rows
             having.setdefault(message, []).append(shard)
     for message, parts in having.items():

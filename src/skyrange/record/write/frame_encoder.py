@@ -20,6 +20,7 @@ from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, hash64
 from skyrange.record.digests import Words
+from skyrange.record.message_groups import group_messages
 from skyrange.record.write.payloads import PayloadDeduplicator
 
 _FATES = {fate: number for number, fate in enumerate(Fate)}
@@ -73,8 +74,11 @@ class EncodedFrames(NamedTuple):
     last_ns: int
 
 
-class _Columns(NamedTuple):
-    """Columns of some frames, arrays with one row per frame. `origin` is -1 without a parent."""
+class FrameColumns(NamedTuple):
+    """Columns of some frames, arrays with one row per frame. `origin` is -1 without a parent.
+
+    `group` is that of `message_groups`, and has no rows unless it is wanted.
+    """
 
     flow: Ints
     serial: Ints
@@ -86,16 +90,48 @@ class _Columns(NamedTuple):
     hashes: Words
     origin: Ints
     parent_serial: Ints
+    group: NDArray[np.uint8]
+
+
+class _NumberedPayloads(NamedTuple):
+    """A column of payloads: the start of the window of their ids, and columns of `FrameColumns`."""
+
+    window: int
+    ids: Ints
+    hashes: Words
+    sizes: Ints
+    groups: NDArray[np.uint8]
+
+
+class GatheredFrames(NamedTuple):
+    """Some frames in columns. `causes` has the ids of the frames that commanded a row, in order of rows."""
+
+    columns: FrameColumns
+    causes: Mapping[int, Sequence[str]]
+
+    @property
+    def rows(self) -> int:
+        """How many frames these are."""
+        return len(self.columns.flow)
+
+    @property
+    def last_ns(self) -> int:
+        """The latest time of sending."""
+        return int(self.columns.sent.max())
+
+
+_NO_GROUP = np.zeros(0, dtype=np.uint8)
 
 
 class FrameEncoder:
     """Encodes frames as columns. Its state is the numbering so far. Deep-copyable."""
 
-    def __init__(self, window_bytes: int, first_payload: int = 0) -> None:
+    def __init__(self, window_bytes: int, first_payload: int = 0, *, with_groups: bool = False) -> None:
         """`window_bytes` of distinct payloads are de-duplicated together and kept in memory; their ids count from
-        `first_payload`, a multiple of `PAYLOAD_WINDOW`.
+        `first_payload`, a multiple of `PAYLOAD_WINDOW`. `with_groups` gives frames a `group`.
         """
         self._payloads = PayloadDeduplicator(window_bytes, first_payload)
+        self._with_groups = with_groups
         self._flows = _Numbers()  # (link, direction, sender, src, dst)
         self._origins = _Numbers()  # (link, direction, sender) of parents
         self._names = _Numbers()  # (name,)
@@ -109,8 +145,13 @@ class FrameEncoder:
 
     def encode(self, seen: Sequence[Frame | FrameBlock]) -> EncodedFrames:
         """Encode what was observed, in that order; the frames are not changed."""
+        gathered = self.gather(seen)
+        return EncodedFrames(self.table(gathered), self.take_payloads(), self.words(gathered), gathered.last_ns)
+
+    def gather(self, seen: Sequence[Frame | FrameBlock]) -> GatheredFrames:
+        """What was observed as columns, in that order."""
         gathered = []
-        numbered: dict[int, tuple[int, Ints, Words]] = {}
+        numbered: dict[int, _NumberedPayloads] = {}
         causes: dict[int, list[str]] = {}
         rows = 0
         for link_table, run in groupby(seen, _link_table_of):
@@ -128,12 +169,31 @@ class FrameEncoder:
             gathered.append(self._frame_columns(frames))
             rows += len(frames)
         self._extend_lookup()
-        table = _Columns(*map(np.concatenate, zip(*gathered, strict=True)))
+        return GatheredFrames(FrameColumns(*map(np.concatenate, zip(*gathered, strict=True))), causes)
 
+    @property
+    def flows(self) -> list[tuple[str, ...]]:
+        """Link, direction, sender, source and destination of each flow, by its number."""
+        return list(self._flows)
+
+    def take_payloads(self) -> pa.RecordBatch:
+        """Rows of `payloads`: those that are new since the last call."""
+        return self._payloads.take_new()
+
+    def forget_payloads(self) -> None:
+        """Leave out the payloads that are new since the last call, as if they had been taken."""
+        self._payloads.skip_new()
+
+    def table(self, gathered: GatheredFrames, chosen: Ints | None = None) -> pa.RecordBatch:
+        """Rows of `frames` as in the spool; with `chosen`, these rows without causes."""
+        table, causes = gathered
+        if chosen is not None:
+            kept = {name: getattr(table, name)[chosen] for name in FrameColumns._fields if name != "group"}
+            table, causes = FrameColumns(**kept, group=_NO_GROUP), {}
         lost = table.fate != _FATES[Fate.DELIVERED]
         codes = self._flow_names[table.flow]
         columns = [pa.DictionaryArray.from_arrays(pa.array(codes[:, place]), self._dictionary) for place in range(5)]
-        batch = pa.RecordBatch.from_arrays(
+        return pa.RecordBatch.from_arrays(
             [
                 columns[0],
                 columns[1],
@@ -150,11 +210,16 @@ class FrameEncoder:
                     pa.array(table.origin.astype(np.int32), mask=table.origin < 0), self._id_prefixes
                 ),
                 pa.array(table.parent_serial),
-                _lists(causes, rows),
+                _lists(causes, len(table.flow)),
             ],
             schema=FRAME_SPOOL,
         )
-        words = np.empty((rows, 10), dtype=np.uint64)
+
+    def words(self, gathered: GatheredFrames) -> Words:
+        """The words of the digest of frames, (n, 10)."""
+        table = gathered.columns
+        lost = table.fate != _FATES[Fate.DELIVERED]
+        words = np.empty((gathered.rows, 10), dtype=np.uint64)
         words[:, 0] = self._flow_hashes[table.flow]
         words[:, 1] = table.serial.view(np.uint64)
         words[:, 2] = table.sent.view(np.uint64)
@@ -165,17 +230,17 @@ class FrameEncoder:
         words[table.origin < 0, 7] = 0  # no parent; the serial beside it is then -1
         words[:, 8] = table.parent_serial.view(np.uint64)
         words[:, 9] = 0
-        for row, ids in causes.items():
+        for row, ids in gathered.causes.items():
             words[row, 9] = hash64("\n".join(ids))
-        return EncodedFrames(batch, self._payloads.take_new(), words, int(table.sent.max()))
+        return words
 
-    def _frame_columns(self, frames: Sequence[Frame]) -> _Columns:
+    def _frame_columns(self, frames: Sequence[Frame]) -> FrameColumns:
         rows = len(frames)
         payloads = Payloads.of([f.payload for f in frames])
         payload_id, hashes = self._payloads.assign_ids(payloads)
         parents = [f.parent for f in frames]
         origins = self._origins
-        return _Columns(
+        return FrameColumns(
             # keys are made and dropped one by one: many live containers would trigger the garbage collector
             flow=np.fromiter(map(self._flows.__getitem__, map(_FLOW, frames)), np.int64, rows),
             serial=np.fromiter([f.serial for f in frames], np.int64, rows),
@@ -187,43 +252,50 @@ class FrameEncoder:
             hashes=hashes,
             origin=np.fromiter([-1 if p is None else origins[p[:3]] for p in parents], np.int64, rows),
             parent_serial=np.fromiter([-1 if p is None else p[3] for p in parents], np.int64, rows),
+            group=self._groups(payloads),
         )
 
-    def _block_columns(self, blocks: Sequence[FrameBlock], numbered: dict[int, tuple[int, Ints, Words]]) -> _Columns:
-        """`numbered` caches what the hops of one block share: window, ids and hashes by column of payloads."""
+    def _groups(self, payloads: Payloads) -> NDArray[np.uint8]:
+        return group_messages(payloads) if self._with_groups else _NO_GROUP
+
+    def _block_columns(self, blocks: Sequence[FrameBlock], numbered: dict[int, _NumberedPayloads]) -> FrameColumns:
+        """`numbered` caches what the hops of one block share."""
         carried = [self._number_block(block, numbered) for block in blocks]
         rows = np.array([len(block) for block in blocks])
         link_table = blocks[0].link_table
         above = np.concatenate([_or_none(block.parent_link_numbers, len(block)) for block in blocks])
         origin, children = np.full(len(above), -1, dtype=np.int64), above >= 0
         origin[children] = self._look_up(link_table, above[children], 1)
-        return _Columns(
+        return FrameColumns(
             flow=self._look_up(link_table, np.concatenate([block.link_numbers for block in blocks]), 0),
             serial=np.concatenate([block.serial for block in blocks]),
             sent=np.repeat([block.sent_ns for block in blocks], rows),
             arrived=np.repeat([block.arrived_ns for block in blocks], rows),
             fate=np.repeat(np.array([_FATES[block.fate] for block in blocks], dtype=np.int32), rows),
-            size=np.concatenate([sizes for _, _, sizes in carried]).astype(np.int32),
-            payload_id=np.concatenate([ids for ids, _, _ in carried]),
-            hashes=np.concatenate([words for _, words, _ in carried]),
+            size=np.concatenate([one.sizes for one in carried]).astype(np.int32),
+            payload_id=np.concatenate([one.ids for one in carried]),
+            hashes=np.concatenate([one.hashes for one in carried]),
             origin=origin,
             parent_serial=np.concatenate([_or_none(block.parent_serial, len(block)) for block in blocks]),
+            group=np.concatenate([one.groups for one in carried]),
         )
 
-    def _number_block(
-        self, block: FrameBlock, numbered: dict[int, tuple[int, Ints, Words]]
-    ) -> tuple[Ints, Words, Ints]:
+    def _number_block(self, block: FrameBlock, numbered: dict[int, _NumberedPayloads]) -> _NumberedPayloads:
         payloads = block.payloads
         known = numbered.get(id(payloads))
-        if known is None or known[0] != self._payloads.start:
+        if known is None or known.window != self._payloads.start:
             window = self._payloads.start
-            known = (window, *self._payloads.assign_ids(payloads))
+            known = _NumberedPayloads(
+                window, *self._payloads.assign_ids(payloads), payloads.sizes, self._groups(payloads)
+            )
             if self._payloads.start == window:  # otherwise the next hop's rows must be numbered in the new window
                 numbered[id(payloads)] = known
-        _, ids, words = known
         if block.rows is None:
-            return ids, words, payloads.sizes
-        return ids[block.rows], words[block.rows], payloads.sizes[block.rows]
+            return known
+        groups = known.groups[block.rows] if self._with_groups else _NO_GROUP
+        return _NumberedPayloads(
+            known.window, known.ids[block.rows], known.hashes[block.rows], payloads.sizes[block.rows], groups
+        )
 
     def _look_up(self, link_table: LinkTable, link_numbers: Ints, which: int) -> Ints:
         """The number of each row's flow (`which` 0) or origin (1); directed links that are new get one."""

@@ -13,14 +13,16 @@ from typing import Any, Final
 
 import pyarrow as pa
 
+from skyrange.record.levels import FULL, RECORDED, level_of
 from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.record.part_files import OPEN, spool_files
 from skyrange.record.read.tables import Tables, combine_batches
-from skyrange.record.schema import DERIVED, OPTIONAL, TABLES
+from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import Spool, read_stream, write_error
 from skyrange.record.write.background import Background
 from skyrange.record.write.derivation import Derivation
-from skyrange.record.write.table_files import GROUP_ROWS, TableFiles
+from skyrange.record.write.feature_file import write_features
+from skyrange.record.write.table_files import GROUP_ROWS, WIDE_GROUP_ROWS, TableFiles
 
 PART_ROWS: Final = 1 << 21
 """Rows of a part, of every table; a multiple of the rows of a group."""
@@ -35,12 +37,14 @@ class PartWriter:
     """
 
     def __init__(self, folder: Path, manifest: Mapping[str, Any], spool: Spool, part_rows: int = PART_ROWS) -> None:
-        """`folder` is the run's, with its `spool`; `manifest` says where its origin is, and when it starts."""
+        """`folder` is the run's, with its `spool`; `manifest` says where its origin is, when it starts, and which
+        tables it keeps.
+        """
         self._folder = folder
+        self._level = level_of(manifest)
         self._manifest = manifest
         self._spool = spool
         self._part_rows = part_rows
-        self._group_rows = min(GROUP_ROWS, part_rows)
         self._files = TableFiles(folder)
         self._derivation = Derivation(folder, origin_of(manifest), start_unix_ns_of(manifest))
         """Derived tables; the thread uses it, except for its flags."""
@@ -62,6 +66,9 @@ class PartWriter:
             if self._rows[table] == self._part_rows:
                 self._end_part(table)
 
+    def _group_rows(self, table: str) -> int:
+        return min(WIDE_GROUP_ROWS if table == "observations" else GROUP_ROWS, self._part_rows)
+
     def _hold(self, table: str, batch: pa.RecordBatch) -> None:
         self._rows[table] = self._rows.get(table, 0) + batch.num_rows
         if table == "payloads":
@@ -70,14 +77,15 @@ class PartWriter:
             self._new_receptions.append(batch)
         self._held.setdefault(table, []).append(batch)
         self._held_rows[table] = self._held_rows.get(table, 0) + batch.num_rows
-        if self._held_rows[table] >= self._group_rows:
+        if self._held_rows[table] >= self._group_rows(table):
             self._write_groups(table, last=False)
 
     def _write_groups(self, table: str, *, last: bool) -> None:
-        groups = list(combine_batches(self._held.pop(table, []), self._group_rows))
+        rows = self._group_rows(table)
+        groups = list(combine_batches(self._held.pop(table, []), rows))
         self._held_rows[table] = 0
         for group in groups:
-            if group.num_rows < self._group_rows and not last:
+            if group.num_rows < rows and not last:
                 self._held[table], self._held_rows[table] = group.to_batches(), group.num_rows
             else:
                 self._write_group(table, group)
@@ -115,20 +123,25 @@ class PartWriter:
         """Size and hash of each closed part that this writer wrote, after `finish`."""
         return self._files.described
 
-    def finish(self) -> tuple[dict[str, int], int]:
+    def finish(self) -> tuple[dict[str, int] | None, dict[str, int]]:
         """Close all parts, also of tables without rows, and the derived tables; returns how many rows each message and
-        the observations have.
+        each derived table have. There are no messages if no frames are kept.
         """
         for table in list(self._held):
             self._write_groups(table, last=True)
-        self._derive(None)
+        if self._level == FULL:
+            self._derive(None)
         for table in TABLES:
-            if table not in DERIVED and self._is_due(table):
+            if table in RECORDED[self._level] and self._is_due(table):
                 self._submit(partial(self._files.close_part, table, self._spool.end_stream(table)))
         try:
             self._background.wait()
             self._background.stop()
-            return self._derivation.finish(Tables(self._folder, spooled=True, trusted=True, alone=True))
+            tables = Tables(self._folder, spooled=True, trusted=True, alone=True)
+            if self._level != FULL:
+                return None, write_features(tables)
+            messages, observed = self._derivation.finish(tables)
+            return messages, {"observations": observed} if observed else {}
         except (OSError, pa.ArrowException) as error:
             raise write_error(self._folder, error) from error
 
@@ -137,7 +150,7 @@ class PartWriter:
         if self._rows.get(table):
             return True
         has_rows = table in self._rows or self._files.has_part(table)
-        return not has_rows and (table not in OPTIONAL or bool(self._manifest.get("detectors")))
+        return not has_rows and (table not in OPTIONAL or (table == "alerts" and bool(self._manifest.get("detectors"))))
 
     def abandon(self) -> None:
         """Delete everything that is not whole; the rows stay in the spool and in closed parts."""

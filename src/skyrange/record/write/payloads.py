@@ -137,6 +137,11 @@ class PayloadDeduplicator:
             self._pending.append((self.start + self._fetched, self._store[first : first + int(ends[-1])].copy(), ends))
             self._fetched = count
 
+    def skip_new(self) -> None:
+        """Leave out the payloads that are new since the last call, as if they had been fetched."""
+        self._fetched = int(self._state[0])
+        self._pending = []
+
     def take_new(self) -> pa.RecordBatch:
         """Rows of the payloads that are new since the last call."""
         self._collect_new()

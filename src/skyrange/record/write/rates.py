@@ -1,4 +1,4 @@
-"""Recording rates of truth and sensors in Hz, and their periods."""
+"""Recording rates of truth, sensors and features in Hz, and their periods."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NEVER, Time, from_seconds, to_seconds
 
 
-def check_rates(truth_hz: float, sensors_hz: float) -> None:
-    """Raise `InputError` for a rate outside 0 to 1000 Hz."""
+def check_rates(truth_hz: float, sensors_hz: float, features_hz: float) -> None:
+    """Raise `InputError` for a rate outside 0 to 1000 Hz; features cannot be left out by a rate of 0."""
     rates = {"record.truth_hz": truth_hz, "record.sensors_hz": sensors_hz}
     expected = "a rate in Hz from 0 (not recorded) to 1000"
     faults = [Problem(where, repr(rate), expected) for where, rate in rates.items() if not 0 <= rate <= 1000]
+    if not 0 < features_hz <= 1000:
+        faults.append(Problem("record.features_hz", repr(features_hz), "a rate in Hz above 0, up to 1000"))
     if faults:
         raise InputError("recorder", faults)
 

@@ -29,6 +29,7 @@ from skyrange.core.input_files import expand_user
 from skyrange.core.time import NEVER, Time, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
+from skyrange.record.levels import FULL, LEVELS, RECORDED, STUDY, SUMMARY
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import (
     OUTCOME,
@@ -52,6 +53,7 @@ from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
 from skyrange.record.write.receptions import ForeignSource, ReceptionSource, reception_batch
+from skyrange.record.write.study_rows import StudyRows
 from skyrange.record.write.ticks import (
     SensorTick,
     TruthTick,
@@ -74,6 +76,7 @@ SHARD_PAYLOADS = 1 << 48
 class _State:
     """The state that a fork copies: numbering, digests, counts, and when truth and sensors are due."""
 
+    level: str
     encoder: FrameEncoder
     truth_ns: Time
     sensors_ns: Time
@@ -82,7 +85,25 @@ class _State:
     last_ns: Time = 0
     digests: Digests = field(default_factory=Digests)
     counts: dict[str, int] = field(default_factory=dict)
+    not_kept: dict[str, int] = field(default_factory=dict)
+    """Rows observed of tables that the level leaves out."""
     outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    study_rows: StudyRows | None = None
+
+
+def _start_state(
+    header: Mapping[str, Any], level: str, truth_hz: float, sensors_hz: float, features_hz: float,
+    window_bytes: int, first_payload: int = 0,
+) -> _State:  # fmt: skip
+    return _State(
+        level,
+        FrameEncoder(window_bytes, first_payload, with_groups=level == STUDY),
+        truth_ns=period_ns(truth_hz),
+        sensors_ns=period_ns(sensors_hz),
+        truth_due=-NEVER if truth_hz else NEVER,
+        sensors_due=-NEVER if sensors_hz and level != SUMMARY else NEVER,
+        study_rows=StudyRows(header, period_ns(features_hz)) if level == STUDY else None,
+    )
 
 
 class Recorder:
@@ -137,6 +158,8 @@ class Recorder:
         *,
         truth_hz: float = 10.0,
         sensors_hz: float = 2.0,
+        level: str = FULL,
+        features_hz: float = 1.0,
         csv: bool = False,
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
@@ -146,21 +169,28 @@ class Recorder:
 
         `header` holds the manifest's entries about the scenario (name, seed, start_utc, origin, operators, vehicles,
         links, …). Truth and sensors are recorded at `truth_hz` and `sensors_hz` of simulated time; 0 records none.
-        With `csv` it ends with CSV files and tlogs of what ground stations received and sent.
+        `level` says which tables are kept (`record.levels`); at `study` frames are counted in intervals of
+        1 / `features_hz` seconds.
+        With `csv` it ends with CSV files and tlogs of what ground stations received and sent, if it keeps frames.
         Rows are written every `flush_s` of wall time or every `spool_bytes`, which is also how many bytes of payloads
         are de-duplicated together. A table of more than `part_rows` rows has several files; with 0 all rows stay in the
         spool until `close`. Raises `InputError`, and leaves nothing behind, if the folder cannot be created,
         is not empty or cannot be written.
         """
         folder = expand_user(path)
-        check_rates(truth_hz, sensors_hz)
+        check_rates(truth_hz, sensors_hz, features_hz)
+        if level not in LEVELS:
+            raise InputError.one("recorder", "record.level", repr(level), f"one of {', '.join(LEVELS)}")
         try:
             epoch_of(header)
         except ValueError as error:
             raise InputError.one("header", "start_utc", repr(header["start_utc"]), "ISO 8601") from error
-        rates = {"truth_hz": truth_hz, "sensors_hz": sensors_hz, "csv": csv}
+        rates = {"level": level, "truth_hz": truth_hz, "sensors_hz": sensors_hz, "features_hz": features_hz}
+        rates["csv"] = csv and level == FULL
         manifest = {"format": FORMAT, "status": RUNNING, **describe_platform(), **header, "record": rates}
         manifest |= {"format": FORMAT, "status": RUNNING}
+        if level == SUMMARY:  # the channel of each link, which follows from the scenario, would be most of the folder
+            manifest.pop("links", None)
         made = make_folder(folder)
         try:
             write_manifest(folder, manifest)
@@ -170,13 +200,7 @@ class Recorder:
         except (TypeError, ValueError) as error:
             remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
-        state = _State(
-            FrameEncoder(spool_bytes),
-            truth_ns=period_ns(truth_hz),
-            sensors_ns=period_ns(sensors_hz),
-            truth_due=-NEVER if truth_hz else NEVER,
-            sensors_due=-NEVER if sensors_hz else NEVER,
-        )
+        state = _start_state(header, level, truth_hz, sensors_hz, features_hz, spool_bytes)
         spool = Spool(folder)
         writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
         return cls(folder, manifest, state, spool, spool_bytes, flush_s, writer, made)
@@ -190,6 +214,8 @@ class Recorder:
         *,
         truth_hz: float = 10.0,
         sensors_hz: float = 2.0,
+        level: str = FULL,
+        features_hz: float = 1.0,
         spool_bytes: int = 4 << 20,
         flush_s: float = 1.0,
     ) -> Self:
@@ -202,22 +228,18 @@ class Recorder:
             (root / SPOOL).mkdir(parents=True)
         except OSError as error:
             raise write_error(root, error) from error
-        state = _State(
-            FrameEncoder(spool_bytes, shard * SHARD_PAYLOADS),
-            truth_ns=period_ns(truth_hz),
-            sensors_ns=period_ns(sensors_hz),
-            truth_due=-NEVER if truth_hz else NEVER,
-            sensors_due=-NEVER if sensors_hz else NEVER,
-        )
+        first_payload = shard * SHARD_PAYLOADS
+        state = _start_state(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, first_payload)
         spool = Spool(root)
-        return cls(path, dict(header), state, spool, spool_bytes, flush_s, PartWriter(root, header, spool))
+        manifest = {**header, "record": {"level": level}}
+        return cls(path, manifest, state, spool, spool_bytes, flush_s, PartWriter(root, manifest, spool))
 
     def leave(self, shard: int) -> dict[str, Any]:
         """End the shard with this number: write all its files; returns what `take_over` of shard 0 needs, as plain
         data.
         """
         assert self._writer is not None
-        self.flush()
+        self.flush(last=True)
         self._spool.end_segment()
         self._closed = True
         state = self._state
@@ -226,6 +248,7 @@ class Recorder:
             "last_ns": state.last_ns,
             "digests": state.digests.to_plain(),
             "counts": state.counts,
+            "not_kept": state.not_kept,
             "outcomes": state.outcomes,
         }
 
@@ -236,6 +259,8 @@ class Recorder:
         state.digests = state.digests + Digests.from_plain(shard["digests"])
         for table, rows in shard["counts"].items():
             state.counts[table] = state.counts.get(table, 0) + rows
+        for table, rows in shard["not_kept"].items():
+            state.not_kept[table] = state.not_kept.get(table, 0) + rows
         state.outcomes |= shard["outcomes"]
         self._shards.append(Shard(**shard["written"]))
 
@@ -341,16 +366,20 @@ class Recorder:
         elif table == "receptions" and self._writer is not None:
             self._writer.observe_at_end()
         state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
-        self._append(table, batch)
+        if self._keeps(table):
+            self._append(table, batch)
+        else:
+            self._leave_out(table, batch.num_rows)
 
     # ---------------------------------------------------------------- writing
 
-    def flush(self) -> None:
-        """Write all rows now; `ComponentError` if writing fails."""
+    def flush(self, *, last: bool = False) -> None:
+        """Write all rows now, and with `last` those that wait for others to come; `ComponentError` if writing fails."""
         self._due_s = monotonic() + self._flush_s
         if not self._write_failed:
             self._write_frames()
             self._write_other_rows()
+            self._write_study_rows(last=last)
         self._clear()
 
     def _write_frames(self) -> None:
@@ -359,37 +388,71 @@ class Recorder:
         self._singles = self._frame_rows = 0
         if not frames or self._write_failed:
             return
-        encoded = self._state.encoder.encode(frames)
-        self._state.digests.add_frames(encoded.words)
-        self._state.last_ns = max(self._state.last_ns, encoded.last_ns)
-        if encoded.payloads.num_rows:  # first, so that no frame's row is without its payload
-            self._append("payloads", encoded.payloads)
-        self._append("frames", encoded.frames)
+        state = self._state
+        gathered = state.encoder.gather(frames)
+        state.digests.add_frames(state.encoder.words(gathered))
+        state.last_ns = max(state.last_ns, gathered.last_ns)
+        if self._keeps("frames"):
+            payloads = state.encoder.take_payloads()
+            if payloads.num_rows:  # first, so that no frame's row is without its payload
+                self._append("payloads", payloads)
+            self._append("frames", state.encoder.table(gathered))
+            return
+        self._leave_out("frames", gathered.rows)
+        if state.study_rows is None:
+            state.encoder.forget_payloads()
+            return
+        state.study_rows.add_frames(state.encoder, gathered)
+        if state.study_rows.is_full:
+            self._write_study_rows()
+
+    def _write_study_rows(self, *, last: bool = False) -> None:
+        if self._state.study_rows is not None:
+            for table, batch in self._state.study_rows.take(last=last):
+                self._append(table, batch)
+
+    def _keeps(self, table: str) -> bool:
+        return table in RECORDED[self._state.level]
+
+    def _leave_out(self, table: str, rows: int) -> None:
+        self._state.not_kept[table] = self._state.not_kept.get(table, 0) + rows
 
     def _write_other_rows(self) -> None:
         if self._truth:
             self._state.digests.add_truth(truth_words(self._truth))
-            self._append("truth", truth_batch(self._truth))
+            if self._keeps("truth"):
+                self._append("truth", truth_batch(self._truth))
+            else:
+                self._leave_out("truth", sum(len(tick.vehicles) for tick in self._truth))
         if self._sensors:
             self._append("sensors", sensor_batch(self._sensors))
         self._write_receptions()
         for table, rows in self._notes.items():
             if rows:
                 self._append(table, note_batch(table, rows))
-        if self._labels:
+        if self._labels and self._keeps("labels"):
             self._append("labels", label_batch(self._labels))
+        elif self._labels:
+            self._leave_out("labels", len(self._labels))
         if self._alerts:
             self._append("alerts", alert_batch(self._alerts))
 
     def _write_receptions(self) -> None:
         """Write receptions soon after the frames that they name."""
+        study_rows = self._state.study_rows
         if self._writer is not None and isinstance(self._reception_source, ForeignSource):
             foreign = self._reception_source.drain_foreign()
             if foreign is not None:
-                self._writer.add_foreign(foreign)
+                (study_rows or self._writer).add_foreign(foreign)
         receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
-        if receptions is not None and not self._write_failed:
+        if receptions is None or self._write_failed:
+            return
+        if self._keeps("receptions"):
             self._append("receptions", reception_batch(receptions))
+            return
+        self._leave_out("receptions", len(receptions.rows.time_ns))
+        if study_rows is not None:
+            study_rows.add_receptions(reception_batch(receptions))
 
     def _append(self, table: str, batch: pa.RecordBatch) -> None:
         try:
@@ -476,7 +539,7 @@ class Recorder:
             self._note_spooled(more())
             return
         try:
-            self.flush()
+            self.flush(last=True)
             self._spool.end_segment()
             if in_spool:
                 self._abandon_writer()
@@ -486,7 +549,8 @@ class Recorder:
                     self._writer = PartWriter(self.path, self._manifest, self._spool)
                     self._writer.read_spool()
                 shards = [finish_shard(self._writer), *self._shards]
-                self._manifest |= finalise(self.path, self._manifest, shards)._asdict()
+                finished = finalise(self.path, self._manifest, shards)._asdict()
+                self._manifest |= {key: found for key, found in finished.items() if found is not None}
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)
         except OSError as error:
@@ -522,6 +586,7 @@ class Recorder:
             "simulated_s": to_seconds(state.last_ns),
             "digests": state.digests.to_dict(),
             "outcomes": outcomes(vehicle_ids(self._manifest), state.outcomes),
+            **({"not_kept": dict(state.not_kept)} if state.level != FULL else {}),
             **extra,
             "status": status,
         }

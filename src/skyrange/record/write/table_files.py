@@ -19,6 +19,9 @@ from skyrange.record.spool import SPOOL
 GROUP_ROWS: Final = 131_072
 """Rows of a Parquet row group, the smallest unit that a reader must hold in memory."""
 
+WIDE_GROUP_ROWS: Final = 32_768
+"""The same for observations, which have a column for each field of Remote ID."""
+
 
 class TableFiles:
     """The open part of each table of a run, and the closed ones, beside its spool."""
@@ -80,10 +83,11 @@ def _sort_names(batch: pa.RecordBatch) -> pa.RecordBatch:
     for column in batch.columns:
         if pa.types.is_dictionary(column.type):
             codes = column.indices.fill_null(0).to_numpy(zero_copy_only=False)
-            used = np.flatnonzero(np.bincount(codes, minlength=len(column.dictionary))) if len(codes) else codes
+            seen = column.indices.drop_null().to_numpy(zero_copy_only=False)
+            used = np.flatnonzero(np.bincount(seen, minlength=len(column.dictionary))) if len(seen) else seen
             names = column.dictionary.take(pa.array(used))
             order = pa.compute.array_sort_indices(names).to_numpy()
-            place = np.zeros(len(column.dictionary), dtype=np.int32)
+            place = np.zeros(max(len(column.dictionary), 1), dtype=np.int32)
             place[used[order]] = np.arange(len(order), dtype=np.int32)
             mask = column.is_null().to_numpy(zero_copy_only=False) if column.null_count else None
             column = pa.DictionaryArray.from_arrays(pa.array(place[codes], mask=mask), names.take(pa.array(order)))

@@ -116,6 +116,8 @@ class Core:
                 truth_hz=record.truth_hz,
                 sensors_hz=record.sensors_hz,
                 flush_s=math.inf,
+                level=record.level,
+                features_hz=record.features_hz,
             )
         self.recorder.record_receptions(replica)
         self.kernel.set_observers([self.recorder])

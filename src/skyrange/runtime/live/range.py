@@ -15,6 +15,7 @@ from skyrange.core.ids import vehicle_id
 from skyrange.core.time import NS_PER_S
 from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
+from skyrange.record.levels import FULL
 from skyrange.runtime.live.boot_telemetry import set_boot_rates
 from skyrange.runtime.live.deployment import Deployment, Group, assign_components, component_of
 from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
@@ -134,6 +135,9 @@ def prepare_range(
     Raises `InputError` with all that is wrong, before anything is written.
     """
     machine = system or RealSystem()
+    if scenario.record.level != FULL:
+        hint = "The records of its processes are matched by their frames. Add --set record.level=full."
+        raise InputError.one("live", "record.level", scenario.record.level, FULL, hint)
     built = build(set_boot_rates(scenario, outside), motion=motion)
     built.close()  # its radio engine, which could be started, is started again by the world's process
     links = built.wiring.links

@@ -201,7 +201,14 @@ class Sensors(Model):
 
 
 class Record(Model):
-    """Recording rates of truth and sensors. Frames, decisions and events are always recorded in full."""
+    """What a run keeps, and at which rates."""
+
+    level: Literal["full", "study", "summary"] = Field(
+        default="full",
+        description="Which tables are kept: all (full); all but frames, payloads, receptions and telemetry, with "
+        "features in their place (study); only decisions, events and alerts (summary). The flight and its fingerprint "
+        "are the same.",
+    )
 
     truth_hz: Number = Field(
         default=10.0, ge=0, le=400, description="Rows of truth per aircraft and second; 0 records none."
@@ -209,10 +216,16 @@ class Record(Model):
     sensors_hz: Number = Field(
         default=5.0, ge=0, le=400, description="Rows of sensors per aircraft and second; 0 records none."
     )
+    features_hz: Number = Field(
+        default=1.0,
+        gt=0,
+        le=400,
+        description="Rows of features per direction of a link and second, at level study.",
+    )
     csv: bool = Field(
         default=False,
-        description="Whether the run ends with a CSV file and tlogs of each operator. `skyrange export --csv --tlog` "
-        "writes them later.",
+        description="Whether the run ends with a CSV file and tlogs of each operator; only at level full. `skyrange "
+        "export --csv --tlog` writes them later.",
     )
 
 

@@ -36,6 +36,9 @@ _KEYS: dict[str, tuple[str, ...]] = {
 }
 """The tables that are compared row by row, with the columns that order and identify rows, first a time in ns."""
 
+_FEATURES = ("time_ns", "link", "direction")
+"""The same for `features`, which are compared if one of the runs has no frames."""
+
 _COUNTED = [name for name in TABLES if name not in DERIVED and name != "payloads"]
 """Derived tables and payloads are left out: they follow from the others, however payloads were de-duplicated."""
 
@@ -78,6 +81,10 @@ class Difference:
     numeric: tuple[str | None, str | None]
     unverified: tuple[tuple[str, ...], tuple[str, ...]]
     """What is not as the run's own manifest says (`record.verification`); such runs are never the same."""
+    uncompared: Mapping[str, str]
+    """By table, why its rows are not compared: a run's level leaves it out. The digests of frames and truth tell
+    whether they are equal; of runs that did not end nothing does, and these are not the same.
+    """
     apart: Mapping[str, tuple[float, float | None]]
     """By aircraft, the largest distance in metres between its positions in the two runs at the same time, and when in
     seconds it first exceeded `DEPARTED_M`; empty if truth is the same or the fleets differ."""
@@ -100,6 +107,7 @@ class Difference:
         lines = [f"a: {self.a} ({self.statuses[0]})", f"b: {self.b} ({self.statuses[1]})"]
         for side, problems in zip("ab", self.unverified, strict=True):
             lines += [f"{side} is not as its manifest says: {problem}" for problem in problems]
+        lines += [self._describe_uncompared(table, why) for table, why in self.uncompared.items()]
         if self.same:
             rows = ", ".join(f"{count} {name}" for name, (count, _) in self.counts.items() if count)
             return "\n".join([*lines, f"the same: {rows or 'both empty'}"])
@@ -117,12 +125,18 @@ class Difference:
             )
         return "\n".join(lines)
 
+    def _describe_uncompared(self, table: str, why: str) -> str:
+        mine, other = self.digests.get(table, (None, None))
+        known = "" if mine is None or other is None else f"; the digests {'are equal' if mine == other else 'differ'}"
+        return f"{table} not compared: {why}{known}"
+
 
 def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
     """Compare two runs, complete or killed; raises `InputError` for a folder that is not a run's.
 
     Runs that ended are verified first. Frames and truth of two that are as their manifests say are not compared row by
-    row if their digests are equal.
+    row if their digests are equal. A table that one of the runs does not keep is not compared; if that is frames,
+    features are, where both have them.
     """
     left, right = (run if isinstance(run, RunRecord) else load(run) for run in (a, b))
     digests = {
@@ -131,7 +145,19 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
     unverified = _unverified(left), _unverified(right)
     first: dict[str, RowDifference] = {}
     columns: dict[str, tuple[list[str], list[str]]] = {}
-    for table in _KEYS:
+    uncompared = {
+        table: " and ".join(
+            f"{side} has none (level {run.level})"
+            for side, run in zip("ab", (left, right), strict=True)
+            if not run.keeps(table)
+        )
+        for table in _COUNTED
+        if not (left.keeps(table) and right.keeps(table))
+    }
+    tables = [table for table in _KEYS if table not in uncompared]
+    if "frames" in uncompared and left.keeps("features") and right.keeps("features"):
+        tables.append("features")
+    for table in tables:
         mine, other = (set(run.tables.schema(table).names) for run in (left, right))
         if mine != other:
             columns[table] = sorted(mine - other), sorted(other - mine)
@@ -140,7 +166,7 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
             found = _first_difference(table, left, right, mine & other)
             if found is not None:
                 first[table] = found
-    counts = {name: (left.rows(name), right.rows(name)) for name in _COUNTED}
+    counts = {name: (left.rows(name), right.rows(name)) for name in _COUNTED if name not in uncompared}
     ends = left.outcomes, right.outcomes
     outcomes = {
         vehicle: (ends[0].get(vehicle), ends[1].get(vehicle))
@@ -151,6 +177,7 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         a=str(left.path),
         b=str(right.path),
         same=not (first or outcomes or columns or any(unverified))
+        and all(digests[name][0] and not _differ(digests[name]) for name in ("frames", "truth") if name in uncompared)
         and all(mine == other for mine, other in counts.values()),
         statuses=(left.status, right.status),
         counts=counts,
@@ -160,8 +187,13 @@ def diff(a: RunRecord | Path | str, b: RunRecord | Path | str) -> Difference:
         columns=columns,
         numeric=(_numeric(left), _numeric(right)),
         unverified=unverified,
+        uncompared=uncompared,
         apart=_distances(left, right) if "truth" in first else {},
     )
+
+
+def _differ(pair: tuple[str | None, str | None] | None) -> bool:
+    return pair is not None and pair[0] != pair[1]
 
 
 def _unverified(run: RunRecord) -> tuple[str, ...]:
@@ -183,7 +215,7 @@ def _apart(vehicle: str, away_m: float, first_s: float | None) -> str:
 
 
 def _first_difference(table: str, a: RunRecord, b: RunRecord, columns: set[str]) -> RowDifference | None:
-    keys = _KEYS[table]
+    keys = _keys_of(table)
     streams = _ordered(table, a, columns), _ordered(table, b, columns)
     held: list[Any] = [None, None]
     while True:
@@ -208,20 +240,25 @@ def _first_difference(table: str, a: RunRecord, b: RunRecord, columns: set[str])
 def _ordered(table: str, run: RunRecord, columns: set[str]) -> Iterator[pa.Table]:
     """The common columns of a table in canonical order; frames have payloads instead of payload ids."""
     names = [name for name in run.tables.schema(table).names if name in columns and name != "payload_id"]
-    names = [*_KEYS[table], *sorted(name for name in names if name not in _KEYS[table])]
+    keys = _keys_of(table)
+    names = [*keys, *sorted(name for name in names if name not in keys)]
 
     def tables() -> Iterator[pa.Table]:
         if table == "frames":
             source = run.tables.frames_with_payloads(names)
         else:
-            source = (pa.Table.from_batches([batch]) for batch in run.tables.batches(table, names))
+            source = (pa.Table.from_batches([batch]) for batch in run.batches(table, names))
         for batch in source:
             if "causes" in names:
                 place = batch.schema.get_field_index("causes")
                 batch = batch.set_column(place, "causes", pc.binary_join(batch.column("causes"), " "))
             yield batch
 
-    return sort_by_time(tables, _KEYS[table][0], _KEYS[table][1:])
+    return sort_by_time(tables, keys[0], keys[1:])
+
+
+def _keys_of(table: str) -> tuple[str, ...]:
+    return _FEATURES if table == "features" else _KEYS[table]
 
 
 def _first_unequal_row(a: pa.Table, b: pa.Table) -> int | None:
@@ -269,7 +306,7 @@ def _name(table: str, row: Mapping[str, Any]) -> str:
         return f"{FrameId(row['link'], row['direction'], row['sender'], row['serial'])} ({what})"
     if table == "truth":
         return str(row["vehicle"])
-    return " ".join(str(row[key]) for key in _KEYS[table][1:])
+    return " ".join(str(row[key]) for key in _keys_of(table)[1:])
 
 
 def _alike(a: object, b: object) -> bool:

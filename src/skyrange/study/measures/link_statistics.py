@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames.frame import Fate
+from skyrange.record.levels import keeps
 from skyrange.study.measures.time_series import Record
 
 _BINS_PER_DECADE = 230
@@ -59,7 +60,9 @@ class LinkStatistics:
 
     @property
     def p95_latency_s(self) -> float:
-        """The 95th percentile of the latency of delivered frames, accurate to 1 %; NaN if nothing was delivered."""
+        """The 95th percentile of the latency of delivered frames, accurate to 1 %; NaN if nothing was delivered, or if
+        only sums of latencies were recorded.
+        """
         total = int(self._latencies.sum())
         if not total:
             return math.nan
@@ -88,13 +91,19 @@ class LinkStatistics:
 
 
 def link_statistics(record: Record) -> list[LinkStatistics]:
-    """Statistics of every direction of every link that the manifest names or that a frame used, by kind and owner."""
+    """Statistics of every direction of every link that the manifest names or that a frame used, by kind and owner.
+
+    For a run at level `study` they are sums of its features, without percentiles. Raises `InputError` at `summary`.
+    """
     found: dict[tuple[str, str], LinkStatistics] = {}
     for row in record.manifest.get("links") or []:
         for direction in ("fwd", "rev"):
             _entry(found, str(row["name"]), direction)
-    for batch in record.batches("frames", ["link", "direction", "fate", "size", "sent_ns", "arrived_ns"]):
-        _count(found, batch)
+    if keeps(record.manifest, "frames") or not keeps(record.manifest, "features"):
+        for batch in record.batches("frames", ["link", "direction", "fate", "size", "sent_ns", "arrived_ns"]):
+            _count(found, batch)
+    else:
+        _add_features(found, record)
     return sorted(found.values(), key=lambda stats: (stats.kind, stats.owner, stats.direction))
 
 
@@ -112,6 +121,21 @@ def _entry(found: dict[tuple[str, str], LinkStatistics], link: str, direction: s
         kind, _, owner = link.partition(":")
         found[link, direction] = LinkStatistics(kind, owner, direction)
     return found[link, direction]
+
+
+def _add_features(found: dict[tuple[str, str], LinkStatistics], record: Record) -> None:
+    """Add the features of each directed link."""
+    fates = [str(fate) for fate in Fate]
+    sums = [(name, "sum") for name in (*fates, "size_bytes", "latency_sum_ns")]
+    table = record.table("features", ["link", "direction", *(name for name, _ in sums), "latency_max_ns"])
+    for row in table.group_by(["link", "direction"]).aggregate([*sums, ("latency_max_ns", "max")]).to_pylist():
+        entry = _entry(found, row["link"], row["direction"])
+        for fate in fates:
+            if row[f"{fate}_sum"]:
+                entry.add_frames(fate, row[f"{fate}_sum"], 0)
+        entry.size_bytes += row["size_bytes_sum"]
+        entry.latency_sum_s += row["latency_sum_ns_sum"] * 1e-9
+        entry.latency_max_s = max(entry.latency_max_s, (row["latency_max_ns_max"] or 0) * 1e-9)
 
 
 def _count(found: dict[tuple[str, str], LinkStatistics], batch: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pyarrow as pa
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.ids import link_name
 from skyrange.core.time import NS_PER_S
+from skyrange.record.levels import keeps
 from skyrange.study.measures.time_series import Record, vehicles
 
 Floats = NDArray[np.float64]
@@ -38,7 +39,7 @@ class ReceptionColumns:
 
 @dataclass(frozen=True, slots=True)
 class ReceptionSummary:
-    """Receptions of one sender by one receiver: `decoded` of `of` recorded ones.
+    """Receptions of one sender by one receiver: `decoded` of `of` recorded ones, `None` if only those were recorded.
 
     Signal strengths are those of decoded receptions, or of all if none was decoded. `first_s` and `last_s` are the ends
     of the first and last decoded reception, `None` without one. `silence_s` is the longest time between two, `None`
@@ -48,7 +49,7 @@ class ReceptionSummary:
     receiver: str
     sender: str
     decoded: int
-    of: int
+    of: int | None
     median_dbm: float
     most_dbm: float
     first_s: float | None
@@ -91,7 +92,8 @@ def summarise_receptions(record: Record, receivers: Collection[str] | None = Non
         for one, *own in zip(found.tolist(), *(np.split(column[order], ends) for column in columns), strict=True):
             key = _sender(links[one // len(names)]), names[one % len(names)]
             parts.setdefault(key, []).append((own[0], own[1], own[2]))
-    return [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
+    found_all = [_hearing(*pair, parts[pair]) for pair in sorted(parts)]
+    return found_all if keeps(record.manifest, "receptions") else [replace(one, of=None) for one in found_all]
 
 
 def reception_summaries(record: Record) -> list[ReceptionSummary]:
@@ -115,13 +117,34 @@ _NONE = ReceptionColumns(
 def _read(
     record: Record, column: str, names: Collection[str] | None, more: Sequence[str] = ()
 ) -> Iterator[pa.RecordBatch]:
-    """The rows whose `column` is one of `names` (all rows without names), batch by batch, without empty batches."""
-    for batch in record.batches("receptions", ["time_ns", "link", "receiver", "rssi_dbm", "outcome", *more]):
+    """The rows whose `column` is one of `names` (all rows without names), batch by batch, without empty batches.
+
+    For a run at level `study` these are the decoded ones, which its observations tell of.
+    """
+    columns = ["time_ns", "link", "receiver", "rssi_dbm", "outcome", *more]
+    if keeps(record.manifest, "receptions") or not keeps(record.manifest, "observations"):
+        batches = record.batches("receptions", columns)
+    else:
+        batches = _decoded_receptions(record, columns)
+    for batch in batches:
         kept = batch
         if names is not None:
             kept = batch.filter(pc.is_in(batch.column(column), value_set=pa.array(list(names), pa.string())))
         if kept.num_rows:
             yield kept
+
+
+def _decoded_receptions(record: Record, columns: Sequence[str]) -> Iterator[pa.RecordBatch]:
+    """Some columns of the receptions that the rows of `observations` come from."""
+    known = {name: f"receiver_{name}" for name in ("east_m", "north_m", "up_m")}
+    read = [known.get(name, name) for name in columns if name not in ("link", "outcome")]
+    for batch in record.batches("observations", ["radio", *read]):
+        made = {
+            "link": pc.binary_join_element_wise("rid_up", batch.column("radio"), ":"),
+            "outcome": pa.array(["decoded"] * batch.num_rows, pa.string()),
+        }
+        arrays = [made[name] if name in made else batch.column(known.get(name, name)) for name in columns]
+        yield pa.RecordBatch.from_arrays(arrays, names=list(columns))
 
 
 def _sender(link: str) -> str:

@@ -27,7 +27,7 @@ def render_receptions(rows: Sequence[ReceptionSummary]) -> Markup:
                 "second": row.receiver,
                 "numbers": (
                     quantities.count(row.decoded),
-                    quantities.count(row.of),
+                    quantities.count(row.of) if row.of is not None else quantities.MISSING,
                     quantities.quantity(row.median_dbm, "dBm", 0),
                     quantities.quantity(row.most_dbm, "dBm", 0),
                 ),

@@ -19,6 +19,7 @@ from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.levels import require_level
 from skyrange.study.parallel_runs import OnRunProgress, run_all
 from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.variants.run_measures import QUANTITIES, RunMeasures, measure_run
@@ -130,6 +131,7 @@ def compare_variants(
     scenarios: dict[str, Scenario] = {}
     for variant, given in all_changes.items():
         scenarios[variant] = load_scenario(str(name), given, seed=seed, buildings=buildings)
+        require_level(scenarios[variant], "truth", "compare")
         build(scenarios[variant])  # raises errors in the scenario before a folder is created
     base = scenarios[UNCHANGED]
     numbers = tuple(base.seed + k for k in range(seeds))

@@ -63,6 +63,8 @@ def measure_run(record: RunRecord) -> RunMeasures:
 
 def _inside(record: RunRecord) -> float | None:
     """The share of the flight time in claimed airspace, in percent, over all flights that an approval tracks."""
+    if not record.keeps("frames"):  # in which claims are
+        return None
     claims = {vehicle: own for vehicle, own in read_claims(record).items() if is_tracked(own)}
     tracks = truth_tracks(record) if claims else {}
     shares = [inside_share(own, tracks[vehicle]) for vehicle, own in claims.items() if vehicle in tracks]

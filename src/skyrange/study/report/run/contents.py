@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
+from skyrange.record.levels import keeps
 from skyrange.study.figures.palette import ThemeColour, base_colours, theme_colour
 from skyrange.study.figures.subject import Subject, subject_of
 from skyrange.study.measures.approvals import FlightApprovals, measure_approvals
@@ -19,6 +20,7 @@ from skyrange.study.measures.link_statistics import LinkStatistics, link_statist
 from skyrange.study.measures.mishaps import Mishap, find_mishaps
 from skyrange.study.measures.receptions import ReceptionSummary, reception_summaries
 from skyrange.study.measures.time_series import (
+    EMPTY_TRACK,
     Record,
     RecordedNote,
     Track,
@@ -72,6 +74,11 @@ class RunContents:
         return str(self.manifest.get("status") or "unknown")
 
     @property
+    def has_frames(self) -> bool:
+        """Whether the run kept its frames, and with them belief, waypoints and claims."""
+        return keeps(self.manifest, "frames")
+
+    @property
     def fleet(self) -> Sequence[Vehicle]:
         """The aircraft, in the manifest's order."""
         return self.subject.fleet
@@ -85,7 +92,9 @@ class RunContents:
 def read_run(record: Record) -> RunContents:
     """Read a run."""
     subject = subject_of(record)
-    truth, belief = truth_tracks(record), belief_tracks(record)
+    has_frames = keeps(record.manifest, "frames")
+    truth = truth_tracks(record)
+    belief = belief_tracks(record) if has_frames else dict.fromkeys(truth, EMPTY_TRACK)
     events, decisions, attacks = read_notes(record, "events"), read_notes(record, "decisions"), labelled_acts(record)
     recorded = end_ns(record, [*truth.values(), *belief.values()])
     start = min((int(track.time_ns[0]) for track in truth.values() if len(track)), default=0)
@@ -97,7 +106,7 @@ def read_run(record: Record) -> RunContents:
         operator_colours={name: theme_colour(colour) for name, colour in base_colours(operators(record)).items()},
         truth={name: track.until(view) for name, track in truth.items()},
         belief={name: track.until(view) for name, track in belief.items()},
-        waypoints=received_waypoints(record),
+        waypoints=received_waypoints(record) if has_frames else {},
         events=events,
         decisions=decisions,
         attacks=attacks,
@@ -106,7 +115,7 @@ def read_run(record: Record) -> RunContents:
         flights=summarise_flights(record, subject.fleet, truth, belief, events),
         reception_summaries=reception_summaries(record),
         approvals=measure_approvals(decisions),
-        claims=read_claims(record),
+        claims=read_claims(record) if has_frames else {},
         start_ns=start,
         end_ns=view,
         recorded_ns=recorded,

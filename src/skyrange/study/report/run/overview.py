@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from skyrange.city.reading import describe_reading
+from skyrange.record.levels import FULL, level_of
 from skyrange.study.figures.svg import format_number
 from skyrange.study.measures.flight_summary import FlightSummary
 from skyrange.study.measures.time_series import Track
@@ -36,6 +37,12 @@ def warning(run: RunContents) -> Mapping[str, str] | None:
     title, text = _WARNINGS.get(run.status, (f"Status: {run.status}", "This run did not complete."))
     reason = run.manifest.get("reason") or run.manifest.get("error") or ""
     return {"title": title, "text": text, "reason": str(reason)}
+
+
+def level(run: RunContents) -> str:
+    """The level at which the run was recorded if it is not `full`; else ""."""
+    found = level_of(run.manifest)
+    return found if found != FULL else ""
 
 
 def identity(run: RunContents) -> Mapping[str, Any]:

@@ -37,6 +37,8 @@ def render_run(record: Record) -> str:
         script=script,
         scene=scene,
         warning=overview.warning(run),
+        level=overview.level(run),
+        has_frames=run.has_frames,
         **overview.identity(run),
         numbers=overview.numbers(run),
         overview=run_figures.draw_overview(run.subject, run.truth, run.marks),
