@@ -225,15 +225,14 @@ def _list_crossings(wiring: Wiring, here: Endpoints) -> Iterator[Crossing]:
     """The links on which this core sends to others, those of the oracle aside, of which each core has a replica."""
     agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
     service = {port: agent.service_ns for agent in agents for port in agent.ports}
-    tapped = {(spec.name, end) for spec in wiring.links for end in (spec.a, spec.b) if _has_tap(wiring, spec, end)}
     for spec in wiring.links:
         if ORACLE in (spec.a, spec.b) or here.core_of(spec.a) == here.core_of(spec.b):
             continue
         for end in (spec.a, spec.b):
             if end in here:
                 # a tap may send at any time
-                every = 0 if (spec.name, end) in tapped else service.get(Port(end, spec.name), 0)
-                yield Crossing(spec.channel.latency_ns, every)
+                served_ns = 0 if _has_tap(wiring, spec, end) else service.get(Port(end, spec.name), 0)
+                yield Crossing(spec.channel.latency_ns, served_ns)
 
 
 def _has_tap(wiring: Wiring, spec: LinkSpec, end: str) -> bool:
