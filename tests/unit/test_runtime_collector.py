@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import weakref
+from collections.abc import Iterator
 
 import pytest
 
@@ -15,6 +16,15 @@ class Knot:
 
     def __init__(self) -> None:
         self.me = self
+
+
+@pytest.fixture(autouse=True)
+def _pythons_own_threshold() -> Iterator[None]:
+    """A command that ran in this process has made the collector less frequent for good."""
+    before = gc.get_threshold()
+    gc.set_threshold(700, *before[1:])
+    yield
+    gc.set_threshold(*before)
 
 
 def test_everything_is_as_before_afterwards_even_where_it_breaks() -> None:

@@ -36,6 +36,12 @@ Row = tuple[str, int, str, int]
 """Receiver, end of the reception in ns, the radio that sent, the serial number of its frame."""
 
 
+def with_encoded_links(frames: pa.Table) -> pa.Table:
+    """Frames as a record has them for its readers: names of links as dictionaries."""
+    place = frames.column_names.index("link")
+    return frames.set_column(place, "link", frames.column("link").dictionary_encode())
+
+
 class Tables:
     """Receptions in batches, counted as they are read, and the frames that they name: one per radio and serial."""
 
@@ -59,19 +65,21 @@ class Tables:
             ]  # fmt: skip
             yield pa.RecordBatch.from_pylist(rows, schema=arrow_schema("receptions")).select(list(columns))
 
-    def frames_with_payloads(self, columns: Sequence[str]) -> Iterator[pa.Table]:
+    def frames_with_payloads(self, columns: Sequence[str], *, encoded: bool = False) -> Iterator[pa.Table]:
         for batch in self._batches:
             sent = sorted({(at_ns - 5, radio, serial) for _, at_ns, radio, serial in batch})
-            yield pa.table(
-                {
-                    "link": [f"rid_up:{radio}" for _, radio, _ in sent],
-                    "direction": ["fwd"] * len(sent),
-                    "sender": [f"{radio}.companion" for _, radio, _ in sent],
-                    "serial": [serial for _, _, serial in sent],
-                    "sent_ns": [at_ns for at_ns, _, _ in sent],
-                    "arrived_ns": [at_ns for at_ns, _, _ in sent],
-                    "payload": [self._payload or broadcast(serial) for _, _, serial in sent],
-                }
+            yield with_encoded_links(
+                pa.table(
+                    {
+                        "link": [f"rid_up:{radio}" for _, radio, _ in sent],
+                        "direction": ["fwd"] * len(sent),
+                        "sender": [f"{radio}.companion" for _, radio, _ in sent],
+                        "serial": [serial for _, _, serial in sent],
+                        "sent_ns": [at_ns for at_ns, _, _ in sent],
+                        "arrived_ns": [at_ns for at_ns, _, _ in sent],
+                        "payload": [self._payload or broadcast(serial) for _, _, serial in sent],
+                    }
+                )
             )
 
 
@@ -143,7 +151,7 @@ def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_sa
         "arrived_ns": [500, 300, None], "payload": [b"INJECTED", b"TELEMETRY", b"LOST"],
     }  # fmt: skip
     run = record()
-    run.tables.frames_with_payloads = lambda columns: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
+    run.tables.frames_with_payloads = lambda columns, *, encoded=False: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
     made = packet_captures.mavlink(run, tmp_path / "m.pcapng")
     assert made.by == {"gcs:a/1": 0, "gcs:b/1": 2}
     written = made.path.read_bytes()

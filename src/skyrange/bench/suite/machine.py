@@ -8,6 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 from skyrange.bench.suite.results import Machine
+from skyrange.core.errors import InputError
+from skyrange.core.input_files import MIB, read_input
 
 _CPUINFO = Path("/proc/cpuinfo")
 
@@ -32,11 +34,12 @@ def _processor() -> tuple[str, frozenset[str]]:
     """Model of the processor, and its flags where the system lists them."""
     found: dict[str, str] = {}
     try:
-        for line in _CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines():
+        text = read_input(_CPUINFO, "bench all", max_bytes=MIB).decode(errors="replace")
+        for line in text.splitlines():
             key, _, value = line.partition(":")
             found.setdefault(key.strip(), value.strip())
-    except OSError:
-        pass
+    except InputError:
+        pass  # another system
     return found.get("model name") or platform.processor() or platform.machine(), frozenset(
         found.get("flags", "").split()
     )
