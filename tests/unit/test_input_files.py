@@ -237,7 +237,8 @@ def test_all_reading_passes_one_place() -> None:
         "record/spool.py", "record/write/operator_files.py", "io/processes/program.py", "io/processes/single_run.py",
         "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
         "runtime/live/transport/file_chunks.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
-        "vehicle/ardupilot/program/arducopter_binary.py", "study/report/rendering.py", "bench/live.py", "bench/suite/observation.py",
+        "vehicle/ardupilot/program/arducopter_binary.py", "study/report/rendering.py", "bench/live.py",
+        "bench/suite/observation.py",
         "radio/external/engine_sources.py",
     }  # fmt: skip
     root = Path(input_files.__file__).parents[1]
