@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
@@ -171,6 +172,14 @@ class TapPlacement:
     cost_ns: Time = 0
     """Time that the endpoint's processor needs for such a frame before the tap decides on it, in ns. Of a defence
     alone; skyrange fills it in from the scenario."""
+
+    def find_ends(self, spec: LinkSpec) -> list[str]:
+        """The ends of a link at which it places a tap: one where it fits, both or none where `side` is wrong; none of a
+        link that does not match.
+        """
+        if not fnmatchcase(spec.name, self.match):
+            return []
+        return [end for end in (spec.a, spec.b) if end == self.side or end.endswith("." + self.side)]
 
 
 @dataclass(slots=True)

@@ -128,7 +128,7 @@ def place_taps(wiring: Wiring, links: Mapping[str, DirectedLink], attacks: Mappi
                     nearest(placement.attack, attacks),
                 )
         for spec in matched:
-            ends = [end for end in (spec.a, spec.b) if end == placement.side or end.endswith("." + placement.side)]
+            ends = placement.find_ends(spec)
             if len(ends) != 1:
                 raise InputError.one(
                     "wiring", f"taps[{number}].side", placement.side, f"one end of {spec.name}: {spec.a} or {spec.b}"

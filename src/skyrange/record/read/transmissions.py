@@ -114,9 +114,12 @@ class Transmissions:
 
     def add(self, frames: pa.Table) -> None:
         """Add frames with `FRAME_COLUMNS` and their payloads, in the order recorded."""
-        if not frames.num_rows:
-            return
-        self.read_ns = max(self.read_ns, pc.max(frames.column("sent_ns")).as_py())
+        if frames.num_rows:
+            self.read_ns = max(self.read_ns, pc.max(frames.column("sent_ns")).as_py())
+            self.add_foreign(frames)
+
+    def add_foreign(self, frames: pa.Table) -> None:
+        """Add such frames that another process records: how far this one has recorded they do not tell."""
         rows = frames.filter(is_transmission(frames))
         if rows.num_rows:
             times = pc.coalesce(rows.column("arrived_ns"), rows.column("sent_ns"))

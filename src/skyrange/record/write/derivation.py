@@ -204,9 +204,7 @@ class _Observations:
         self._transmissions.drop(min(earliest_ns, self._transmissions.read_ns) - KEPT_NS)
 
     def add_foreign(self, rows: pa.Table) -> None:
-        read_ns = self._transmissions.read_ns
-        self._transmissions.add(rows)
-        self._transmissions.read_ns = read_ns  # of what this process records
+        self._transmissions.add_foreign(rows)
 
     def add_receptions(self, batch: pa.RecordBatch) -> None:
         rows = decoded_rows(batch)

@@ -48,7 +48,7 @@ class Shard(NamedTuple):
     """Size and hash of parts, by name."""
 
 
-def finish_shard(writer: PartWriter, number: int = 0) -> Shard:
+def finish_shard(writer: PartWriter, number: int) -> Shard:
     """Write the rest of a shard. Raises `ComponentError` if writing fails."""
     messages, derived = writer.finish()
     return Shard(number, messages, derived, {path.name: known for path, known in writer.described.items()})

@@ -52,9 +52,7 @@ class ObservationRows:
 
     def add_foreign(self, rows: pa.Table) -> None:
         """Add transmissions that another process records: `FRAME_COLUMNS` and payloads."""
-        read_ns = self._transmissions.read_ns
-        self._transmissions.add(rows)
-        self._transmissions.read_ns = read_ns  # of what this process records
+        self._transmissions.add_foreign(rows)
 
     def add_receptions(self, batch: pa.RecordBatch) -> None:
         """Add rows of `receptions`, soon after the frames that they name."""

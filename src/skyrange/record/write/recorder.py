@@ -124,8 +124,9 @@ class Recorder:
         flush_s: float,
         writer: PartWriter | None,
         made: Sequence[Path] = (),
+        shard: int = 0,
     ) -> None:
-        """Use `Recorder.open`."""
+        """Use `Recorder.open` or `Recorder.join`."""
         self.path = path
         self.truth_period_ns: Time = common_period_ns(state.truth_ns, state.sensors_ns)
         self._manifest = manifest
@@ -148,6 +149,7 @@ class Recorder:
         self._sensors: list[SensorTick] = []
         self._tick_bytes = 0
         self._reception_source: ReceptionSource | None = None
+        self._shard = shard
         self._shards: list[Shard] = []
 
     @classmethod
@@ -232,19 +234,18 @@ class Recorder:
         state = _start_state(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, first_payload)
         spool = Spool(root)
         manifest = {**header, "record": {"level": level}}
-        return cls(path, manifest, state, spool, spool_bytes, flush_s, PartWriter(root, manifest, spool))
+        writer = PartWriter(root, manifest, spool)
+        return cls(path, manifest, state, spool, spool_bytes, flush_s, writer, shard=shard)
 
-    def leave(self, shard: int) -> dict[str, Any]:
-        """End the shard with this number: write all its files; returns what `take_over` of shard 0 needs, as plain
-        data.
-        """
+    def leave(self) -> dict[str, Any]:
+        """End a shard: write all its files; returns what `take_over` of shard 0 needs, as plain data."""
         assert self._writer is not None
         self.flush(last=True)
         self._spool.end_segment()
         self._closed = True
         state = self._state
         return {
-            "written": finish_shard(self._writer, shard)._asdict(),
+            "written": finish_shard(self._writer, self._shard)._asdict(),
             "last_ns": state.last_ns,
             "digests": state.digests.to_plain(),
             "counts": state.counts,
@@ -548,7 +549,7 @@ class Recorder:
                 if self._writer is None:
                     self._writer = PartWriter(self.path, self._manifest, self._spool)
                     self._writer.read_spool()
-                shards = [finish_shard(self._writer), *self._shards]
+                shards = [finish_shard(self._writer, self._shard), *self._shards]
                 finished = finalise(self.path, self._manifest, shards)._asdict()
                 self._manifest |= {key: found for key, found in finished.items() if found is not None}
             self._manifest |= self._final_entries(status, more())

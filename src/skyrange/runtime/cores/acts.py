@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 from skyrange.assembly.build import Acts, stay_elsewhere
 from skyrange.contracts.links import AttackPlan, LinkSpec, TapPlacement
@@ -80,9 +79,6 @@ def _list_vehicles(plan: AttackPlan) -> Iterator[str]:
 
 def _list_tapped(taps: Sequence[TapPlacement], links: Sequence[LinkSpec]) -> Iterator[str]:
     """The owners of the ends at which taps are; of an end at the oracle, which all share, the owner of the link."""
-    for tap in taps:
-        for spec in links:
-            if fnmatchcase(spec.name, tap.match):
-                for end in (spec.a, spec.b):
-                    if end == tap.side or end.endswith("." + tap.side):
-                        yield spec.name.split(":", 1)[1] if end == ORACLE else owner_of(end)
+    for spec in links:
+        for end in (end for tap in taps for end in tap.find_ends(spec)):
+            yield spec.name.split(":", 1)[1] if end == ORACLE else owner_of(end)

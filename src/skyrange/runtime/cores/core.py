@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
 
@@ -60,7 +59,7 @@ class Core:
     def __init__(self, scenario: Scenario, division: Division, member: Member) -> None:
         """Build what is on this core. Raises `InputError` with everything that is wrong with the scenario."""
         self.member = member
-        self.began = time.perf_counter()
+        self._began = time.perf_counter()
         self._scenario = scenario
         self._division = division
         here = division.endpoints(scenario, member.number)
@@ -121,7 +120,7 @@ class Core:
             )
         self.recorder.record_receptions(replica)
         self.kernel.set_observers([self.recorder])
-        self.setup_s = time.perf_counter() - self.began
+        self.setup_s = time.perf_counter() - self._began
 
     def advance(self, until: Time, stop: bool) -> bool:
         """Run to the next barrier, no later than `until`; returns whether the first core has asked to stop there.
@@ -177,7 +176,7 @@ class Core:
         self.kernel.advance(self.kernel.now, self._inbound)
         self.kernel.finish()
         self.built.close()
-        shard = self.recorder.leave(self.member.number) if self.member.number else None
+        shard = self.recorder.leave() if self.member.number else None
         told = {
             "shard": shard,
             "engines": describe_engines(self.built.wiring.engines),
@@ -231,12 +230,6 @@ def _list_crossings(wiring: Wiring, here: Endpoints) -> Iterator[Crossing]:
         for end in (spec.a, spec.b):
             if end in here:
                 # a tap may send at any time
-                served_ns = 0 if _has_tap(wiring, spec, end) else service.get(Port(end, spec.name), 0)
+                tapped = any(end in tap.find_ends(spec) for tap in wiring.taps)
+                served_ns = 0 if tapped else service.get(Port(end, spec.name), 0)
                 yield Crossing(spec.channel.latency_ns, served_ns)
-
-
-def _has_tap(wiring: Wiring, spec: LinkSpec, end: str) -> bool:
-    """Whether a tap may be at an end of a link."""
-    return any(
-        fnmatchcase(spec.name, tap.match) and (end == tap.side or end.endswith("." + tap.side)) for tap in wiring.taps
-    )
