@@ -67,6 +67,7 @@ def assert_same(
 def divide_small_fleets(monkeypatch: pytest.MonkeyPatch) -> None:
     for least in ("MIN_VEHICLES", "MIN_ON_AIR"):
         monkeypatch.setattr(f"skyrange.runtime.cores.division.{least}", 1)
+    monkeypatch.setattr("skyrange.runtime.cores.division.available_cpus", lambda: [0, 1])
 
 
 def operator(name: str, approval: str, east_m: float, count: int, more: str = "") -> str:

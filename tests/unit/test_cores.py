@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
 
@@ -19,6 +19,7 @@ from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, ceil_to
 from skyrange.kernel import Transit
+from skyrange.runtime.cores import division
 from skyrange.runtime.cores.division import Crossing, divide, find_barrier_period
 from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
 from skyrange.runtime.cores.fleet_motion import FleetMotion
@@ -154,6 +155,19 @@ def test_barriers_are_as_far_apart_as_links_allow() -> None:
 # ------------------------------------------------------------------ division
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _eight_cpus() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(division, "available_cpus", lambda: list(range(8)))
+        yield
+
+
+def test_no_more_cores_are_used_than_there_are_cpus(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(division, "available_cpus", lambda: [3, 5])
+    found = divide(_scenario([60, 60, 60]), 3)
+    assert (found.cores, found.reason) == (2, "this process may use 2 CPUs")
+
+
 def _scenario(sizes: list[int], more: str = "") -> Scenario:
     text = 'name = "d"\nduration_s = 1\nstart_utc = 2026-01-01T12:00:00Z\norigin = { lat = 0, lon = 0 }\n' + more
     for number, size in enumerate(sizes):
@@ -234,31 +248,27 @@ def _watch(rows: Any, core: list[int], kind: str) -> Any:
     return Separation(motion, [AIRFRAMES[kind]] * len(core), 25 * NS_PER_MS), motion, parts, order
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.tuples(*[st.floats(-30, 30)] * 2, st.floats(0, 20)),
-            st.tuples(*[st.floats(-20, 20)] * 3),
-            st.integers(0, 1),
-        ),
-        min_size=2,
-        max_size=12,
-    ),
-    kinds,
-    st.data(),
-)
+closing = st.tuples(st.floats(0.0, 14.0), st.floats(0.0, 60.0), st.floats(0.0, 6.3))
+
+
+@given(st.lists(closing, min_size=1, max_size=4), kinds, st.data())
 @settings(deadline=None)  # the first example compiles
 def test_aircraft_that_touch_were_announced_at_the_barrier_before(
-    fleet: list[tuple[Any, Any, int]], kind: str, data: st.DataObject
+    pairs: list[tuple[float, float, float]], kind: str, data: st.DataObject
 ) -> None:
-    """Random motion within the bounds, barrier by barrier: whoever touches has been named before."""
-    rows = np.array([[*place, *speed] for place, speed, _ in fleet], dtype=np.float64)
-    core = [one for *_, one in fleet]
-    separation, motion, parts, order = _watch(rows, core, kind)
+    """Pairs on different cores fly at each other, pushed within the bounds: who touches was named before."""
+    rows = []
+    for number, (gap_m, speed_mps, way) in enumerate(pairs):
+        along = np.array([np.cos(way), np.sin(way), 0.0])
+        apart = 2 * AIRFRAMES[kind].radius_m + gap_m
+        here = np.array([100.0 * number, 0.0, 10.0])
+        rows += [[*here, *(0.5 * speed_mps * along)], [*(here + apart * along), *(-0.5 * speed_mps * along)]]
+    core = [0, 1] * len(pairs)
+    separation, motion, parts, order = _watch(np.array(rows), core, kind)
     period, shape = 0.025, AIRFRAMES[kind]
-    state = rows[order]
+    state = np.array(rows)[order]
     sizes = np.cumsum([0, *map(len, parts)])
-    for _ in range(20):
+    for _ in range(24):
         announced = separation.check()
         if announced is not None:
             assert core[int(announced.vehicle[1:])] != core[int(announced.other[1:])]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -15,11 +15,19 @@ from skyrange.bench.isolation import run_in_process
 from skyrange.core.errors import InputError
 from skyrange.core.time import Time, to_seconds
 from skyrange.record import load as load_record
-from skyrange.runtime.cores.division import divide
+from skyrange.runtime.cores.division import available_cpus, divide
 from skyrange.runtime.cores.run import run_on_cores
 from skyrange.runtime.run import Run
 
 Row = dict[str, Any]
+
+
+def check_cores(numbers: Sequence[int]) -> None:
+    """Raise `InputError` for more cores than CPUs that this process may use."""
+    cpus = len(available_cpus())
+    if max(numbers) > cpus:
+        expected = f"at most {cpus}, the CPUs that this process may use"
+        raise InputError.one("bench", "--cores", str(max(numbers)), expected)
 
 
 def measure(
@@ -41,9 +49,8 @@ def measure(
     ArduPilots, `memory_mb` its peak memory; `reason` says why fewer cores were `used`. Raises `InputError` for more
     cores than CPUs.
     """
-    cpus = sorted(os.sched_getaffinity(0))
-    if cores > len(cpus):
-        raise InputError.one("bench", "--cores", str(cores), f"at most {len(cpus)}, the CPUs that this process may use")
+    cpus = available_cpus()
+    check_cores([cores])
     began = time.perf_counter()
     row = run_in_process(
         f"bench on {cores} cores", _flown, vehicles, seconds, operators, cores, load, remote_id, autopilot,

@@ -66,7 +66,7 @@ Telemetry = Annotated[
 
 Cores = Annotated[
     list[int] | None,
-    typer.Option(metavar="N", min=1, help="Number of cores. May be repeated. Default: 1 and 2."),
+    typer.Option(metavar="N", min=1, help="Number of cores to compare with one. May be repeated. Default: 2."),
 ]
 Repeat = Annotated[int, typer.Option(metavar="K", min=1, help="Measure all K times, in turn, and take the medians.")]
 
@@ -127,7 +127,7 @@ def ardupilots(
         options = {"rates": rates.value}
         for count in vehicles or [20]:
             benchmarks.bench_cores(
-                count, seconds, max(cores), sorted({1, *cores}), load.value, remote_id, "ardupilot", options, repeat,
+                count, seconds, max(cores), cores, load.value, remote_id, "ardupilot", options, repeat,
                 as_json,
             )  # fmt: skip
         return
@@ -136,7 +136,7 @@ def ardupilots(
     )
 
 
-@bench_app.command("cores", epilog="Example: skyrange bench cores --vehicles 1000 --cores 1 --cores 2 --remote-id")
+@bench_app.command("cores", epilog="Example: skyrange bench cores --vehicles 1000 --cores 2 --remote-id")
 def cores_bench(
     vehicles: Annotated[int, typer.Option(metavar="N", min=1, help="Number of aircraft.")] = 1000,
     seconds: Annotated[float, typer.Option(metavar="S", min=1.0, help="Simulated seconds to measure.")] = 60.0,
@@ -151,7 +151,7 @@ def cores_bench(
 ) -> None:
     """Measure one run on several cores: how many times as fast as on one, with the same fingerprint."""
     benchmarks.bench_cores(
-        vehicles, seconds, operators, cores or [1, 2], load.value, remote_id, "builtin", {}, repeat, as_json
+        vehicles, seconds, operators, cores or [2], load.value, remote_id, "builtin", {}, repeat, as_json
     )
 
 

@@ -6,7 +6,6 @@ Every case measures in processes of its own. A row's yardsticks are a cost in un
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -195,9 +194,7 @@ def _on_cores(sizes: Sequence[tuple[int, float]], remote_id: bool) -> tuple[Case
 
 
 def _require_cores() -> None:
-    count = len(os.sched_getaffinity(0))
-    if count < 2:
-        raise InputError.one("bench cores", "CPUs", str(count), "two or more")
+    cores.check_cores([2])
 
 
 def _radios(sizes: Sequence[tuple[int, float]], engine: str) -> tuple[Case, ...]:

@@ -47,13 +47,15 @@ def bench_cores(
     as_json: bool,
 ) -> None:
     """`skyrange bench cores`, and `skyrange bench ardupilot --cores`."""
-    from skyrange.bench.cores import compare, measure
+    from skyrange.bench.cores import check_cores, compare, measure
 
+    cores = sorted({1, *cores})  # what the others are compared with
+    check_cores(cores)
     rows = []
     if not as_json:
         heads = f"{'cores':>5} {'× real time':>11} {'of flight':>9} {'set-up s':>8} {'flight s':>8} {'finish s':>8}"
         print_text(f"{heads} {'flying':>6}  waited s, of each core")
-    for count in [*cores] * repeat:
+    for count in cores * repeat:
         row = measure(vehicles, seconds, operators, count, load, remote_id, autopilot, options)
         rows.append(row)
         if not as_json:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import gcd
@@ -89,10 +90,13 @@ def divide(scenario: Scenario, cores: int) -> Division:
     if reason:
         return Division((everyone,), reason)
     least = MIN_VEHICLES if scenario.radio is None else MIN_ON_AIR
-    count = min(cores, len(everyone), max(sum(weights.values()) // least, 1))
-    if count < min(cores, len(everyone)):
+    cpus = len(available_cpus())
+    count = min(cores, cpus, len(everyone), max(sum(weights.values()) // least, 1))
+    if count < min(cores, cpus, len(everyone)):
         air = "" if scenario.radio is None else " that broadcast"
         reason = f"a core pays for {least} aircraft{air} or more{_count_aircraft(scenario)}"
+    elif count < min(cores, len(everyone)):
+        reason = f"this process may use {cpus} CPUs"
     elif count < cores:
         reason = f"operators are divided among the cores, and there are {len(everyone)}"
     if count == 1:
@@ -112,6 +116,13 @@ def divide(scenario: Scenario, cores: int) -> Division:
         dealt[core].append(operator)
         loads[core] += weights[operator]
     return Division(tuple(tuple(sorted(part, key=everyone.index)) for part in dealt), reason, binding)
+
+
+def available_cpus() -> list[int]:
+    """The CPUs that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
 
 
 def _weigh(vehicle: Vehicle) -> int:
