@@ -21,7 +21,7 @@ from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import Spool, read_stream, write_error
 from skyrange.record.write.background import Background
 from skyrange.record.write.derivation import Derivation
-from skyrange.record.write.feature_file import write_features
+from skyrange.record.write.study.feature_file import write_features
 from skyrange.record.write.table_files import GROUP_ROWS, WIDE_GROUP_ROWS, TableFiles
 
 PART_ROWS: Final = 1 << 21

@@ -10,7 +10,6 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass, field
 from pathlib import Path
 from time import monotonic
 from typing import Any, Self
@@ -26,10 +25,10 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user
-from skyrange.core.time import NEVER, Time, to_seconds
+from skyrange.core.time import Time, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
-from skyrange.record.levels import FULL, LEVELS, RECORDED, STUDY, SUMMARY
+from skyrange.record.levels import FULL, LEVELS, RECORDED, SUMMARY
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
 from skyrange.record.notes import (
     OUTCOME,
@@ -49,11 +48,10 @@ from skyrange.record.part_files import shard_folder
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
 from skyrange.record.write.finalisation import Shard, finalise, finish_shard
-from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
-from skyrange.record.write.rates import check_rates, common_period_ns, period_ns
+from skyrange.record.write.rates import check_rates, common_period_ns
 from skyrange.record.write.receptions import ForeignSource, ReceptionSource, reception_batch
-from skyrange.record.write.study_rows import StudyRows
+from skyrange.record.write.recording_state import RecordingState
 from skyrange.record.write.ticks import (
     SensorTick,
     TruthTick,
@@ -68,43 +66,6 @@ from skyrange.record.write.ticks import (
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
 
-SHARD_PAYLOADS = 1 << 48
-"""Numbers of payloads that each shard may use."""
-
-
-@dataclass(slots=True)
-class _State:
-    """The state that a fork copies: numbering, digests, counts, and when truth and sensors are due."""
-
-    level: str
-    encoder: FrameEncoder
-    truth_ns: Time
-    sensors_ns: Time
-    truth_due: Time
-    sensors_due: Time
-    last_ns: Time = 0
-    digests: Digests = field(default_factory=Digests)
-    counts: dict[str, int] = field(default_factory=dict)
-    not_kept: dict[str, int] = field(default_factory=dict)
-    """Rows observed of tables that the level leaves out."""
-    outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
-    study_rows: StudyRows | None = None
-
-
-def _start_state(
-    header: Mapping[str, Any], level: str, truth_hz: float, sensors_hz: float, features_hz: float,
-    window_bytes: int, first_payload: int = 0,
-) -> _State:  # fmt: skip
-    return _State(
-        level,
-        FrameEncoder(window_bytes, first_payload, with_groups=level == STUDY),
-        truth_ns=period_ns(truth_hz),
-        sensors_ns=period_ns(sensors_hz),
-        truth_due=-NEVER if truth_hz else NEVER,
-        sensors_due=-NEVER if sensors_hz and level != SUMMARY else NEVER,
-        study_rows=StudyRows(header, period_ns(features_hz)) if level == STUDY else None,
-    )
-
 
 class Recorder:
     """An `contracts.components.Observer` that writes the run's folder.
@@ -118,7 +79,7 @@ class Recorder:
         self,
         path: Path,
         manifest: dict[str, Any],
-        state: _State,
+        state: RecordingState,
         spool: Spool,
         spool_bytes: int,
         flush_s: float,
@@ -202,7 +163,7 @@ class Recorder:
         except (TypeError, ValueError) as error:
             remove_folder(folder, made)
             raise InputError.one("header", "manifest", str(error), "values that JSON can hold") from error
-        state = _start_state(header, level, truth_hz, sensors_hz, features_hz, spool_bytes)
+        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes)
         spool = Spool(folder)
         writer = PartWriter(folder, manifest, spool, part_rows) if part_rows else None
         return cls(folder, manifest, state, spool, spool_bytes, flush_s, writer, made)
@@ -230,8 +191,7 @@ class Recorder:
             (root / SPOOL).mkdir(parents=True)
         except OSError as error:
             raise write_error(root, error) from error
-        first_payload = shard * SHARD_PAYLOADS
-        state = _start_state(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, first_payload)
+        state = RecordingState.start(header, level, truth_hz, sensors_hz, features_hz, spool_bytes, shard)
         spool = Spool(root)
         manifest = {**header, "record": {"level": level}}
         writer = PartWriter(root, manifest, spool)
@@ -243,26 +203,11 @@ class Recorder:
         self.flush(last=True)
         self._spool.end_segment()
         self._closed = True
-        state = self._state
-        return {
-            "written": finish_shard(self._writer, self._shard)._asdict(),
-            "last_ns": state.last_ns,
-            "digests": state.digests.to_plain(),
-            "counts": state.counts,
-            "not_kept": state.not_kept,
-            "outcomes": state.outcomes,
-        }
+        return {"written": finish_shard(self._writer, self._shard)._asdict(), **self._state.to_plain()}
 
     def take_over(self, shard: Mapping[str, Any]) -> None:
         """Add a shard of the run, of which `leave` has returned this."""
-        state = self._state
-        state.last_ns = max(state.last_ns, int(shard["last_ns"]))
-        state.digests = state.digests + Digests.from_plain(shard["digests"])
-        for table, rows in shard["counts"].items():
-            state.counts[table] = state.counts.get(table, 0) + rows
-        for table, rows in shard["not_kept"].items():
-            state.not_kept[table] = state.not_kept.get(table, 0) + rows
-        state.outcomes |= shard["outcomes"]
+        self._state.add(shard)
         self._shards.append(Shard(**shard["written"]))
 
     def record_receptions(self, source: ReceptionSource | None) -> None:

@@ -1,0 +1,71 @@
+"""State of a recorder beside its rows: numbering, digests, counts, outcomes, and when truth and sensors are due."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from skyrange.core.time import NEVER, Time
+from skyrange.record.digests import Digests
+from skyrange.record.levels import STUDY, SUMMARY
+from skyrange.record.write.frame_encoder import FrameEncoder
+from skyrange.record.write.rates import period_ns
+from skyrange.record.write.study.study_rows import StudyRows
+
+SHARD_PAYLOADS: Final = 1 << 48
+"""Numbers of payloads that each shard may use."""
+
+
+@dataclass(slots=True)
+class RecordingState:
+    """What a fork copies. Those of the shards of a run add up."""
+
+    level: str
+    encoder: FrameEncoder
+    truth_ns: Time
+    sensors_ns: Time
+    truth_due: Time
+    sensors_due: Time
+    last_ns: Time = 0
+    digests: Digests = field(default_factory=Digests)
+    counts: dict[str, int] = field(default_factory=dict)
+    not_kept: dict[str, int] = field(default_factory=dict)
+    """Rows observed of tables that the level leaves out."""
+    outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    study_rows: StudyRows | None = None
+
+    @classmethod
+    def start(
+        cls, header: Mapping[str, Any], level: str, truth_hz: float, sensors_hz: float, features_hz: float,
+        window_bytes: int, shard: int = 0,
+    ) -> RecordingState:  # fmt: skip
+        """The state of a shard at the start; `window_bytes` is that of `FrameEncoder`, all else of `Recorder.open`."""
+        return cls(
+            level,
+            FrameEncoder(window_bytes, shard * SHARD_PAYLOADS, with_groups=level == STUDY),
+            truth_ns=period_ns(truth_hz),
+            sensors_ns=period_ns(sensors_hz),
+            truth_due=-NEVER if truth_hz else NEVER,
+            sensors_due=-NEVER if sensors_hz and level != SUMMARY else NEVER,
+            study_rows=StudyRows(header, period_ns(features_hz)) if level == STUDY else None,
+        )
+
+    def to_plain(self) -> dict[str, Any]:
+        """What the first shard needs of another one that has ended, as plain data."""
+        return {
+            "last_ns": self.last_ns,
+            "digests": self.digests.to_plain(),
+            "counts": self.counts,
+            "not_kept": self.not_kept,
+            "outcomes": self.outcomes,
+        }
+
+    def add(self, shard: Mapping[str, Any]) -> None:
+        """Add what `to_plain` of another shard returned."""
+        self.last_ns = max(self.last_ns, int(shard["last_ns"]))
+        self.digests = self.digests + Digests.from_plain(shard["digests"])
+        for own, theirs in ((self.counts, shard["counts"]), (self.not_kept, shard["not_kept"])):
+            for table, rows in theirs.items():
+                own[table] = own.get(table, 0) + rows
+        self.outcomes |= shard["outcomes"]
