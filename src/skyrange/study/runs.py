@@ -104,9 +104,8 @@ def _fly_on_cores(
     """Run `scenario` on several cores: its folder, or None and why it has to run on one; `seen` if something that is
     passed from Python, or a viewer, has to see all of it.
     """
-    division = divide(scenario, cores)
-    if seen:
-        division = Division((), "what is passed to the run, or watches it, has to see all of it")
+    seen_whole = Division((), "what is passed to the run, or watches it, has to see all of it")
+    division = seen_whole if seen else divide(scenario, cores)
     if division.reason and on_notice is not None:
         on_notice(f"using {max(division.cores, 1)} of {cores} cores: {division.reason}")
     if division.cores < 2:

@@ -184,18 +184,7 @@ class Request(_Model):
     @classmethod
     def of(cls, intent: OperationalIntent, epoch: Epoch, version: int = 0) -> Request:
         """The message that asks for `intent` in its state, the `version`-th after the first."""
-        return cls(
-            path=PATH + intent.id,
-            body=IntentBody(
-                id=intent.id,
-                operator=intent.operator,
-                vehicle=intent.vehicle,
-                state=intent.state,
-                priority=intent.priority,
-                volumes=tuple(Volume4DMessage.of(volume, epoch) for volume in intent.volumes),
-                version=version or None,
-            ),
-        )
+        return cls.model_validate(_request_data(intent, epoch, version))
 
     def intent(self, epoch: Epoch) -> OperationalIntent:
         """What is asked for, on the scenario's clock; without volumes where it is to end."""
@@ -284,6 +273,10 @@ def _dump(data: dict[str, Any]) -> bytes:
 
 def encode_request(intent: OperationalIntent, epoch: Epoch, version: int = 0) -> bytes:
     """The frame of `Request.of`, made without the model: a plan has many volumes, which take a while to check."""
+    return _dump(_request_data(intent, epoch, version))
+
+
+def _request_data(intent: OperationalIntent, epoch: Epoch, version: int) -> dict[str, Any]:
     body = {
         "id": intent.id,
         "operator": intent.operator,
@@ -293,7 +286,7 @@ def encode_request(intent: OperationalIntent, epoch: Epoch, version: int = 0) ->
         "volumes": [_volume_data(one, epoch) for one in intent.volumes],
         **({"version": version} if version else {}),
     }
-    return _dump({"method": "PUT", "path": PATH + intent.id, "body": body})
+    return {"method": "PUT", "path": PATH + intent.id, "body": body}
 
 
 def encode_decision(
