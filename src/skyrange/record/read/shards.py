@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.core.time import NEVER
+from skyrange.record.dictionaries import unify_dictionaries
 
 _KEYS: Final = ("sent_ns", "time_ns")
 """Columns that tell when a row was: frames have the first, all other tables but payloads the second."""
@@ -31,7 +32,7 @@ def interleave(streams: Sequence[Iterator[pa.Table]], key: str) -> Iterator[pa.T
         bound = min(head.bound for head in heads)
         parts = [part for head in heads if (part := head.take(key, bound)).num_rows]
         if parts:
-            merged = pa.concat_tables(parts).unify_dictionaries()
+            merged = unify_dictionaries(pa.concat_tables(parts))
             yield merged.sort_by([(key, "ascending")])
         heads = [head for head in heads if head.fill(key)]
 

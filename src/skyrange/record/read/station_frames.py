@@ -30,6 +30,7 @@ from skyrange.contracts.frames.frame import Fate
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import endpoint, operator_of
+from skyrange.record.dictionaries import dictionary_array, unify_dictionaries
 from skyrange.record.read.tables import Tables
 from skyrange.record.read.time_order import sort_by_time
 
@@ -118,9 +119,7 @@ class StationLinks:
         """The number of each row's link, direction, sender and fate."""
         numbers, changed = [], False
         for name in _NAMED:
-            column = batch.column(name).unify_dictionaries().combine_chunks()
-            if isinstance(column, pa.ChunkedArray):
-                column = column.chunk(0)
+            column = dictionary_array(batch.column(name))
             numbers.append(column.indices.to_numpy(zero_copy_only=False))
             if name not in self._held or not self._held[name].equals(column.dictionary):
                 self._held[name] = column.dictionary
@@ -179,7 +178,7 @@ def select_received(links: StationLinks, frames: pa.Table) -> tuple[Ints, pa.Tab
 
 def sort_received(rows: pa.Table) -> pa.Table:
     """Rows of `select_received` in the order of `read_station_frames`."""
-    rows = rows.unify_dictionaries().combine_chunks()
+    rows = unify_dictionaries(rows)
     ranks = [_ranks(rows.column(name).chunk(0)) for name in ("sender", "direction", "link")] if rows.num_rows else []
     order = np.lexsort((rows.column("serial").to_numpy(), *ranks, rows.column("time_ns").to_numpy()))
     return rows if (np.diff(order) == 1).all() else rows.take(pa.array(order))
@@ -187,9 +186,11 @@ def sort_received(rows: pa.Table) -> pa.Table:
 
 def _ranks(names: pa.DictionaryArray) -> Ints:
     """Numbers that are ordered as the names are."""
+    numbers = names.indices.to_numpy()
+    used = np.flatnonzero(np.bincount(numbers, minlength=len(names.dictionary)))
     ranks = np.empty(len(names.dictionary), dtype=np.int64)
-    ranks[pc.array_sort_indices(names.dictionary).to_numpy()] = np.arange(len(ranks))
-    found: Ints = ranks[names.indices.to_numpy()]
+    ranks[used[pc.array_sort_indices(names.dictionary.take(pa.array(used))).to_numpy()]] = np.arange(len(used))
+    found: Ints = ranks[numbers]
     return found
 
 
@@ -220,10 +221,7 @@ def decode_station_frames(rows: pa.Table) -> StationFrames:
 
 def _owners(rows: pa.Table) -> tuple[list[str], Ints]:
     """The vehicles of some rows in order, and the number of each row's."""
-    column = rows.column("vehicle")
-    column = column.unify_dictionaries() if pa.types.is_dictionary(column.type) else column.dictionary_encode()
-    vehicles = column.combine_chunks()
-    vehicles = vehicles.chunk(0) if isinstance(vehicles, pa.ChunkedArray) else vehicles
+    vehicles = dictionary_array(rows.column("vehicle"))
     codes = vehicles.indices.to_numpy(zero_copy_only=False)
     used = np.unique(codes)
     names = vehicles.dictionary.take(pa.array(used))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.record.dictionaries import dictionary_array
 from skyrange.record.read.station_frames import payload_column
 from skyrange.record.read.tables import Tables, combine_batches
 
@@ -176,8 +177,5 @@ def is_transmission(frames: pa.Table) -> pa.ChunkedArray:
 
 def _codes(rows: pa.Table, name: str) -> tuple[NDArray[np.int64], list[str]]:
     """A column of names as numbers, and the names."""
-    column = rows.column(name)
-    column = column.unify_dictionaries() if pa.types.is_dictionary(column.type) else column.dictionary_encode()
-    column = column.combine_chunks()
-    column = column.chunk(0) if isinstance(column, pa.ChunkedArray) else column
+    column = dictionary_array(rows.column(name))
     return column.indices.to_numpy(zero_copy_only=False).astype(np.int64), column.dictionary.to_pylist()

@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.part_files import OPEN
 from skyrange.record.read.observations import derive_observations, describe_observations
 from skyrange.record.read.payload_window import PayloadWindow
@@ -96,7 +97,7 @@ class Derivation:
         for batch in payloads:
             self._payloads.add(batch)
         if frames is not None:
-            frames = frames.unify_dictionaries()
+            frames = unify_dictionaries(frames)
             self._telemetry.add(frames, self._payloads)
             if self.observes:
                 self._observations.add_frames(frames, self._payloads)
@@ -177,7 +178,7 @@ class _Telemetry:
             if block.num_rows < BLOCK_ROWS and not last:
                 self._ready, self._ready_rows = block.to_batches(), block.num_rows
             else:
-                self.files.write(decode_station_frames(block.unify_dictionaries()))
+                self.files.write(decode_station_frames(unify_dictionaries(block)))
 
     def finish(self) -> None:
         if self._waiting is not None:
@@ -218,7 +219,7 @@ class _Observations:
             if left or not (whole or last):
                 left += rows.to_batches()
             else:
-                joined = self._transmissions.join(rows.unify_dictionaries())
+                joined = self._transmissions.join(unify_dictionaries(rows))
                 self.file.write(describe_observations(joined, self._origin, self._start_unix_ns))
         self._waiting = left
 

@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.file_hashes import describe_file
 from skyrange.record.part_files import OPEN, closed_part_path, spool_files
 from skyrange.record.read.tables import decode_spooled, encoded_schema, parquet_options
@@ -41,7 +42,7 @@ class TableFiles:
             self._open[table] = (encoded_schema(schema), self._open_file(table, schema))
         schema, writer = self._open[table]
         # one dictionary for all rows first: of batches with many dictionaries Arrow writes each separately
-        for batch in rows.unify_dictionaries().combine_chunks().to_batches():
+        for batch in unify_dictionaries(rows).to_batches():
             writer.write_batch(_sort_names(decode_spooled(batch, schema)), row_group_size=GROUP_ROWS)
 
     def _open_file(self, table: str, schema: pa.Schema) -> pq.ParquetWriter:

@@ -10,6 +10,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.read.station_frames import StationFrames
 from skyrange.record.read.tables import parquet_options
 from skyrange.record.read.telemetry import encoded_message_schema, received_messages
@@ -51,7 +52,7 @@ class TelemetryFiles:
             writer = self._open_files.enter_context(pq.ParquetWriter(path, schema, **parquet_options(schema)))
             self._writers[message] = writer
         writer.write_table(
-            pa.Table.from_batches(self._held.pop(message)).unify_dictionaries(), row_group_size=GROUP_ROWS
+            unify_dictionaries(pa.Table.from_batches(self._held.pop(message))), row_group_size=GROUP_ROWS
         )
         self._rows[message] = 0
 

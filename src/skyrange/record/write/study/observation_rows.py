@@ -10,6 +10,7 @@ import pyarrow.compute as pc
 
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import NEVER, Time
+from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.read.observations import describe_observations
 from skyrange.record.read.payload_window import PayloadWindow
 from skyrange.record.read.tables import encoded_schema
@@ -65,7 +66,7 @@ class ObservationRows:
         self._add_transmissions()
         rows = None
         if self._waiting:
-            waiting = pa.Table.from_batches(self._waiting).unify_dictionaries().combine_chunks()
+            waiting = unify_dictionaries(pa.Table.from_batches(self._waiting))
             latest_ns = np.maximum.accumulate(waiting.column("time_ns").to_numpy()) + AHEAD_NS
             ready = len(latest_ns) if last else int(np.searchsorted(latest_ns, self._transmissions.read_ns))
             if ready:
@@ -78,7 +79,7 @@ class ObservationRows:
 
     def _add_transmissions(self) -> None:
         if self._sent:
-            rows = pa.Table.from_batches(self._sent).unify_dictionaries().combine_chunks()
+            rows = unify_dictionaries(pa.Table.from_batches(self._sent))
             self._sent = []
             ids = rows.column("payload_id").to_numpy()
             rows = rows.append_column("payload", self._payloads.take(ids))
