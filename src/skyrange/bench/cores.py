@@ -64,11 +64,11 @@ def _flown(
     vehicles: int, seconds: float, operators: int, cores: int, load: str, remote_id: bool, autopilot: str,
     options: Mapping[str, Any], cpus: list[int],
 ) -> Row:  # fmt: skip
+    scenario = fleet_scenario(vehicles, seconds, load, remote_id, autopilot, options, operators)
+    division = divide(scenario, cores)  # before this process is pinned, because it asks for the CPUs
     os.sched_setaffinity(0, cpus[:1])
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"
-        scenario = fleet_scenario(vehicles, seconds, load, remote_id, autopilot, options, operators)
-        division = divide(scenario, cores)
         began = time.perf_counter()
         marks: list[float] = []
 

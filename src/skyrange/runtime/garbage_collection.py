@@ -6,6 +6,7 @@ the collector can find. Collections of all of them took 7 % of a run of a thousa
 
 from __future__ import annotations
 
+import atexit
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,8 +15,10 @@ _YOUNG = 20_000  # allocations before a collection of the young generation; Pyth
 
 
 def collect_less() -> None:
-    """Collect new objects less often from now on, in a process that is the command's own."""
-    gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])
+    """Collect new objects less often from now on, in a process that is the command's own, and none at its end."""
+    _collect_young_less()
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)  # Python would look through all objects several times before it ends
 
 
 @contextmanager
@@ -25,10 +28,14 @@ def collect_seldom() -> Iterator[None]:
     nested = gc.get_freeze_count() > 0
     if not nested:
         gc.freeze()
-    collect_less()
+    _collect_young_less()
     try:
         yield
     finally:
         gc.set_threshold(*before)
         if not nested:
             gc.unfreeze()
+
+
+def _collect_young_less() -> None:
+    gc.set_threshold(_YOUNG, *gc.get_threshold()[1:])

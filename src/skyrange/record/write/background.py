@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from typing import Final
 
 PENDING: Final = 4
 """Calls that may wait or be under way; a further one waits for the first."""
+
+_NICENESS: Final = 15
+
+
+def _yield_to_simulation() -> None:
+    """Let this thread run while the simulation waits, for another core or for this thread, rather than in its place."""
+    if sys.platform == "linux":  # elsewhere a priority is the whole process's (setpriority(2), "C library differences")
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICENESS)
 
 
 class Background:
@@ -30,7 +43,7 @@ class Background:
     def submit(self, call: Callable[[], None]) -> None:
         """Call a function later, after all earlier ones."""
         if self._executor is None:
-            self._executor = ThreadPoolExecutor(1, "recorder")
+            self._executor = ThreadPoolExecutor(1, "recorder", initializer=_yield_to_simulation)
         while len(self._pending) >= PENDING or (self._pending and self._pending[0].done()):
             self._pending.popleft().result()
         self._raise()
