@@ -28,6 +28,7 @@ from skyrange.cli.options import (
     complete_scenario,
 )
 from skyrange.cli.radio_app import radio_app
+from skyrange.cli.study_app import study_app
 from skyrange.cli.utm_app import utm_app
 from skyrange.core.errors import InputError
 
@@ -48,6 +49,7 @@ app.add_typer(bench_app, name="bench")
 app.add_typer(install_app, name="install")
 app.add_typer(parity_app, name="parity")
 app.add_typer(radio_app, name="radio")
+app.add_typer(study_app, name="study")
 app.add_typer(utm_app, name="utm")
 
 

@@ -84,6 +84,19 @@ def _prctl() -> ctypes.CDLL | None:
         return None
 
 
+def end_with_parent(parent: int) -> None:
+    """Let this process, a child of `parent`, end when that does, at once; on Linux alone."""
+    library = _prctl()
+    if library is not None:
+        _bind_to(library, parent)
+
+
+def _bind_to(library: ctypes.CDLL, parent: int) -> None:
+    library.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended in between
+        os._exit(1)
+
+
 class Program:
     """A running child process. Ctrl-C does not reach it: `kill` ends it."""
 
@@ -109,11 +122,9 @@ class Program:
 
         def bind_to_parent() -> None:
             if library is not None:
-                library.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+                _bind_to(library, parent)
                 if slack_s is not None:
                     library.prctl(_PR_SET_TIMERSLACK, round(slack_s * 1e9))
-                if os.getppid() != parent:  # the parent died in between
-                    os._exit(1)
 
         try:
             with spare_files(), self._output.open("wb") as output:

@@ -1,0 +1,185 @@
+"""Handlers of the commands `skyrange study`."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
+
+if TYPE_CHECKING:
+    from skyrange.study.sweep.executors import Executor
+    from skyrange.study.sweep.folder import StudyFolder
+    from skyrange.study.sweep.study_run import StudyResult
+    from skyrange.study.twins.confidence import Interval
+
+_SHOWN = 10
+"""Failed blocks that are listed on the terminal."""
+
+
+def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run: bool, as_json: bool) -> None:
+    """`skyrange study run`."""
+    from skyrange.core.input_files import expand_user
+    from skyrange.study.sweep.blocks import check_blocks, list_blocks
+    from skyrange.study.sweep.folder import MANIFEST, create_folder, open_folder, require_same, require_unchanged
+    from skyrange.study.sweep.model import read_study
+    from skyrange.study.sweep.study_run import default_folder
+
+    study = read_study(file)
+    tell_if_cold(quiet=as_json)
+    if dry_run:
+        _estimate(file, jobs, as_json)
+        return
+    path = expand_user(out) if out is not None else default_folder(study.name)
+    if (path / MANIFEST).is_file():
+        folder = open_folder(path)
+        require_same(folder, study)
+        require_unchanged(folder)
+    else:
+        check_blocks(study, list_blocks(study))
+        folder = create_folder(study, path)
+    _fly(folder, _executor(jobs, on), as_json)
+
+
+def resume(path: Path, jobs: int | None, on: str | None, other_version: bool, retry: bool, as_json: bool) -> None:
+    """`skyrange study resume`."""
+    from skyrange.study.sweep.folder import open_folder, require_unchanged
+    from skyrange.study.sweep.study_run import forget_failures
+
+    folder = open_folder(path)
+    require_unchanged(folder, other_version=other_version)
+    if retry:
+        forget_failures(folder)
+    _fly(folder, _executor(jobs, on), as_json)
+
+
+def status(path: Path, as_json: bool) -> None:
+    """`skyrange study status`."""
+    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.study_run import list_failures
+
+    folder = open_folder(path)
+    finished, failures = len(folder.finished()), list_failures(folder)
+    if as_json:
+        data: dict[str, Any] = {"study": folder.study.name, "blocks": len(folder.blocks), "finished": finished}
+        print_json({**data, "failed": [{"block": block, "error": error} for block, error in failures]})
+        return
+    arms = len(folder.study.arms)
+    print_text(f"{folder.study.name}: {finished} of {len(folder.blocks)} blocks of {arms} runs are finished")
+    _print_failures(failures)
+    if finished < len(folder.blocks):
+        print_text(f"to go on: skyrange study resume {folder.path}")
+
+
+def show(path: Path, as_json: bool) -> None:
+    """`skyrange study show`."""
+    from rich.table import Table
+
+    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.results import write_results
+    from skyrange.study.sweep.summary import QUANTITIES, summarise_study
+
+    folder = open_folder(path)
+    write_results(folder)
+    cells = summarise_study(folder)
+    if as_json:
+        rows = [
+            {**cell._asdict(), "means": {name: mean._asdict() for name, mean in cell.means.items()}} for cell in cells
+        ]
+        print_json({"study": folder.study.name, "cells": rows})
+        return
+    shown = [one for one in QUANTITIES if any(_varies(cell.means.get(one.name)) for cell in cells)]
+    table = Table(title=folder.study.name, title_justify="left", title_style="bold")
+    names = [factor.name for factor in folder.study.factors]
+    for name in (*names, "arm", "runs", "measure", "mean", "95 % interval"):
+        table.add_column(name)
+    for cell in cells:
+        runs = str(cell.runs) if not cell.failed else f"{cell.runs}, {cell.failed} failed"
+        head = [*map(_short, cell.values.values()), cell.arm, runs]
+        for one in shown:
+            if one.name in cell.means:
+                what = f"{one.name}" if not one.unit else f"{one.name.removesuffix(f'_{one.unit}')}, {one.unit}"
+                table.add_row(*head, what, *_interval(cell.means[one.name]))
+                head = [""] * len(head)
+    terminal().print(table)
+
+
+def _estimate(file: Path, jobs: int | None, as_json: bool) -> None:
+    from skyrange.study.sweep.blocks import list_blocks
+    from skyrange.study.sweep.estimate import estimate_study
+    from skyrange.study.sweep.model import read_study
+
+    study = read_study(file)
+    found = estimate_study(study, list_blocks(study), _jobs(jobs))
+    if as_json:
+        print_json(found._asdict())
+        return
+    print_text(f"{study.name}: {found.points} points, {found.blocks} blocks, {found.runs} runs")
+    print_text(f"simulated   {found.aircraft_hours:.1f} aircraft-hours")
+    print_text(f"time        about {found.wall_s / 60.0:.1f} min with {found.jobs} at a time")
+    print_text(f"disk        about {found.disk_mb:.1f} MB")
+    for error in found.failed:
+        print_notice(f"the trial failed: {error}")
+
+
+def _fly(folder: StudyFolder, executor: Executor, as_json: bool) -> None:
+    from skyrange.cli.output.progress import map_progress
+    from skyrange.study.sweep.study_run import run_blocks
+
+    with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
+        result = run_blocks(folder, executor, on_block)
+    _print_result(result, as_json)
+
+
+def _print_result(result: StudyResult, as_json: bool) -> None:
+    folder = result.folder
+    if as_json:
+        failed = [{"block": block, "error": error} for block, error in result.failed]
+        numbers = {"finished": result.finished, "flown": result.flown, "wall_s": round(result.wall_s, 3)}
+        print_json({"study": str(folder.path), **numbers, "busy_share": round(result.busy_share, 3), "failed": failed})
+        return
+    print_text(
+        f"{folder.study.name}: {result.finished} of {len(folder.blocks)} blocks are finished, {result.flown} flown in "
+        f"{result.wall_s:.1f} s; workers were busy for {100.0 * result.busy_share:.0f} % of the time"
+    )
+    _print_failures(result.failed)
+    print_text(f"study   {folder.path}")
+    print_text(f"results {folder.path / 'results'}")
+
+
+def _print_failures(failures: Any) -> None:
+    for block, error in list(failures)[:_SHOWN]:
+        print_text(f"failed  {block}: {str(error).splitlines()[0]}")
+    if len(failures) > _SHOWN:
+        print_text(f"failed  {len(failures) - _SHOWN} more")
+
+
+def _executor(jobs: int | None, on: str | None) -> Executor:
+    from skyrange.core.errors import InputError
+    from skyrange.study.sweep.local_pool import LocalPool
+    from skyrange.study.sweep.ray_pool import RayPool
+
+    if on is None:
+        return LocalPool(_jobs(jobs))
+    if jobs is not None:
+        raise InputError.one("study", "--jobs", str(jobs), "none with --on: the cluster says how many")
+    return RayPool(on)
+
+
+def _jobs(jobs: int | None) -> int:
+    return jobs if jobs is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+
+
+def _varies(found: Interval | None) -> bool:
+    """Whether a mean has something to tell: it is not 0 in all runs."""
+    return found is not None and (found.mean != 0.0 or found.low not in (None, 0.0))
+
+
+def _interval(found: Interval) -> tuple[str, str]:
+    limits = "" if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
+    return f"{found.mean:.3g}", limits
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,80 @@
+"""Declaration of the commands `skyrange study`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from skyrange.cli.handlers import studies
+from skyrange.cli.options import AsJson, Plugins
+
+study_app = typer.Typer(
+    help="Fly many runs of a scenario, by factors, arms and seeds, and measure them.\n\n"
+    "Example: skyrange study run study.toml",
+    no_args_is_help=True,
+)
+
+StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study file, TOML.", show_default=False)]
+Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a study.", show_default=False)]
+Jobs = Annotated[
+    int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
+]
+On = Annotated[
+    str | None,
+    typer.Option(
+        "--on",
+        metavar="ADDRESS",
+        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the study.",
+        show_default=False,
+    ),
+]
+
+
+@study_app.command("run", epilog="Example: skyrange study run study.toml --dry-run")
+def run_study(
+    file: StudyFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
+    ] = None,
+    jobs: Jobs = None,
+    on: On = None,
+    dry_run: Annotated[
+        bool,
+        typer.Option("--dry-run", help="Check all scenarios, fly one block as a trial, and estimate time and disk."),
+    ] = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
+    studies.run(file, out, jobs, on, dry_run, as_json)
+
+
+@study_app.command("resume", epilog="Example: skyrange study resume studies/drift")
+def resume_study(
+    folder: Folder,
+    jobs: Jobs = None,
+    on: On = None,
+    other_version: Annotated[
+        bool,
+        typer.Option("--other-version", help="Go on with another version of skyrange than the one that began it."),
+    ] = False,
+    retry: Annotated[bool, typer.Option("--retry", help="Also fly the blocks with failed runs again.")] = False,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly the blocks of a study that are not finished."""
+    studies.resume(folder, jobs, on, other_version, retry, as_json)
+
+
+@study_app.command("status", epilog="Example: skyrange study status studies/drift")
+def show_status(folder: Folder, as_json: AsJson = False) -> None:
+    """Print how many blocks of a study are finished, and which runs failed."""
+    studies.status(folder, as_json)
+
+
+@study_app.command("show", epilog="Example: skyrange study show studies/drift")
+def show_study(folder: Folder, as_json: AsJson = False) -> None:
+    """Print what each arm measured at each point: means over the seeds, with 95 % confidence intervals."""
+    studies.show(folder, as_json)

@@ -1,0 +1,101 @@
+"""Blocks of a study: all arms of one point and one seed, and their scenarios."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from skyrange.core.errors import InputError, Problem
+from skyrange.scenario.model.defences import DefenceTable
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
+from skyrange.study.sweep.model import Study, StudyArm
+from skyrange.study.sweep.sampling import Point, change_of, draw_values, list_points
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One point with one seed; its runs share all chance."""
+
+    name: str
+    """Name of its folder, such as p0003-s7."""
+    point: int
+    seed: int
+    values: Point
+    """Values of the factors, then of the draws."""
+
+
+def list_blocks(study: Study) -> list[Block]:
+    """All blocks of a study, in order: seed by seed, so that a part of the study has all points."""
+    points = list_points(study)
+    width = max(4, len(str(len(points) - 1)))
+    return [
+        Block(f"p{number:0{width}d}-s{seed}", number, seed, {**values, **draw_values(study, number, seed)})
+        for seed in range(study.first_seed, study.first_seed + study.seeds)
+        for number, values in enumerate(points)
+    ]
+
+
+def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
+    """The scenario of one run. Raises `InputError` with the problems of the scenario as changed."""
+    changes = [*study.changes]
+    changes += [change_of(one, block.values[one.name]) for one in (*study.factors, *study.draws)]
+    changes += arm.changes
+    changes += ["record.csv=false", *([f"record.level={study.level}"] if study.level is not None else [])]
+    base = load_scenario(study.scenario, changes, seed=block.seed)
+    more = tuple(_defences(arm))
+    if more or study.detectors:
+        base = base.model_copy(
+            update={"defences": (*base.defences, *more), "detectors": (*base.detectors, *study.detectors)}
+        )
+        problems = Scenario.cross_check(base)
+        if problems:
+            raise InputError(f"scenario {base.name}, arm {arm.id}", problems)
+    acting = frozenset(acting_attacks(base))
+    state = {"muted": Arm(NOMINAL), "active": Arm(ATTACKED, acting), "sham": Arm(SHAM)}[arm.attacks]
+    found = scenario_of(base, state, block.seed)
+    if arm.faults is None:
+        return found
+    faults = tuple(one.model_copy(update={"muted": arm.faults == "muted" or one.muted}) for one in base.faults)
+    return found.model_copy(update={"faults": faults})
+
+
+def check_blocks(study: Study, blocks: list[Block]) -> None:
+    """Raise `InputError` with the problems of the scenarios of all arms at the corners of the design.
+
+    A key that does not exist is found in the first block, a value outside its limits in that of its least and greatest.
+    """
+    problems: list[Problem] = []
+    for block in _corners(study, blocks):
+        for arm in study.arms:
+            try:
+                scenario_in(study, arm, block)
+            except InputError as error:
+                problems += [one for one in error.problems if one not in problems]
+    if problems:
+        raise InputError(f"study {study.name}", problems)
+
+
+def _corners(study: Study, blocks: list[Block]) -> Iterator[Block]:
+    found = {blocks[0].name: blocks[0]}
+    for factor in (*study.factors, *study.draws):
+        numbers = [block for block in blocks if isinstance(block.values[factor.name], (int, float))]
+        if numbers:
+            for block in (
+                min(numbers, key=lambda one: one.values[factor.name]),
+                max(numbers, key=lambda one: one.values[factor.name]),
+            ):
+                found[block.name] = block
+        else:
+            first: dict[str, Block] = {}
+            for block in blocks:
+                first.setdefault(repr(block.values[factor.name]), block)
+            found.update({block.name: block for block in first.values()})
+    yield from found.values()
+
+
+def _defences(arm: StudyArm) -> Iterator[DefenceTable]:
+    for number, part in enumerate(arm.defences, start=1):
+        id_ = arm.id if len(arm.defences) == 1 else f"{arm.id}-{number}"
+        yield DefenceTable(id=id_, kind=part.kind, params=part.params, cost=part.cost)

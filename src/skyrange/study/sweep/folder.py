@@ -1,0 +1,122 @@
+"""Folder of a study: what it is a study of, and which of its blocks are finished."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from skyrange.core.errors import InputError
+from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
+from skyrange.record.folder import make_new_folder
+from skyrange.scenario.shipped import source_of
+from skyrange.study.sweep.blocks import Block, list_blocks
+from skyrange.study.sweep.model import Study
+from skyrange.study.sweep.worker import BLOCKS
+
+FORMAT: Final = "skyrange.study/1"
+MANIFEST: Final = "study.json"
+_LOCK: Final = ".lock"
+
+
+@dataclass(frozen=True)
+class StudyFolder:
+    """A study in its folder."""
+
+    path: Path
+    study: Study
+    blocks: list[Block]
+    """All blocks of the design, in order."""
+    version: str
+    """The version of skyrange that began it."""
+
+    def finished(self) -> list[Block]:
+        """The blocks that are finished, in order of the design."""
+        names = {path.stem for path in (self.path / BLOCKS).glob("*.json")}
+        return [block for block in self.blocks if block.name in names]
+
+    @contextmanager
+    def lock(self) -> Iterator[None]:
+        """Hold the folder: `InputError` if another process, or a worker of one, flies its blocks.
+
+        Forked workers inherit the lock, so that it is held until the last of them has ended.
+        """
+        import fcntl
+
+        with (self.path / _LOCK).open("w") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                expected = "a study that no other process is flying"
+                raise InputError.one("study", "folder", str(self.path), expected, "Wait for it, or end it.") from error
+            yield
+
+
+def create_folder(study: Study, path: Path) -> StudyFolder:
+    """Make the folder of a study. Raises `InputError` if it is not new or empty."""
+    folder = make_new_folder(path)
+    (folder / BLOCKS).mkdir()
+    blocks = list_blocks(study)
+    data = {
+        "format": FORMAT,
+        "digest": digest_of(study),
+        "skyrange": version("skyrange"),
+        "blocks": len(blocks),
+        "study": study.model_dump(mode="json"),
+    }
+    with atomic_write(folder / MANIFEST) as file:
+        file.write(f"{json.dumps(data, indent=1)}\n".encode())
+    return StudyFolder(folder, study, blocks, str(data["skyrange"]))
+
+
+def open_folder(path: Path) -> StudyFolder:
+    """The study in a folder. Raises `InputError` if there is none, or if its scenario has changed since."""
+    who = str(path)
+    manifest = path / MANIFEST
+    if not manifest.is_file():
+        raise InputError.one(who, MANIFEST, "missing", "the folder of a study", "`skyrange study run FILE` makes one.")
+    data: Any = parse_json(read_input(manifest, who, MANIFEST, max_bytes=MAX_RECORD_BYTES), who, MANIFEST)
+    if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("study"), dict):
+        found = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise InputError.one(who, f"{MANIFEST}: format", repr(found), repr(FORMAT))
+    study = Study(**data["study"])
+    return StudyFolder(path, study, list_blocks(study), str(data.get("skyrange")))
+
+
+def require_same(folder: StudyFolder, study: Study) -> None:
+    """Raise `InputError` if a folder belongs to another study than this, or to another version of it."""
+    if folder.study.name != study.name:
+        raise InputError.one(str(folder.path), "name", folder.study.name, f"the study {study.name}")
+    stored = json.loads((folder.path / MANIFEST).read_bytes())["digest"]
+    if stored != digest_of(study):
+        changed = [name for name in Study.model_fields if getattr(folder.study, name) != getattr(study, name)]
+        what = ", ".join(changed) or "the file of its scenario"
+        hint = "Results of both cannot be compared: fly it in a folder of its own."
+        raise InputError.one(str(folder.path), "study", f"differs in {what}", "the study that began here", hint)
+
+
+def require_unchanged(folder: StudyFolder, *, other_version: bool = False) -> None:
+    """Raise `InputError` if the scenario, or unless `other_version` skyrange, has changed since the study began."""
+    require_same(folder, folder.study)
+    now = version("skyrange")
+    if folder.version != now and not other_version:
+        hint = "Runs of two versions may differ: install that version, or say --other-version to mix them."
+        raise InputError.one(str(folder.path), "skyrange", now, f"version {folder.version}, which began it", hint)
+
+
+def digest_of(study: Study) -> str:
+    """A digest of what a study flies: its design and the file of its scenario."""
+    text = json.dumps(study.model_dump(mode="json"), sort_keys=True)
+    try:
+        base = source_of(study.scenario).read_bytes()
+    except OSError as error:
+        reason = os.strerror(error.errno or 0)
+        raise InputError.one("study", "scenario", study.scenario, "a file that can be read", reason) from error
+    return hashlib.sha256(text.encode() + b"\0" + base).hexdigest()

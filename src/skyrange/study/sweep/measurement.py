@@ -1,0 +1,124 @@
+"""Measurement of the runs of a block: rows of the tables of a study's results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from typing import Any, Final
+
+from skyrange.core.time import to_seconds
+from skyrange.record import RunRecord
+from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.measures.aircraft_measures import DEPARTED_M
+from skyrange.study.measures.separation import NEAR_M
+from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.model import Study
+from skyrange.study.twins.effects import effect_rows
+from skyrange.study.variants.run_measures import measure_run
+
+Rows = dict[str, list[dict[str, Any]]]
+"""Rows by table."""
+
+RUNS: Final = "runs"
+AIRCRAFT: Final = "aircraft"
+EFFECTS: Final = "effects"
+ALERTS: Final = "alerts"
+ACTS: Final = "acts"
+TABLES: Final = (RUNS, AIRCRAFT, EFFECTS, ALERTS, ACTS)
+"""Tables of results: a row for each run, for each aircraft of a run, for each aircraft of a run compared with that of
+the baseline, for each alert, and for each attack or fault that acted in a run.
+"""
+
+_WITHOUT: Final = ("seed", "against", "attacks", "faults", "attribution")
+"""Columns of effects that are those of the block, or that only a pair has."""
+
+
+def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], errors: Mapping[str, str]) -> Rows:
+    """Measure the runs of a block, `records` by arm; `errors` says why other arms have none.
+
+    The rows depend on the runs alone: they have no times of the wall clock.
+    """
+    rows: Rows = {table: [] for table in TABLES}
+    outcomes: dict[str, ArmOutcomes] = {}
+    for arm in study.arms:
+        head = _head(block, arm.id)
+        record = records.get(arm.id)
+        if record is None:
+            rows[RUNS].append({**head, "status": "failed", "error": errors.get(arm.id, "not flown")})
+            continue
+        outcomes[arm.id] = ArmOutcomes.read(record, NEAR_M)
+        measures = {_column(name): value for name, value in measure_run(record).values.items()}
+        manifest = record.manifest
+        rows[RUNS].append(
+            {
+                **head,
+                "status": str(manifest["status"]),
+                "error": "",
+                "simulated_s": float(manifest["simulated_s"]),
+                "vehicles": len(manifest["vehicles"]),
+                "fingerprint": str(manifest["digests"]["fingerprint"]),
+                **measures,
+            }
+        )
+        rows[AIRCRAFT] += [{**head, **asdict(one)} for one in outcomes[arm.id].measured]
+        rows[ALERTS] += [{**head, **one} for one in _alerts(record)]
+        rows[ACTS] += [{**head, **one} for one in _acts(record)]
+    baseline = outcomes.get(study.against)
+    for arm_id, measured in outcomes.items():
+        if baseline is None or arm_id == study.against:
+            continue
+        for row in effect_rows(block.seed, study.against, measured, baseline, DEPARTED_M):
+            kept = {name: value for name, value in row.items() if name not in _WITHOUT}
+            rows[EFFECTS].append({**_head(block, arm_id), "against": study.against, **kept})
+    return rows
+
+
+def failed_rows(study: Study, block: Block, error: str) -> Rows:
+    """The rows of a block of which nothing is known but an error."""
+    return measure_block(study, block, {}, {arm.id: error for arm in study.arms})
+
+
+def _head(block: Block, arm: str) -> dict[str, Any]:
+    return {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
+
+
+def _column(quantity: str) -> str:
+    """The name of a quantity as a column: 'answer, median' is answer_median."""
+    return quantity.replace(",", "").replace(" ", "_")
+
+
+def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:
+    columns = ["time_ns", "detector", "kind", "subject", "score"]
+    for batch in record.batches("alerts", columns):
+        for row in batch.to_pylist():
+            yield {"time_s": to_seconds(row.pop("time_ns")), **row}
+
+
+def _acts(record: RunRecord) -> Sequence[dict[str, Any]]:
+    """When each attack and fault acted first and last."""
+    found: dict[tuple[str, bool], list[int]] = {}
+    counts: dict[tuple[str, bool], int] = {}
+    for batch in record.batches("labels", ["at_ns", "attack", "fault", "benign"]):
+        for at_ns, attack, fault, benign in zip(*(column.to_pylist() for column in batch.columns), strict=True):
+            if benign:
+                continue
+            ends = found.setdefault((attack, fault), [at_ns, at_ns])
+            ends[0], ends[1] = min(ends[0], at_ns), max(ends[1], at_ns)
+            counts[attack, fault] = counts.get((attack, fault), 0) + 1
+    kinds = {str(one["id"]): str(one["kind"]) for one in _declared(record)}
+    return [
+        {
+            "attack": attack,
+            "kind": kinds.get(attack, ""),
+            "fault": fault,
+            "first_s": to_seconds(first),
+            "last_s": to_seconds(last),
+            "acts": counts[attack, fault],
+        }
+        for (attack, fault), (first, last) in sorted(found.items())
+    ]
+
+
+def _declared(record: RunRecord) -> Iterator[Mapping[str, Any]]:
+    for part in ("attacks", "faults"):
+        yield from (one for one in record.manifest.get(part) or () if isinstance(one, Mapping))

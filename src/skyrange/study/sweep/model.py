@@ -1,0 +1,211 @@
+"""Study file: a base scenario, its factors and draws, the arms, the seeds, and what is kept of each run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.record.levels import FULL, STUDY, keeps
+from skyrange.record.schema import TABLES
+from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse
+from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.scenario.shipped import source_of
+from skyrange.scenario.toml_reader import parse_toml
+from skyrange.scenario.validation.error_messages import input_error
+from skyrange.study.matrix.model import Part
+
+_Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
+Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
+
+EVERYTHING: Final = "everything"
+FEATURES: Final = "features"
+RESULTS: Final = "results"
+_KEPT: Final = (EVERYTHING, FEATURES, RESULTS)
+
+
+class Factor(Model):
+    """One key of the scenario that varies: among values, over a range, or by a normal distribution within a range."""
+
+    name: Id = Field(description="Name, the column of its values in the results.")
+    key: str = Field(
+        min_length=1, description="What it sets, a path as with --set, such as 'attacks.drift.params.speed_mps'."
+    )
+    values: tuple[Any, ...] = Field(default=(), description="Values among which it varies.")
+    low: Number | None = Field(default=None, description="Least value of a range.")
+    high: Number | None = Field(default=None, description="Greatest value of a range.")
+    steps: Whole | None = Field(
+        default=None, ge=2, le=10_000, description="Values of the range in a grid, at equal distances."
+    )
+    log: bool = Field(default=False, description="Whether the range is divided by ratios instead of differences.")
+    mean: Number | None = Field(default=None, description="Mean of a normal distribution, cut off at low and high.")
+    deviation: Number | None = Field(default=None, gt=0, description="Standard deviation of that distribution.")
+    whole: bool = Field(default=False, description="Whether values of the range are rounded to whole numbers.")
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Factor:
+        problems = []
+        ranged = self.low is not None and self.high is not None
+        if bool(self.values) == ranged or (self.low is None) != (self.high is None):
+            problems.append(Problem("values", repr(list(self.values)), "either values, or low and high"))
+        elif self.low is not None and self.high is not None and self.low >= self.high:
+            problems.append(Problem("high", repr(self.high), f"more than low, {self.low!r}"))
+        if self.log and (self.low is None or self.low <= 0):
+            problems.append(Problem("low", repr(self.low), "more than 0, because log is true"))
+        if (self.mean is None) != (self.deviation is None) or (self.mean is not None and (self.log or not ranged)):
+            problems.append(Problem("mean", repr(self.mean), "mean and deviation together, with low and high, no log"))
+        if problems:
+            raise refuse(*problems)
+        return self
+
+
+class StudyArm(Model):
+    """One of the runs of which each block consists: with attacks or without, defended or not."""
+
+    id: Id = Field(description="Name, unique among the arms.")
+    attacks: Literal["active", "muted", "sham"] = Field(
+        default="active",
+        description="active: attacks act; muted: they are present and without effect; sham: they send as much, with "
+        "harmless content, or are muted where their kind works by load.",
+    )
+    faults: Literal["active", "muted"] | None = Field(
+        default=None, description="Whether benign faults act. Default: as the attacks do; muted in a sham arm."
+    )
+    defences: tuple[Part, ...] = Field(default=(), description="Defences that this arm has in addition.")
+    changes: _Texts = Field(default=(), description="Changes of the scenario in this arm, each path=value.")
+
+
+_SHORT: Final = {"nominal": "muted", "attacked": "active", "sham": "sham"}
+
+
+def _arm(value: Any) -> Any:
+    """An arm that is given by its name alone."""
+    if not isinstance(value, str):
+        return value
+    if value not in _SHORT:
+        raise refuse(Problem("", value, f"one of {', '.join(_SHORT)}, or a table with an id", nearest(value, _SHORT)))
+    return {"id": value, "attacks": _SHORT[value]}
+
+
+class Study(Model):
+    """A study: each point of the design is flown with each seed in each arm."""
+
+    name: Id = Field(description="Name of the study.")
+    scenario: str = Field(min_length=1, description="Name of a shipped scenario or example, or a TOML file.")
+    changes: _Texts = Field(default=(), description="Changes of the scenario in all runs, each path=value.")
+    factors: tuple[Factor, ...] = Field(default=(), description="What varies from point to point.")
+    sampling: Sampling = Field(
+        default="grid",
+        description="How points are chosen: grid, every combination; latin-hypercube and sobol, points that fill the "
+        "space evenly; random, independent points.",
+    )
+    points: Whole | None = Field(
+        default=None, ge=1, le=1_000_000, description="Number of points, for all kinds of sampling but grid."
+    )
+    draws: tuple[Factor, ...] = Field(
+        default=(), description="What varies from seed to seed as well: geometry, onset, wind, the attacker's place."
+    )
+    seeds: Whole = Field(default=1, ge=1, le=1_000_000, description="Number of seeds of each point.")
+    first_seed: Whole = Field(default=1, ge=0, description="The first seed; the others follow it.")
+    arms: tuple[Annotated[StudyArm, BeforeValidator(_arm)], ...] = Field(
+        default=(StudyArm(id="nominal", attacks="muted"), StudyArm(id="attacked")),
+        min_length=1,
+        description="The arms: 'nominal', 'attacked' and 'sham' by name, others as tables. All arms of a block have "
+        "the same point, seed and draws.",
+    )
+    baseline: Id | None = Field(
+        default=None, description="The arm with which effects are compared. Default: the first."
+    )
+    detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors that listen in all runs.")
+    keep: str | tuple[str, ...] = Field(
+        default=RESULTS,
+        description="What is kept of each run: results, its measures alone; features, its folder at level study; "
+        "everything, its folder as recorded; or a list of tables by name.",
+    )
+    max_disk_mb: Number | None = Field(default=None, gt=0, description="Most disk that runs may take, in MB.")
+    run_limit_s: Number = Field(
+        default=600.0, gt=0, description="Longest wall time of one run, in s; the process of a longer one is ended."
+    )
+
+    @model_validator(mode="after")
+    def _whole(self) -> Study:
+        problems = [*_repeated("arms", [arm.id for arm in self.arms])]
+        named = [*self.factors, *self.draws]
+        problems += _repeated("factors and draws", [one.name for one in named])
+        reserved = [one.name for one in named if one.name in COLUMNS]
+        problems += [Problem("factors", name, f"a name other than {', '.join(COLUMNS)}") for name in reserved]
+        ids = [arm.id for arm in self.arms]
+        if self.baseline is not None and self.baseline not in ids:
+            problems.append(Problem("baseline", self.baseline, "the id of an arm", nearest(self.baseline, ids)))
+        if self.sampling == "grid":
+            if self.points is not None:
+                problems.append(Problem("points", str(self.points), "none, because a grid has as many as its values"))
+            problems += [
+                Problem(f"factors.{place}.steps", "none", "values, or the number of steps of the range in the grid")
+                for place, one in enumerate(self.factors)
+                if not one.values and one.steps is None
+            ]
+        elif self.points is None:
+            problems.append(Problem("points", "none", f"the number of points of {self.sampling}"))
+        elif self.sampling == "sobol" and self.points & (self.points - 1):
+            problems.append(Problem("points", str(self.points), "a power of two, as Sobol's points need"))
+        tables = (self.keep,) if isinstance(self.keep, str) else self.keep
+        known = _KEPT if isinstance(self.keep, str) else tuple(TABLES)
+        problems += [
+            Problem("keep", name, f"{', '.join(_KEPT)}, or a list of tables", nearest(name, known))
+            for name in tables
+            if name not in known
+        ]
+        if problems:
+            raise refuse(*problems)
+        return self
+
+    @property
+    def against(self) -> str:
+        """The arm with which effects are compared."""
+        return self.baseline or self.arms[0].id
+
+    @property
+    def level(self) -> str | None:
+        """The level at which runs are recorded; None for that of the scenario."""
+        if self.keep == EVERYTHING:
+            return None
+        tables = () if isinstance(self.keep, str) else self.keep
+        enough = all(keeps({"record": {"level": STUDY}}, table) for table in tables)
+        return STUDY if enough else FULL
+
+
+COLUMNS: Final = ("block", "point", "seed", "arm")
+"""Columns of all tables of results, before those of the factors and draws."""
+
+
+def _repeated(where: str, ids: Sequence[str]) -> Iterator[Problem]:
+    for place, id_ in enumerate(ids):
+        if id_ in ids[:place]:
+            yield Problem(f"{where}.{place}", id_, "a name that no other has")
+
+
+def read_study(file: str | Path) -> Study:
+    """The study in a TOML file; its scenario is relative to the file. Raises `InputError` with all problems."""
+    path, who = expand_user(file), str(file)
+    text = read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a TOML file").decode("utf-8", errors="replace")
+    return parse_study(text, who, path.parent)
+
+
+def parse_study(text: str, who: str, folder: Path) -> Study:
+    """The study in TOML text; a scenario's file is relative to `folder`. Raises `InputError` with all problems."""
+    data = parse_toml(text, who)
+    try:
+        study = Study.model_validate(data)
+    except ValidationError as error:
+        raise input_error(who, error, Study, data) from None
+    if study.scenario.endswith(".toml") or "/" in study.scenario:
+        beside = folder / expand_user(study.scenario)
+        study = study.model_copy(update={"scenario": str(beside.absolute())})
+    elif (source := source_of(study.scenario)) and not source.is_file():
+        raise InputError.one(who, "scenario", study.scenario, "a shipped scenario or a TOML file")
+    return study

@@ -1,0 +1,84 @@
+"""Results of a study: one partitioned Parquet set for each table, with the factors as columns."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.core.errors import InputError
+from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.measurement import TABLES
+from skyrange.study.sweep.worker import BLOCKS, read_block
+
+RESULTS: Final = "results"
+_PART_BLOCKS: Final = 2_000
+"""Blocks in one file of a partition."""
+
+
+def write_results(folder: StudyFolder) -> Path:
+    """Write the results of all finished blocks to `results/TABLE/arm=ARM/part-0000.parquet`; returns `results`.
+
+    Rows are in order of the design, and files do not depend on the order in which blocks were flown.
+    """
+    target, draft = folder.path / RESULTS, folder.path / f"{RESULTS}.part"
+    shutil.rmtree(draft, ignore_errors=True)
+    finished = folder.finished()
+    for number, start in enumerate(range(0, len(finished), _PART_BLOCKS)):
+        rows = _rows_of(folder, finished[start : start + _PART_BLOCKS])
+        for table in TABLES:
+            for arm in folder.study.arms:
+                own = [{**row} for row in rows[table] if row["arm"] == arm.id]
+                if own:
+                    _write(own, draft / table / f"arm={arm.id}" / f"part-{number:04d}.parquet")
+    draft.mkdir(exist_ok=True)
+    shutil.rmtree(target, ignore_errors=True)
+    draft.replace(target)
+    return target
+
+
+def read_results(folder: Path, table: str) -> pa.Table:
+    """One table of the results. Raises `InputError` for a table that does not exist; it is empty without rows."""
+    if table not in TABLES:
+        raise InputError.one("study", "table", table, f"one of {', '.join(TABLES)}")
+    path = folder / RESULTS / table
+    if not path.is_dir():
+        return pa.table({})
+    parts = [pq.read_table(file, partitioning=None) for file in sorted(path.rglob("*.parquet"))]
+    return pa.concat_tables(parts, promote_options="permissive")
+
+
+def _rows_of(folder: StudyFolder, blocks: Sequence[Block]) -> dict[str, list[dict[str, Any]]]:
+    rows: dict[str, list[dict[str, Any]]] = {table: [] for table in TABLES}
+    for block in blocks:
+        _, found = read_block(folder.path / BLOCKS / f"{block.name}.json")
+        for table in TABLES:
+            rows[table] += found[table]
+    return rows
+
+
+def _write(rows: list[dict[str, Any]], path: Path) -> None:
+    names = list(dict.fromkeys(_columns(rows)))
+    columns = {name: [row.get(name) for row in rows] for name in names}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    pq.write_table(pa.table({name: _array(values) for name, values in columns.items()}), path, compression="zstd")
+
+
+def _columns(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
+    for row in rows:
+        yield from row
+
+
+def _array(values: list[Any]) -> pa.Array:
+    """A column: numbers are floats where any is; what has several types is text."""
+    kinds = {type(value) for value in values if value is not None}
+    if kinds <= {int, float} and float in kinds:
+        return pa.array(values, pa.float64())
+    if len(kinds) > 1 or kinds & {list, dict}:
+        return pa.array([None if value is None else str(value) for value in values], pa.string())
+    return pa.array(values)

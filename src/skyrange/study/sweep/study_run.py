@@ -1,0 +1,118 @@
+"""Run of a study: its blocks on an executor, with progress, a budget of disk, and what went wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import monotonic
+from typing import Final
+
+from skyrange.core.errors import ShortfallError
+from skyrange.runtime.interrupt import Interruptible
+from skyrange.runtime.warm_up import warm_up
+from skyrange.study.sweep.blocks import Block, scenario_in
+from skyrange.study.sweep.executors import Executor, WorkerFailure
+from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.results import write_results
+from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block, note_failure, read_block
+
+OnBlock = Callable[[int, int, float | None], None]
+"""Callback for progress: blocks finished, blocks in all, and the seconds that are left if they are known."""
+
+_MB: Final = 1e6
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What a study has flown."""
+
+    folder: StudyFolder
+    finished: int
+    """Blocks that are finished, with those of earlier sessions."""
+    flown: int
+    """Blocks that this session flew."""
+    failed: Sequence[tuple[str, str]]
+    """Blocks with failed runs, of all sessions, and the first error of each."""
+    wall_s: float
+    """Of this session."""
+    busy_share: float
+    """The share of the workers' time in which they flew blocks."""
+
+
+def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None = None) -> StudyResult:
+    """Fly the blocks of a study that are not finished, and write its results.
+
+    Raises `ShortfallError` after Ctrl-C, or when the budget of disk is used up: what is finished is in the results.
+    Raises `DiskFullError` when nothing more can be written.
+    """
+    study, total = folder.study, len(folder.blocks)
+    done = {block.name for block in folder.finished()}
+    due = [block for block in folder.blocks if block.name not in done]
+    began = monotonic()
+    busy_s, flown = 0.0, 0
+    used_bytes = sum(read_block(path)[0].disk_bytes for path in (folder.path / BLOCKS).glob("*.json"))
+    reason = ""
+    with folder.lock(), Interruptible() as interrupt:
+        if due:
+            warm_up(scenario_in(study, study.arms[-1], due[0]))  # loaded once, before workers are forked
+        began = monotonic()
+        if on_block is not None:
+            on_block(len(done), total, None)
+
+        def stop() -> bool:
+            nonlocal reason
+            if interrupt.requested:
+                reason = "interrupted"
+            elif study.max_disk_mb is not None and used_bytes > study.max_disk_mb * _MB:
+                reason = f"the runs take more than max_disk_mb, {study.max_disk_mb:g}"
+            return bool(reason)
+
+        limit_s = float(study.run_limit_s) * len(study.arms)
+        try:
+            for block, outcome in executor.run(due, partial(_fly, folder), limit_s, stop):
+                result = _settle(folder, block, outcome)
+                done.add(result.name)
+                flown += 1
+                busy_s += result.wall_s
+                used_bytes += result.disk_bytes
+                if on_block is not None:
+                    left_s = (monotonic() - began) / flown * (len(due) - flown)
+                    on_block(len(done), total, left_s)
+        finally:
+            write_results(folder)
+    wall_s = monotonic() - began
+    if reason and len(done) < total:
+        more = f"skyrange study resume {folder.path}"
+        raise ShortfallError(f"{reason}; {len(done)} of {total} blocks are finished; to go on: {more}", folder.path)
+    share = busy_s / (wall_s * executor.jobs) if flown else 1.0
+    return StudyResult(folder, len(done), flown, list_failures(folder), wall_s, share)
+
+
+def list_failures(folder: StudyFolder) -> list[tuple[str, str]]:
+    """The blocks with failed runs, and the first error of each."""
+    results = (read_block(folder.path / BLOCKS / f"{block.name}.json")[0] for block in folder.finished())
+    return [(result.name, result.errors[0]) for result in results if result.failed]
+
+
+def forget_failures(folder: StudyFolder) -> None:
+    """Count the blocks with failed runs as not finished, so that these runs are flown again."""
+    with folder.lock():
+        for name, _ in list_failures(folder):
+            (folder.path / BLOCKS / f"{name}.json").unlink()
+
+
+def _fly(folder: StudyFolder, block: Block) -> BlockResult:
+    return fly_block(folder.study, block, folder.path)
+
+
+def _settle(folder: StudyFolder, block: Block, outcome: BlockResult | WorkerFailure) -> BlockResult:
+    if isinstance(outcome, WorkerFailure):
+        return note_failure(folder.study, block, folder.path, str(outcome))
+    return outcome
+
+
+def default_folder(name: str, parent: Path = Path("studies")) -> Path:
+    """The folder of a study by its name."""
+    return parent / name

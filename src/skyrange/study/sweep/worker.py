@@ -1,0 +1,164 @@
+"""Flight of one block in a worker: every arm into a folder of its own, the measures into one file."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+from time import perf_counter
+from typing import Any, Final, NamedTuple
+
+from skyrange.core.errors import ComponentError, InputError, SkyrangeError
+from skyrange.core.files import atomic_write
+from skyrange.record import RunRecord, load
+from skyrange.record.part_files import table_files
+from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.runs import fly
+from skyrange.study.sweep.blocks import Block, scenario_in
+from skyrange.study.sweep.measurement import Rows, failed_rows, measure_block
+from skyrange.study.sweep.model import RESULTS, Study
+
+BLOCKS: Final = "blocks"
+"""Folder of a file for each finished block."""
+RUNS: Final = "runs"
+"""Folder of the runs: those that are kept, and those of blocks that are not finished."""
+KEPT: Final = "kept"
+"""Folder of the tables that are kept of runs whose folders are not."""
+_FORMAT: Final = "skyrange.block/1"
+
+
+class BlockResult(NamedTuple):
+    """What is known of a block that was flown."""
+
+    name: str
+    runs: int
+    failed: int
+    errors: tuple[str, ...]
+    wall_s: float
+    """Of everything."""
+    flight_s: float
+    """Of the flights themselves."""
+    disk_bytes: int
+    """What its kept files take."""
+
+
+class DiskFullError(ComponentError):
+    """Nothing more can be written: the whole study ends."""
+
+
+def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
+    """Fly the arms of a block, those that are not flown yet, and write what they measured.
+
+    A run that fails is in the results with its error, and its folder is kept. Raises `DiskFullError`.
+    """
+    began = perf_counter()
+    records: dict[str, RunRecord] = {}
+    errors: dict[str, str] = {}
+    for arm in study.arms:
+        folder = root / RUNS / block.name / arm.id
+        try:
+            records[arm.id] = _fly(scenario_in(study, arm, block), folder)
+        except SkyrangeError as error:
+            _raise_if_full(error)
+            errors[arm.id] = str(error)
+        except OSError as error:
+            _raise_if_full(error)
+            errors[arm.id] = f"{type(error).__name__}: {error}"
+    try:
+        rows = measure_block(study, block, records, errors)
+        flight_s = sum(float(record.manifest["timings"]["wall_s"]) for record in records.values())
+        disk_bytes = _reduce(study, block, records, root)
+        result = BlockResult(
+            block.name,
+            len(study.arms),
+            len(errors),
+            tuple(errors.values()),
+            perf_counter() - began,
+            flight_s,
+            disk_bytes,
+        )
+        write_block(root, result, rows)
+    except OSError as error:
+        _raise_if_full(error)
+        raise
+    return result
+
+
+def write_block(root: Path, result: BlockResult, rows: Rows) -> None:
+    """Write the file of a finished block: it is there as a whole or not at all."""
+    data = {"format": _FORMAT, **result._asdict(), "rows": rows}
+    with atomic_write(root / BLOCKS / f"{result.name}.json") as file:
+        file.write(json.dumps(data, allow_nan=True).encode())
+
+
+def read_block(path: Path) -> tuple[BlockResult, Rows]:
+    """A finished block. Raises `InputError` for a damaged file."""
+    try:
+        data: dict[str, Any] = json.loads(path.read_bytes())
+        if data.pop("format") != _FORMAT:
+            raise ValueError("another format")
+        rows: Rows = data.pop("rows")
+        return BlockResult(**{**data, "errors": tuple(data["errors"])}), rows
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError.one("study", str(path), str(error), "the file of a block", "Delete it and resume.") from error
+
+
+def note_failure(study: Study, block: Block, root: Path, error: str) -> BlockResult:
+    """Write the file of a block whose worker ended; what its runs recorded stays."""
+    result = BlockResult(block.name, len(study.arms), len(study.arms), (error,), 0.0, 0.0, 0)
+    write_block(root, result, failed_rows(study, block, error))
+    return result
+
+
+def _fly(scenario: Scenario, folder: Path) -> RunRecord:
+    """The record of a run that was flown before or is flown now; what is left of an interrupted one is deleted."""
+    if folder.exists():
+        try:
+            record = load(folder)
+            if record.manifest["status"] == "complete":
+                return record
+        except InputError:
+            pass
+        shutil.rmtree(folder)
+    return fly(scenario, folder, report=False)
+
+
+def _reduce(study: Study, block: Block, records: dict[str, RunRecord], root: Path) -> int:
+    """Delete what is not kept of the runs that did not fail; returns the bytes that stay."""
+    tables = () if isinstance(study.keep, str) else study.keep
+    if study.keep == RESULTS or tables:
+        for arm, record in records.items():
+            for table in tables:
+                _keep_table(record.path, table, root / KEPT / table / block.name / arm)
+            shutil.rmtree(record.path)
+        _remove_empty(root / RUNS / block.name)
+    kept = [root / RUNS / block.name, *(root / KEPT / table / block.name for table in tables)]
+    return sum(_size(folder) for folder in kept)
+
+
+def _keep_table(run: Path, table: str, folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, path in enumerate(table_files((run / f"{table}.parquet").absolute())):
+        path.replace(folder / f"part-{number:04d}.parquet")
+
+
+def _remove_empty(folder: Path) -> None:
+    if folder.is_dir() and not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _size(folder: Path) -> int:
+    files: Iterable[Path] = folder.rglob("*") if folder.is_dir() else ()
+    return sum(path.stat().st_size for path in files if path.is_file())
+
+
+def _raise_if_full(error: BaseException) -> None:
+    """Raise `DiskFullError` if an error, or one that it came from, says that nothing more can be written."""
+    seen: BaseException | None = error
+    while seen is not None:
+        if isinstance(seen, OSError) and seen.errno in (errno.ENOSPC, errno.EDQUOT):
+            hint = "All finished blocks are kept; free some space, then: skyrange study resume"
+            raise DiskFullError("study", f"the disk is full: {seen}", hint) from error
+        seen = seen.__cause__
