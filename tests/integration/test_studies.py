@@ -1,0 +1,194 @@
+"""Studies that are flown: equal results whatever the workers, after a kill as without; errors that name the fault."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pytest
+
+from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.study.sweep import folder as study_folder
+from skyrange.study.sweep import worker
+from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.folder import create_folder, open_folder, require_same, require_unchanged
+from skyrange.study.sweep.local_pool import LocalPool
+from skyrange.study.sweep.measurement import TABLES
+from skyrange.study.sweep.model import Study, read_study
+from skyrange.study.sweep.results import read_results, write_results
+from skyrange.study.sweep.study_run import forget_failures, list_failures, run_blocks
+from skyrange.study.sweep.summary import summarise_study
+from skyrange.study.sweep.worker import DiskFullError
+
+TEXT = """
+name = "jumps"
+scenario = "gnss.jump"
+changes = ["duration_s=22"]
+seeds = 2
+arms = ["nominal", "attacked", { id = "defended", defences = [{ kind = "gnss.innovation" }] }]
+
+[[factors]]
+name = "size"
+key = "attacks.jump.params.offset_m"
+values = [[10, 0, 0], [30, 0, 0]]
+
+[[draws]]
+name = "onset"
+key = "attacks.jump.start_s"
+low = 12
+high = 15
+
+[[detectors]]
+id = "gap"
+kind = "heartbeat.gap"
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Study:
+    path = tmp_path / "study.toml"
+    path.write_text(TEXT)
+    return read_study(path)
+
+
+def results_of(path: Path) -> dict[str, list[dict[str, Any]]]:
+    return {table: read_results(path, table).to_pylist() for table in TABLES}
+
+
+def test_results_do_not_depend_on_the_workers(study: Study, tmp_path: Path) -> None:
+    done: list[tuple[int, int]] = []
+    one = create_folder(study, tmp_path / "one")
+    result = run_blocks(one, LocalPool(1), lambda finished, total, _: done.append((finished, total)))
+    assert (result.finished, result.flown, result.failed) == (4, 4, [])
+    assert done == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
+    several = create_folder(study, tmp_path / "several")
+    several.blocks.reverse()
+    run_blocks(several, LocalPool(3))
+    assert results_of(open_folder(one.path).path) == results_of(one.path)
+    several.blocks.reverse()
+    expected = results_of(one.path)
+    write_results(several)
+    assert results_of(several.path) == expected
+    runs = expected["runs"]
+    assert len(runs) == 12
+    assert {row["status"] for row in runs} == {"complete"}
+    assert len({row["fingerprint"] for row in runs if row["arm"] == "nominal"}) == 2  # the size has no effect there
+    assert all(row["onset"] == other["onset"] for row in runs for other in runs if row["block"] == other["block"])
+    effects = expected["effects"]
+    assert {row["arm"] for row in effects} == {"attacked", "defended"}
+    assert all(row["against"] == "nominal" for row in effects)
+    assert {row["attack"] for row in expected["acts"]} == {"jump"}
+    assert {row["kind"] for row in expected["acts"]} == {"gnss.jump"}
+    assert not (one.path / "runs").exists() or not any((one.path / "runs").iterdir())
+    cells = summarise_study(one)
+    assert [(cell.arm, cell.runs) for cell in cells] == [
+        (arm, 2) for _ in range(2) for arm in ("nominal", "attacked", "defended")
+    ]
+
+
+def test_a_killed_study_goes_on_without_flying_finished_runs_again(tmp_path: Path) -> None:
+    (tmp_path / "study.toml").write_text(TEXT)
+    program = str(Path(sys.executable).with_name("skyrange"))
+    command = [program, "study", "run", str(tmp_path / "study.toml"), "--jobs", "2"]
+    path = tmp_path / "killed"
+    process = subprocess.Popen([*command, "--out", str(path), "--json"], stdout=subprocess.DEVNULL)
+    blocks = path / "blocks"
+    deadline = time.monotonic() + 120.0
+    while time.monotonic() < deadline and not any(blocks.glob("*.json")):
+        time.sleep(0.05)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    before = {file.name: file.stat().st_mtime_ns for file in blocks.glob("*.json")}
+    assert before
+    deadline = time.monotonic() + 10.0
+    while time.monotonic() < deadline:  # its workers end with it
+        try:
+            with open_folder(path).lock():
+                break
+        except InputError:
+            time.sleep(0.05)
+    subprocess.run([*command, "--out", str(path), "--json"], check=True, stdout=subprocess.DEVNULL)
+    assert {name: (blocks / name).stat().st_mtime_ns for name in before} == before
+    whole = create_folder(read_study(tmp_path / "study.toml"), tmp_path / "whole")
+    run_blocks(whole, LocalPool(2))
+    assert results_of(path) == results_of(whole.path)
+
+
+def test_a_folder_is_of_one_study_one_version_and_one_process(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = create_folder(study, tmp_path / "s")
+    with pytest.raises(InputError, match="differs in seeds"):
+        require_same(folder, study.model_copy(update={"seeds": 3}))
+    with pytest.raises(InputError, match="the study other"):
+        require_same(folder, study.model_copy(update={"name": "other"}))
+    with folder.lock(), pytest.raises(InputError, match="no other process"), open_folder(folder.path).lock():
+        pass
+    monkeypatch.setattr(study_folder, "version", lambda _: "99")
+    with pytest.raises(InputError, match="which began it"):
+        require_unchanged(folder)
+    require_unchanged(folder, other_version=True)
+
+
+def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fly = worker.fly
+
+    def failing(scenario: Any, out: Path, **more: Any) -> Any:
+        if out.name == "attacked" and out.parent.name == "p0001-s1":
+            raise ComponentError("autopilot", "ended")
+        return fly(scenario, out, **more)
+
+    monkeypatch.setattr(worker, "fly", failing)
+    folder = create_folder(study, tmp_path / "s")
+    result = run_blocks(folder, LocalPool(2))
+    assert [name for name, _ in result.failed] == ["p0001-s1"]
+    assert "autopilot: ended" in result.failed[0][1]
+    failed = [row for row in read_results(folder.path, "runs").to_pylist() if row["status"] == "failed"]
+    assert [(row["block"], row["arm"]) for row in failed] == [("p0001-s1", "attacked")]
+    assert sum(cell.failed for cell in summarise_study(folder)) == 1
+    monkeypatch.setattr(worker, "fly", fly)
+    forget_failures(folder)
+    assert run_blocks(folder, LocalPool(1)).flown == 1
+    assert list_failures(folder) == []
+
+
+def test_a_full_disk_ends_the_study_and_a_budget_does(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = study.model_copy(update={"keep": "everything", "max_disk_mb": 0.001})
+    budget = create_folder(kept, tmp_path / "budget")
+    with pytest.raises(ShortfallError, match=r"max_disk_mb, 0\.001; 1 of 4"):
+        run_blocks(budget, LocalPool(1))
+    assert len(read_results(budget.path, "runs")) == 3
+
+    def full(*_: Any, **__: Any) -> Any:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    folder = create_folder(study, tmp_path / "full")
+    run_one = LocalPool(1).run(folder.blocks[:1], lambda block: worker.fly_block(study, block, folder.path), 60.0, bool)
+    assert len(list(run_one)) == 1
+    monkeypatch.setattr(worker, "fly", full)
+    with pytest.raises(DiskFullError, match="the disk is full"):
+        run_blocks(folder, LocalPool(2))
+    assert len(folder.finished()) == 1
+    assert len(read_results(folder.path, "runs")) == 3
+
+
+def test_tables_that_are_kept(study: Study, tmp_path: Path) -> None:
+    some = study.model_copy(update={"keep": ("truth", "frames"), "seeds": 1, "factors": ()})
+    folder = create_folder(some, tmp_path / "s")
+    run_blocks(folder, LocalPool(2))
+    block: Block = folder.blocks[0]
+    for table in ("truth", "frames"):
+        parts = sorted((folder.path / "kept" / table / block.name / "attacked").glob("*.parquet"))
+        assert sum(pa.parquet.read_metadata(part).num_rows for part in parts) > 100
+    assert not (folder.path / "runs" / block.name).exists()
