@@ -1,0 +1,63 @@
+"""Studies on a Ray cluster of several nodes, each with processes of its own: the same results as on one machine."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skyrange.study.sweep.folder import create_folder
+from skyrange.study.sweep.local_pool import LocalPool
+from skyrange.study.sweep.measurement import TABLES
+from skyrange.study.sweep.model import Study
+from skyrange.study.sweep.ray_pool import RayPool
+from skyrange.study.sweep.results import read_results
+from skyrange.study.sweep.study_run import run_blocks
+
+pytestmark = pytest.mark.slow
+
+STUDY = Study(
+    name="on-ray",
+    scenario="gnss.jump",
+    changes=("duration_s=15",),
+    seeds=4,
+    draws=({"name": "onset", "key": "attacks.jump.start_s", "low": 8, "high": 12},),
+)
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    pytest.importorskip("ray", reason="ray is not installed")
+    import ray
+    from ray.cluster_utils import Cluster
+
+    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    found.add_node(num_cpus=1)
+    found.wait_for_nodes()
+    yield found
+    ray.shutdown()
+    found.shutdown()
+
+
+def test_a_cluster_gives_the_same_results_and_survives_a_node(cluster: Any, tmp_path: Path) -> None:
+    extra = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    pool = RayPool(cluster.address)
+    assert pool.jobs == 3
+    on_ray = create_folder(STUDY, tmp_path / "ray")
+    ended = []
+
+    def end_a_node(done: int, total: int, left_s: float | None) -> None:
+        if done == 1 and not ended:
+            ended.append(extra)
+            cluster.remove_node(extra, allow_graceful=False)
+
+    result = run_blocks(on_ray, pool, end_a_node)
+    assert ended
+    assert (result.finished, result.failed) == (4, [])
+    local = create_folder(STUDY, tmp_path / "local")
+    run_blocks(local, LocalPool(2))
+    for table in TABLES:
+        assert read_results(on_ray.path, table).to_pylist() == read_results(local.path, table).to_pylist(), table
