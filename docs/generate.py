@@ -415,6 +415,29 @@ def benchmark_format() -> str:
 # ---------------------------------------------------------------- the Python API
 
 
+def study_file() -> str:
+    """The keys of a study's file."""
+    from skyrange.study.sweep import model as described
+    from skyrange.study.sweep.model import Study
+
+    schema = Study.model_json_schema()
+    models = {"Study": schema, **{name: schema["$defs"][name] for name in ("Factor", "StudyArm")}}
+    places = {"Study": "The file", "Factor": "`[[factors]]` and `[[draws]]`", "StudyArm": "`[[arms]]`"}
+    return "\n".join(
+        f"### {places[name]}\n\n{keys(part, getattr(described, name).model_fields)}" for name, part in models.items()
+    )
+
+
+def study_measures() -> str:
+    """The measures in the table `runs` of a study."""
+    from skyrange.study.sweep.measurement import column_of
+    from skyrange.study.variants.run_measures import QUANTITIES
+
+    return table(
+        ("column", "unit", "meaning"), [(f"`{column_of(one.name)}`", one.unit, one.about) for one in QUANTITIES]
+    )
+
+
 def python_api() -> str:
     """Every public name with its signature and docstring."""
     return describe_api()
@@ -447,6 +470,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "benchmark-results": benchmark_results,
     "benchmark-sizes": benchmark_sizes,
     "benchmark-format": benchmark_format,
+    "study-file": study_file,
+    "study-measures": study_measures,
     "python-api": python_api,
     "cli": cli,
     "scenario": scenario,

@@ -44,7 +44,9 @@ def _one_kind(value: Mapping[str, Any]) -> str:
             return "array of tables"
         if "enum" in below or below.get("type") == "string":
             return "list of texts"
-        return "list of lists of numbers" if below.get("type") == "array" else "list of numbers"
+        if below.get("type") == "array":
+            return "list of lists of numbers"
+        return "list of values" if "items" in value and not below else "list of numbers"
     if kind == "string":
         return "date and time" if value.get("format") == "date-time" else "text"
     return {"number": "number", "integer": "whole number", "object": "table", "boolean": "true or false"}[str(kind)]

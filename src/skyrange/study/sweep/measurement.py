@@ -47,7 +47,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
             rows[RUNS].append({**head, "status": "failed", "error": errors.get(arm.id, "not flown")})
             continue
         outcomes[arm.id] = ArmOutcomes.read(record, NEAR_M)
-        measures = {_column(name): value for name, value in measure_run(record).values.items()}
+        measures = {column_of(name): value for name, value in measure_run(record).values.items()}
         manifest = record.manifest
         rows[RUNS].append(
             {
@@ -82,7 +82,7 @@ def _head(block: Block, arm: str) -> dict[str, Any]:
     return {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
 
 
-def _column(quantity: str) -> str:
+def column_of(quantity: str) -> str:
     """The name of a quantity as a column: 'answer, median' is answer_median."""
     return quantity.replace(",", "").replace(" ", "_")
 

@@ -112,7 +112,8 @@ class Study(Model):
     seeds: Whole = Field(default=1, ge=1, le=1_000_000, description="Number of seeds of each point.")
     first_seed: Whole = Field(default=1, ge=0, description="The first seed; the others follow it.")
     arms: tuple[Annotated[StudyArm, BeforeValidator(_arm)], ...] = Field(
-        default=(StudyArm(id="nominal", attacks="muted"), StudyArm(id="attacked")),
+        default=("nominal", "attacked"),
+        validate_default=True,
         min_length=1,
         description="The arms: 'nominal', 'attacked' and 'sham' by name, others as tables. All arms of a block have "
         "the same point, seed and draws.",
