@@ -78,3 +78,9 @@ def show_status(folder: Folder, as_json: AsJson = False) -> None:
 def show_study(folder: Folder, as_json: AsJson = False) -> None:
     """Print what each arm measured at each point: means over the seeds, with 95 % confidence intervals."""
     studies.show(folder, as_json)
+
+
+@study_app.command("report", epilog="Example: skyrange study report studies/drift")
+def report_study(folder: Folder) -> None:
+    """Write report.html: effects with intervals, dose-response curves, interactions, failures; and figures as SVG."""
+    studies.report(folder)

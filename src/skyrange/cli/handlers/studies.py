@@ -78,7 +78,7 @@ def show(path: Path, as_json: bool) -> None:
 
     from skyrange.study.sweep.folder import open_folder
     from skyrange.study.sweep.results import write_results
-    from skyrange.study.sweep.summary import QUANTITIES, summarise_study
+    from skyrange.study.sweep.summary import QUANTITIES, read_samples, summarise_study, tells_something
 
     folder = open_folder(path)
     write_results(folder)
@@ -89,7 +89,8 @@ def show(path: Path, as_json: bool) -> None:
         ]
         print_json({"study": folder.study.name, "cells": rows})
         return
-    shown = [one for one in QUANTITIES if any(_varies(cell.means.get(one.name)) for cell in cells)]
+    samples = read_samples(path)
+    shown = [one for one in QUANTITIES if tells_something(one, samples)]
     table = Table(title=folder.study.name, title_justify="left", title_style="bold")
     names = [factor.name for factor in folder.study.factors]
     for name in (*names, "arm", "runs", "measure", "mean", "95 % interval"):
@@ -103,6 +104,14 @@ def show(path: Path, as_json: bool) -> None:
                 table.add_row(*head, what, *_interval(cell.means[one.name]))
                 head = [""] * len(head)
     terminal().print(table)
+
+
+def report(path: Path) -> None:
+    """`skyrange study report`."""
+    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.report import write_study_report
+
+    print_text(f"report {write_study_report(open_folder(path))}")
 
 
 def _estimate(file: Path, jobs: int | None, as_json: bool) -> None:
@@ -169,11 +178,6 @@ def _executor(jobs: int | None, on: str | None) -> Executor:
 
 def _jobs(jobs: int | None) -> int:
     return jobs if jobs is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
-
-
-def _varies(found: Interval | None) -> bool:
-    """Whether a mean has something to tell: it is not 0 in all runs."""
-    return found is not None and (found.mean != 0.0 or found.low not in (None, 0.0))
 
 
 def _interval(found: Interval) -> tuple[str, str]:

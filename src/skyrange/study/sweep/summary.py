@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from skyrange.study.sweep.bootstrap import bootstrap_mean
 from skyrange.study.sweep.folder import StudyFolder
 from skyrange.study.sweep.results import read_results
-from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.twins.confidence import Interval
 
 
 class Quantity(NamedTuple):
@@ -22,13 +23,16 @@ class Quantity(NamedTuple):
 
 
 QUANTITIES: Final = (
-    Quantity("missions_complete", "", "runs", "aircraft whose mission is complete"),
-    Quantity("collisions", "", "runs", "times that two aircraft collided"),
-    Quantity("near_misses", "", "runs", "times that two aircraft in the air came near each other"),
     Quantity("departure_m", "m", "effects", "largest distance of any aircraft from where it is in the baseline"),
     Quantity("extra_distance_m", "m", "effects", "largest additional way of any aircraft"),
     Quantity("delay_s", "s", "effects", "largest delay of any mission that is complete in both"),
+    Quantity("missions_complete", "", "runs", "aircraft whose mission is complete"),
+    Quantity("collisions", "", "runs", "times that two aircraft collided"),
+    Quantity("near_misses", "", "runs", "times that two aircraft in the air came near each other"),
 )
+
+Samples = Mapping[tuple[str, str], Mapping[str, float]]
+"""By quantity and arm: the number of each block, by its name."""
 
 
 class Cell(NamedTuple):
@@ -40,43 +44,50 @@ class Cell(NamedTuple):
     runs: int
     failed: int
     means: dict[str, Interval]
-    """By quantity, over the blocks that have it; by Student's t (`twins.confidence`)."""
+    """By quantity, over the blocks that have it."""
 
 
 def summarise_study(folder: StudyFolder) -> list[Cell]:
     """The cells of a study, by point and arm, in order of the design. Its results must have been written."""
     names = [factor.name for factor in folder.study.factors]
-    samples = _samples(folder.path)
-    runs = read_results(folder.path, "runs").to_pylist()
+    samples = read_samples(folder.path)
+    rows = {(row["block"], row["arm"]): row for row in read_results(folder.path, "runs").to_pylist()}
     cells = []
     for point in dict.fromkeys(block.point for block in folder.blocks):
+        blocks = [block for block in folder.blocks if block.point == point]
         for arm in folder.study.arms:
-            own = [row for row in runs if row["point"] == point and row["arm"] == arm.id]
+            own = [rows[block.name, arm.id] for block in blocks if (block.name, arm.id) in rows]
             if not own:
                 continue
-            found = {
-                one.name: mean
-                for one in QUANTITIES
-                if (mean := interval(samples.get((point, arm.id, one.name), []))) is not None
-            }
+            means = {}
+            for one in QUANTITIES:
+                known = samples.get((one.name, arm.id), {})
+                chosen = [known[block.name] for block in blocks if block.name in known]
+                mean = bootstrap_mean(chosen, f"{folder.study.name} {one.name} {arm.id} {point}")
+                if mean is not None:
+                    means[one.name] = mean
             failed = sum(row["status"] != "complete" for row in own)
-            cells.append(Cell(arm.id, {name: own[0].get(name) for name in names}, len(own), failed, found))
+            cells.append(Cell(arm.id, {name: blocks[0].values[name] for name in names}, len(own), failed, means))
     return cells
 
 
-def _samples(folder: Path) -> dict[tuple[int, str, str], list[float]]:
-    """A number for each block, by point, arm and quantity."""
-    found: dict[tuple[int, str, str], list[float]] = {}
+def read_samples(folder: Path) -> Samples:
+    """A number for each block, by quantity and arm: of the aircraft that is affected most, where it is one of these."""
+    found: dict[tuple[str, str], dict[str, float]] = {}
+    tables: dict[str, Sequence[dict[str, Any]]] = {
+        table: read_results(folder, table).to_pylist() for table in dict.fromkeys(one.table for one in QUANTITIES)
+    }
     for quantity in QUANTITIES:
-        rows: Sequence[dict[str, Any]] = read_results(folder, quantity.table).to_pylist()
-        largest: dict[tuple[int, str, str], float] = {}
-        for row in rows:
+        for row in tables[quantity.table]:
             value = row.get(quantity.name)
             if value is None or not math.isfinite(value):
                 continue
-            key = row["point"], row["arm"], row["block"]
-            if key not in largest or abs(value) > abs(largest[key]):
-                largest[key] = float(value)
-        for (point, arm, _), value in largest.items():
-            found.setdefault((point, arm, quantity.name), []).append(value)
+            own = found.setdefault((quantity.name, row["arm"]), {})
+            if row["block"] not in own or abs(value) > abs(own[row["block"]]):
+                own[row["block"]] = float(value)
     return found
+
+
+def tells_something(quantity: Quantity, samples: Samples) -> bool:
+    """Whether a quantity is not 0 in every run."""
+    return any(any(own.values()) for (name, _), own in samples.items() if name == quantity.name)
