@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.scenario.shipped import source_of
 from skyrange.study.sweep.blocks import check_blocks, list_blocks, scenario_in
 from skyrange.study.sweep.model import Factor, Study, read_study
 from skyrange.study.sweep.sampling import draw_values, list_points, value_at
@@ -119,7 +120,28 @@ def test_a_factor_that_names_no_key_and_a_value_beyond_its_limit_are_found_befor
 
 def test_a_scenario_is_beside_its_study(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('name = "s"\nscenario = "./here.toml"\n')
+    with pytest.raises(InputError, match="a TOML file"):
+        read_study(tmp_path / "s.toml")
+    (tmp_path / "here.toml").write_bytes(source_of("gnss.jump").read_bytes())
     assert read_study(tmp_path / "s.toml").scenario == str(tmp_path / "here.toml")
     (tmp_path / "s.toml").write_text('name = "s"\nscenario = "gnss.jmp"\n')
     with pytest.raises(InputError, match="gnss"):
+        read_study(tmp_path / "s.toml")
+
+
+def test_a_factor_can_choose_the_scenario(tmp_path: Path) -> None:
+    text = """
+name = "s"
+scenario = "gnss.jump"
+changes = ["duration_s=20"]
+factors = [{ name = "attack", key = "scenario", values = ["gnss.jump", "gnss.drift"] }]
+"""
+    (tmp_path / "s.toml").write_text(text)
+    found = read_study(tmp_path / "s.toml")
+    blocks = list_blocks(found)
+    check_blocks(found, blocks)
+    names = [scenario_in(found, found.arms[1], block).attacks[0].kind for block in blocks]
+    assert names == ["gnss.jump", "gnss.drift"]
+    (tmp_path / "s.toml").write_text(text.replace("gnss.drift", "gnss.drfit"))
+    with pytest.raises(InputError, match=r"gnss\.drift"):
         read_study(tmp_path / "s.toml")

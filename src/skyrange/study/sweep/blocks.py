@@ -10,7 +10,7 @@ from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
-from skyrange.study.sweep.model import Study, StudyArm
+from skyrange.study.sweep.model import WHOLE_KEYS, Study, StudyArm
 from skyrange.study.sweep.sampling import Point, change_of, draw_values, list_points
 
 
@@ -39,11 +39,15 @@ def list_blocks(study: Study) -> list[Block]:
 
 def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
     """The scenario of one run. Raises `InputError` with the problems of the scenario as changed."""
+    named = [*study.factors, *study.draws]
     changes = [*study.changes]
-    changes += [change_of(one, block.values[one.name]) for one in (*study.factors, *study.draws)]
+    changes += [change_of(one, block.values[one.name]) for one in named if one.key not in WHOLE_KEYS]
     changes += arm.changes
     changes += ["record.csv=false", *([f"record.level={study.level}"] if study.level is not None else [])]
-    base = load_scenario(study.scenario, changes, seed=block.seed)
+    whole = {one.key: str(block.values[one.name]) for one in named if one.key in WHOLE_KEYS}
+    base = load_scenario(
+        whole.get("scenario", study.scenario), changes, seed=block.seed, buildings=whole.get("buildings") or None
+    )
     more = tuple(_defences(arm))
     if more or study.detectors:
         base = base.model_copy(

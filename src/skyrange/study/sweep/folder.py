@@ -18,7 +18,7 @@ from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
 from skyrange.record.folder import make_new_folder
 from skyrange.scenario.shipped import source_of
 from skyrange.study.sweep.blocks import Block, list_blocks
-from skyrange.study.sweep.model import Study
+from skyrange.study.sweep.model import Study, scenarios_of
 from skyrange.study.sweep.worker import BLOCKS
 
 FORMAT: Final = "skyrange.study/1"
@@ -114,9 +114,11 @@ def require_unchanged(folder: StudyFolder, *, other_version: bool = False) -> No
 def digest_of(study: Study) -> str:
     """A digest of what a study flies: its design and the file of its scenario."""
     text = json.dumps(study.model_dump(mode="json"), sort_keys=True)
-    try:
-        base = source_of(study.scenario).read_bytes()
-    except OSError as error:
-        reason = os.strerror(error.errno or 0)
-        raise InputError.one("study", "scenario", study.scenario, "a file that can be read", reason) from error
-    return hashlib.sha256(text.encode() + b"\0" + base).hexdigest()
+    found = hashlib.sha256(text.encode())
+    for name in scenarios_of(study):
+        try:
+            found.update(b"\0" + source_of(name).read_bytes())
+        except OSError as error:
+            reason = os.strerror(error.errno or 0)
+            raise InputError.one("study", "scenario", name, "a file that can be read", reason) from error
+    return found.hexdigest()

@@ -6,7 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Final
 
-from skyrange.core.time import to_seconds
+import numpy as np
+
+from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import RunRecord
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
@@ -60,7 +62,11 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 **measures,
             }
         )
-        rows[AIRCRAFT] += [{**head, **asdict(one)} for one in outcomes[arm.id].measured]
+        aloft_s = _airborne_s(outcomes[arm.id])
+        rows[AIRCRAFT] += [
+            {**head, **asdict(one), "airborne_s": seconds}
+            for one, seconds in zip(outcomes[arm.id].measured, aloft_s, strict=True)
+        ]
         rows[ALERTS] += [{**head, **one} for one in _alerts(record)]
         rows[ACTS] += [{**head, **one} for one in _acts(record)]
     baseline = outcomes.get(study.against)
@@ -85,6 +91,14 @@ def _head(block: Block, arm: str) -> dict[str, Any]:
 def column_of(quantity: str) -> str:
     """The name of a quantity as a column: 'answer, median' is answer_median."""
     return quantity.replace(",", "").replace(" ", "_")
+
+
+def _airborne_s(outcomes: ArmOutcomes) -> list[float]:
+    """How long each aircraft was in the air, at the rate of the recorded truth."""
+    ticks = outcomes.ticks
+    seconds = np.diff(ticks.time_ns, prepend=ticks.time_ns[:1]) / NS_PER_S
+    found: list[float] = (seconds[:, None] * ticks.aloft).sum(axis=0).round(9).tolist()
+    return found
 
 
 def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:

@@ -25,6 +25,8 @@ Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
 EVERYTHING: Final = "everything"
 FEATURES: Final = "features"
 RESULTS: Final = "results"
+WHOLE_KEYS: Final = ("scenario", "buildings")
+"""Keys of factors that choose the scenario and its city instead of changing a value."""
 _KEPT: Final = (EVERYTHING, FEATURES, RESULTS)
 
 
@@ -33,7 +35,10 @@ class Factor(Model):
 
     name: Id = Field(description="Name, the column of its values in the results.")
     key: str = Field(
-        min_length=1, description="What it sets, a path as with --set, such as 'attacks.drift.params.speed_mps'."
+        min_length=1,
+        description="What it sets, a path as with --set, such as 'attacks.drift.params.speed_mps'; scenario, whose "
+        "values are names or files of scenarios; or buildings, whose values are files as with --buildings, '' for "
+        "none.",
     )
     values: tuple[Any, ...] = Field(default=(), description="Values among which it varies.")
     low: Number | None = Field(default=None, description="Least value of a range.")
@@ -204,9 +209,26 @@ def parse_study(text: str, who: str, folder: Path) -> Study:
         study = Study.model_validate(data)
     except ValidationError as error:
         raise input_error(who, error, Study, data) from None
-    if study.scenario.endswith(".toml") or "/" in study.scenario:
-        beside = folder / expand_user(study.scenario)
-        study = study.model_copy(update={"scenario": str(beside.absolute())})
-    elif (source := source_of(study.scenario)) and not source.is_file():
-        raise InputError.one(who, "scenario", study.scenario, "a shipped scenario or a TOML file")
+    chosen = {
+        number: factor.model_copy(update={"values": tuple(_beside(folder, str(value)) for value in factor.values)})
+        for number, factor in enumerate(study.factors)
+        if factor.key in WHOLE_KEYS
+    }
+    factors = tuple(chosen.get(number, factor) for number, factor in enumerate(study.factors))
+    study = study.model_copy(update={"scenario": _beside(folder, study.scenario), "factors": factors})
+    for name in scenarios_of(study):
+        if not source_of(name).is_file():
+            raise InputError.one(who, "scenario", name, "a shipped scenario or a TOML file")
     return study
+
+
+def scenarios_of(study: Study) -> list[str]:
+    """The names or files of all scenarios of a study."""
+    chosen = [str(value) for factor in study.factors if factor.key == "scenario" for value in factor.values]
+    return chosen or [study.scenario]
+
+
+def _beside(folder: Path, name: str) -> str:
+    """The path of a file that is named relative to `folder`; the name of a shipped scenario as it is."""
+    is_file = "/" in name or Path(name).suffix in (".toml", ".geojson", ".json", ".gpkg", ".shp")
+    return str((folder / expand_user(name)).absolute()) if is_file else name
