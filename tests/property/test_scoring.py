@@ -145,7 +145,7 @@ def test_the_order_of_rows_changes_nothing_and_intervals_contain_their_points(
     assert score_detectors(tables(*shuffled), SETTINGS, ["d"]) == file
     for score in file.detectors:
         for one in score.sets:
-            estimates = [found.per_h for found in one.false_alarms.values()]
+            estimates = [found.per_h for _, found in one.false_alarms]
             for group in (one.detection, *one.kinds, *one.families):
                 estimates += [group.recall, group.before_effect.share if group.before_effect else None]
                 if group.delay is not None and group.delay.restricted_mean_blocks is not None:

@@ -103,7 +103,7 @@ def test_what_could_not_be_observed_is_no_miss() -> None:
     )
     found = on_all(file).detection
     assert (found.attacks, found.unobservable, found.recall, found.delay) == (2, 2, None, None)
-    assert on_all(file, "always").false_alarms["hostile"].episodes == math.ceil(1000 / 30) + math.ceil(2529 / 30)
+    assert on_all(file, "always").false_alarms.hostile.episodes == math.ceil(1000 / 30) + math.ceil(2529 / 30)
 
 
 def test_a_threshold_is_the_lowest_that_validation_allows_and_reads_nothing_else() -> None:
@@ -200,14 +200,15 @@ def test_sets_of_what_is_held_out_and_what_is_seen() -> None:
     whole = on_all(file)
     assert [group.name for group in whole.kinds] == ["gnss.drift", "link.jam"]
     assert sum(group.detected for group in whole.families) == whole.detection.detected == 4
-    assert whole.false_alarms["nominal"].hours == pytest.approx(6.0)
+    assert whole.false_alarms.nominal.hours == pytest.approx(6.0)
 
 
 def test_arms_of_a_block_are_counted_apart() -> None:
     flights = [flight(arm, arm=arm, block="b") for arm in ("nominal", "sham", "fault")]
     given = tables([*flights, flight("v", split="validation")], (), [alert(one["run"], 50.0) for one in flights])
     found = on_all(score_detectors(given, SETTINGS)).false_alarms
-    assert {name: one.episodes for name, one in found.items()} == {"nominal": 1, "sham": 1, "fault": 1, "hostile": 0}
+    counts = (found.nominal.episodes, found.sham.episodes, found.fault.episodes, found.hostile.episodes)
+    assert counts == (1, 1, 1, 0)
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
@@ -268,6 +269,19 @@ def test_by_chance_is_what_alarms_without_sight_would_detect() -> None:
     given = tables(flights, [attack("r")], alerts)
     found = on_all(score_detectors(given, SETTINGS)).detection
     assert found.by_chance == pytest.approx(1.0 - math.exp(-36 * 60 / 3600))
+
+
+def test_alarms_at_random_detect_what_by_chance_says() -> None:
+    random = np.random.default_rng(1)
+    flights = [flight("v", split="validation")]
+    flights += [flight(f"{arm}{n}", arm=arm) for n in range(300) for arm in ("nominal", "attacked")]
+    acts = [attack(f"attacked{n}", stop_s=1000.0 + 2.0 * n) for n in range(300)]
+    alerts = [alert(one["run"], time) for one in flights[1:] for time in random.uniform(0.0, 3600.0, random.poisson(6))]
+    found = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection
+    assert found.recall is not None
+    assert found.by_chance is not None
+    assert 0.3 < found.by_chance < 0.7
+    assert abs(found.recall.value - found.by_chance) < 4 * math.sqrt(0.25 / 300)
 
 
 @pytest.mark.parametrize(

@@ -32,8 +32,8 @@ def draw_weights(blocks: int, replicates: int, seed: int) -> NDArray[np.float64]
         .ravel()[:draws]
     )
     drawn = (uniforms * blocks).astype(np.int64).reshape(replicates, blocks)
-    weights = np.zeros((replicates, blocks))
-    np.add.at(weights, (np.repeat(np.arange(replicates), blocks), drawn.ravel()), 1.0)
+    cells = drawn + blocks * np.arange(replicates)[:, np.newaxis]
+    weights = np.bincount(cells.ravel(), minlength=draws).reshape(replicates, blocks).astype(np.float64)
     weights.flags.writeable = False
     return weights
 

@@ -18,8 +18,7 @@ from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.study.scoring.tables import NOMINAL, StudyTables
 
 STRATA: Final = ("nominal", "sham", "fault", "hostile")
-"""What a flight's false alarms are counted under. Arms of a block share what came before the onset: false alarms of its
-nominal and its sham are not independent, so they are not added up."""
+"""Kinds of flights by which false alarms are counted, in the order of the numbers below."""
 NOMINAL_STRATUM, SHAM_STRATUM, FAULT_STRATUM, HOSTILE_STRATUM = range(4)
 
 

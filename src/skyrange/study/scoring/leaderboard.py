@@ -70,7 +70,7 @@ def _place(score: SetScore) -> tuple[bool, bool, float, float]:
 
 def _row(rank: int, file: ScoreFile, score: DetectorScore, on: SetScore, same_study: bool) -> LeaderboardRow:
     recall, delay, before = on.detection.recall, on.detection.delay, on.detection.before_effect
-    nominal, fault = on.false_alarms["nominal"].per_h, on.false_alarms["fault"].per_h
+    nominal, fault = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h
     return LeaderboardRow(
         rank=rank,
         detector=score.detector,

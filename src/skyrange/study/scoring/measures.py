@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.study.scoring.blocks import dense_codes, draw_weights, percentile_limits, ratio_interval
-from skyrange.study.scoring.index import NOMINAL_STRATUM, STRATA, StudyIndex
+from skyrange.study.scoring.index import STRATA, StudyIndex
 from skyrange.study.scoring.intervals import (
     Limits,
     lowest_claimable_rate,
@@ -28,6 +28,7 @@ from skyrange.study.scoring.result_file import (
     Detection,
     Estimate,
     FalseAlarms,
+    FalseAlarmsByFlights,
     GroupDetection,
     Precision,
     ScoreSettings,
@@ -48,11 +49,13 @@ class Selection:
 
 def measure_set(index: StudyIndex, outcome: Outcome, selection: Selection, settings: ScoreSettings) -> SetScore:
     """All measures on a set. Raises InputError if SciPy is missing."""
-    alarms = {
-        name: measure_false_alarms(index, outcome, selection.subjects & (index.subjects.strata == number), settings)
-        for number, name in enumerate(STRATA)
-    }
-    nominal = alarms[STRATA[NOMINAL_STRATUM]]
+    alarms = FalseAlarmsByFlights(
+        **{
+            name: measure_false_alarms(index, outcome, selection.subjects & (index.subjects.strata == number), settings)
+            for number, name in enumerate(STRATA)
+        }
+    )
+    nominal = alarms.nominal
     detection = measure_detection(index, outcome, selection.attacks, nominal, settings)
     groups = {
         what: tuple(

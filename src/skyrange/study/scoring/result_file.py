@@ -6,7 +6,7 @@ Whoever scores detectors on the same study with other software can write such a 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
@@ -41,7 +41,7 @@ class ScoreSettings(Model):
     confidence: float = Field(default=0.95, gt=0.5, lt=1, description="Confidence of all intervals.")
     replicates: int = Field(default=1000, ge=100, le=100_000, description="Replicates of the block bootstrap.")
     seed: int = Field(default=0, ge=0, lt=2**64, description="Seed of the block bootstrap.")
-    prevalences_per_h: tuple[float, ...] = Field(
+    prevalences_per_h: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         default=(1e-1, 1e-2, 1e-3, 1e-4),
         description="Attacks per aircraft-hour at which precision is stated.",
     )
@@ -65,6 +65,15 @@ class FalseAlarms(Model):
     episodes: int = Field(ge=0, description="Number of false alarms.")
     hours: float = Field(ge=0, description="Aircraft-hours without the time in which attacks act on the aircraft.")
     per_h: Estimate | None = Field(description="False alarms per aircraft-hour; null without hours.")
+
+
+class FalseAlarmsByFlights(Model):
+    """False alarms by kind of flight; not added up, because arms of a block share what came before the onset."""
+
+    nominal: FalseAlarms = Field(description="Flights of the arm 'nominal': the rate of claims and of precision.")
+    sham: FalseAlarms = Field(description="Other flights without attack or fault, such as shams.")
+    fault: FalseAlarms = Field(description="Flights with a benign fault.")
+    hostile: FalseAlarms = Field(description="Attacked runs, outside of attacks.")
 
 
 class Claim(Model):
@@ -136,9 +145,7 @@ class SetScore(Model):
     name: str = Field(description="The set: 'all', or 'held-out' or 'seen' with what was held out.")
     runs: int = Field(ge=0, description="Number of runs.")
     blocks: int = Field(ge=0, description="Number of blocks.")
-    false_alarms: dict[str, FalseAlarms] = Field(
-        description="By kind of flight: nominal, sham, fault, and hostile (there, outside of attacks)."
-    )
+    false_alarms: FalseAlarmsByFlights = Field(description="By kind of flight.")
     claim: Claim = Field(description="What the nominal flights show.")
     detection: Detection = Field(description="Over all attacks.")
     kinds: tuple[GroupDetection, ...] = Field(description="By kind of attack.")
