@@ -156,6 +156,21 @@ def test_percentile_limits_are_samples_and_include_the_point() -> None:
     assert percentile_limits(samples, 50.0, 0.999)[1] == math.inf
 
 
+def test_the_block_interval_covers_where_attacks_of_a_block_are_alike() -> None:
+    random, recall, covered = np.random.default_rng(5), 0.7, np.zeros((100, 2), dtype=bool)
+    together = np.repeat(np.arange(20), 6)
+    for study in range(100):
+        of_block = random.beta(recall * 0.7, (1.0 - recall) * 0.7, 20)
+        hits = (random.random((20, 6)) < of_block[:, np.newaxis]).astype(float).ravel()
+        blocks = ratio_interval(hits, np.ones(120), together, 400, study, 0.95)
+        assert blocks is not None
+        exact = proportion_interval(int(hits.sum()), 120, 0.95)
+        covered[study] = [limits[0] <= recall <= limits[1] for limits in (blocks, exact)]
+    share = covered.mean(axis=0)
+    assert share[0] >= 0.88
+    assert share[1] <= 0.85
+
+
 def test_blocks_that_agree_give_a_wider_interval_than_rows_alone() -> None:
     tops = np.repeat([1.0, 0.0, 1.0, 0.0, 1.0, 1.0], 50)
     ones, together = np.ones(300), np.repeat(np.arange(6), 50)
