@@ -412,6 +412,54 @@ def benchmark_format() -> str:
     )
 
 
+# ---------------------------------------------------------------- scores
+
+
+def score_tables() -> str:
+    """The columns of the tables that scoring reads."""
+    from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS
+
+    about = {
+        "flights": "One row for each aircraft of each run.",
+        "attacks": "One row for each attack on each aircraft that it affects, or for each attack on a whole run.",
+        "alerts": "One row for each alert, of all detectors and with all scores: scoring applies the threshold.",
+    }
+    parts = []
+    for (name, text), schema in zip(about.items(), (FLIGHTS, ATTACKS, ALERTS), strict=True):
+        rows = [(f"`{field.name}`", field.type, field.metadata[b"about"].decode()) for field in schema]
+        parts.append(f"### {name}\n\n{text}\n\n{table(('column', 'type', 'meaning'), rows)}")
+    return "\n".join(parts)
+
+
+def score_format() -> str:
+    """Every key of the result file of a scoring."""
+    from skyrange.study.scoring import result_file as described
+
+    schema = described.ScoreFile.model_json_schema()
+    models = {"ScoreFile": schema, **schema["$defs"]}
+    places = {
+        "ScoreFile": "the document",
+        "ScoreSettings": "`settings`",
+        "HeldOut": "`held_out`",
+        "DetectorScore": "`detectors`",
+        "Threshold": "`threshold`",
+        "SetScore": "`sets`",
+        "FalseAlarmsByFlights": "`false_alarms`",
+        "FalseAlarms": "`nominal`, `sham`, `fault`, `hostile`",
+        "Claim": "`claim`",
+        "Detection": "`detection`",
+        "GroupDetection": "`kinds` and `families`",
+        "Delay": "`delay`",
+        "BeforeEffect": "`before_effect`",
+        "Precision": "`precision`",
+        "Estimate": "ratios: `per_h`, `recall`, `share`",
+    }
+    assert set(places) == set(models)
+    return "\n".join(
+        f"### {place}\n\n{keys(models[name], getattr(described, name).model_fields)}" for name, place in places.items()
+    )
+
+
 # ---------------------------------------------------------------- the Python API
 
 
@@ -472,6 +520,8 @@ GENERATED: dict[str, Callable[[], str]] = {
     "benchmark-format": benchmark_format,
     "study-file": study_file,
     "study-measures": study_measures,
+    "score-tables": score_tables,
+    "score-format": score_format,
     "python-api": python_api,
     "cli": cli,
     "scenario": scenario,

@@ -1,0 +1,91 @@
+"""Leaderboard: the detectors of one or several result files as rows of a table, the best first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from skyrange.core.errors import InputError, Problem
+from skyrange.study.scoring.result_file import DetectorScore, OpenLimits, ScoreFile, SetScore
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderboardRow:
+    """One detector on one set. Rates are per aircraft-hour, times in seconds; None where there is no such value."""
+
+    rank: int
+    """From 1; equal if nothing tells the detectors apart."""
+    detector: str
+    study: str
+    trivial: bool
+    same_study: bool
+    """Whether it was scored on the same flights and attacks as the first file."""
+    recall: float | None
+    recall_exact: OpenLimits | None
+    recall_blocks: OpenLimits | None
+    by_chance: float | None
+    false_per_h: float | None
+    false_exact: OpenLimits | None
+    fault_false_per_h: float | None
+    claim: str
+    median_delay_s: float | None
+    mean_delay_s: float | None
+    """Restricted to the horizon; misses included."""
+    before_effect: float | None
+
+
+def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[LeaderboardRow]:
+    """The detectors on the set `name` by recall at the target rate; ties by restricted mean delay, then by name.
+
+    A detector whose false-alarm rate exceeds the target (its exact interval is above it) has no recall *at* the target
+    rate, and comes after all others. Detectors without attacks in this set come last. Raises InputError if the files
+    differ in settings, so that their numbers do not compare, or if none has the set.
+    """
+    problems = [
+        Problem(f"file {number + 1}, settings", str(one.settings), f"those of the first file, {files[0].settings}")
+        for number, one in enumerate(files)
+        if one.settings != files[0].settings
+    ]
+    if problems:
+        raise InputError("leaderboard", problems)
+    found = [(file, score, on) for file in files for score in file.detectors if (on := score.on(name)) is not None]
+    if not found:
+        known = sorted({one.name for file in files for score in file.detectors for one in score.sets})
+        raise InputError.one("leaderboard", "set", name, f"one of {', '.join(known)}" if known else "files with scores")
+    found.sort(key=lambda entry: (*_place(entry[2]), entry[1].detector, entry[0].study))
+    rows: list[LeaderboardRow] = []
+    for position, (file, score, on) in enumerate(found):
+        tied = position > 0 and _place(found[position - 1][2]) == _place(on)
+        rank = rows[-1].rank if tied else position + 1
+        rows.append(_row(rank, file, score, on, file.digest == files[0].digest))
+    return rows
+
+
+def _place(score: SetScore) -> tuple[bool, bool, float, float]:
+    recall, delay = score.detection.recall, score.detection.delay
+    if recall is None or delay is None:
+        return True, True, 0.0, 0.0
+    return False, score.claim.verdict == "exceeded", -recall.value, delay.restricted_mean_s
+
+
+def _row(rank: int, file: ScoreFile, score: DetectorScore, on: SetScore, same_study: bool) -> LeaderboardRow:
+    recall, delay, before = on.detection.recall, on.detection.delay, on.detection.before_effect
+    nominal, fault = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h
+    return LeaderboardRow(
+        rank=rank,
+        detector=score.detector,
+        study=file.study,
+        trivial=score.trivial,
+        same_study=same_study,
+        recall=recall.value if recall else None,
+        recall_exact=recall.exact if recall else None,
+        recall_blocks=recall.blocks if recall else None,
+        by_chance=on.detection.by_chance,
+        false_per_h=nominal.value if nominal else None,
+        false_exact=nominal.exact if nominal else None,
+        fault_false_per_h=fault.value if fault else None,
+        claim=on.claim.verdict,
+        median_delay_s=delay.median_s if delay else None,
+        mean_delay_s=delay.restricted_mean_s if delay else None,
+        before_effect=before.share.value if before else None,
+    )

@@ -1,0 +1,217 @@
+"""Result file of a scoring: the model of the JSON document `skyrange.scores/1`, its writer and its reader.
+
+Whoever scores detectors on the same study with other software can write such a file, and put it beside others.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import Field, ValidationError
+
+from skyrange.core.errors import InputError
+from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
+from skyrange.scenario.model.base import Model
+from skyrange.scenario.validation.error_messages import input_error
+
+FORMAT: Final = "skyrange.scores/1"
+"""Value of `format`; the number increases when older versions can no longer read the file."""
+OpenLimits = tuple[float, float | None]
+"""Lower and upper limit of an interval; an upper limit of null is infinite."""
+
+
+class ScoreSettings(Model):
+    """Conventions of a scoring. The defaults are choices of this project, not taken from a standard."""
+
+    target_per_h: float = Field(
+        default=1.0, gt=0, description="False alarms per aircraft-hour at which thresholds are chosen."
+    )
+    episode_s: float = Field(
+        default=30.0, ge=1e-3, le=1e6, description="Alerts about an aircraft within so many seconds are one alarm."
+    )
+    grace_s: float = Field(
+        default=10.0,
+        ge=0,
+        le=1e6,
+        description="Seconds after the stop of an attack in which an alarm detects it still.",
+    )
+    horizon_s: float = Field(default=60.0, gt=0, description="Horizon of the restricted mean of delays, in seconds.")
+    confidence: float = Field(default=0.95, gt=0.5, lt=1, description="Confidence of all intervals.")
+    replicates: int = Field(default=1000, ge=100, le=100_000, description="Replicates of the block bootstrap.")
+    seed: int = Field(default=0, ge=0, lt=2**64, description="Seed of the block bootstrap.")
+    prevalences_per_h: tuple[Annotated[float, Field(gt=0)], ...] = Field(
+        default=(1e-1, 1e-2, 1e-3, 1e-4),
+        description="Attacks per aircraft-hour at which precision is stated.",
+    )
+
+
+class Estimate(Model):
+    """A ratio with its intervals."""
+
+    value: float = Field(description="The ratio that was observed.")
+    exact: OpenLimits = Field(
+        description="Clopper-Pearson's interval of a proportion, or Garwood's of a rate, as if counts were independent."
+    )
+    blocks: OpenLimits | None = Field(
+        description="Interval by resampling blocks; null with fewer than two. Without width where all blocks agree."
+    )
+
+
+class FalseAlarms(Model):
+    """False alarms about the aircraft of one kind of flights."""
+
+    episodes: int = Field(ge=0, description="Number of false alarms.")
+    hours: float = Field(ge=0, description="Aircraft-hours without the time in which attacks act on the aircraft.")
+    per_h: Estimate | None = Field(description="False alarms per aircraft-hour; null without hours.")
+
+
+class FalseAlarmsByFlights(Model):
+    """False alarms by kind of flight; not added up, because arms of a block share what came before the onset."""
+
+    nominal: FalseAlarms = Field(description="Flights of the arm 'nominal': the rate of claims and of precision.")
+    sham: FalseAlarms = Field(description="Other flights without attack or fault, such as shams.")
+    fault: FalseAlarms = Field(description="Flights with a benign fault.")
+    hostile: FalseAlarms = Field(description="Attacked runs, outside of attacks.")
+
+
+class Claim(Model):
+    """Whether the nominal flights show that the false-alarm rate is at most the target."""
+
+    lowest_per_h: float | None = Field(
+        description="The least rate that the nominal hours can support: the rule of three. null without hours."
+    )
+    upper_per_h: float | None = Field(description="One-sided upper limit of the rate. null without hours.")
+    verdict: Literal["claimed", "not shown", "exceeded", "cannot be claimed"] = Field(
+        description="claimed: the upper limit is at most the target. not shown: the target is within the limits. "
+        "exceeded: the interval is above the target. cannot be claimed: there are too few hours for this target, "
+        "whatever the detector does."
+    )
+
+
+class Delay(Model):
+    """Time from `observable` to the detection, with misses as censored; seconds."""
+
+    median_s: float | None = Field(description="Kaplan-Meier median; null if half of the attacks are not detected.")
+    median_blocks: OpenLimits | None = Field(description="Its interval by resampling blocks; null with fewer than two.")
+    restricted_mean_s: float = Field(description="Mean of min(delay, horizon), by the area below the curve.")
+    restricted_mean_blocks: OpenLimits | None = Field(description="Its interval by resampling blocks.")
+    horizon_s: float = Field(description="The horizon: that of the settings, or the longest window if that is shorter.")
+
+
+class BeforeEffect(Model):
+    """Whether there was time to act: detections before the first effect on the outcome."""
+
+    attacks: int = Field(ge=0, description="Observable attacks with an effect.")
+    unavoidable: int = Field(ge=0, description="Of these, attacks whose effect is not later than they are observable.")
+    share: Estimate = Field(description="Of these, the share that was detected before the effect.")
+    lead_quartiles_s: tuple[float | None, float | None, float | None] = Field(
+        description="Quartiles of effect − detection over all of these: negative if later, null if it was missed."
+    )
+
+
+class Detection(Model):
+    """What was detected of some attacks."""
+
+    attacks: int = Field(ge=0, description="Number of attacks.")
+    unobservable: int = Field(ge=0, description="Of these, attacks that the sensor could not see: not in the recall.")
+    detected: int = Field(ge=0, description="Number of observable attacks that were detected.")
+    recall: Estimate | None = Field(description="Share of the observable ones that was detected; null without any.")
+    by_chance: float | None = Field(
+        description="Recall that alarms at the nominal false-alarm rate have if they do not depend on attacks."
+    )
+    delay: Delay | None = Field(description="Delays; null without observable attacks.")
+    before_effect: BeforeEffect | None = Field(description="Detections before effects; null without any effect.")
+
+
+class GroupDetection(Detection):
+    """What was detected of the attacks of one kind or family."""
+
+    name: str = Field(description="The kind or the family.")
+
+
+class Precision(Model):
+    """Of the alarms, the share that is about an attack, at a prevalence."""
+
+    prevalence_per_h: float = Field(gt=0, description="Attacks per aircraft-hour.")
+    value: float | None = Field(description="The share; null if there were no alarms at all.")
+    limits: tuple[float, float] = Field(description="Its interval, from those of recall and rate (Bonferroni).")
+
+
+class SetScore(Model):
+    """Scores on a part of the test flights or attacks."""
+
+    name: str = Field(description="The set: 'all', or 'held-out' or 'seen' with what was held out.")
+    runs: int = Field(ge=0, description="Number of runs.")
+    blocks: int = Field(ge=0, description="Number of blocks.")
+    false_alarms: FalseAlarmsByFlights = Field(description="By kind of flight.")
+    claim: Claim = Field(description="What the nominal flights show.")
+    detection: Detection = Field(description="Over all attacks.")
+    kinds: tuple[GroupDetection, ...] = Field(description="By kind of attack.")
+    families: tuple[GroupDetection, ...] = Field(description="By family of attacks.")
+    precision: tuple[Precision, ...] = Field(
+        description="Precision at each prevalence; empty without hours or attacks."
+    )
+
+
+class Threshold(Model):
+    """The threshold of a detector, and what it was chosen on."""
+
+    value: float | None = Field(description="Alerts with a score above it are alarms; null: all are.")
+    episodes: int = Field(ge=0, description="False alarms on the validation flights at this threshold.")
+    hours: float = Field(ge=0, description="Aircraft-hours of the nominal and fault flights of the validation.")
+    lowest_per_h: float | None = Field(description="The least rate that these hours can support: the rule of three.")
+
+
+class DetectorScore(Model):
+    """All scores of one detector."""
+
+    detector: str = Field(min_length=1, description="Its name.")
+    trivial: bool = Field(description="Whether it is a trivial detector, which looks at nothing.")
+    threshold: Threshold | None = Field(description="Its threshold; null for a trivial detector.")
+    sets: tuple[SetScore, ...] = Field(min_length=1, description="Scores on all of the test, and on parts of it.")
+
+    def on(self, name: str) -> SetScore | None:
+        """The scores on the set `name`; None if there are none."""
+        return next((one for one in self.sets if one.name == name), None)
+
+
+class HeldOut(Model):
+    """What is in the test part, but neither in training nor in validation."""
+
+    kinds: tuple[str, ...] = Field(description="Kinds of attacks.")
+    families: tuple[str, ...] = Field(description="Families of attacks.")
+    cities: tuple[str, ...] = Field(description="Cities.")
+    aircraft: tuple[int, ...] = Field(description="Numbers of aircraft of a run.")
+
+
+class ScoreFile(Model):
+    """Scores of detectors on one study."""
+
+    format: Literal["skyrange.scores/1"] = Field(default=FORMAT, description="The format of this file.")
+    study: str = Field(description="Name of the study.")
+    digest: str = Field(description="Digest of the study's flights and attacks: equal for the same study.")
+    software: str = Field(description="What computed the scores, with its version.")
+    settings: ScoreSettings = Field(description="The conventions.")
+    held_out: HeldOut = Field(description="What the test part has that the others do not.")
+    detectors: tuple[DetectorScore, ...] = Field(description="The detectors, by name.")
+
+
+def write_scores(scores: ScoreFile, path: Path) -> None:
+    """Write the scores to a file, as JSON. Raises OSError if it cannot be written."""
+    with atomic_write(path) as file:
+        file.write((scores.model_dump_json(indent=1) + "\n").encode())
+
+
+def read_scores(path: Path) -> ScoreFile:
+    """The scores in a file. Raises InputError if it cannot be read, or is not such a file."""
+    who = str(path)
+    data: Any = parse_json(read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a file of scores"), who, "file")
+    found = data.get("format") if isinstance(data, dict) else None
+    if found != FORMAT:
+        raise InputError.one(who, "format", "not there" if found is None else repr(found), f'"{FORMAT}"')
+    try:
+        return ScoreFile.model_validate(data)
+    except ValidationError as error:
+        raise input_error(who, error, ScoreFile, data) from None

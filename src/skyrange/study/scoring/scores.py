@@ -1,0 +1,119 @@
+"""Scoring of detectors on a study: from its tables to the result file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+import skyrange
+from skyrange.core.errors import InputError
+from skyrange.core.time import from_seconds
+from skyrange.study.scoring.index import AlertList, StudyIndex, index_alerts, index_study
+from skyrange.study.scoring.intervals import lowest_claimable_rate
+from skyrange.study.scoring.matching import match_alarms
+from skyrange.study.scoring.measures import Selection, measure_set
+from skyrange.study.scoring.result_file import DetectorScore, HeldOut, ScoreFile, ScoreSettings, Threshold
+from skyrange.study.scoring.tables import TRIVIAL, StudyTables
+from skyrange.study.scoring.thresholds import choose_threshold
+from skyrange.study.scoring.trivial_detectors import trivial_alerts
+
+
+def score_detectors(
+    tables: StudyTables,
+    settings: ScoreSettings | None = None,
+    detectors: Sequence[str] | None = None,
+    study: str = "",
+) -> ScoreFile:
+    """Scores of `detectors` (by default of those that raised alerts) and of the trivial ones, on the test flights.
+
+    Name detectors that may have raised no alert at all: they are scored too. Raises InputError if there are no test
+    flights, no validation flights to choose thresholds from, or if SciPy is missing.
+    """
+    settings = ScoreSettings() if settings is None else settings
+    names = sorted(set(tables.detectors() if detectors is None else detectors))
+    for name in names:
+        if not name or name in TRIVIAL:
+            raise InputError.one("scoring", "detectors", name, f"a name that is none of {', '.join(TRIVIAL)}")
+    index = index_study(tables, settings.grace_s)
+    if not (index.subjects.splits == "test").any():
+        raise InputError.one("tables of the study", "flights, split test", "none", "flights to score detectors on")
+    held_out = find_held_out(index)
+    selections = select_sets(index, held_out)
+    episode_ns = from_seconds(settings.episode_s)
+    scores = [_score_one(index, index_alerts(index, tables.alerts, name), name, selections, settings) for name in names]
+    for name, alerts in trivial_alerts(index, episode_ns).items():
+        outcome = match_alarms(index, alerts, -math.inf, episode_ns)
+        sets = tuple(measure_set(index, outcome, selection, settings) for selection in selections)
+        scores.append(DetectorScore(detector=name, trivial=True, threshold=None, sets=sets))
+    return ScoreFile(
+        study=study,
+        digest=index.digest,
+        software=f"skyrange {skyrange.__version__}",
+        settings=settings,
+        held_out=held_out,
+        detectors=tuple(sorted(scores, key=lambda score: score.detector)),
+    )
+
+
+def find_held_out(index: StudyIndex) -> HeldOut:
+    """What occurs in the test part, but neither in training nor in validation."""
+    flights, attacks = index.subjects, index.attacks
+    test, tests = flights.splits == "test", attacks.splits == "test"
+    return HeldOut(
+        kinds=tuple(np.setdiff1d(attacks.kinds[tests], attacks.kinds[~tests]).tolist()),
+        families=tuple(np.setdiff1d(attacks.families[tests], attacks.families[~tests]).tolist()),
+        cities=tuple(np.setdiff1d(flights.cities[test], flights.cities[~test]).tolist()),
+        aircraft=tuple(np.setdiff1d(flights.aircraft[test], flights.aircraft[~test]).tolist()),
+    )
+
+
+def select_sets(index: StudyIndex, held_out: HeldOut) -> list[Selection]:
+    """The sets to score on: all of the test part; and, of what was held out, the held-out part beside the seen one.
+
+    Kinds and families restrict the attacks, not the flights: false alarms have no kind.
+    """
+    flights, attacks = index.subjects, index.attacks
+    test, tests = flights.splits == "test", attacks.splits == "test"
+    found = [Selection("all", test, tests)]
+    for what, values, of in (
+        ("kinds", held_out.kinds, attacks.kinds),
+        ("families", held_out.families, attacks.families),
+    ):
+        if values:
+            new = np.isin(of, values)
+            found += [
+                Selection(f"held-out {what}", test, tests & new),
+                Selection(f"seen {what}", test, tests & ~new),
+            ]
+    for what, held, of_flights, of_attacks in (
+        ("cities", held_out.cities, flights.cities, attacks.cities),
+        ("fleet sizes", held_out.aircraft, flights.aircraft, attacks.aircraft),
+    ):
+        if held:
+            new, newly = np.isin(of_flights, held), np.isin(of_attacks, held)
+            found += [
+                Selection(f"held-out {what}", test & new, tests & newly),
+                Selection(f"seen {what}", test & ~new, tests & ~newly),
+            ]
+    return found
+
+
+def _score_one(
+    index: StudyIndex, alerts: AlertList, name: str, selections: list[Selection], settings: ScoreSettings
+) -> DetectorScore:
+    episode_ns = from_seconds(settings.episode_s)
+    choice = choose_threshold(index, alerts, settings.target_per_h, episode_ns)
+    outcome = match_alarms(index, alerts, choice.threshold, episode_ns)
+    return DetectorScore(
+        detector=name,
+        trivial=False,
+        threshold=Threshold(
+            value=None if math.isinf(choice.threshold) else choice.threshold,
+            episodes=choice.episodes,
+            hours=choice.hours,
+            lowest_per_h=lowest_claimable_rate(choice.hours, settings.confidence),
+        ),
+        sets=tuple(measure_set(index, outcome, selection, settings) for selection in selections),
+    )

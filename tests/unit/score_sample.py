@@ -1,0 +1,43 @@
+"""Small studies for tests of scoring: rows with defaults, and tables of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pyarrow as pa
+
+from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
+
+
+def flight(run: str, vehicle: str = "a", *, arm: str = "nominal", **other: Any) -> dict[str, Any]:
+    """A flight of an hour in the test part; its arm says whether it is hostile or has a fault."""
+    return {
+        "run": run, "block": run, "arm": arm, "split": "test", "city": "plain", "aircraft": 1, "vehicle": vehicle,
+        "duration_s": 3600.0, "hostile": arm == "attacked", "fault": arm == "fault",
+    } | other  # fmt: skip
+
+
+def attack(run: str, vehicle: str = "a", **other: Any) -> dict[str, Any]:
+    """A drift that acts from 1000 to 1060 s and can be observed from 1010 s."""
+    return {
+        "run": run, "vehicle": vehicle, "attack_id": "x", "kind": "gnss.drift", "family": "gnss",
+        "active_s": 1000.0, "stop_s": 1060.0, "observable_s": 1010.0, "effect_s": math.nan,
+    } | other  # fmt: skip
+
+
+def alert(run: str, time_s: float, subject: str = "a", *, score: float = 1.0, detector: str = "d") -> dict[str, Any]:
+    """An alert of detector `d`."""
+    return {"run": run, "detector": detector, "time_s": time_s, "subject": subject, "kind": "k", "score": score}
+
+
+def tables(
+    flights: Sequence[dict[str, Any]], attacks: Sequence[dict[str, Any]] = (), alerts: Sequence[dict[str, Any]] = ()
+) -> StudyTables:
+    """The checked tables of some rows."""
+    return check_tables(
+        pa.Table.from_pylist(list(flights), schema=FLIGHTS),
+        pa.Table.from_pylist(list(attacks), schema=ATTACKS),
+        pa.Table.from_pylist(list(alerts), schema=ALERTS),
+    )

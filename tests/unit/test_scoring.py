@@ -1,0 +1,332 @@
+"""Scoring of detectors on made-up studies: rules of matching, thresholds, sets, the result file and the leaderboard."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+
+from skyrange.core.errors import InputError
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.study.scoring.episodes import find_episodes
+from skyrange.study.scoring.index import index_alerts, index_study
+from skyrange.study.scoring.leaderboard import rank_detectors
+from skyrange.study.scoring.matching import Outcome, match_alarms
+from skyrange.study.scoring.measures import judge_claim
+from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings, SetScore, read_scores, write_scores
+from skyrange.study.scoring.scores import score_detectors
+from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
+from skyrange.study.scoring.thresholds import choose_threshold
+from tests.unit.score_sample import alert, attack, flight, tables
+
+EPISODE_NS = 30 * NS_PER_S
+SETTINGS = ScoreSettings(replicates=200)
+
+
+def outcome_of(given: StudyTables, threshold: float = -math.inf) -> Outcome:
+    index = index_study(given, 10.0)
+    return match_alarms(index, index_alerts(index, given.alerts, "d"), threshold, EPISODE_NS)
+
+
+def detection_s(given: StudyTables) -> list[float]:
+    return [math.inf if at == NEVER else at / NS_PER_S for at in outcome_of(given).detected_ns.tolist()]
+
+
+def on_all(file: ScoreFile, detector: str = "d") -> SetScore:
+    score = next(one for one in file.detectors if one.detector == detector)
+    found = score.on("all")
+    assert found is not None
+    return found
+
+
+def test_an_episode_is_as_long_as_it_says_from_its_beginning() -> None:
+    times = np.array([0, 10, 29, 30, 59, 61, 200], dtype=np.int64)
+    begins = find_episodes(np.zeros(7, dtype=np.int64), times, 30)
+    assert times[begins].tolist() == [0, 30, 61, 200]
+    assert find_episodes(np.array([0, 1, 1]), np.array([5, 5, 6]), 30).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("time_s", "detected", "false"),
+    [
+        (999.9, False, 1),  # before the onset
+        (1000.0, False, 0),  # acts, but could not be seen
+        (1009.9, False, 0),
+        (1010.0, True, 0),
+        (1070.0, True, 0),  # the end of the grace
+        (1070.1, False, 1),
+    ],
+)
+def test_windows_of_an_attack(time_s: float, detected: bool, false: int) -> None:
+    given = tables([flight("r", arm="attacked")], [attack("r")], [alert("r", time_s)])
+    outcome = outcome_of(given)
+    assert (outcome.detected_ns[0] != NEVER) == detected
+    assert outcome.false_alarms.sum() == false
+
+
+def test_an_alarm_about_another_aircraft_is_false_and_detects_nothing() -> None:
+    flights = [flight("r", name, arm="attacked", aircraft=2) for name in ("a", "b")]
+    given = tables(flights, [attack("r")], [alert("r", 1020.0, "b"), alert("r", 1020.0, "")])
+    assert detection_s(given) == [math.inf]
+    assert outcome_of(given).false_alarms.sum() == 2
+
+
+def test_an_attack_on_a_whole_run_is_detected_by_any_subject() -> None:
+    flights = [flight("r", name, arm="attacked", aircraft=2) for name in ("a", "b")]
+    given = tables(flights, [attack("r", "")], [alert("r", 1040.0, "b"), alert("r", 1030.0, "")])
+    assert detection_s(given) == [1030.0]
+    assert outcome_of(given).false_alarms.sum() == 0
+
+
+def test_an_alarm_that_stands_at_the_onset_detects_and_pays_per_episode() -> None:
+    every_s = [alert("r", float(time)) for time in range(3600)]
+    given = tables([flight("r", arm="attacked")], [attack("r")], every_s)
+    assert detection_s(given) == [1010.0]
+    assert outcome_of(given).false_alarms.sum() == math.ceil(1000 / 30) + math.ceil((3600 - 1071) / 30)
+
+
+def test_hours_of_an_attacked_aircraft_leave_out_the_attack() -> None:
+    flights = [flight("r", name, arm="attacked", aircraft=2) for name in ("a", "b")]
+    acts = [attack("r"), attack("r", attack_id="y", active_s=1050.0, observable_s=1050.0, stop_s=1100.0)]
+    hours = index_study(tables(flights, acts), 10.0).subjects.exposure_ns / NS_PER_S
+    assert hours.tolist() == [3600.0 - 110.0, 3600.0, 0.0]
+
+
+def test_what_could_not_be_observed_is_no_miss() -> None:
+    acts = [attack("r", observable_s=math.nan), attack("r", attack_id="y", observable_s=1071.0)]
+    file = score_detectors(
+        tables([flight("r", arm="attacked"), flight("v", split="validation")], acts), SETTINGS, detectors=["d"]
+    )
+    found = on_all(file).detection
+    assert (found.attacks, found.unobservable, found.recall, found.delay) == (2, 2, None, None)
+    assert on_all(file, "always").false_alarms.hostile.episodes == math.ceil(1000 / 30) + math.ceil(2529 / 30)
+
+
+def test_a_threshold_is_the_lowest_that_validation_allows_and_reads_nothing_else() -> None:
+    flights = [flight("v", split="validation"), flight("w", split="validation", arm="fault"), flight("t")]
+    benign = [alert("v", 100.0 * score, score=score) for score in range(10)] + [alert("w", 5.0, score=8.5)]
+    loud = [alert("t", 100.0 * score, score=100.0 + score) for score in range(10)]
+
+    def choose(alerts: list[dict[str, Any]], target_per_h: float) -> tuple[float, int, float]:
+        given = tables(flights, (), alerts)
+        index = index_study(given, 10.0)
+        return tuple(choose_threshold(index, index_alerts(index, given.alerts, "d"), target_per_h, EPISODE_NS))  # type: ignore[return-value]
+
+    assert choose(benign, 1.0) == (8.0, 2, 2.0)
+    assert choose(benign, 1.0) == choose(benign + loud, 1.0)
+    assert choose(benign, 0.4) == (9.0, 0, 2.0)
+    assert choose(benign, 100.0) == (-math.inf, 11, 2.0)
+    with pytest.raises(InputError, match="validation"):
+        score_detectors(tables([flight("t")], (), [alert("t", 1.0)]), SETTINGS)
+
+
+def test_before_the_effect_counts_misses() -> None:
+    flights = [flight(f"r{n}", arm="attacked") for n in range(4)] + [flight("v", split="validation")]
+    acts = [attack(f"r{n}", effect_s=1030.0) for n in range(3)] + [attack("r3", effect_s=1005.0)]
+    alerts = [alert("r0", 1020.0), alert("r1", 1030.0), alert("r3", 1012.0)]
+    found = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection.before_effect
+    assert found is not None
+    assert (found.attacks, found.unavoidable, found.share.value) == (4, 1, 0.25)
+    assert found.lead_quartiles_s == (None, -7.0, 0.0)
+
+
+def test_delays_are_censored() -> None:
+    flights = [flight(f"r{n}", arm="attacked") for n in range(3)] + [flight("v", split="validation")]
+    acts = [attack(f"r{n}") for n in range(3)]
+    given = tables(flights, acts, [alert("r0", 1012.0)])
+    found = on_all(score_detectors(given, SETTINGS)).detection.delay
+    assert found is not None
+    assert found.median_s is None
+    assert found.restricted_mean_s == pytest.approx((2 + 60 + 60) / 3)
+
+
+@pytest.mark.parametrize(
+    ("episodes", "hours", "verdict"),
+    [
+        (0, 2.9, "cannot be claimed"),
+        (0, 3.0, "claimed"),
+        (3, 3.0, "not shown"),
+        (2, 30.0, "claimed"),
+        (40, 10.0, "exceeded"),
+        (40, 1.0, "exceeded"),
+        (0, 0.0, "cannot be claimed"),
+    ],
+)
+def test_claims(episodes: int, hours: float, verdict: str) -> None:
+    assert judge_claim(episodes, hours, 1.0, 0.95).verdict == verdict
+
+
+def study_with_everything_held_out() -> StudyTables:
+    """Blocks of all arms; the test part has a kind, a family, a city and a fleet size of its own."""
+    flights, acts, alerts = [], [], []
+    for number in range(12):
+        split = ("train", "validation", "test")[number % 3]
+        new = split == "test" and number % 2 == 0
+        names = ["a", "b"] if new else ["a"]
+        for arm in ("nominal", "attacked", "sham", "fault"):
+            run = f"{number}-{arm}"
+            flights += [
+                flight(
+                    run, name, arm=arm, block=f"b{number}", split=split,
+                    aircraft=len(names), city="manhattan" if new else "plain",
+                )
+                for name in names
+            ]  # fmt: skip
+            alerts += [alert(run, 17.0 * number, score=0.1 * number), alert(run, 900.0 + number, score=0.4)]
+        other = {"kind": "link.jam", "family": "link"} if new else {}
+        acts.append(attack(f"{number}-attacked", **other))
+        alerts.append(alert(f"{number}-attacked", 1011.0 + number, score=2.0))
+    return tables(flights, acts, alerts)
+
+
+def test_sets_of_what_is_held_out_and_what_is_seen() -> None:
+    file = score_detectors(study_with_everything_held_out(), SETTINGS, study="made up")
+    assert file.held_out.model_dump() == {
+        "kinds": ("link.jam",), "families": ("link",), "cities": ("manhattan",), "aircraft": (2,),
+    }  # fmt: skip
+    score = next(one for one in file.detectors if one.detector == "d")
+    sizes = {one.name: (one.blocks, one.detection.attacks) for one in score.sets}
+    assert sizes == {
+        "all": (4, 4),
+        "held-out kinds": (4, 2), "seen kinds": (4, 2),
+        "held-out families": (4, 2), "seen families": (4, 2),
+        "held-out cities": (2, 2), "seen cities": (2, 2),
+        "held-out fleet sizes": (2, 2), "seen fleet sizes": (2, 2),
+    }  # fmt: skip
+    whole = on_all(file)
+    assert [group.name for group in whole.kinds] == ["gnss.drift", "link.jam"]
+    assert sum(group.detected for group in whole.families) == whole.detection.detected == 4
+    assert whole.false_alarms.nominal.hours == pytest.approx(6.0)
+
+
+def test_arms_of_a_block_are_counted_apart() -> None:
+    flights = [flight(arm, arm=arm, block="b") for arm in ("nominal", "sham", "fault")]
+    given = tables([*flights, flight("v", split="validation")], (), [alert(one["run"], 50.0) for one in flights])
+    found = on_all(score_detectors(given, SETTINGS)).false_alarms
+    counts = (found.nominal.episodes, found.sham.episodes, found.fault.episodes, found.hostile.episodes)
+    assert counts == (1, 1, 1, 0)
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
+    file = score_detectors(study_with_everything_held_out(), SETTINGS)
+    write_scores(file, tmp_path / "scores.json")
+    assert read_scores(tmp_path / "scores.json") == file
+    (tmp_path / "other.json").write_text('{"format": "skyrange.bench"}')
+    with pytest.raises(InputError, match=r"skyrange\.scores/1"):
+        read_scores(tmp_path / "other.json")
+    text = (tmp_path / "scores.json").read_text().replace('"trivial"', '"trivail"')
+    (tmp_path / "wrong.json").write_text(text)
+    with pytest.raises(InputError, match="trivial"):
+        read_scores(tmp_path / "wrong.json")
+
+
+def test_a_leaderboard_ranks_by_recall_at_the_target_rate_then_delay() -> None:
+    flights = [flight(f"n{n}", split=("validation", "test")[n % 2]) for n in range(40)]
+    flights += [flight(f"r{n}", arm="attacked") for n in range(4)]
+    acts = [attack(f"r{n}") for n in range(4)]
+    alerts = [alert(f"r{n}", 1020.0, detector="slow") for n in range(3)]
+    alerts += [alert(f"r{n}", 1012.0, detector="quick") for n in range(3)]
+    alerts += [alert("r0", 1010.0, detector="blind")]
+    file = score_detectors(tables(flights, acts, alerts), SETTINGS, study="one")
+    rows = rank_detectors([file])
+    assert [(row.rank, row.detector) for row in rows] == [
+        (1, "quick"), (2, "slow"), (3, "blind"), (4, "never"), (5, "always"),
+    ]  # fmt: skip
+    assert rows[-1].recall == 1.0
+    assert rows[-1].claim == "exceeded"
+    assert [row.trivial for row in rows] == [False, False, False, True, True]
+    theirs = file.model_copy(update={"study": "two", "digest": "other"})
+    both = rank_detectors([file, theirs])
+    assert [(row.rank, row.study, row.same_study) for row in both[:3]] == [
+        (1, "one", True),
+        (1, "two", False),
+        (3, "one", True),
+    ]
+    with pytest.raises(InputError, match="settings"):
+        rank_detectors([file, theirs.model_copy(update={"settings": ScoreSettings()})])
+    with pytest.raises(InputError, match="one of all"):
+        rank_detectors([file], "held-out moons")
+
+
+def test_by_time_alarms_at_the_median_onset_of_training() -> None:
+    flights = [flight(f"r{n}", arm="attacked", split="train") for n in range(3)]
+    flights += [flight("t", arm="attacked"), flight("v", split="validation")]
+    acts = [attack(f"r{n}", observable_s=1001.0 + 10 * n) for n in range(3)] + [attack("t")]
+    file = score_detectors(tables(flights, acts), SETTINGS, detectors=["d"])
+    delay = on_all(file, "by-time").detection.delay
+    assert delay is not None
+    assert delay.median_s == 1.0
+    assert on_all(file, "d").detection.detected == 0
+
+
+def test_by_chance_is_what_alarms_without_sight_would_detect() -> None:
+    flights = [flight("n"), flight("v", split="validation"), flight("r", arm="attacked")]
+    alerts = [alert("n", 100.0 * number, score=0.0) for number in range(36)]
+    given = tables(flights, [attack("r")], alerts)
+    found = on_all(score_detectors(given, SETTINGS)).detection
+    assert found.by_chance == pytest.approx(1.0 - math.exp(-36 * 60 / 3600))
+
+
+def test_alarms_at_random_detect_what_by_chance_says() -> None:
+    random = np.random.default_rng(1)
+    flights = [flight("v", split="validation")]
+    flights += [flight(f"{arm}{n}", arm=arm) for n in range(300) for arm in ("nominal", "attacked")]
+    acts = [attack(f"attacked{n}", stop_s=1000.0 + 2.0 * n) for n in range(300)]
+    alerts = [alert(one["run"], time) for one in flights[1:] for time in random.uniform(0.0, 3600.0, random.poisson(6))]
+    found = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection
+    assert found.recall is not None
+    assert found.by_chance is not None
+    assert 0.3 < found.by_chance < 0.7
+    assert abs(found.recall.value - found.by_chance) < 4 * math.sqrt(0.25 / 300)
+
+
+@pytest.mark.parametrize(
+    ("flights", "attacks", "alerts", "message"),
+    [
+        ([flight("r"), flight("r")], [], [], "each aircraft of a run once"),
+        ([flight("r"), flight("r", "b", city="elsewhere")], [], [], "as in the other rows of run r"),
+        ([flight("r", block="x"), flight("s", block="x", split="train")], [], [], "other runs of block x"),
+        ([flight("r", split="tset")], [], [], "train, validation or test"),
+        ([flight("r", duration_s=-1.0)], [], [], "no negative time"),
+        ([flight("r", duration_s=math.nan)], [], [], "finite numbers"),
+        ([flight("r")], [attack("r")], [], "a run whose flights are hostile"),
+        ([flight("r", arm="attacked")], [], [], "an attack of this run"),
+        ([flight("run-1", arm="attacked")], [attack("run-2")], [], "Did you mean 'run-1'"),
+        ([flight("r", arm="attacked")], [attack("r", "z")], [], "an aircraft of run r, or ''"),
+        ([flight("r", arm="attacked")], [attack("r", stop_s=1.0)], [], "not before 1000"),
+        ([flight("r", arm="attacked")], [attack("r", observable_s=1.0)], [], "not before active_s"),
+        ([flight("r", arm="attacked")], [attack("r"), attack("r")], [], "each episode of acting once"),
+        (
+            [flight("r", arm="attacked")],
+            [attack("r"), attack("r", attack_id="y", family="other")],
+            [],
+            "as in the other rows of kind gnss.drift",
+        ),
+        ([flight("r")], [], [alert("q", 1.0)], "a run of the flights"),
+        ([flight("r")], [], [alert("r", 1.0, "ghost")], "an aircraft of run r, or ''"),
+        ([flight("r")], [], [alert("r", math.inf)], "finite numbers"),
+        ([flight("r")], [], [alert("r", 1.0, detector="always")], "none of always, by-time, never"),
+    ],
+)
+def test_bad_tables_are_named(
+    flights: list[dict[str, Any]], attacks: list[dict[str, Any]], alerts: list[dict[str, Any]], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        tables(flights, attacks, alerts)
+
+
+def test_missing_columns_and_wrong_types_are_named_together() -> None:
+    flights = pa.Table.from_pylist([flight("r")], schema=FLIGHTS).rename_columns(
+        ["city_name" if name == "city" else name for name in FLIGHTS.names]
+    )
+    flights = flights.set_column(5, "aircraft", pa.array(["many"]))
+    with pytest.raises(InputError) as caught:
+        check_tables(flights, ATTACKS.empty_table(), ALERTS.empty_table())
+    assert [problem.where for problem in caught.value.problems] == ["flights", "flights.aircraft"]
+    nulls = pa.table({name: pa.nulls(1, FLIGHTS.field(name).type) for name in FLIGHTS.names})
+    with pytest.raises(InputError, match="a value in each row"):
+        check_tables(nulls, ATTACKS.empty_table(), ALERTS.empty_table())
