@@ -14,11 +14,11 @@ import pytest
 from skyrange.attack.gnss.drift import DriftTrack
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct
-from skyrange.core.errors import InputError
+from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-from skyrange.env import FEATURES, BlueAct, HoldTheMission, Quiet, RedAct, Rewards, make_scenario, play
+from skyrange.env import FEATURES, BlueAct, HoldTheMission, Quiet, RedAct, Rewards, ScriptedRed, make_scenario, play
 from skyrange.env.acts import BlueChoices, Clock, RedChoice
 from skyrange.env.announcer import Announcer
 from skyrange.env.blue_parts import CommandConsole, SourceFilter
@@ -168,7 +168,35 @@ def test_one_that_was_away_goes_on_with_the_leg_that_it_had_left_and_skips_no_co
         assert progress.advance(at(10, 12), 1.0) == 0.0
     assert progress.advance(at(0, 15), 1.0) == 0.0
     assert progress.advance(at(20, 0), 1.0) == pytest.approx(0.2)
-    assert progress.distance_m(at(10, 10)) == pytest.approx(10.0)
+
+
+def test_the_way_home_is_not_astray() -> None:
+    assert square().distance_m(at(10, 10)) == 0.0
+    assert square().distance_m(at(-25, 10)) == pytest.approx(25.0)
+    assert square().end_distance_m(at(3, 4)) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("name", ["cut_steps", "pause_steps"])
+@pytest.mark.parametrize("value", [-1, 1.5, True])
+def test_steps_of_the_scripted_adversary_are_whole_numbers(name: str, value: Any) -> None:
+    with pytest.raises(InputError, match=f"{name}: {value} — expected a whole number, at least 0"):
+        ScriptedRed(**{name: value})
+
+
+def test_an_episode_whose_flight_fails_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    environment = HoldTheMission(aircraft=1)
+    environment.reset(seed=1)
+    assert environment._episode is not None
+
+    def fail(until: Time) -> None:
+        raise ComponentError("kernel", "failed")
+
+    monkeypatch.setattr(environment._episode._kernel, "advance", fail)
+    with pytest.raises(ComponentError, match="kernel: failed"):
+        environment.step({"red": 0, BLUE: [0]})
+    assert environment.agents == []
+    with pytest.raises(InputError, match="no episode is under way"):
+        environment.step({"red": 0, BLUE: [0]})
 
 
 def red_tap(act: RedAct | None) -> Callable[[str], AdversaryTap]:

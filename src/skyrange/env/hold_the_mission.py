@@ -174,7 +174,11 @@ class HoldTheMission(ParallelEnv):  # type: ignore[misc] # PettingZoo has no typ
             for agent, action in chosen.items()
         }
         begun = episode.now
-        scores = episode.step(hostile, blue)
+        try:
+            scores = episode.step(hostile, blue)
+        except BaseException:
+            self.agents = []
+            raise
         outcomes = episode.parts.outcomes
         rewards = {RED: -sum(scores.values()) - self._rewards.hostile_act * bool(red)}
         for agent, acts in blue.items():

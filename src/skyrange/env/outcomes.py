@@ -6,9 +6,10 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
@@ -27,12 +28,12 @@ Floats = NDArray[np.float64]
 CORRIDOR_M: Final = 5.0
 """Distance from its route within which an aircraft makes progress."""
 ASTRAY_M: Final = 20.0
-"""Horizontal distance from every point of its route beyond which an aircraft in the air is astray."""
+"""Horizontal distance from the convex hull of its route beyond which an aircraft in the air is astray: the straight way
+home is within the hull."""
 LANDED_OUT_M: Final = 5.0
 """Horizontal distance from its home and from the end of its route beyond which an aircraft has landed out."""
 FASTEST_MPS: Final = 12.0
 """How far along its route an aircraft can come in a second."""
-_FLOWN_M: Final = 1.0
 _EVENTS: Final = {"event.crash": "crash", "event.collision": "collision"}
 
 
@@ -78,6 +79,11 @@ class MissionProgress:
     """The points at which its legs begin and end, in order."""
     at: int = 0
     """The point that it has come to."""
+    _hull: Any = field(init=False)
+    """The horizontal convex hull of the route, a shape of shapely."""
+
+    def __post_init__(self) -> None:
+        self._hull = shapely.MultiPoint(self.route[:, :2]).convex_hull
 
     @classmethod
     def of(cls, plan: FlightPlan) -> MissionProgress:
@@ -114,8 +120,8 @@ class MissionProgress:
         return self.share - before
 
     def distance_m(self, place: Floats) -> float:
-        """Horizontal distance of a position (3,) from the nearest point of the route."""
-        return float(np.sqrt(((self.route[:, :2] - place[:2]) ** 2).sum(axis=1)).min())
+        """Horizontal distance of a position (3,) from the convex hull of the route, 0 within."""
+        return float(self._hull.distance(shapely.Point(place[:2])))
 
     def end_distance_m(self, place: Floats) -> float:
         """Horizontal distance of a position (3,) from the nearer one of both ends of the route."""
@@ -177,7 +183,7 @@ class Outcomes:
             crashed = bool(truth["crashed"][row])
             if crashed:
                 self._ended.add(vehicle)
-            elif place[2] > _FLOWN_M:
+            elif not truth["on_ground"][row]:
                 self._flown.add(vehicle)
                 if route.distance_m(place) > ASTRAY_M:
                     self._add(vehicle, "astray")

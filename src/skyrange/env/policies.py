@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -26,15 +27,13 @@ _SILENT_S: Final = 2.0
 
 @dataclass(slots=True)
 class RandomPolicy:
-    """Chooses any action of a space with equal chance, from a generator of its own."""
+    """Chooses any action of a space with equal chance, by a generator of its own."""
 
     space: Any
     """A Gymnasium space: `environment.action_space(agent)`, of which it takes a copy."""
     seed: int
 
     def __post_init__(self) -> None:
-        from copy import deepcopy
-
         self.space = deepcopy(self.space)
         self.space.seed(self.seed)
 
@@ -69,6 +68,12 @@ class ScriptedRed:
     _step: int = field(default=0, init=False)
     _times: dict[int, int] = field(default_factory=dict, init=False)
     """By row, how often it was the victim: the next one is one of those that were it least often."""
+
+    def __post_init__(self) -> None:
+        for name in ("cut_steps", "pause_steps"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+                raise InputError.one("ScriptedRed", name, value, "a whole number, at least 0")
 
     def __call__(self, observation: NDArray[np.float32]) -> int:
         """The action."""
