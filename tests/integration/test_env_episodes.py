@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.utils import parallel_to_aec
 
 import skyrange
 from skyrange.codec.mavlink import decode
@@ -86,6 +87,18 @@ def test_pettingzoo_finds_nothing_wrong(make: Callable[[], HoldTheMission]) -> N
         warnings.simplefilter("error")
         parallel_api_test(make(), num_cycles=40)
         parallel_seed_test(make, num_cycles=10)
+
+
+def test_agents_can_also_act_in_turn() -> None:
+    """The step is flown when the last agent of a round has acted."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        in_turn = parallel_to_aec(short())
+        in_turn.reset(seed=4)
+        for _ in range(6):
+            in_turn.step(0 if in_turn.agent_selection == "red" else np.zeros(2, dtype=np.int64))
+    observation = in_turn.observe(BLUE)
+    assert observation.tobytes() == fly(short(), {})[2]["observations"][BLUE].tobytes()
 
 
 def test_equal_seeds_and_actions_give_equal_episodes_to_the_byte(tmp_path: Path) -> None:
