@@ -17,7 +17,7 @@ from pydantic import BaseModel
 from skyrange.core.lazy_exports import exports_of
 from skyrange.core.time import NEVER
 
-FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.testing")
+FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.env", "skyrange.testing")
 """The public modules."""
 
 TOPICS: dict[str, dict[str, str]] = {

@@ -3,8 +3,8 @@
 >>> import skyrange
 >>> record = skyrange.run("squares")      # doctest: +SKIP
 
-Public are this module, `skyrange.scenario`, `skyrange.plugin`, `skyrange.analysis` and `skyrange.testing`. All other
-modules are private and may change.
+Public are this module, `skyrange.scenario`, `skyrange.plugin`, `skyrange.analysis`, `skyrange.env` and
+`skyrange.testing`. All other modules are private and may change.
 """
 
 from __future__ import annotations

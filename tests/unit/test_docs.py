@@ -38,7 +38,7 @@ generate = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(generate)
 
 
-FACADE = {"skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.testing"}
+FACADE = {"skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.env", "skyrange.testing"}
 """The public modules."""
 
 

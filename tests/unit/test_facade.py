@@ -14,7 +14,7 @@ import pytest
 from skyrange.core.lazy_exports import exports_of
 from tests.unit.test_startup import HEAVY
 
-FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.testing")
+FACADE = ("skyrange", "skyrange.scenario", "skyrange.plugin", "skyrange.analysis", "skyrange.env", "skyrange.testing")
 
 
 @pytest.mark.parametrize("name", FACADE)

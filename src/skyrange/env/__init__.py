@@ -1,0 +1,43 @@
+"""Learning agents: PettingZoo environments over runs, with the acts, rewards and baselines of one task.
+
+What is exported here is public; the modules that it comes from are private and may change. It needs
+`pip install 'skyrange[env]'`.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from skyrange.core.lazy_exports import export_lazily
+
+if TYPE_CHECKING:
+    from skyrange.env.acts import BlueAct, RedAct
+    from skyrange.env.hold_the_mission import HoldTheMission
+    from skyrange.env.observations import FEATURES, Feature
+    from skyrange.env.observations import describe as describe_observation
+    from skyrange.env.outcomes import Rewards
+    from skyrange.env.policies import Quiet, RandomPolicy, ScriptedBlue, ScriptedRed, play
+    from skyrange.env.task_scenario import make_scenario
+
+__all__ = [
+    "FEATURES",
+    "BlueAct",
+    "Feature",
+    "HoldTheMission",
+    "Quiet",
+    "RandomPolicy",
+    "RedAct",
+    "Rewards",
+    "ScriptedBlue",
+    "ScriptedRed",
+    "describe_observation",
+    "make_scenario",
+    "play",
+]
+
+if not TYPE_CHECKING:
+    __getattr__ = export_lazily(__name__)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
