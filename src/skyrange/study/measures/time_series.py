@@ -17,10 +17,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_S
-from skyrange.record.manifest import origin_of
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.record.manifest import origin_of, start_unix_ns_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -142,6 +143,15 @@ def vehicles(record: Record) -> list[Vehicle]:
             )
         )
     return rows
+
+
+def start_utc_ns(record: Record) -> int:
+    """UTC of a run's time 0, ns since 1970; `InputError` if its manifest has none, or one before 1970."""
+    found = start_unix_ns_of(record.manifest)
+    if found is None or not 0 <= found < NEVER:
+        told = repr(record.manifest.get("start_unix_ns"))
+        raise InputError.one(str(record.path), "manifest.json: start_unix_ns", told, "ns since 1970, 0 or later")
+    return found
 
 
 def truth_tracks(record: Record) -> dict[str, Track]:
