@@ -303,7 +303,7 @@ def test_groups_of_tracks_give_the_same_file(
     assert write_kml(record, tmp_path / "single.kml").path.read_bytes() == whole
 
 
-def test_text_in_kml_is_neither_markup_nor_script(record: RunRecord, tmp_path: Path) -> None:
+def test_hostile_text_is_neither_markup_nor_an_error(record: RunRecord, tmp_path: Path) -> None:
     hostile = "</name><b>&\x00\x1b\ud800"
     outcome = {"state": "failed", "reason": "<script>alert(1)</script>", "finished_s": None}
     run = altered(record, tmp_path / "run", name=hostile, outcomes={"blue/b1": outcome})
@@ -313,6 +313,9 @@ def test_text_in_kml_is_neither_markup_nor_script(record: RunRecord, tmp_path: P
     assert document.findtext("k:name", namespaces=KML) == "</name><b>&\ufffd\ufffd\ufffd"
     description = document.findtext("k:Folder/k:Placemark/k:description", namespaces=KML)
     assert description == "failed: &lt;script&gt;alert(1)&lt;/script&gt;"  # a globe shows it as HTML
+    with write_mcap(run, tmp_path / "run.mcap").path.open("rb") as file:
+        (metadata,) = make_reader(file).iter_metadata()
+    assert metadata.metadata["name"] == "</name><b>&\x00\x1b?"
 
 
 # ---------------------------------------------------------------- tables

@@ -49,7 +49,7 @@ def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
     target = path or record.path / MCAP
     with atomic_write(target) as file:
         writer = library.Writer(file, compression=library.CompressionType.ZSTD)
-        writer.start(profile="", library=f"skyrange {record.manifest.get('skyrange', '')}".strip())
+        writer.start(profile="", library="skyrange")
         for name, media_type in _ATTACHED.items():
             if (record.path / name).exists():
                 data = read_input(record.path / name, str(record.path), name, max_bytes=MAX_RECORD_BYTES)
@@ -98,7 +98,8 @@ def _describe_run(record: RunRecord) -> dict[str, str]:
     digests = record.manifest.get("digests") or {}
     told = {name: record.manifest.get(name) for name in ("name", "seed", "start_utc", "skyrange")}
     told |= {"status": record.status, "fingerprint": digests.get("fingerprint")}
-    return {name: str(value) for name, value in told.items() if value is not None}
+    # JSON may hold half of a surrogate pair, which UTF-8 does not
+    return {name: str(value).encode(errors="replace").decode() for name, value in told.items() if value is not None}
 
 
 def _load_mcap_writer() -> Any:
