@@ -27,7 +27,7 @@ from skyrange.record.read.run import RunRecord
 from skyrange.study.exports.exported import Export, require_origin
 from skyrange.study.exports.scene_messages import UNKNOWN_COLOUR
 from skyrange.study.figures.subject import fleet_colours
-from skyrange.study.measures.time_series import operators, start_utc_ns, vehicles
+from skyrange.study.measures.time_series import append_rows, operators, start_utc_ns, vehicles
 
 KML: Final = "tracks.kml"
 HELD_ROWS: Final = 2_000_000
@@ -39,6 +39,7 @@ _HEAD: Final = (
 )
 _NO_XML: Final = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that no XML 1.0 document can contain (section 2.2)."""
+_PLACE: Final = ("east_m", "north_m", "up_m")
 
 _Track = tuple[NDArray[np.int64], NDArray[np.float64]]
 """(n,) times in ns and (n, 3) positions in metres."""
@@ -100,17 +101,14 @@ def _tracks(record: RunRecord, counts: Mapping[str, int]) -> Iterator[tuple[str,
     for group in _groups(counts):
         parts: dict[str, list[_Track]] = {vehicle: [] for vehicle in group}
         wanted = pa.array(group, pa.string())
-        for batch in record.batches("truth", ["time_ns", "vehicle", "east_m", "north_m", "up_m"]):
-            rows = pa.Table.from_batches([batch]).filter(pc.is_in(batch.column("vehicle"), wanted))
-            names = rows.column("vehicle").to_numpy(zero_copy_only=False)
-            times = rows.column("time_ns").to_numpy()
-            places = np.stack([rows.column(name).to_numpy() for name in ("east_m", "north_m", "up_m")], axis=1)
-            for vehicle in dict.fromkeys(names.tolist()):
-                own = (names == vehicle) & np.isfinite(places).all(axis=1)
-                parts[vehicle].append((times[own], places[own]))
+        for batch in record.batches("truth", ["time_ns", "vehicle", *_PLACE]):
+            rows = pa.Table.from_batches([batch]).filter(pc.is_in(batch.column("vehicle"), wanted)).combine_chunks()
+            for part in rows.to_batches():
+                append_rows(parts, part, part.column("vehicle"), _PLACE)
         for vehicle in group:
-            own_times, own_places = zip(*parts.pop(vehicle), strict=True)
-            yield vehicle, (np.concatenate(own_times), np.concatenate(own_places))
+            times, places = (np.concatenate(arrays) for arrays in zip(*parts.pop(vehicle), strict=True))
+            known = np.isfinite(places).all(axis=1)
+            yield vehicle, (times[known], places[known])
 
 
 def _groups(counts: Mapping[str, int]) -> Iterator[list[str]]:
