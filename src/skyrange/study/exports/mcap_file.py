@@ -30,6 +30,9 @@ from skyrange.study.measures.time_series import start_utc_ns
 MCAP: Final = "run.mcap"
 METADATA: Final = "skyrange.run"
 """Name of the metadata record, which names the run."""
+CHUNK_BYTES: Final = 4 << 20
+"""Size of a chunk before compression. The index, which stays in memory, has an entry for each chunk and topic, and each
+aircraft has a topic: with the library's 1 MiB, a file of 5,000 aircraft is a tenth larger."""
 _ATTACHED: Final = {MANIFEST: "application/json", "scenario.toml": "application/toml"}
 
 
@@ -48,7 +51,7 @@ def write_mcap(record: RunRecord, path: Path | None = None) -> Export:
     counts: Counter[str] = Counter()
     target = path or record.path / MCAP
     with atomic_write(target) as file:
-        writer = library.Writer(file, compression=library.CompressionType.ZSTD)
+        writer = library.Writer(file, CHUNK_BYTES, library.CompressionType.ZSTD)
         writer.start(profile="", library="skyrange")
         for name, media_type in _ATTACHED.items():
             if (record.path / name).exists():
