@@ -72,6 +72,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Detectors": "replay_monitor",
         "Figures": "trajectories_3d plan_view altitude track_deviation",
         "Captures": "Capture export_mavlink export_remote_id",
+        "Files for other tools": "Export export_mcap export_kml export_tables",
     },
 }
 """Names of public modules by topic; a module that is not here has one list."""

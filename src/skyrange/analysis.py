@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from skyrange.study.compare.autopilot_parity import compare as compare_autopilots
     from skyrange.study.compare.exact import Difference
     from skyrange.study.compare.exact import diff as compare_runs
+    from skyrange.study.exports.csv_tables import write_tables as export_tables
+    from skyrange.study.exports.exported import Export
+    from skyrange.study.exports.kml_file import write_kml as export_kml
+    from skyrange.study.exports.mcap_file import write_mcap as export_mcap
     from skyrange.study.figures import altitude, plan_view, track_deviation, trajectories_3d
     from skyrange.study.measures.receptions import reception_summaries, summarise_receptions
     from skyrange.study.measures.trust import TrustPair, TrustSummary, remote_id_trust
@@ -37,6 +41,7 @@ __all__ = [
     "Agreement",
     "Capture",
     "Difference",
+    "Export",
     "Interval",
     "Pair",
     "Parity",
@@ -50,8 +55,11 @@ __all__ = [
     "compare_runs",
     "decode_mavlink",
     "decode_remote_id",
+    "export_kml",
     "export_mavlink",
+    "export_mcap",
     "export_remote_id",
+    "export_tables",
     "find_remote_id_deviations",
     "load",
     "load_pair",

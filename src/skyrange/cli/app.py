@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli import live_app
-from skyrange.cli.handlers import installation, matrices, runs, variants
+from skyrange.cli.handlers import exports, installation, matrices, runs, variants
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
     Arms,
@@ -261,21 +261,35 @@ def export(
     tlog: Annotated[
         bool, typer.Option("--tlog", help="Write tlogs of what each ground station received and sent instead.")
     ] = False,
+    mcap: Annotated[
+        bool,
+        typer.Option(
+            "--mcap", help="Write run.mcap for Foxglove or Lichtblick instead: poses, scene, logs, positions."
+        ),
+    ] = False,
+    kml: Annotated[
+        bool, typer.Option("--kml", help="Write tracks.kml for globes instead: the true track of each aircraft.")
+    ] = False,
+    tables: Annotated[
+        bool, typer.Option("--tables", help="Write a CSV file of each recorded table to the folder tables instead.")
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="An existing folder to write to. Default: the run's folder.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write captures for Wireshark: remote_id.pcapng with received broadcasts, mavlink.pcapng with the gcs links. Or
-    write files for each operator: CSV files and tlogs.
+    write files for other tools: CSV files, tlogs, MCAP and KML.
     """
-    if csv or tlog:
+    options = {"--csv": csv, "--tlog": tlog, "--mcap": mcap, "--kml": kml, "--tables": tables}
+    chosen = [option for option, wanted in options.items() if wanted]
+    if chosen:
         if only is not None or receiver:
-            hint = "Captures and files of operators are written by two commands."
-            raise InputError.one("export", "--csv, --tlog", "with --only or --receiver", "one of both", hint)
-        runs.export_operators(run, csv, tlog, out, as_json)
+            hint = "Captures and other files are written by two commands."
+            raise InputError.one("export", ", ".join(chosen), "with --only or --receiver", "one of both", hint)
+        exports.export_files(run, [option.removeprefix("--") for option in chosen], out, as_json)
         return
-    runs.export(run, only.value if only is not None else None, receiver or [], out, as_json)
+    exports.export_captures(run, only.value if only is not None else None, receiver or [], out, as_json)
 
 
 @app.command(epilog="Example: skyrange diff runs/squares runs/squares-2")

@@ -171,61 +171,6 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
         print_text(path)
 
 
-def export(folder: Path, only: str | None, receivers: Sequence[str], out: Path | None, as_json: bool) -> None:
-    """`skyrange export`."""
-    from skyrange.record import load
-    from skyrange.study.captures import packet_captures
-    from skyrange.study.captures.received_broadcasts import has_radio
-
-    record = load(folder)
-    record.tables.require("frames")
-    target = _target(record.path, out)
-    if receivers and only == "mavlink":
-        raise InputError.one("--receiver", "with --only mavlink", receivers[0], "no --receiver, or --only remote_id")
-    result = {}
-    if only == "remote_id" or receivers or (only is None and has_radio(record)):
-        result["remote_id"] = packet_captures.remote_id(record, target / packet_captures.REMOTE_ID, receivers)
-    if only != "remote_id":
-        result["mavlink"] = packet_captures.mavlink(record, target / packet_captures.MAVLINK)
-    if as_json:
-        print_json({name: {**one._asdict(), "path": str(one.path)} for name, one in result.items()})
-        return
-    for one in result.values():
-        print_text(f"{one.packets:>9,} packets  {one.path}")
-    if "remote_id" not in result and only is None:
-        print_notice("no Remote ID: the run has no radio medium")
-
-
-def export_operators(folder: Path, with_csv: bool, with_tlogs: bool, out: Path | None, as_json: bool) -> None:
-    """`skyrange export --csv --tlog`."""
-    from skyrange.record import load
-    from skyrange.record.write.operator_files import OPERATORS, write_operator_files
-
-    record = load(folder)
-    record.tables.require("frames")
-    target = _target(record.path, out) / OPERATORS
-    try:
-        target.mkdir(exist_ok=True)
-        write_operator_files(target, record.tables, record.manifest, with_csv=with_csv, with_tlogs=with_tlogs)
-    except OSError as error:
-        raise InputError.one("--out", "folder", str(target), "a folder that can be written", str(error)) from error
-    kinds = [kind for kind, wanted in ((".csv", with_csv), (".tlog", with_tlogs)) if wanted]
-    written = {path.name: path.stat().st_size for path in sorted(target.iterdir()) if path.suffix in kinds}
-    if as_json:
-        print_json({name: {"bytes": size, "path": str(target / name)} for name, size in written.items()})
-        return
-    for name, size in written.items():
-        print_text(f"{size:>13,} bytes  {target / name}")
-
-
-def _target(path: Path, out: Path | None) -> Path:
-    """Where files of the run in the folder `path` are written to."""
-    target = expand_user(out) if out is not None else path
-    if not target.is_dir():
-        raise InputError.one("--out", "folder", str(target), "a folder that exists")
-    return target
-
-
 def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     """`skyrange diff`."""
     from skyrange.record import load

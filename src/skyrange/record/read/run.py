@@ -23,7 +23,7 @@ from skyrange.record.part_files import table_files
 from skyrange.record.read.features import count_features, features_period_ns, merge_features
 from skyrange.record.read.observations import derive_observations, observations_table
 from skyrange.record.read.tables import Tables
-from skyrange.record.read.telemetry import FOLDER, count_messages, read_message
+from skyrange.record.read.telemetry import FOLDER, count_messages, is_message, message_batches, read_message
 from skyrange.record.schema import TABLES, arrow_schema
 from skyrange.record.spool import SPOOL
 
@@ -142,12 +142,19 @@ class RunRecord:
 
         Raises `InputError` for a name that no message has.
         """
-        try:
-            table = read_message(self.tables, message)
-        except KeyError:
-            hint = nearest(message, self.messages)
-            raise InputError.one("record", "message", message, "a MAVLink message such as ATTITUDE", hint) from None
+        self._check_message(message)
+        table = read_message(self.tables, message)
         return table if columns is None else table.select(list(columns))
+
+    def telemetry_batches(self, message: str) -> Iterator[pa.RecordBatch]:
+        """The same rows in batches, for messages that are larger than memory."""
+        self._check_message(message)
+        return message_batches(self.tables, message)
+
+    def _check_message(self, message: str) -> None:
+        if not is_message(message):
+            hint = nearest(message, self.messages)
+            raise InputError.one("record", "message", message, "a MAVLink message such as ATTITUDE", hint)
 
     def frames_with_payloads(self) -> Iterator[RecordedFrame]:
         """Every frame with its payload, in the order recorded, which is nearly the order of time."""

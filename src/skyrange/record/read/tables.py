@@ -191,6 +191,13 @@ class Tables:
         key = time_key(whole.schema)
         return whole if len(shards) == 1 or key is None else whole.sort_by([(key, "ascending")])
 
+    def file_batches(self, name: str) -> Iterator[pa.RecordBatch]:
+        """The rows of `file` in batches, in the order of its parts."""
+        for path in table_files((self.folder / name).absolute()):
+            with self._name_damaged_file(path), pq.ParquetFile(path) as file:
+                for batch in file.iter_batches(BATCH_ROWS):
+                    yield from pa.Table.from_batches([batch]).cast(_plain(batch.schema)).to_batches()
+
     def file_rows(self, name: str) -> int:
         """Number of rows of a Parquet file of the folder; 0 if it is not there."""
         return sum(map(self._part_rows, table_files((self.folder / name).absolute())))

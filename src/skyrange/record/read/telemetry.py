@@ -13,8 +13,9 @@ import pyarrow.compute as pc
 from skyrange.codec.mavlink.frame_layout import LAYOUTS
 from skyrange.codec.mavlink.message_columns import MessageGroup, message_columns, payload_dtype
 from skyrange.contracts.frames.payloads import Ints
+from skyrange.record.part_files import table_files
 from skyrange.record.read.station_frames import StationFrames, name_of, read_station_frames, text_column
-from skyrange.record.read.tables import Tables, encoded_schema
+from skyrange.record.read.tables import BATCH_ROWS, Tables, encoded_schema
 from skyrange.record.schema import BAD_DATA, TEXT, Column, arrow_schema, telemetry_columns
 
 FOLDER: Final = "telemetry"
@@ -22,6 +23,11 @@ FOLDER: Final = "telemetry"
 UNION: Final = "telemetry.parquet"
 """The one table of all messages, with the columns of all, that older versions wrote."""
 _IDS: Final = {name_of(number): number for number in LAYOUTS}
+
+
+def is_message(name: str) -> bool:
+    """Whether the dialect has a message of this name, or it is that of undecodable bytes."""
+    return name == BAD_DATA or name in _IDS
 
 
 @cache
@@ -114,3 +120,16 @@ def read_message(tables: Tables, message: str) -> pa.Table:
     if rows.num_rows and (np.diff(rows.column("time_ns").to_numpy()) < 0).any():  # parts that overlap in time
         rows = rows.sort_by([("time_ns", "ascending"), ("vehicle", "ascending")])  # stable: an aircraft is in one part
     return rows
+
+
+def message_batches(tables: Tables, message: str) -> Iterator[pa.RecordBatch]:
+    """The rows of `read_message` in batches. Those of one file are not held in memory; those of a run that did not end,
+    which are derived now, and those of several parts, which are sorted, are.
+    """
+    name = f"{FOLDER}/{message}.parquet"
+    parts = [] if tables.spooled else table_files((tables.folder / name).absolute())
+    if len(parts) == 1:
+        tables.require(FOLDER)
+        yield from tables.file_batches(name)
+    else:
+        yield from read_message(tables, message).to_batches(max_chunksize=BATCH_ROWS)

@@ -15,12 +15,11 @@ from typing import Final, NamedTuple
 import pyarrow.compute as pc
 
 from skyrange.codec.capture import pcapng, remote_id_packet, udp_datagram
-from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.ids import endpoint, link_name
 from skyrange.record.read.run import RunRecord
 from skyrange.study.captures.received_broadcasts import received_broadcasts, select_receivers, sort_in_window
-from skyrange.study.measures.time_series import operators, vehicles
+from skyrange.study.measures.time_series import operators, start_utc_ns, vehicles
 
 REMOTE_ID: Final = "remote_id.pcapng"
 MAVLINK: Final = "mavlink.pcapng"
@@ -50,7 +49,7 @@ def remote_id(record: RunRecord, path: Path | None = None, receivers: Sequence[s
     `OSError` if the file cannot be written; no incomplete file is left behind.
     """
     names = select_receivers(record, receivers)
-    start = _start_utc_ns(record)
+    start = start_utc_ns(record)
     first = {name: place * len(remote_id_packet.INTERFACES) for place, name in enumerate(names)}
     interfaces = [(f"{name} {kind}", link_type) for name in names for kind, link_type in remote_id_packet.INTERFACES]
 
@@ -68,7 +67,7 @@ def mavlink(record: RunRecord, path: Path | None = None) -> Capture:
     Each frame is a UDP datagram between artificial addresses, for which the file has a name table. A comment on each
     packet states its link and, if the claimed source is false, the true sender. Raises `OSError` as `remote_id` does.
     """
-    start = _start_utc_ns(record)
+    start = start_utc_ns(record)
     stations = {
         endpoint(name, "gcs"): udp_datagram.SocketAddress(_STATIONS + place, STATION_PORT)
         for place, name in enumerate(operators(record), start=1)
@@ -115,13 +114,6 @@ def _delivered(record: RunRecord) -> Iterator[_Delivered]:
             pc.and_(keep, pc.less_equal(pc.binary_length(table.column("payload")), udp_datagram.MAX_PAYLOAD))
         )
         yield from map(_Delivered, *(rows.column(name).to_pylist() for name in (*columns, "payload")))
-
-
-def _start_utc_ns(record: RunRecord) -> int:
-    found = record.manifest.get("start_unix_ns")
-    if not isinstance(found, int) or isinstance(found, bool) or found < 0:
-        raise InputError.one(str(record.path), "manifest.json: start_unix_ns", repr(found), "ns since 1970, 0 or later")
-    return found
 
 
 def _write(path: Path, head: bytes, packets: Iterator[tuple[str, bytes]], keys: Sequence[str]) -> Capture:

@@ -59,9 +59,17 @@ class Subject:
 def subject_of(record: Record) -> Subject:
     """The subject of a run's figures; every aircraft gets a shade of its operator's colour."""
     fleet = vehicles(record)
+    index = {vehicle.id: place for place, vehicle in enumerate(fleet)}
+    return Subject(str(record.manifest.get("name") or "this run"), fleet, fleet_colours(record), record.city, index)
+
+
+def fleet_colours(record: Record) -> dict[str, ThemeColour]:
+    """The colours of a run's aircraft by vehicle id: shades of their operators' colours."""
+    fleet: dict[str, list[str]] = {}
+    for vehicle in vehicles(record):
+        fleet.setdefault(vehicle.operator, []).append(vehicle.id)
     colours: dict[str, ThemeColour] = {}
     for operator, colour in base_colours(operators(record)).items():
-        own = [vehicle.id for vehicle in fleet if vehicle.operator == operator]
+        own = fleet.get(operator, [])
         colours.update(zip(own, shades(colour, len(own)), strict=True))
-    index = {vehicle.id: place for place, vehicle in enumerate(fleet)}
-    return Subject(str(record.manifest.get("name") or "this run"), fleet, colours, record.city, index)
+    return colours

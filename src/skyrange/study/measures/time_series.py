@@ -17,10 +17,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
-from skyrange.core.time import NS_PER_S
-from skyrange.record.manifest import origin_of
+from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.record.manifest import origin_of, start_unix_ns_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -144,12 +145,21 @@ def vehicles(record: Record) -> list[Vehicle]:
     return rows
 
 
+def start_utc_ns(record: Record) -> int:
+    """UTC of a run's time 0, ns since 1970; `InputError` if its manifest has none, or one before 1970."""
+    found = start_unix_ns_of(record.manifest)
+    if found is None or not 0 <= found < NEVER:
+        told = repr(record.manifest.get("start_unix_ns"))
+        raise InputError.one(str(record.path), "manifest.json: start_unix_ns", told, "ns since 1970, 0 or later")
+    return found
+
+
 def truth_tracks(record: Record) -> dict[str, Track]:
     """The true track of each aircraft by vehicle id; empty for an aircraft without truth rows."""
     names = ("east_m", "north_m", "up_m", "vel_east_mps", "vel_north_mps", "vel_up_mps")
     parts: dict[str, list[tuple[Ints, Floats]]] = {}
     for batch in record.batches("truth", ["time_ns", "vehicle", *names]):
-        _append_rows(parts, batch, batch.column("vehicle"), names)
+        append_rows(parts, batch, batch.column("vehicle"), names)
     return _tracks(record, parts, lambda rows: (rows[:, :3], rows[:, 3:]))
 
 
@@ -164,7 +174,7 @@ def belief_tracks(record: Record) -> dict[str, Track]:
     for heard in record.telemetry(POSITION_MESSAGE, ["time_ns", "operator", "vehicle", *names]).to_batches():
         own = pc.equal(heard.column("operator"), pc.replace_substring_regex(heard.column("vehicle"), "/.*", ""))
         heard = heard.filter(own)  # an operator's belief covers only its own aircraft
-        _append_rows(parts, heard, heard.column("vehicle"), names)
+        append_rows(parts, heard, heard.column("vehicle"), names)
     origin = origin_of(record.manifest) or Origin(0.0, 0.0)
 
     def local(rows: Floats) -> tuple[Floats, Floats]:
@@ -275,8 +285,10 @@ def _details(text: object) -> Mapping[str, Any]:
     return value if isinstance(value, dict) else {"text": value}
 
 
-def _append_rows(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:
-    """Append the times and values of a batch to the parts of the vehicles that the rows concern."""
+def append_rows(parts: dict[str, list[tuple[Ints, Floats]]], batch: Any, keys: Any, names: Sequence[str]) -> None:
+    """Append the times (n,) in ns and values (n, len(names)) of a batch to the parts of the vehicles that its rows
+    concern by `keys`, a column of vehicle ids.
+    """
     codes = keys.dictionary_encode()
     index = codes.indices.to_numpy(zero_copy_only=False)
     time_ns = batch.column("time_ns").to_numpy(zero_copy_only=False)

@@ -1,0 +1,1 @@
+"""Export of runs for other tools: MCAP for Foxglove and Lichtblick, KML for globes, and CSV tables."""
