@@ -12,7 +12,7 @@ The severities are a judgement by what the MAVLink specification (mavlink.io, co
   `protected` prefixes set, a test of motors, a calibration.
 - 1: another way to fly: a mode (but to return, land or brake), home, a mission item to go to, mission, fence or rally
   points replaced, sticks by radio, another parameter, a relay or servo.
-- 0.5: what operators do in flight: to return, land or brake. On the ground all orders but the worst are below 0.5.
+- 0.5: what operators do in flight: to return, land or brake. On the ground an order has a tenth of it.
 
 Targets in GUIDED mode and speeds are ordinary and have no severity. It cannot distinguish an attacker from the
 operator: a ground station that replans in flight raises alerts, and a hostile order on the ground none. It does not see

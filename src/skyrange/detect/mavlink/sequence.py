@@ -1,27 +1,24 @@
 """MAVLink sequence detector: two senders under one identity, and recordings, by the sequence numbers of frames.
 
 It reads the sequence number, sender and checksum of all MAVLink frames that arrive at a link end. Each component
-numbers its frames 0…255 and over again (mavlink.io, Serialization). The method is that of
-
-    F. Guo and T. Chiueh, "Sequence Number-Based MAC Address Spoof Detection", Recent Advances in Intrusion Detection
-    (RAID 2005), LNCS 3858, Springer 2006
-
-for the 12-bit numbers of IEEE 802.11: a number that losses between it and the last one do not explain is of another
-sender, once the old counter is seen to go on. They verify it with probes that the true sender answers; here the
-detector is passive and waits for the old counter, so a sender that restarts raises nothing. The rules, for each sender:
+numbers its frames 0…255 and over again (mavlink.io, Serialization). The method is that of F. Guo and T. Chiueh,
+"Sequence Number-Based MAC Address Spoof Detection", Recent Advances in Intrusion Detection (RAID 2005), LNCS 3858,
+for the 12-bit numbers of IEEE 802.11: frames of a second sender do not follow the numbers of the first. Limits and
+verification are this detector's own: it waits until the old counter goes on, so a sender that restarts raises nothing.
+The rules, for each sender:
 
 - A number up to `most_lost` + 1 ahead of the last follows it. Any other starts a second counter. Evidence: the first
   counter goes on after frames of the second, or the second after the first (*interleaved*).
 - Evidence: a number that the sender used less than `silence_s` ago, with another content (*conflict*), or with the same
   content more than `late_s` ago (*old*, a replay). Networks repeat and overtake frames within less.
 
-The score is the number of pieces of evidence since there were none for `quiet_s`, divided by `evidence`. `most_lost`
-makes eight losses in a row a new counter: at 10 % independent loss, one frame in 10⁸. `late_s` is several round trips
-of a cellular link, `silence_s` less than 256 frames of a slow telemetry link (both assumed).
+The score is the number of pieces of evidence since there were none for `quiet_s`, divided by `evidence`. With
+`most_lost` nine losses in a row begin a new counter: at 10 % independent loss, after one frame in 10⁹. `late_s` is
+several round trips of a cellular link; `silence_s` is less than 256 frames of a telemetry stream (both assumed).
 
-It cannot detect a sender that alters frames in place or replaces another altogether, lost frames (which jamming causes
-too), and signing is not checked. A stream of more than 256 frames in `silence_s` that also loses 128 of them in a row
-looks like two senders.
+It cannot detect a sender that alters frames in place or replaces another altogether, and ignores losses. A sender that
+restarts within `silence_s` at a number that it has just used raises an alert, and so does one that sends more than 256
+frames in `silence_s` and loses 128 of them in a row.
 """
 
 from __future__ import annotations
