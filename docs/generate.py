@@ -17,7 +17,7 @@ if str(DOCS) not in sys.path:
     sys.path.insert(0, str(DOCS))
 
 from markdown_tables import keys, table  # noqa: E402
-from plugin_kinds import approvals, attacks, defences, faults  # noqa: E402
+from plugin_kinds import approvals, attacks, defences, detectors, faults  # noqa: E402
 from public_api import described as describe_api  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
@@ -528,6 +528,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "attacks": attacks,
     "faults": faults,
     "defences": defences,
+    "detectors": detectors,
     "approvals": approvals,
     "tables": tables,
     "pair-tables": pair_tables,

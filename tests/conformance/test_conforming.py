@@ -41,7 +41,15 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
         "hashgraph",
     }  # test_broken_approval_services
     assert set(kinds(MEDIA)) == {"builtin", "ns3", "omnetpp"}  # test_radio_media, test_network_simulators
-    assert set(kinds(DETECTORS)) == {"heartbeat.gap"}  # test_broken_monitors
+    assert set(kinds(DETECTORS)) <= {
+        "heartbeat.gap",
+        "mavlink.commands",
+        "mavlink.rate",
+        "mavlink.sequence",
+        "mavlink.source",
+        "mavlink.timing",
+        "remote_id.plausibility",
+    }  # test_detectors
     assert set(kinds(AUTOPILOTS)) == {
         "ardupilot",
         "builtin",

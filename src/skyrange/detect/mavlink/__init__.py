@@ -1,0 +1,1 @@
+"""Detectors that read MAVLink: senders, commands, rates, sequence numbers and times of arrival."""

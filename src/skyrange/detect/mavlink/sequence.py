@@ -1,0 +1,173 @@
+"""MAVLink sequence detector: two senders under one identity, and recordings, by the sequence numbers of frames.
+
+It reads the sequence number, sender and checksum of all MAVLink frames that arrive at a link end. Each component
+numbers its frames 0…255 and over again (mavlink.io, Serialization). The method is that of F. Guo and T. Chiueh,
+"Sequence Number-Based MAC Address Spoof Detection", Recent Advances in Intrusion Detection (RAID 2005), LNCS 3858,
+for the 12-bit numbers of IEEE 802.11: frames of a second sender do not follow the numbers of the first. Limits and
+verification are this detector's own: it waits until the old counter goes on, so a sender that restarts raises nothing.
+The rules, for each sender:
+
+- A number up to `most_lost` + 1 ahead of the last follows it. Any other starts a second counter. Evidence: the first
+  counter goes on after frames of the second, or the second after the first (*interleaved*).
+- Evidence: a number that the sender used less than `silence_s` ago, with another content (*conflict*), or with the same
+  content more than `late_s` ago (*old*, a replay). Networks repeat and overtake frames within less.
+
+The score is the number of pieces of evidence since there were none for `quiet_s`, divided by `evidence`. With
+`most_lost` nine losses in a row begin a new counter: at 10 % independent loss, after one frame in 10⁹. `late_s` is
+several round trips of a cellular link; `silence_s` is less than 256 frames of a telemetry stream (both assumed).
+
+It cannot detect a sender that alters frames in place or replaces another altogether, and ignores losses. A sender that
+restarts within `silence_s` at a number that it has just used raises an alert, and so does one that sends more than 256
+frames in `silence_s` and loses 128 of them in a row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.params import Number, Whole
+from skyrange.core.compiled import compiled
+from skyrange.core.time import NS_PER_MS, Time, from_seconds
+from skyrange.detect.episodes import EpisodeParams, Episodes, subject_of_link
+from skyrange.detect.mavlink.heads import name_message, read_heads
+from skyrange.detect.streams import EventCounts, StreamNumbers, extend
+
+KIND = "mavlink.sequence"
+ABOUT = "Raises an alert if sequence numbers of a MAVLink sender show a second sender, or a recording."
+SERVICE_NS: Time = 500 * NS_PER_MS
+FINDINGS: Final = ("", "interleaved", "conflict", "old")
+_NUMBERS: Final = 256
+_NEVER: Final = -(2**62)
+_CURRENT, _LAST, _LAST_NS = 0, 1, 3
+"""Columns of the state of a sender: which counter sent last; last number of both; time of both."""
+
+
+class SequenceParams(EpisodeParams):
+    """Parameters of the MAVLink sequence detector."""
+
+    most_lost: Whole = Field(
+        default=8, ge=0, le=120, description="Most frames lost in a row that do not look like another counter."
+    )
+    late_s: Number = Field(
+        default=1.0,
+        gt=0.0,
+        le=60.0,
+        description="Longest time by which a network delivers a frame, or a copy of it, late, in seconds.",
+    )
+    silence_s: Number = Field(
+        default=10.0,
+        gt=0.0,
+        le=120.0,
+        description="Time after which a counter that did not go on is forgotten, in seconds. Choose less than the "
+        "sender needs for 256 frames.",
+    )
+    evidence: Whole = Field(default=1, ge=1, le=1000, description="Pieces of evidence that make a score of 1.")
+
+
+@compiled
+def _follow(
+    streams: Ints, at_ns: Ints, sequences: Ints, contents: Ints, states: Ints, seen: Ints, seen_ns: Ints,
+    most_lost: int, late_ns: int, silence_ns: int, findings: Ints,
+) -> None:  # fmt: skip
+    """Follow the counters of all senders; writes the index in `FINDINGS` of each frame."""
+    for row in range(streams.shape[0]):
+        stream, at, number = streams[row], at_ns[row], sequences[row]
+        state = states[stream]
+        current = state[_CURRENT]
+        finding = 0
+        fits = -1
+        for turn in range(2):
+            counter = current if turn == 0 else 1 - current
+            ahead = (number - state[_LAST + counter]) % _NUMBERS
+            alive = at - state[_LAST_NS + counter] <= silence_ns
+            if fits < 0 and alive and 1 <= ahead <= most_lost + 1:
+                fits = counter
+        age = at - seen_ns[stream, number]
+        used = age <= silence_ns and seen[stream, number] >= 0
+        behind = (state[_LAST + current] - number) % _NUMBERS
+        if fits == current:
+            pass
+        elif used and seen[stream, number] != contents[row]:
+            finding = 2
+        elif used:
+            finding = 3 if age > late_ns else 0
+        elif fits >= 0:
+            finding = 1
+        elif behind <= most_lost and at - state[_LAST_NS + current] <= late_ns:
+            fits = -2  # overtaken by a frame or two: the counter stays
+        if finding < 2 and not (used and fits != current) and fits != -2:
+            if fits < 0:
+                fits = 1 - current if state[_LAST + current] >= 0 else current
+            state[_CURRENT] = fits
+            state[_LAST + fits] = number
+            state[_LAST_NS + fits] = at
+        seen[stream, number] = contents[row]
+        seen_ns[stream, number] = at
+        findings[row] = finding
+
+
+class SequenceDetector:
+    """A `skyrange.contracts.monitors.Monitor`. The subject of an alert is the owner of the link."""
+
+    service_ns: Time = SERVICE_NS
+
+    def __init__(self, params: SequenceParams) -> None:
+        self._params = params
+        self._limits = params.most_lost, from_seconds(params.late_s), from_seconds(params.silence_s)
+        self._streams = StreamNumbers()
+        self._states = np.zeros((0, 5), dtype=np.int64)
+        self._seen = np.zeros((0, _NUMBERS), dtype=np.int64)
+        self._seen_ns = np.zeros((0, _NUMBERS), dtype=np.int64)
+        self._counts = EventCounts(from_seconds(params.quiet_s))
+        self._episodes = Episodes(params)
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Follow the frames since the last service. Returns an alert for each sender that begins or doubles."""
+        heads = read_heads(frames)
+        heads = heads.take(heads.received)
+        if not len(heads.rows):
+            return []
+        streams = self._streams.assign(heads.senders)
+        size = len(self._streams)
+        self._states, self._seen = extend(self._states, size, -1), extend(self._seen, size, -1)
+        self._seen_ns = extend(self._seen_ns, size, _NEVER)
+        begins = np.unique(streams[self._states[streams, _CURRENT] < 0])
+        self._states[begins] = (0, -1, -1, _NEVER, _NEVER)
+        findings = np.zeros(len(streams), dtype=np.int64)
+        _follow(
+            streams, heads.at_ns, heads.sequences, heads.checksums, self._states, self._seen, self._seen_ns,
+            *self._limits, findings,
+        )  # fmt: skip
+        rows = np.flatnonzero(findings)
+        events = heads.take(rows)
+        counts = self._counts.add(events.at_ns, streams[rows])
+        raised, scores = self._episodes.update(events.at_ns, streams[rows], counts / self._params.evidence)
+        alerts = []
+        for row, score in zip(raised.tolist(), scores.tolist(), strict=True):
+            link = frames.ports[int(events.places[row])].link
+            data: dict[str, str | float] = {
+                "link": link,
+                "system": int(events.systems[row]),
+                "component": int(events.components[row]),
+                "message": name_message(int(events.messages[row])),
+                "number": int(events.sequences[row]),
+            }
+            kind = f"{KIND}.{FINDINGS[int(findings[rows[row]])]}"
+            alerts.append(Alert(int(events.at_ns[row]), subject_of_link(link), kind, score, data))
+        return alerts
+
+
+def make_sequence_detector(params: SequenceParams, context: DetectorContext | None = None) -> Monitor:
+    """A new detector."""
+    return SequenceDetector(params)
+
+
+MAVLINK_SEQUENCE = DetectorPlugin(SequenceParams, make_sequence_detector, ABOUT)
