@@ -39,10 +39,10 @@ from skyrange.core.errors import DecodeError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import operator_of
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Epoch, Time, to_seconds
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, contains
 from skyrange.detect.episodes import EpisodeParams, subject_of_link
 from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Flags, Floats, Series, grown
+from skyrange.detect.series import Floats, Series, grown
 from skyrange.utm.intent_states import EXCURSION_NS, IntentState
 from skyrange.utm.messages import DecisionBody, EndBody, decode_request, decode_response
 
@@ -129,7 +129,7 @@ class ApprovalConformance:
             return False, True
         lat, lon = float(values[0]) * 1e-7, float(values[1]) * 1e-7
         up_m = self._origin.ellipsoid_of(float(values[2]) * 1e-3)
-        return not any(is_inside(volume, now, lat, lon, up_m) for each in intents.values() for volume in each), False
+        return not any(contains(volumes, now, lat, lon, up_m) for volumes in intents.values()), False
 
     def _read_approval(self, frame: ObservedFrame) -> None:
         try:
@@ -171,18 +171,6 @@ class ApprovalConformance:
     def _forget(self, intent: str, vehicle: str) -> None:
         self._accepted.get(vehicle, {}).pop(intent, None)
         self._asked.pop(intent, None)
-
-
-def is_inside(volume: Volume4D, now: Time, lat: float, lon: float, up_m: float) -> bool:
-    """Whether a position (degrees, metres above the ellipsoid) lies in a volume at a time."""
-    if not (volume.start_ns <= now <= volume.end_ns and volume.lower_m <= up_m <= volume.upper_m):
-        return False
-    ring = np.array(volume.outline)
-    before = np.roll(ring, 1, axis=0)
-    crossed: Flags = (ring[:, 0] > lat) != (before[:, 0] > lat)
-    rise = np.where(crossed, ring[:, 0] - before[:, 0], 1.0)
-    east = before[:, 1] + (lat - before[:, 0]) / rise * (ring[:, 1] - before[:, 1])
-    return bool(np.count_nonzero(crossed & (lon < east)) % 2)
 
 
 def make_conformance(params: ConformanceParams, context: DetectorContext) -> Monitor:

@@ -22,9 +22,10 @@ but stated:
 - a step's standard deviation is 0.05 m, the sum of the quantisations of position (11 mm) and velocity (1 cm/s) and the
   corrections by an estimator (nominal flights have 0.015 m), and the error of the trapezoid rule at an acceleration
   that changes by 5 m/s² within the step, 5 t²/12;
-- b is 2 standard deviations, and a CUSUM of 10 is the threshold: independent normal residuals reach it less than once
-  in 10⁹ steps. For `lean`, of which a window of 2 s has one, the threshold is half of that: severe turbulence
-  (MIL-F-8785C, wind 5 m/s, six aircraft, 200 s) comes to 0.8 of it, and a false lean of 25° to 1.6.
+- b is 2 standard deviations, and a CUSUM of 20 is the threshold. Independent normal residuals reach a tenth of that
+  less than once in 10⁹ steps; what decides is the correction by an estimator after 3 s without fixes, as a receiver in
+  a city has them, which comes to 12. For `lean`, of which a window of 2 s has one, the threshold is 0.45 of that:
+  severe turbulence (MIL-F-8785C, wind 5 m/s) comes to 0.9 of it, and a false lean of 25° to 1.9.
 
 It cannot detect false telemetry that is consistent: a displaced position after its onset, a track with fitting
 velocities, slow false fixes which an aircraft follows. It reports a crash and a reset of the estimator as well, because
@@ -62,9 +63,10 @@ _BEARABLE_MPS2: Final = 12.0
 _ACCELERATION_MPS: Final = 2.0
 """Threshold of the sum of excess changes of velocity: two gusts, or 0.4 s at 5 m/s² above the bound."""
 _WINDOW_S: Final = 2.0
-_LEAN_NOISE_MPS2: Final = 0.4
-_SAMPLING_MPS2: Final = 2.0
+_LEAN_NOISE_MPS2: Final = 0.5
+_SAMPLING_MPS2: Final = 0.4
 """Error of a mean lean by one sample; that of n samples is n times less, because a manoeuvre's errors cancel."""
+_LEAN_SHARE: Final = 0.45
 _QUANTUM_PERCENT: Final = 1.0
 _DRAIN_PERCENT_PER_S: Final = 1.0
 _BATTERY_PERCENT: Final = 5.0
@@ -82,7 +84,7 @@ class ConsistencyParams(EpisodeParams):
         description="The bias b of the CUSUM: a residual in standard deviations that adds nothing to it.",
     )
     threshold: Number = Field(
-        default=10.0, gt=0.0, le=1e6, description="CUSUM of a residual, in standard deviations, that scores 1."
+        default=20.0, gt=0.0, le=1e6, description="CUSUM of a residual, in standard deviations, that scores 1."
     )
 
 
@@ -158,7 +160,7 @@ class MotionConsistency:
         restart = np.union1d(places, np.flatnonzero(~usable))
         self._begin[restart, 0], self._begin[restart, 1:] = time_s[restart], velocity[restart]
         self._sums[restart] = 0.0
-        scores = self._residuals.add(LEAN, places, size - self._allowance, 0.5 * self._threshold)
+        scores = self._residuals.add(LEAN, places, size - self._allowance, _LEAN_SHARE * self._threshold)
         data = {"unexplained_mps2": np.hypot(drag[:, 0], drag[:, 1])}
         return self._residuals.raise_alerts(LEAN, frames.ports, places, now, scores, data)
 
