@@ -11,13 +11,14 @@ import shapely
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.volumes import contains
 from skyrange.gcs.flight.airspace_claim import ROUNDS
 from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.alterations import altered
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.routes import enu_points
-from skyrange.gcs.plan.volumes import contains, volumes
+from skyrange.gcs.plan.volumes import volumes
 from skyrange.gcs.station import GroundStation
 from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.authority import Authority, AuthorityParams

@@ -5,6 +5,7 @@ Heights are above the WGS 84 ellipsoid, as F3548 (Altitude, reference W84, units
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from skyrange.core.time import Time
@@ -32,3 +33,22 @@ class Volume4D:
             raise ValueError(f"a volume's lower_m must be below upper_m, got {self.lower_m} and {self.upper_m}")
         if not self.start_ns < self.end_ns:
             raise ValueError(f"a volume must start before it ends, got {self.start_ns} and {self.end_ns}")
+
+
+def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:
+    """Whether a position (degrees, metres above the ellipsoid) lies in one of `volumes` at a time."""
+    return any(
+        one.start_ns <= time <= one.end_ns and one.lower_m <= up_m <= one.upper_m and _is_inside(one.outline, lat, lon)
+        for one in volumes
+    )
+
+
+def _is_inside(ring: Sequence[tuple[float, float]], lat: float, lon: float) -> bool:
+    """Whether a ray from a point to the east crosses a ring an odd number of times."""
+    inside = False
+    lat_0, lon_0 = ring[-1]
+    for lat_1, lon_1 in ring:
+        if (lat_0 > lat) != (lat_1 > lat) and lon < lon_0 + (lat - lat_0) / (lat_1 - lat_0) * (lon_1 - lon_0):
+            inside = not inside
+        lat_0, lon_0 = lat_1, lon_1
+    return inside

@@ -15,7 +15,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import hash64, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, NS_PER_S, Epoch, Time, from_seconds, to_seconds
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, contains
 from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.flight.intent_submission import IntentSubmission
 from skyrange.gcs.plan.alterations import altered
@@ -24,7 +24,7 @@ from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.rerouting import rest_legs
 from skyrange.gcs.plan.routes import enu_points, return_legs
-from skyrange.gcs.plan.volumes import MARGINS, Margins, around, contains, leg_volumes, volumes
+from skyrange.gcs.plan.volumes import MARGINS, Margins, around, leg_volumes, volumes
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.intent_states import EXCURSION_NS, RECOVERY_NS, IntentState
 from skyrange.utm.messages import AlternativeMessage

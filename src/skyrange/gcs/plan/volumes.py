@@ -63,25 +63,6 @@ def leg_volumes(origin: Origin, flown: Sequence[Leg], begin_ns: Time, margins: M
     return tuple(out)
 
 
-def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:
-    """Whether a position (degrees, metres above the ellipsoid) lies in one of `volumes` at a time."""
-    return any(
-        one.start_ns <= time <= one.end_ns and one.lower_m <= up_m <= one.upper_m and _is_inside(one.outline, lat, lon)
-        for one in volumes
-    )
-
-
-def _is_inside(ring: Sequence[tuple[float, float]], lat: float, lon: float) -> bool:
-    """Whether a ray from a point to the east crosses a ring an odd number of times."""
-    inside = False
-    lat_0, lon_0 = ring[-1]
-    for lat_1, lon_1 in ring:
-        if (lat_0 > lat) != (lat_1 > lat) and lon < lon_0 + (lat - lat_0) / (lat_1 - lat_0) * (lon_1 - lon_0):
-            inside = not inside
-        lat_0, lon_0 = lat_1, lon_1
-    return inside
-
-
 def around(origin: Origin, point: Point, radius_m: float, height_m: float, begin_ns: Time, end_ns: Time) -> Volume4D:
     """The volume within `radius_m` and `height_m` of a point, not below the ground."""
     (outline,) = _outlines(origin, shapely.points([point[:2]]), radius_m)

@@ -1,0 +1,1 @@
+"""Detectors at the flight approval: flights against what was approved."""

@@ -1,0 +1,1 @@
+"""Detectors of false navigation: innovations of the estimator, and sensors against each other."""

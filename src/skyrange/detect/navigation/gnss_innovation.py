@@ -1,0 +1,197 @@
+"""GNSS innovation detector: how far satellite fixes are from what the estimator expects.
+
+It reads EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), GPS_RAW_INT, GLOBAL_POSITION_INT and SYSTEM_TIME. The
+stream profile `operator` carries them; `light` has no message about fixes, so the detector is silent there.
+
+The residuals:
+
+- `velocity`, `position`, `height`: the innovation test ratios of the estimator, which it rejects from 1 on (the gates
+  EK3_VEL_I_GATE, EK3_POS_I_GATE and EK3_HGT_I_GATE of ArduPilot's EKF3). A false fix within the gates raises them for
+  as long as it pulls. Each is standardised by its own past (`self_starting`), because tuning and receiver set its
+  level, and a CUSUM of what exceeds 2 standard deviations is compared with 25. Detection of spoofing by innovations
+  accumulated over time, as against single ones, is analysed by Y. Liu, S. Li, Q. Fu, Z. Liu and Q. Zhou, "Analysis of
+  Kalman Filter Innovation-Based GNSS Spoofing Detection Method for INS/GNSS Integrated Navigation System", IEEE Sensors
+  Journal 19 (2019), p. 5167-5178; the self-starting CUSUM is that of Hawkins (1987).
+- `offset`, `speed`: fixes against the fused position and velocity, over the accuracies that the receiver claims. The
+  mean of the squares over 5 s (a windowed chi-square test) is compared with 9, three standard deviations. A claimed
+  accuracy counts up to 10 m and 1 m/s: a spoofer may claim any.
+- `accuracy`: no fix, or claimed accuracies that differ from their own past by more than a factor of two, for 5 s. The
+  threshold is above the interruptions of up to 3 s that a receiver in a city has.
+- `time`: SYSTEM_TIME against the clock of the ground station, over 2 s: a telemetry link delays by less than a second.
+
+It cannot detect false fixes which the estimator follows without an innovation (a slow drift that begins at speed 0),
+fixes that are false from the start, and false telemetry that is consistent. It reports multipath and a failing sensor
+as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.params import Number
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
+from skyrange.detect.episodes import EpisodeParams
+from skyrange.detect.moving_mean import MovingMean
+from skyrange.detect.navigation.self_starting import SelfStarting
+from skyrange.detect.residuals import Residuals
+from skyrange.detect.series import Floats, Series, Steps, offset_m
+
+KIND = "navigation.gnss_innovation"
+"""The kind of its alerts."""
+ABOUT = "Compares satellite fixes with the estimate: innovations, offsets, accuracies and time of GNSS."
+SERVICE_NS: Time = 500 * NS_PER_MS
+
+RATIOS: Final = ("velocity", "position", "height")
+OFFSET, SPEED, ACCURACY, TIME = "offset", "speed", "accuracy", "time"
+_ARDUPILOT: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance")
+_PX4: Final = ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio")
+_FIX: Final = ("lat", "lon", "vel", "cog", "h_acc", "vel_acc", "fix_type", "time_usec")
+_FUSED: Final = ("lat", "lon", "vx", "vy")
+_RATIO_FLOOR: Final = 0.01
+_SQUARES: Final = 9.0
+_SQUARES_S: Final = 5.0
+_FUSED_M: Final = 1.0
+"""Error of the fused position besides that of the fix."""
+_FUSED_MPS: Final = 0.5
+"""That of the fused velocity: fix and estimate differ in age by some 0.15 s, at up to 3 m/s²."""
+_UNKNOWN_M, _UNKNOWN_MPS = 2.5, 0.5
+"""Accuracies where the receiver claims none."""
+_MOST_M, _MOST_MPS = 10.0, 1.0
+_FIX_3D: Final = 3
+_AGE_S: Final = 1.5
+"""Greatest difference of the times of a fix and of the estimate that is compared with it."""
+_DOUBLE: Final = float(np.log(2.0))
+_ACCURACY_S: Final = 5.0
+_GAP_S: Final = 2.0
+_CLOCK_SET_US: Final = 1e15
+"""Unix time, September 2001: an autopilot's clock is below it until a fix or a ground station sets it."""
+
+
+class InnovationParams(EpisodeParams):
+    """Parameters of the GNSS innovation detector."""
+
+    allowance: Number = Field(
+        default=2.0,
+        ge=0.0,
+        le=100.0,
+        description="Deviation of an innovation test ratio from its past that adds nothing to its CUSUM, in standard "
+        "deviations.",
+    )
+    threshold: Number = Field(
+        default=25.0, gt=0.0, le=1e6, description="CUSUM of a test ratio, in standard deviations, that scores 1."
+    )
+    clock_s: Number = Field(
+        default=2.0,
+        gt=0.0,
+        le=1e6,
+        description="Difference of SYSTEM_TIME from the ground station's clock that scores 1, in seconds.",
+    )
+
+
+class GnssInnovation:
+    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose fixes do not fit its estimate.
+
+    The subject of an alert is the owner of the link. Its score is the statistic over its threshold. `data` has the link
+    and the name of the residual.
+    """
+
+    service_ns: Time = SERVICE_NS
+
+    def __init__(self, params: InnovationParams, unix_ns: int | None) -> None:
+        """`unix_ns` is the UTC of time 0; without it, SYSTEM_TIME is not read."""
+        self._params, self._unix_ns = params, unix_ns
+        self._residuals = Residuals(KIND, (*RATIOS, OFFSET, SPEED, ACCURACY, TIME), params)
+        self._ardupilot = Series("EKF_STATUS_REPORT", _ARDUPILOT, timed=False)
+        self._px4 = Series("ESTIMATOR_STATUS", _PX4, timed=False)
+        self._fixes = Series("GPS_RAW_INT", _FIX, timed=False)
+        self._fused = Series("GLOBAL_POSITION_INT", _FUSED)
+        self._time = Series("SYSTEM_TIME", ("time_unix_usec",))
+        self._normal = [SelfStarting(_RATIO_FLOOR) for _ in RATIOS]
+        self._offsets, self._speeds = MovingMean(_SQUARES_S, 0.0), MovingMean(_SQUARES_S, 0.0)
+        self._accuracy = MovingMean(60.0)
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Compare what has arrived since the last service."""
+        arrived = frames.take(frames.received)
+        self._fused.read(arrived)
+        alerts = []
+        for series, power in ((self._ardupilot, 1.0), (self._px4, 0.5)):
+            steps = series.read(arrived)
+            alerts += self._judge_ratios(arrived, steps, np.maximum(steps.after, 0.0) ** power)
+        fixes = self._fixes.read(arrived)
+        alerts += self._judge_fixes(arrived, fixes)
+        alerts += self._judge_accuracy(arrived, fixes)
+        alerts += self._judge_time(arrived, self._time.read(arrived))
+        return alerts
+
+    def _judge_ratios(self, frames: ObservedFrames, steps: Steps, ratios: Floats) -> list[Alert]:
+        alerts: list[Alert] = []
+        for column, name in enumerate(RATIOS):
+            ratio = ratios[:, column]
+            away = self._normal[column].standardise(steps.places, ratio)
+            threshold = self._params.threshold
+            scores = self._residuals.add(name, steps.places, away - self._params.allowance, threshold)
+            alerts += self._residuals.raise_alerts(
+                name, frames.ports, steps.places, steps.at_ns, scores, {"ratio": ratio}
+            )
+        return alerts
+
+    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        fix, fused = steps.after, self._fused.values[steps.places]
+        age = fix[:, 7] * 1e-6 - self._fused.time_s[steps.places]
+        rows = np.flatnonzero((fix[:, 6] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
+        fix, fused, age = fix[rows], fused[rows], age[rows]
+        places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
+        velocity = fused[:, 2:] * 1e-2
+        east, north = offset_m(fused[:, 0], fused[:, 1], fix[:, 0], fix[:, 1])
+        away = np.hypot(east - velocity[:, 1] * age, north - velocity[:, 0] * age)
+        course = np.radians(fix[:, 3] * 1e-2)
+        slip = np.hypot(
+            fix[:, 2] * 1e-2 * np.cos(course) - velocity[:, 0], fix[:, 2] * 1e-2 * np.sin(course) - velocity[:, 1]
+        )
+        alerts: list[Alert] = []
+        for name, error, claimed, unknown, most, own, mean in (
+            (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self._offsets),
+            (SPEED, slip, fix[:, 5], _UNKNOWN_MPS, _MOST_MPS, _FUSED_MPS, self._speeds),
+        ):
+            accuracy = np.where(claimed > 0.0, np.minimum(claimed * 1e-3, most), unknown)
+            squares = np.minimum((error / np.hypot(accuracy, own)) ** 2, 1e6)
+            scores = mean.add(places, np.minimum(seconds, _GAP_S), squares) / _SQUARES
+            alerts += self._residuals.raise_alerts(name, frames.ports, places, at_ns, scores, {"difference": error})
+        return alerts
+
+    def _judge_accuracy(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        claimed = np.log(np.maximum(steps.after[:, 4], 1.0))
+        fixed = steps.after[:, 6] >= _FIX_3D
+        known = np.where(fixed & (steps.after[:, 4] > 0.0), claimed, np.nan)
+        usual = self._accuracy.add(steps.places, np.minimum(steps.seconds, _GAP_S), known)
+        wrong = np.where(fixed, np.abs(known - usual) - _DOUBLE, 1.0)
+        lost = np.where(fixed | np.isfinite(usual), wrong, 0.0)
+        excess = lost * np.minimum(steps.seconds, _GAP_S)
+        scores = self._residuals.add(ACCURACY, steps.places, excess, _ACCURACY_S)
+        data = {"h_acc_m": steps.after[:, 4] * 1e-3, "fix_type": steps.after[:, 6]}
+        return self._residuals.raise_alerts(ACCURACY, frames.ports, steps.places, steps.at_ns, scores, data)
+
+    def _judge_time(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        if self._unix_ns is None:
+            return []
+        rows = np.flatnonzero(steps.after[:, 0] >= _CLOCK_SET_US)
+        at_ns = steps.at_ns[rows]
+        error = steps.after[rows, 0] * 1e-6 - (self._unix_ns / NS_PER_S + at_ns / NS_PER_S)
+        scores = np.abs(error) / self._params.clock_s
+        return self._residuals.raise_alerts(TIME, frames.ports, steps.places[rows], at_ns, scores, {"ahead_s": error})
+
+
+def make_gnss_innovation(params: InnovationParams, context: DetectorContext | None = None) -> Monitor:
+    """A new detector."""
+    return GnssInnovation(params, None if context is None else context.epoch.unix_ns)
+
+
+GNSS_INNOVATION = DetectorPlugin(InnovationParams, make_gnss_innovation, ABOUT)
