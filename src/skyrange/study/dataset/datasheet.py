@@ -54,8 +54,8 @@ would have happened without it by the other arms of its block.
 
 ## Composition
 
-{runs} runs in {blocks} blocks, {hours:.2f} aircraft-hours. A block is all arms of one draw of a scenario; it lies in one
-split. Arms are identical up to the first act, so `duplicate_of` names the first run of the block that has the same
+{runs} runs in {blocks} blocks, {hours:.2f} aircraft-hours. A block is all arms of one draw of a scenario; it lies in
+one split. Arms are identical up to the first act, so `duplicate_of` names the first run of the block that has the same
 window at the same place: count rows where it is null.
 
 {views}

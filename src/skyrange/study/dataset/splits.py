@@ -122,11 +122,11 @@ def check_splits(members: Sequence[Member]) -> None:
 
 def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None = None) -> None:
     """Raise `InputError` where a family, city or fleet size of a held-out split is in training, validation or test."""
-    inside: dict[str, set[object]] = {"family": set(), "city": set(), "fleet": set()}
-    outside: dict[str, set[object]] = {"family": set(), "city": set(), "fleet": set()}
+    inside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
+    outside: dict[str, set[str]] = {"family": set(), "city": set(), "fleet": set()}
     for member in members:
         one = traits_of(member, families)
-        values = {"family": set(one.families), "city": {one.city}, "fleet": {one.fleet_size}}
+        values = {"family": set(one.families), "city": {one.city}, "fleet": {str(one.fleet_size)}}
         axis = member.split.removeprefix(f"{HELD_OUT}_")
         if axis == member.split:
             for name, found in values.items():
@@ -135,9 +135,7 @@ def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None
             outside[axis] |= values[axis]
     # a held-out block may have several families, of which only one has to be unseen
     crossing = [
-        Problem(
-            f"{HELD_OUT}_{axis}", ", ".join(map(str, sorted(map(str, found)))), f"a {axis} that is in no other split"
-        )
+        Problem(f"{HELD_OUT}_{axis}", ", ".join(sorted(found)), f"a {axis} that is in no other split")
         for axis, found in outside.items()
         if found and not found - inside[axis]
     ]

@@ -31,7 +31,7 @@ class WindowHashes:
     def mark(self, view: str, run: str, table: pa.Table) -> pa.Table:
         """The table, which has whole windows and the column `window`, with `content_hash` and `duplicate_of`."""
         count = table.num_rows
-        codes = _codes(table, (*WINDOW_KEYS[view], "window"))
+        codes = number_keys(table, (*WINDOW_KEYS[view], "window"))
         order = np.argsort(codes, kind="stable")
         bounds = np.flatnonzero(np.diff(codes[order], prepend=-1)) if count else np.zeros(0, dtype=np.int64)
         words = _words(table, observable_columns(view))[order]
@@ -71,8 +71,8 @@ def by_whole_windows(
         yield pa.concat_tables(held)
 
 
-def _codes(table: pa.Table, keys: Sequence[str]) -> Ints:
-    """(n,) the same number for rows with equal keys; numbers are in order of appearance of the names."""
+def number_keys(table: pa.Table, keys: Sequence[str]) -> Ints:
+    """(n,) the same number, from 0, for rows with equal values in the columns `keys`."""
     codes = np.zeros(table.num_rows, dtype=np.int64)
     for key in keys:
         column = table.column(key).combine_chunks()
@@ -100,10 +100,9 @@ def _words(table: pa.Table, columns: Sequence[str]) -> NDArray[np.uint64]:
         else:
             encoded = column.dictionary_encode()
             encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
-            known = np.array([_hash(value) for value in encoded.dictionary.cast(pa.binary()).to_pylist()] + [_NULL])
-            words[:, place] = known.astype(np.uint64)[
-                encoded.indices.fill_null(len(known) - 1).to_numpy(zero_copy_only=False)
-            ]
+            hashes = [_hash(value) for value in encoded.dictionary.cast(pa.binary()).to_pylist()]
+            known = np.array([*hashes, int(_NULL)], dtype=np.uint64)
+            words[:, place] = known[encoded.indices.fill_null(len(hashes)).to_numpy(zero_copy_only=False)]
     return words
 
 

@@ -16,7 +16,7 @@ from skyrange.record.message_groups import GROUPS, group_messages
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.station_frames import payload_column
 from skyrange.study.dataset.views.window_labels import WindowLabeller, dropped_at
-from skyrange.study.dataset.windows import WINDOW_NS
+from skyrange.study.dataset.windows import WINDOW_NS, number_keys
 
 Floats = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -31,7 +31,7 @@ class FlowCounter:
         size = len(self._flows) * self._windows
         self._sums = {name: np.zeros(size, dtype=np.int64) for name in _SUMS}
         self._stats = {name: np.full(size, np.nan) for name in _STATS}
-        self._senders: dict[tuple[int, int, int], int] = {}
+        self._senders: dict[tuple[int, int], int] = {}
         self._firsts = {(row["name"]): row["a"] for row in record.manifest.get("links") or ()}
 
     def add(self, frames: pa.Table) -> None:
@@ -64,8 +64,12 @@ class FlowCounter:
         self._gaps(flow[order], sender, frames.column("sequence").fill_null(-1).to_numpy()[order], begin, cell)
 
     def _flow_of(self, frames: pa.Table) -> Ints:
-        names = [frames.column(name).combine_chunks().to_pylist() for name in ("place", "link", "received")]
-        return np.array([self._place[one] for one in zip(*names, strict=True)], dtype=np.int64)
+        key = ("place", "link", "received")
+        codes = number_keys(frames, key)
+        _, first, rows = np.unique(codes, return_index=True, return_inverse=True)
+        found = frames.select(key).take(pa.array(first)).to_pylist()
+        numbers = np.array([self._place[one["place"], one["link"], one["received"]] for one in found], dtype=np.int64)
+        return numbers[rows]
 
     def _spread(self, name: str, values: Floats, begin: Ints, cell: Ints) -> None:
         count = np.diff([*begin, len(values)])
@@ -96,9 +100,10 @@ class FlowCounter:
             numbers = sequence[rows]
             if sender[rows[0]] < 0:
                 continue
-            key = (int(flow[rows[0]]), int(sender[rows[0]]), 0)
+            key = (int(flow[rows[0]]), int(sender[rows[0]]))
             before = self._senders.get(key, int(numbers[0]) - 1)
-            gap[rows] = (np.diff(numbers.astype(np.int64), prepend=before) - 1) % 256 != 0
+            steps: Ints = np.diff(numbers.astype(np.int64), prepend=before)
+            gap[rows] = (steps & 0xFF) != 1
             self._senders[key] = int(numbers[-1])
         self._sums["sequence_gaps"][cell] = np.add.reduceat(gap, begin)
 
