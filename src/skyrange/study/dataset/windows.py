@@ -100,14 +100,14 @@ def _words(table: pa.Table, columns: Sequence[str]) -> NDArray[np.uint64]:
         else:
             encoded = column.dictionary_encode()
             encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
-            hashes = [_hash(value) for value in encoded.dictionary.cast(pa.binary()).to_pylist()]
-            known = np.array([*hashes, int(_NULL)], dtype=np.uint64)
-            words[:, place] = known[encoded.indices.fill_null(len(hashes)).to_numpy(zero_copy_only=False)]
+            known = np.append(_hashes(encoded.dictionary.cast(pa.binary()).to_pylist()), _NULL)
+            words[:, place] = known[encoded.indices.fill_null(len(known) - 1).to_numpy(zero_copy_only=False)]
     return words
 
 
-def _hash(value: bytes) -> int:
-    return int.from_bytes(blake2b(value, digest_size=HASH_BYTES).digest(), "little")
+def _hashes(values: Sequence[bytes]) -> NDArray[np.uint64]:
+    joined = b"".join([blake2b(value, digest_size=HASH_BYTES).digest() for value in values])
+    return np.frombuffer(joined, dtype="<u8").astype(np.uint64)
 
 
 def begin_rows(table: pa.Table, run: str, block: str, arm: str) -> pa.Table:

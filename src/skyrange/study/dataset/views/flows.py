@@ -102,8 +102,8 @@ class FlowCounter:
                 continue
             key = (int(flow[rows[0]]), int(sender[rows[0]]))
             before = self._senders.get(key, int(numbers[0]) - 1)
-            steps: Ints = np.diff(numbers.astype(np.int64), prepend=before)
-            gap[rows] = (steps & 0xFF) != 1
+            previous = np.append(before, numbers[:-1]).astype(np.int64)
+            gap[rows] = (numbers - previous) & 0xFF != 1
             self._senders[key] = int(numbers[-1])
         self._sums["sequence_gaps"][cell] = np.add.reduceat(gap, begin)
 
