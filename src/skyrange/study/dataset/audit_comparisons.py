@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -43,16 +43,17 @@ class ArmOfBlock:
     effect_ns: int
 
 
-def audit_dataset(folder: Path, seed: int = 0, exempt: frozenset[str] = TIMING_KINDS) -> list[LeakFinding]:
+def audit_dataset(folder: Path, seed: int = 0, exempt: Collection[str] | None = None) -> list[LeakFinding]:
     """Audit the data set in `folder`: one finding for each comparison that its arms allow.
 
-    Blocks with attacks of the kinds in `exempt` are left out of the comparison of timing with shams, and named. Raises
-    `InputError` for a folder that is no data set, or if scikit-learn is not installed.
+    Blocks with attacks of the kinds in `exempt` are left out of the comparison of timing with shams, and named; by
+    default these are the shipped kinds that change timing or load. Raises `InputError` for a folder that is no data
+    set, or if scikit-learn is not installed.
     """
-    return [audit_comparison(one, seed) for one in comparisons_of(folder, exempt)]
+    return [audit_comparison(one, seed) for one in comparisons_of(folder, TIMING_KINDS if exempt is None else exempt)]
 
 
-def comparisons_of(folder: Path, exempt: frozenset[str] = TIMING_KINDS) -> Iterator[Comparison]:
+def comparisons_of(folder: Path, exempt: Collection[str]) -> Iterator[Comparison]:
     """The comparisons, each read when it is asked for."""
     pairs = [own for own in _by_block(read_arms(folder)).values() if len({arm.role == "attacked" for arm in own}) == 2]
     arms = [arm for own in pairs for arm in own]
@@ -62,9 +63,9 @@ def comparisons_of(folder: Path, exempt: frozenset[str] = TIMING_KINDS) -> Itera
         yield _windows(folder, f"{view} before the onset", view, arms, dict.fromkeys(onset, -1), onset,
                        [name for name in observable_columns(view) if name != "time_ns"])  # fmt: skip
     shams = {block: own for block, own in _by_block(arms).items() if any(arm.role == "sham" for arm in own)}
-    left_out = sorted({kind for own in shams.values() for arm in own for kind in arm.kinds & exempt})
+    left_out = sorted({kind for own in shams.values() for arm in own for kind in arm.kinds & {*exempt}})
     compared = [
-        arm for own in shams.values() if not any(one.kinds & exempt for one in own)
+        arm for own in shams.values() if not any(one.kinds & {*exempt} for one in own)
         for arm in own if arm.role != "nominal"
     ]  # fmt: skip
     if shams:
