@@ -25,6 +25,14 @@ if TYPE_CHECKING:
     from skyrange.study.compare.autopilot_parity import compare as compare_autopilots
     from skyrange.study.compare.exact import Difference
     from skyrange.study.compare.exact import diff as compare_runs
+    from skyrange.study.dataset.audit import LeakFinding, require_no_leak
+    from skyrange.study.dataset.audit_comparisons import audit_dataset
+    from skyrange.study.dataset.build import build_dataset
+    from skyrange.study.dataset.members import Member as DatasetMember
+    from skyrange.study.dataset.members import read_members as read_dataset_members
+    from skyrange.study.dataset.run_views import ViewSettings
+    from skyrange.study.dataset.splits import HeldOut, assign_splits, check_held_out
+    from skyrange.study.dataset.views.observed import Place as SensorPlace
     from skyrange.study.exports.csv_tables import write_tables as export_tables
     from skyrange.study.exports.exported import Export
     from skyrange.study.exports.kml_file import write_kml as export_kml
@@ -40,15 +48,24 @@ if TYPE_CHECKING:
 __all__ = [
     "Agreement",
     "Capture",
+    "DatasetMember",
     "Difference",
     "Export",
+    "HeldOut",
     "Interval",
+    "LeakFinding",
     "Pair",
     "Parity",
     "RunRecord",
+    "SensorPlace",
     "TrustPair",
     "TrustSummary",
+    "ViewSettings",
     "altitude",
+    "assign_splits",
+    "audit_dataset",
+    "build_dataset",
+    "check_held_out",
     "compare_autopilots",
     "compare_outcomes",
     "compare_rates",
@@ -65,11 +82,13 @@ __all__ = [
     "load_pair",
     "name_mavlink",
     "plan_view",
+    "read_dataset_members",
     "received_broadcasts",
     "receivers_of",
     "reception_summaries",
     "remote_id_trust",
     "replay_monitor",
+    "require_no_leak",
     "summarise_receptions",
     "summary",
     "track_deviation",

@@ -25,7 +25,7 @@ from skyrange.record.read.time_order import sort_by_time
 from skyrange.record.write.memory_observer import Raised
 
 _COLUMNS = ("link", "direction", "sender", "serial", "src", "dst", "sent_ns", "arrived_ns", "fate")
-_TIES = ("place", "received", "sender", "serial")
+TIES = ("place", "received", "sender", "serial")
 
 
 def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[Raised]:
@@ -38,12 +38,12 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
     record.tables.require("frames")
     rows = record.manifest.get("links") or []
     ports = find_ends(placement, [(row["name"], row["a"], row["b"]) for row in rows])
-    ends = _Ends(ports, {row["name"]: (row["a"], row["b"]) for row in rows})
+    ends = LinkEnds(ports, {row["name"]: (row["a"], row["b"]) for row in rows})
     monitor = make_monitor(placement)
     step, until = monitor.service_ns, from_seconds(record.duration)
     now: Time = 0
     waiting: list[pa.Table] = []
-    for table in sort_by_time(lambda: _observed(record, ends), "at_ns", _TIES):
+    for table in sort_by_time(lambda: read_observed(record, ends), "at_ns", TIES):
         at: NDArray[np.int64] = table.column("at_ns").to_numpy()
         begin = 0
         while len(at) and now < at[-1] and now <= until:  # later tables have nothing of this service any more
@@ -62,14 +62,14 @@ def replay_monitor(record: RunRecord, placement: MonitorPlacement) -> Iterator[R
         waiting, now = [rest.slice(count)] if rest is not None else [], now + step
 
 
-class _Ends(NamedTuple):
+class LinkEnds(NamedTuple):
     """The ends that are observed, and both ends of every link by its name."""
 
     ports: Sequence[Port]
     links: dict[str, tuple[str, str]]
 
 
-def _observed(record: RunRecord, ends: _Ends) -> Iterator[pa.Table]:
+def read_observed(record: RunRecord, ends: LinkEnds) -> Iterator[pa.Table]:
     """What was seen at the ends, a row each time, in batches as recorded."""
     number = {port: place for place, port in enumerate(ends.ports)}
     for batch in record.tables.frames_with_payloads(_COLUMNS):

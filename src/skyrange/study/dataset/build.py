@@ -1,0 +1,113 @@
+"""Building of a data set: the views of all runs, in one folder with its descriptions."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.core.errors import InputError
+from skyrange.record.folder import make_new_folder
+from skyrange.record.read.run import RunRecord, load
+from skyrange.study.attribution.arms import NOMINAL
+from skyrange.study.dataset.checksums import write_checksums
+from skyrange.study.dataset.columns import VIEWS
+from skyrange.study.dataset.contents import Contents
+from skyrange.study.dataset.croissant import write_croissant
+from skyrange.study.dataset.datasheet import write_datasheet
+from skyrange.study.dataset.members import Member, check_members
+from skyrange.study.dataset.partitions import BlockWriter
+from skyrange.study.dataset.regenerate import write_regenerate
+from skyrange.study.dataset.run_views import ViewSettings, run_views
+from skyrange.study.dataset.splits import Traits, check_splits, traits_of
+
+RUNS: Final = "runs.parquet"
+
+
+def build_dataset(
+    members: Sequence[Member],
+    out: Path,
+    name: str,
+    *,
+    settings: ViewSettings | None = None,
+    description: str = "",
+    license_url: str = "https://creativecommons.org/licenses/by/4.0/",
+    creator: str = "skyrange",
+    url: str = "",
+    published: str = "",
+) -> Path:
+    """Write the data set `name` of some runs into the new folder `out`, and return it.
+
+    Runs are read one after the other, blocks in order of their names and in each the nominal arm first, so the result
+    does not depend on the order of `members`. `published` is a date, YYYY-MM-DD, by default the first of the runs' UTC.
+    Raises `InputError` for no members, a member without a split, a block in two splits, a record that does not
+    keep frames, an attack kind without a family, or a folder that exists; `ComponentError` for a view that breaks its
+    declaration.
+    """
+    settings = settings or ViewSettings()
+    if not members:
+        raise InputError.one("dataset", "members", "none", "at least one run")
+    if not 1.0 <= settings.rate_hz <= 4.0:
+        raise InputError.one("dataset", "rate_hz", settings.rate_hz, "1 to 4")
+    ordered = sorted(members, key=lambda member: (member.block, member.arm != NOMINAL, member.arm))
+    check_members(ordered)
+    check_splits(ordered)
+    records = [load(member.record) for member in ordered]
+    for record in records:
+        for table in ("frames", "telemetry"):
+            record.tables.require(table)
+    traits = [traits_of(member, settings.families) for member in ordered]
+    folder = make_new_folder(out)
+    rows: dict[str, dict[str, int]] = {}
+    for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
+        runs = list(group)
+        with BlockWriter(folder, block, runs[0][0].split) as writer:
+            for member, record in runs:
+                rows[member.run] = _write_run(writer, member, record, settings)
+    table = _runs_table(ordered, records, traits, rows)
+    pq.write_table(table, folder / RUNS)
+    published = published or str(records[0].manifest["start_utc"])[:10]
+    described = (name, description, license_url, creator, url, published)
+    contents = Contents(*described, ordered, records, rows, settings)
+    write_regenerate(folder, contents)
+    write_datasheet(folder, contents)
+    write_croissant(folder, contents)
+    write_checksums(folder)
+    return folder
+
+
+def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings: ViewSettings) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for view, table in run_views(record, settings, member.effects_s):
+        counts[view] = counts.get(view, 0) + writer.write(view, member, table)
+    return counts
+
+
+def _runs_table(
+    members: Sequence[Member], records: Sequence[RunRecord], traits: Sequence[Traits], rows: dict[str, dict[str, int]]
+) -> pa.Table:
+    """One row for each run: block, arm, split, seed, traits, rows of each view, and the factors as JSON."""
+    return pa.Table.from_pylist(
+        [
+            {
+                "run": member.run,
+                "block": member.block,
+                "arm": member.arm,
+                "split": member.split,
+                "seed": member.seed,
+                "families": sorted(trait.families),
+                "city": trait.city,
+                "fleet_size": trait.fleet_size,
+                "duration_s": record.duration,
+                "fingerprint": str(record.manifest.get("digests", {}).get("fingerprint", "")),
+                "factors": json.dumps(dict(member.factors), sort_keys=True),
+                **{f"rows_{view}": rows[member.run].get(view, 0) for view in VIEWS},
+            }
+            for member, record, trait in zip(members, records, traits, strict=True)
+        ]
+    )

@@ -1,0 +1,50 @@
+"""Partitions of a data set: one Parquet file for each view, split and block."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, check_table, view_schema
+from skyrange.study.dataset.members import Member
+from skyrange.study.dataset.windows import WindowHashes, begin_rows
+
+
+def partition_path(folder: Path, view: str, split: str, block: str) -> Path:
+    """Where the rows of a block are: `view=…/split=…/<block>.parquet`."""
+    return folder / f"view={view}" / f"split={split}" / f"{block}.parquet"
+
+
+class BlockWriter:
+    """The files of one block; a context manager that closes them."""
+
+    def __init__(self, folder: Path, block: str, split: str) -> None:
+        self._folder, self._block, self._split = folder, block, split
+        self._files: dict[str, pq.ParquetWriter] = {}
+        self._hashes = WindowHashes()
+
+    def __enter__(self) -> BlockWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for file in self._files.values():
+            file.close()
+
+    def write(self, view: str, member: Member, table: pa.Table) -> int:
+        """Append rows of a run, which are whole windows; returns how many.
+
+        Raises `ComponentError` where they differ from the declared columns, `OSError` where the disk is full.
+        """
+        if view in WINDOW_KEYS:
+            table = self._hashes.mark(view, member.run, table)
+        table = check_table(view, begin_rows(table, member.run, member.block, member.arm))
+        if view not in self._files:
+            path = partition_path(self._folder, view, self._split, self._block)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            names = [one.name for one in VIEWS[view] if one.type == pa.string()]
+            self._files[view] = pq.ParquetWriter(path, view_schema(view), compression="zstd", use_dictionary=names)
+        self._files[view].write_table(table, row_group_size=131_072)
+        return int(table.num_rows)

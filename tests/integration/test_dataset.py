@@ -1,0 +1,278 @@
+"""Data sets of real flights: labels, blocks, files that other tools open, and what flies a run again."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from importlib.util import find_spec
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow.parquet as pq
+import pytest
+
+from skyrange.core.errors import InputError
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.attribution.arms import Arm, scenario_of
+from skyrange.study.dataset.build import build_dataset
+from skyrange.study.dataset.checksums import check_checksums
+from skyrange.study.dataset.columns import VIEWS, view_schema
+from skyrange.study.dataset.croissant import CONFORMS_TO, validate_croissant
+from skyrange.study.dataset.members import Member, read_members
+from skyrange.study.dataset.run_views import ViewSettings
+from skyrange.study.dataset.views.observed import Place
+from skyrange.study.runs import fly
+
+BOTH = ViewSettings(places=(Place("gcs:*", "gcs"), Place("gcs:*", "companion")))
+BASE = """
+name = "sample"
+seed = 3
+duration_s = 24
+origin = { lat = 40.7780, lon = -73.9550, alt_msl_m = 20, geoid_m = -32.7 }
+
+[radio]
+
+[[radio.receivers]]
+id = "corner"
+operator = "blue"
+place = [8, 0, 3]
+
+[[operators]]
+id = "blue"
+streams = "operator"
+approval = "authority"
+request_ahead_s = 3
+margins = { horizontal_m = 6, late_s = 8, drift = 0.1 }
+  [[operators.vehicles]]
+  id = "b1"
+  plan = { path = { points = [[0, 0], [0, 60]], alt_m = 15 }, speed_mps = 5, end = "land" }
+  [[operators.vehicles]]
+  id = "b2"
+  start = [-60, 0]
+  plan = { path = { points = [[0, 0], [0, 60]], alt_m = 15 }, speed_mps = 5, end = "land" }
+
+[[attacks]]
+id = "mallory"
+start_s = 12
+"""
+ONSET_NS = 12_000_000_000
+ATTACKS = {
+    "mode": ('kind = "mavlink.mode"\nparams = { vehicles = ["blue/b1"], mode = "LAND" }', "train"),
+    "drift": ('kind = "gnss.drift"\nparams = { vehicles = ["blue/b1"], rate_mps = [0.5, 0, 0] }', "heldout_family"),
+    "drop": ('kind = "link.drop"\nparams = { links = ["gcs:blue/b1"], direction = "rev", probability = 0.5 }', "test"),
+}
+ARMS = {"nominal": frozenset[str](), "attacked": frozenset({"mallory"}), "sham": frozenset[str]()}
+
+
+class Sample(NamedTuple):
+    members: list[Member]
+    folder: Path
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory: pytest.TempPathFactory) -> Sample:
+    """Three blocks of real flights, and the data set made of them."""
+    base = tmp_path_factory.mktemp("dataset")
+    members = []
+    for block, (attack, split) in ATTACKS.items():
+        scenario = load_text(BASE + attack)
+        for arm, active in ARMS.items():
+            if arm == "sham" and block != "mode":
+                continue
+            record = fly(scenario_of(scenario, Arm(arm, active), 3), base / f"{block}-{arm}", report=False)
+            effects = {"blue/b1": 14.0 if active else None, "blue/b2": None}
+            text = (record.path / "scenario.toml").read_text()
+            members.append(Member(record.path, block, arm, split, {"draw": 1}, 3, text, effects))
+    folder = build_dataset(members[::-1], base / "set", "sample", settings=BOTH)
+    return Sample(members, folder)
+
+
+def rows(sample: Sample, view: str, run: str) -> list[dict]:
+    found = pq.read_table(sample.folder / f"view={view}", filters=[("run", "=", run)])
+    return found.to_pylist()
+
+
+def test_every_view_has_its_declared_columns(sample: Sample) -> None:
+    for view in VIEWS:
+        files = sorted(sample.folder.glob(f"view={view}/split=*/*.parquet"))
+        assert len(files) == len(ATTACKS), view
+        for file in files:
+            assert pq.read_schema(file).equals(view_schema(view), check_metadata=False)
+            assert pq.read_schema(file).field("run").metadata[b"role"] == b"bookkeeping"
+
+
+def test_an_injected_frame_is_hostile_at_the_companion_and_its_answer_derived_at_the_station(sample: Sample) -> None:
+    frames = rows(sample, "mavlink", "mode.attacked")
+    hostile = [row for row in frames if row["hostile"]]
+    assert {(row["place"], row["received"], row["message"]) for row in hostile} == {
+        ("blue/b1.companion", True, "COMMAND_LONG")
+    }
+    assert hostile[0]["src"] == "blue.gcs"  # as claimed: the true sender is no column
+    assert hostile[0]["family"] == "command_injection"
+    derived = {row["message"] for row in frames if row["derived"] and row["place"] == "blue.gcs"}
+    assert "COMMAND_ACK" in derived
+    assert not any(row["derived"] or row["hostile"] for row in frames if row["link"] == "gcs:blue/b2")
+    assert "mallory" not in {value for row in frames for name, value in row.items() if name in ("src", "dst", "place")}
+
+
+def test_telemetry_of_a_falsified_estimate_is_derived(sample: Sample) -> None:
+    frames = [row for row in rows(sample, "mavlink", "drift.attacked") if row["place"] == "blue.gcs"]
+    false = [row for row in frames if row["derived"]]
+    assert false
+    assert {row["way"] for row in false} == {"estimate"}
+    assert {row["link"] for row in false} == {"gcs:blue/b1"}
+    assert min(row["time_ns"] for row in false) >= ONSET_NS
+    assert "GLOBAL_POSITION_INT" in {row["message"] for row in false}
+    assert "HEARTBEAT" not in {row["message"] for row in false}
+    said = [row for row in rows(sample, "remote_id", "drift.attacked") if row["derived"]]
+    assert {row["radio"] for row in said} == {"blue/b1"}
+
+
+def test_dropped_frames_are_observable_where_they_are_missing(sample: Sample) -> None:
+    flows = rows(sample, "flows", "drop.attacked")
+    shown = {(row["place"], row["link"], row["received"]) for row in flows if row["observable"]}
+    assert shown == {("blue.gcs", "gcs:blue/b1", True)}
+    assert not any(row["hostile_frames"] for row in flows)
+    assert all(row["active"] for row in flows if row["observable"])
+
+
+def test_active_observable_and_effect_are_told_apart(sample: Sample) -> None:
+    flows = [
+        row
+        for row in rows(sample, "flows", "mode.attacked")
+        if row["link"] == "gcs:blue/b1" and row["place"] == "blue.gcs" and row["received"]
+    ]
+    active = [row["window"] for row in flows if row["active"]]
+    assert active == [12]
+    assert next(row["window"] for row in flows if row["observable"]) == 12
+    assert [row["window"] for row in flows if row["effect"]] == list(range(14, 24))
+    assert [row["window"] for row in flows if row["after_onset"]] == list(range(12, 24))
+    (episode,) = rows(sample, "episodes", "mode.attacked")
+    assert episode["onset_ns"] == ONSET_NS
+    assert ONSET_NS < episode["observable_ns"] < ONSET_NS + 1_000_000_000
+    assert episode["effect_ns"] == 14_000_000_000
+    (sham,) = rows(sample, "episodes", "mode.sham")
+    assert (sham["role"], sham["effect_ns"]) == ("sham", None)
+
+
+def test_arms_share_their_windows_up_to_the_onset(sample: Sample) -> None:
+    for view in ("flows", "aircraft", "mavlink"):
+        attacked = rows(sample, view, "mode.attacked")
+        assert all(row["duplicate_of"] is None for row in rows(sample, view, "mode.nominal"))
+        onset = ONSET_NS // (500_000_000 if view == "aircraft" else 1_000_000_000)
+        assert all(row["duplicate_of"] == "mode.nominal" for row in attacked if row["window"] < onset - 1)
+        assert any(row["duplicate_of"] is None for row in attacked)
+    once = {
+        (row["link"], row["place"], row["window"], row["content_hash"])
+        for row in rows(sample, "mavlink", "mode.nominal")
+    }
+    assert len(once) == len({key[:3] for key in once})
+
+
+def test_flows_count_the_frames(sample: Sample) -> None:
+    frames = rows(sample, "mavlink", "mode.attacked")
+    flows = rows(sample, "flows", "mode.attacked")
+    assert sum(row["frames"] for row in flows) == len(frames)
+    assert sum(row["bytes"] for row in flows) == sum(len(row["raw"]) for row in frames)
+    assert sum(row["hostile_frames"] for row in flows) == sum(row["hostile"] for row in frames) == 1
+    one = next(row for row in flows if row["frames"] > 10)
+    same = [
+        row for row in frames
+        if all(row[key] == one[key] for key in ("place", "link", "received", "window"))
+    ]  # fmt: skip
+    assert one["message_kinds"] == len({row["message_id"] for row in same})
+    gaps = [(after["time_ns"] - before["time_ns"]) / 1e6 for before, after in pairwise(same)]
+    assert one["iat_mean_ms"] == pytest.approx(sum(gaps) / len(gaps))
+    assert one["iat_max_ms"] == pytest.approx(max(gaps))
+
+
+def test_aircraft_have_what_the_station_received_last(sample: Sample) -> None:
+    vehicle = [row for row in rows(sample, "aircraft", "mode.nominal") if row["vehicle"] == "blue/b1"]
+    assert [row["time_ns"] for row in vehicle[:2]] == [500_000_000, 1_000_000_000]
+    last = vehicle[-1]
+    assert last["lat_deg"] == pytest.approx(40.778, abs=0.001)
+    assert 0.0 <= last["ekf_horizontal_ratio"] < 1.0
+    assert 0.0 <= last["heartbeat_age_s"] <= 1.2
+
+
+def test_each_tool_opens_it_with_one_line(sample: Sample, monkeypatch: pytest.MonkeyPatch) -> None:
+    duckdb, pandas, polars = (pytest.importorskip(name) for name in ("duckdb", "pandas", "polars"))
+    monkeypatch.chdir(sample.folder)
+    count = pq.read_table("view=flows").num_rows
+    assert polars.scan_parquet("view=flows", hive_partitioning=True).collect().height == count
+    found = duckdb.sql("FROM read_parquet('view=flows/**/*.parquet', hive_partitioning = true)")
+    assert found.aggregate("count(*)").fetchall() == [(count,)]
+    frame = pandas.read_parquet("view=flows")
+    assert len(frame) == count
+    assert set(frame["split"]) == {"train", "test", "heldout_family"}
+
+
+@pytest.mark.skipif(find_spec("datasets") is None, reason="Hugging Face `datasets` is not installed")
+def test_hugging_face_datasets_opens_it(sample: Sample) -> None:
+    import datasets
+
+    files = {"train": str(sample.folder / "view=flows/split=train/*.parquet")}
+    assert datasets.load_dataset("parquet", data_files=files)["train"].num_rows > 0
+
+
+def test_croissant_1_1_is_valid_and_reads_records(sample: Sample) -> None:
+    mlcroissant = pytest.importorskip("mlcroissant")
+    assert validate_croissant(sample.folder) == []
+    value = json.loads((sample.folder / "croissant.json").read_text())
+    assert value["conformsTo"] == list(CONFORMS_TO)
+    assert "rai:dataLimitations" in value
+    described = mlcroissant.Dataset(jsonld=str(sample.folder / "croissant.json"))
+    record = next(iter(described.records("flows")))
+    assert record["flows/frames"] > 0
+    assert record["flows/split"] in (b"train", b"test", b"heldout_family")
+
+
+def test_an_invalid_croissant_is_refused(sample: Sample, tmp_path: Path) -> None:
+    pytest.importorskip("mlcroissant")
+    value = json.loads((sample.folder / "croissant.json").read_text())
+    value["recordSet"][0]["field"][0]["source"]["fileSet"]["@id"] = "nothing"
+    (tmp_path / "croissant.json").write_text(json.dumps(value))
+    with pytest.raises(InputError, match="nothing"):
+        validate_croissant(tmp_path)
+
+
+def test_a_run_flies_again_from_what_is_stored(sample: Sample, tmp_path: Path) -> None:
+    stored = json.loads((sample.folder / "regenerate.json").read_text())
+    run = stored["runs"]["mode.attacked"]
+    again = fly(load_text(stored["scenarios"][run["scenario"]]), tmp_path / "again", report=False)
+    assert again.manifest["digests"]["fingerprint"] == run["fingerprint"]
+    assert run["versions"]["skyrange"]
+
+
+def test_the_files_do_not_depend_on_the_order_of_members(sample: Sample, tmp_path: Path) -> None:
+    again = build_dataset(sample.members, tmp_path / "again", "sample", settings=BOTH)
+    assert (again / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
+
+
+def test_altered_files_are_named(sample: Sample, tmp_path: Path) -> None:
+    copy = shutil.copytree(sample.folder, tmp_path / "copy")
+    check_checksums(copy)
+    (copy / "README.md").write_text("other")
+    (copy / "runs.parquet").unlink()
+    with pytest.raises(InputError, match=r"(?s)runs.parquet: missing.*README.md: altered"):
+        check_checksums(copy)
+
+
+def test_members_are_read_from_a_file(sample: Sample, tmp_path: Path) -> None:
+    table = {"folder": str(sample.members[0].record), "block": "b", "arm": "nominal", "effects_s": {"blue/b1": "never"}}
+    (tmp_path / "runs.json").write_text(json.dumps({"runs": [table]}))
+    (member,) = read_members(tmp_path / "runs.json")
+    assert (member.seed, member.effects_s) == (3, {"blue/b1": None})
+    (tmp_path / "runs.toml").write_text('[[runs]]\nfolder = "nowhere"\nblock = "b"\narm = "nominal"\ncolour = 3\n')
+    with pytest.raises(InputError, match="colour"):
+        read_members(tmp_path / "runs.toml")
+
+
+@pytest.mark.parametrize("split", ["", "validation"])
+def test_a_block_lies_in_one_split(sample: Sample, tmp_path: Path, split: str) -> None:
+    first, *others = sample.members
+    with pytest.raises(InputError, match="block mode"):
+        build_dataset([replace(first, split=split), *others], tmp_path / "x", "x")
+    assert not (tmp_path / "x").exists()
