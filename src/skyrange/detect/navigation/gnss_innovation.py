@@ -1,7 +1,8 @@
 """GNSS innovation detector: how far satellite fixes are from what the estimator expects.
 
 It reads EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), GPS_RAW_INT, GLOBAL_POSITION_INT and SYSTEM_TIME. The
-stream profile `operator` carries them; `light` has no message about fixes, so the detector is silent there.
+stream profile `operator` carries them. `light` has no innovations, and no fixes of its own: with Remote ID, the
+companion requests GPS_RAW_INT at 1 Hz and SYSTEM_TIME every 5 s, which arrive at the ground station as well.
 
 The residuals:
 
