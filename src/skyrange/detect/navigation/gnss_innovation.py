@@ -9,11 +9,11 @@ The residuals:
 - `velocity`, `position`, `height`: the innovation test ratios of the estimator, which it rejects from 1 on (the gates
   EK3_VEL_I_GATE, EK3_POS_I_GATE and EK3_HGT_I_GATE of ArduPilot's EKF3). A false fix within the gates raises them for
   as long as it pulls. Each is standardised by its own past (`self_starting`), because tuning and receiver set its
-  level, and a CUSUM of what exceeds 2 standard deviations is compared with 40: hard turns of 100 aircraft for 70 s come
-  to 37. Detection of spoofing by innovations accumulated over time, as against single ones, is analysed by Y. Liu, S.
-  Li, Q. Fu, Z. Liu and Q. Zhou, "Analysis of Kalman Filter Innovation-Based GNSS Spoofing Detection Method for INS/GNSS
-  Integrated Navigation System", IEEE Sensors Journal 19 (2019), p. 5167-5178; the self-starting CUSUM is that of
-  Hawkins (1987).
+  level, and a CUSUM of what exceeds 2 standard deviations is compared with 40, which the reversals of course of 100
+  nominal aircraft reached once in 70 s. Detection of spoofing by innovations accumulated over time, as against single
+  ones, is analysed by Y. Liu, S. Li, Q. Fu, Z. Liu and Q. Zhou, "Analysis of Kalman Filter Innovation-Based GNSS
+  Spoofing Detection Method for INS/GNSS Integrated Navigation System", IEEE Sensors Journal 19 (2019), p. 5167-5178;
+  the self-starting CUSUM is that of Hawkins (1987).
 - `offset`, `speed`: fixes against the fused position and velocity, over the accuracies that the receiver claims. The
   mean of the squares over 5 s (a windowed chi-square test) is compared with 9, three standard deviations. A claimed
   accuracy counts up to 10 m and 1 m/s: a spoofer may claim any.
