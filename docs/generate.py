@@ -478,7 +478,7 @@ def study_file() -> str:
 
 def study_measures() -> str:
     """The measures in the table `runs` of a study."""
-    from skyrange.study.sweep.measurement import column_of
+    from skyrange.study.sweep.columns import column_of
     from skyrange.study.variants.run_measures import QUANTITIES
 
     return table(

@@ -84,3 +84,30 @@ def show_study(folder: Folder, as_json: AsJson = False) -> None:
 def report_study(folder: Folder) -> None:
     """Write report.html: effects with intervals, dose-response curves, interactions, failures; and figures as SVG."""
     studies.report(folder)
+
+
+@study_app.command("score", epilog="Example: skyrange study score studies/detect --hold-out-family gnss_denial")
+def score_study(
+    folder: Folder,
+    rate: Annotated[
+        float,
+        typer.Option(metavar="N", min=1e-6, help="False alarms per aircraft-hour for which thresholds are chosen."),
+    ] = 1.0,
+    hold_out_family: Annotated[
+        list[str] | None,
+        typer.Option(metavar="FAMILY", help="Family of attacks that only the test split has. May be repeated."),
+    ] = None,
+    hold_out_city: Annotated[
+        list[str] | None, typer.Option(metavar="CITY", help="City that only the test split has. May be repeated.")
+    ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="FILE", help="Result file of others to put beside these. May be repeated."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Result file. Default: scores.json in the folder of the study.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Score the detectors of a study, print a leaderboard, and write the result file."""
+    studies.score(folder, rate, hold_out_family or [], hold_out_city or [], beside or [], out, as_json)

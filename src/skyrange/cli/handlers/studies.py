@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -114,6 +115,46 @@ def report(path: Path) -> None:
     print_text(f"report {write_study_report(open_folder(path))}")
 
 
+def score(
+    path: Path,
+    rate: float,
+    families: Sequence[str],
+    cities: Sequence[str],
+    beside: Sequence[Path],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """`skyrange study score`."""
+    from rich.table import Table
+
+    from skyrange.study.scoring.leaderboard import rank_detectors
+    from skyrange.study.scoring.result_file import ScoreSettings, read_scores, write_scores
+    from skyrange.study.scoring.scores import score_detectors
+    from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.score_tables import make_score_tables
+
+    folder = open_folder(path)
+    others = [read_scores(file) for file in beside]
+    tables = make_score_tables(folder, families=frozenset(families), cities=frozenset(cities))
+    names = sorted({one.id for one in folder.study.detectors} | set(tables.detectors()))
+    scores = score_detectors(tables, ScoreSettings(target_per_h=rate), names, folder.study.name)
+    file = out if out is not None else path / "scores.json"
+    write_scores(scores, file)
+    if as_json:
+        print_json(scores.model_dump(mode="json"))
+        return
+    for name in [one.name for one in scores.detectors[0].sets]:
+        table = Table(title=f"{folder.study.name}, {name}", title_justify="left", title_style="bold")
+        for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "before effect"):
+            table.add_column(head)
+        for row in rank_detectors([scores, *others], name):
+            false = (row.false_per_h, row.fault_false_per_h)
+            numbers = (_share(row.recall), _share(row.by_chance), *map(_rate, false), _rate(row.median_delay_s))
+            table.add_row(str(row.rank), row.detector, *numbers, _share(row.before_effect))
+        terminal().print(table)
+    print_text(f"scores {file}")
+
+
 def _estimate(file: Path, jobs: int | None, as_json: bool) -> None:
     from skyrange.study.sweep.blocks import list_blocks
     from skyrange.study.sweep.estimate import estimate_study
@@ -183,6 +224,14 @@ def _jobs(jobs: int | None) -> int:
 def _interval(found: Interval) -> tuple[str, str]:
     limits = "" if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
     return f"{found.mean:.3g}", limits
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.0f} %"
+
+
+def _rate(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"
 
 
 def _short(value: Any) -> str:

@@ -1,17 +1,19 @@
 """GNSS innovation detector: how far satellite fixes are from what the estimator expects.
 
 It reads EKF_STATUS_REPORT (ArduPilot) or ESTIMATOR_STATUS (PX4), GPS_RAW_INT, GLOBAL_POSITION_INT and SYSTEM_TIME. The
-stream profile `operator` carries them; `light` has no message about fixes, so the detector is silent there.
+stream profile `operator` carries them. `light` has no innovations, and no fixes of its own: with Remote ID, the
+companion requests GPS_RAW_INT at 1 Hz and SYSTEM_TIME every 5 s, which arrive at the ground station as well.
 
 The residuals:
 
 - `velocity`, `position`, `height`: the innovation test ratios of the estimator, which it rejects from 1 on (the gates
   EK3_VEL_I_GATE, EK3_POS_I_GATE and EK3_HGT_I_GATE of ArduPilot's EKF3). A false fix within the gates raises them for
   as long as it pulls. Each is standardised by its own past (`self_starting`), because tuning and receiver set its
-  level, and a CUSUM of what exceeds 2 standard deviations is compared with 25. Detection of spoofing by innovations
-  accumulated over time, as against single ones, is analysed by Y. Liu, S. Li, Q. Fu, Z. Liu and Q. Zhou, "Analysis of
-  Kalman Filter Innovation-Based GNSS Spoofing Detection Method for INS/GNSS Integrated Navigation System", IEEE Sensors
-  Journal 19 (2019), p. 5167-5178; the self-starting CUSUM is that of Hawkins (1987).
+  level, and a CUSUM of what exceeds 2 standard deviations is compared with 40, which the reversals of course of 100
+  nominal aircraft reached once in 70 s. Detection of spoofing by innovations accumulated over time, as against single
+  ones, is analysed by Y. Liu, S. Li, Q. Fu, Z. Liu and Q. Zhou, "Analysis of Kalman Filter Innovation-Based GNSS
+  Spoofing Detection Method for INS/GNSS Integrated Navigation System", IEEE Sensors Journal 19 (2019), p. 5167-5178;
+  the self-starting CUSUM is that of Hawkins (1987).
 - `offset`, `speed`: fixes against the fused position and velocity, over the accuracies that the receiver claims. The
   mean of the squares over 5 s (a windowed chi-square test) is compared with 9, three standard deviations. A claimed
   accuracy counts up to 10 m and 1 m/s: a spoofer may claim any.
@@ -54,7 +56,8 @@ _ARDUPILOT: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_varian
 _PX4: Final = ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio")
 _FIX: Final = ("lat", "lon", "vel", "cog", "h_acc", "vel_acc", "fix_type", "time_usec")
 _FUSED: Final = ("lat", "lon", "vx", "vy")
-_RATIO_FLOOR: Final = 0.01
+_RATIO_FLOOR: Final = 0.02
+"""Least standard deviation of a ratio: 0.1 of a standard deviation of the innovation, at gates of 5."""
 _SQUARES: Final = 9.0
 _SQUARES_S: Final = 5.0
 _FUSED_M: Final = 1.0
@@ -85,7 +88,7 @@ class InnovationParams(EpisodeParams):
         "deviations.",
     )
     threshold: Number = Field(
-        default=25.0, gt=0.0, le=1e6, description="CUSUM of a test ratio, in standard deviations, that scores 1."
+        default=40.0, gt=0.0, le=1e6, description="CUSUM of a test ratio, in standard deviations, that scores 1."
     )
     clock_s: Number = Field(
         default=2.0,

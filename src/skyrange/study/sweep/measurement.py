@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict
 from typing import Any, Final
 
@@ -11,9 +11,12 @@ import numpy as np
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import RunRecord
 from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.dataset.families import FAMILIES
+from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.model import Study
 from skyrange.study.twins.effects import effect_rows
 from skyrange.study.variants.run_measures import measure_run
@@ -58,6 +61,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "error": "",
                 "simulated_s": float(manifest["simulated_s"]),
                 "vehicles": len(manifest["vehicles"]),
+                "city": _city(record),
                 "fingerprint": str(manifest["digests"]["fingerprint"]),
                 **measures,
             }
@@ -88,11 +92,6 @@ def _head(block: Block, arm: str) -> dict[str, Any]:
     return {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
 
 
-def column_of(quantity: str) -> str:
-    """The name of a quantity as a column: 'answer, median' is answer_median."""
-    return quantity.replace(",", "").replace(" ", "_")
-
-
 def _airborne_s(outcomes: ArmOutcomes) -> list[float]:
     """How long each aircraft was in the air, at the rate of the recorded truth."""
     ticks = outcomes.ticks
@@ -108,31 +107,43 @@ def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:
             yield {"time_s": to_seconds(row.pop("time_ns")), **row}
 
 
-def _acts(record: RunRecord) -> Sequence[dict[str, Any]]:
-    """When each attack and fault acted first and last."""
-    found: dict[tuple[str, bool], list[int]] = {}
-    counts: dict[tuple[str, bool], int] = {}
-    for batch in record.batches("labels", ["at_ns", "attack", "fault", "benign"]):
-        for at_ns, attack, fault, benign in zip(*(column.to_pylist() for column in batch.columns), strict=True):
-            if benign:
-                continue
-            ends = found.setdefault((attack, fault), [at_ns, at_ns])
-            ends[0], ends[1] = min(ends[0], at_ns), max(ends[1], at_ns)
-            counts[attack, fault] = counts.get((attack, fault), 0) + 1
-    kinds = {str(one["id"]): str(one["kind"]) for one in _declared(record)}
+def _acts(record: RunRecord) -> list[dict[str, Any]]:
+    """When each attack and fault acted on each aircraft first and last; an empty aircraft stands for none in
+    particular.
+    """
+    found = read_acts(record, _own_families(record))
+    fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
+    spans: dict[tuple[str, str, bool], list[int]] = {}
+    for act in found.acts:
+        if act.role == SHAM:
+            continue
+        key = act.author, act.owner if act.owner in fleet else "", act.role == FAULT
+        span = spans.setdefault(key, [act.at_ns, act.until_ns, 0])
+        span[0], span[1], span[2] = min(span[0], act.at_ns), max(span[1], act.until_ns), span[2] + 1
     return [
         {
-            "attack": attack,
-            "kind": kinds.get(attack, ""),
+            "attack": author,
+            "kind": found.kinds.get(author, ""),
+            "family": found.families.get(author) or "",
+            "vehicle": vehicle,
             "fault": fault,
             "first_s": to_seconds(first),
             "last_s": to_seconds(last),
-            "acts": counts[attack, fault],
+            "acts": count,
         }
-        for (attack, fault), (first, last) in sorted(found.items())
+        for (author, vehicle, fault), (first, last, count) in sorted(spans.items())
     ]
 
 
-def _declared(record: RunRecord) -> Iterator[Mapping[str, Any]]:
-    for part in ("attacks", "faults"):
-        yield from (one for one in record.manifest.get(part) or () if isinstance(one, Mapping))
+def _own_families(record: RunRecord) -> dict[str, str]:
+    """Families of kinds that are not shipped: each is one by itself."""
+    shipped = {kind for kinds in FAMILIES.values() for kind in kinds}
+    return {
+        str(row["kind"]): str(row["kind"]) for row in record.manifest.get("attacks") or () if row["kind"] not in shipped
+    }
+
+
+def _city(record: RunRecord) -> str:
+    """The name of the city, or of the file of its buildings; empty over open ground."""
+    city = record.manifest.get("city") or {}
+    return str(city.get("name") or city.get("source") or ("city" if city else ""))

@@ -18,6 +18,7 @@ from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
 from skyrange.study.matrix.model import Part
+from skyrange.study.sweep.columns import reserved_names
 
 _Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
 Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
@@ -142,8 +143,11 @@ class Study(Model):
         problems = [*_repeated("arms", [arm.id for arm in self.arms])]
         named = [*self.factors, *self.draws]
         problems += _repeated("factors and draws", [one.name for one in named])
-        reserved = [one.name for one in named if one.name in COLUMNS]
-        problems += [Problem("factors", name, f"a name other than {', '.join(COLUMNS)}") for name in reserved]
+        problems += [
+            Problem("factors", one.name, "a name that is not that of a column of the results")
+            for one in named
+            if one.name in reserved_names()
+        ]
         ids = [arm.id for arm in self.arms]
         if self.baseline is not None and self.baseline not in ids:
             problems.append(Problem("baseline", self.baseline, "the id of an arm", nearest(self.baseline, ids)))
@@ -183,10 +187,6 @@ class Study(Model):
         tables = () if isinstance(self.keep, str) else self.keep
         enough = all(keeps({"record": {"level": STUDY}}, table) for table in tables)
         return STUDY if enough else FULL
-
-
-COLUMNS: Final = ("block", "point", "seed", "arm")
-"""Columns of all tables of results, before those of the factors and draws."""
 
 
 def _repeated(where: str, ids: Sequence[str]) -> Iterator[Problem]:
