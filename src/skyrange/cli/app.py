@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from skyrange.cli import live_app
+from skyrange.cli.dataset_app import dataset_app
 from skyrange.cli.handlers import exports, installation, matrices, runs, variants
 from skyrange.cli.measurement_app import bench_app, parity_app
 from skyrange.cli.options import (
@@ -46,6 +47,7 @@ install_app = typer.Typer(
 )
 app.add_typer(live_app.commands)
 app.add_typer(bench_app, name="bench")
+app.add_typer(dataset_app, name="dataset")
 app.add_typer(install_app, name="install")
 app.add_typer(parity_app, name="parity")
 app.add_typer(radio_app, name="radio")

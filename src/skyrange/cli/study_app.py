@@ -91,7 +91,7 @@ def score_study(
     folder: Folder,
     rate: Annotated[
         float,
-        typer.Option(metavar="N", min=1e-6, help="False alarms per aircraft-hour for which thresholds are chosen."),
+        typer.Option(metavar="N", min=1e-6, help="False alarms per aircraft-hour to choose thresholds for."),
     ] = 1.0,
     hold_out_family: Annotated[
         list[str] | None,

@@ -1,0 +1,73 @@
+"""Handlers of the commands `skyrange dataset`."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+
+from skyrange.cli.output.console import print_json, print_text, terminal
+
+
+def build(
+    source: Path,
+    out: Path,
+    name: str | None,
+    families: Sequence[str],
+    cities: Sequence[str],
+    fleets: Sequence[int],
+    as_json: bool,
+) -> None:
+    """`skyrange dataset build`."""
+    from skyrange.core.input_files import expand_user
+    from skyrange.study.dataset.build import build_dataset
+    from skyrange.study.dataset.members import read_members
+    from skyrange.study.dataset.splits import HeldOut, assign_splits
+    from skyrange.study.sweep.dataset_members import list_members
+    from skyrange.study.sweep.folder import open_folder
+
+    path, target = expand_user(source), expand_user(out)
+    if path.is_dir():
+        study = open_folder(path)
+        members, seed = list_members(study), study.study.first_seed
+    else:
+        members, seed = read_members(path), 0
+    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))
+    given = [member for member in members if member.split]
+    members = [*given, *assign_splits([member for member in members if not member.split], seed, held_out=held)]
+    folder = build_dataset(members, target, name or target.name)
+    splits = Counter(member.split for member in members)
+    if as_json:
+        print_json({"dataset": str(folder), "runs": len(members), "splits": dict(splits)})
+        return
+    counts = ", ".join(f"{split} {count}" for split, count in sorted(splits.items()))
+    print_text(f"dataset {folder}: {len(members)} runs ({counts})")
+    print_text(f"to look for leaks: skyrange dataset audit {folder}")
+
+
+def audit(folder: Path, as_json: bool) -> None:
+    """`skyrange dataset audit`."""
+    from rich.table import Table
+
+    from skyrange.study.dataset.audit import require_no_leak
+    from skyrange.study.dataset.audit_comparisons import audit_dataset
+
+    findings = audit_dataset(folder)
+    if as_json:
+        print_json([asdict(one) for one in findings])
+    else:
+        table = Table(title=folder.name, title_justify="left", title_style="bold")
+        names = list(asdict(findings[0])) if findings else []
+        for head in names:
+            table.add_column(head)
+        for one in findings:
+            table.add_row(*(_text(value) for value in asdict(one).values()))
+        terminal().print(table)
+    require_no_leak(findings)
+
+
+def _text(value: object) -> str:
+    if isinstance(value, float):
+        return f"{value:.3g}"
+    return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
