@@ -90,7 +90,7 @@ def test_a_clean_set_passes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("leak", "comparison", "column"),
     [
-        ("grid", "metadata", "flows.time_ns"),
+        ("grid", "metadata", "flows"),
         ("decimals", "metadata", "aircraft.lat_deg decimals"),
         ("before", "flows before the onset", "size_mean"),
         ("load", SHAM, "size_mean"),
@@ -101,6 +101,7 @@ def test_a_leak_is_found_and_named(tmp_path: Path, leak: str, comparison: str, c
     assert not found[comparison].passed
     assert found[comparison].low > LIMIT
     assert found[comparison].leaks[0].startswith(column)
+    assert all(name.startswith(column) for name in found[comparison].leaks)
     with pytest.raises(InputError, match=column.replace(".", r"\.")):
         require_no_leak(list(found.values()))
 

@@ -25,6 +25,8 @@ RESAMPLES: Final = 500
 TREES: Final = 50
 NAMED_FROM: Final = 0.01
 """The loss of AUC without a column from which it is named."""
+NAMED_SHARE: Final = 0.2
+"""The least loss of a named column, as a share of the largest: with few rows all columns lose a little by chance."""
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -59,7 +61,7 @@ class LeakFinding:
     high: float
     """The 95 % interval, by resampling of blocks."""
     leaks: Sequence[str] = field(default=())
-    """Columns that tell the arm, the strongest first; of columns that tell the same, perhaps only one."""
+    """Columns that tell the arm, the strongest first; of columns that tell the same, perhaps only some."""
     exempt: Sequence[str] = field(default=())
     reason: str = ""
     """Why nothing could be decided; empty if it could."""
@@ -189,5 +191,11 @@ def _leaking_columns(
             scores[tested] = _midranks(model.predict_proba(shuffled)[:, 1])
         losses.append((auc - weighted_auc(scores, attacked, np.ones(len(scores))), name))
     losses.sort(key=lambda one: (-one[0], one[1]))
-    named = tuple(name for loss, name in losses if loss >= NAMED_FROM)
-    return named or (losses[0][1],)
+    named = tuple(name for loss, name in losses if loss >= max(NAMED_FROM, losses[0][0] * NAMED_SHARE))
+    return named or _telling_alone(names, values, attacked)
+
+
+def _telling_alone(names: Sequence[str], values: Floats, attacked: NDArray[np.bool_]) -> tuple[str, ...]:
+    """The columns that tell the arm best on their own, where several tell the same and none is missed."""
+    alone = [abs(weighted_auc(column, attacked, np.ones(len(column))) - 0.5) for column in values.T]
+    return tuple(name for name, gain in zip(names, alone, strict=True) if gain >= max(alone) - NAMED_FROM)

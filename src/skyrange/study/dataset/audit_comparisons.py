@@ -16,6 +16,7 @@ from skyrange.core.errors import InputError
 from skyrange.study.dataset.audit import Comparison, LeakFinding, audit_comparison
 from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, observable_columns
 from skyrange.study.dataset.families import TIMING_KINDS
+from skyrange.study.dataset.windows import WINDOW_NS
 
 IDENTIFIERS: Final = ("src", "dst", "system", "component", "mac", "uas_id", "operator_id", "transport", "channel")
 """Observable columns with ids and addresses."""
@@ -118,15 +119,20 @@ def _windows(
     for block, own in _by_block(arms).items():
         for path in _files(folder, view, block):
             table = pq.ParquetFile(path).read()
-            # a row of flows begins at its time and lasts a second
-            last = pc.add(table.column("time_ns"), 1_000_000_000 if view == "flows" else 0)
-            inside = pc.and_(pc.greater(table.column("time_ns"), begin_ns[block]), pc.less_equal(last, end_ns[block]))
+            inside = pc.and_(
+                pc.greater(table.column("time_ns"), begin_ns[block]), pc.less_equal(_end_ns(view, table), end_ns[block])
+            )
             for arm in own:
                 rows = table.filter(pc.and_(inside, pc.equal(table.column("run"), arm.run)))
                 parts.append(np.column_stack([_numbers(rows.column(column)) for column in columns]))
                 attacked += [arm.role == "attacked"] * rows.num_rows
                 blocks += [block] * rows.num_rows
     return Comparison(name, columns, np.concatenate(parts), np.array(attacked, dtype=np.bool_), blocks, exempt)
+
+
+def _end_ns(view: str, table: pa.Table) -> pa.ChunkedArray:
+    """When each row ends: one of `flows` lasts a window from its time, one of another view is of its time."""
+    return pc.add(table.column("time_ns"), WINDOW_NS if view == "flows" else 0)
 
 
 def _metadata(folder: Path, arms: Sequence[ArmOfBlock]) -> Comparison:
@@ -151,7 +157,7 @@ def _metadata(folder: Path, arms: Sequence[ArmOfBlock]) -> Comparison:
                 mine = table.filter(pc.equal(table.column("run"), arm.run))
                 if view in ("flows", "aircraft"):
                     row[f"{view} rows"] = mine.num_rows  # a row for each window, whatever happens
-                row |= describe_metadata(view, mine.filter(pc.less(mine.column("time_ns"), cut_ns)))
+                row |= describe_metadata(view, mine.filter(pc.less_equal(_end_ns(view, mine), cut_ns)))
             rows.append(row)
             attacked.append(arm.role == "attacked")
             blocks.append(block)
@@ -165,7 +171,7 @@ def describe_metadata(view: str, table: pa.Table) -> dict[str, float]:
     times = table.column("time_ns").to_numpy()
     row = {
         f"{view} rows before the effect": float(table.num_rows),
-        f"{view} bytes": float(table.select(observable_columns(view)).combine_chunks().nbytes),
+        f"{view} bytes": float(sum(_length(table.column(name)) for name in observable_columns(view))),
     }
     if len(times):
         row[f"{view}.time_ns offset"] = float(np.mean(times % _GRID_NS))
@@ -181,6 +187,13 @@ def describe_metadata(view: str, table: pa.Table) -> dict[str, float]:
         elif pa.types.is_floating(one.type):
             row[f"{view}.{one.name} decimals"] = _decimals(column)
     return row
+
+
+def _length(column: pa.ChunkedArray) -> int:
+    """The bytes of all texts of a column; other columns have the same length for each value."""
+    if not (pa.types.is_string(column.type) or pa.types.is_binary(column.type)):
+        return 0
+    return int(pc.sum(pc.binary_length(column)).as_py() or 0)
 
 
 def _decimals(column: pa.ChunkedArray) -> float:
