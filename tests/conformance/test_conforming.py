@@ -41,13 +41,18 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
         "hashgraph",
     }  # test_broken_approval_services
     assert set(kinds(MEDIA)) == {"builtin", "ns3", "omnetpp"}  # test_radio_media, test_network_simulators
-    assert set(kinds(DETECTORS)) <= {
+    assert set(kinds(DETECTORS)) == {
+        "approval.conformance",
         "heartbeat.gap",
         "mavlink.commands",
         "mavlink.rate",
         "mavlink.sequence",
         "mavlink.source",
         "mavlink.timing",
+        "motion.consistency",
+        "motion.fleet",
+        "navigation.gnss_innovation",
+        "navigation.multi_sensor",
         "remote_id.plausibility",
     }  # test_detectors
     assert set(kinds(AUTOPILOTS)) == {
