@@ -16,7 +16,12 @@ study_app = typer.Typer(
     no_args_is_help=True,
 )
 
-StudyFile = Annotated[Path, typer.Argument(metavar="FILE", help="Study file, TOML.", show_default=False)]
+StudyFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="NAME|FILE", help="Name of a shipped study (detectors), or a TOML file.", show_default=False
+    ),
+]
 Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a study.", show_default=False)]
 Jobs = Annotated[
     int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)

@@ -145,8 +145,8 @@ def score(
         return
     for name in [one.name for one in scores.detectors[0].sets]:
         table = Table(title=f"{folder.study.name}, {name}", title_justify="left", title_style="bold")
-        for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "before effect"):
-            table.add_column(head)
+        for head in ("", "detector", "recall", "chance", "false/h", "faults/h", "delay, s", "in time"):
+            table.add_column(head, no_wrap=True)
         for row in rank_detectors([scores, *others], name):
             false = (row.false_per_h, row.fault_false_per_h)
             numbers = (_share(row.recall), _share(row.by_chance), *map(_rate, false), _rate(row.median_delay_s))

@@ -26,6 +26,8 @@ Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
 EVERYTHING: Final = "everything"
 FEATURES: Final = "features"
 RESULTS: Final = "results"
+SHIPPED: Final = {path.stem: path for path in sorted((Path(__file__).parent / "shipped").glob("*.toml"))}
+"""Files of the shipped studies by name."""
 WHOLE_KEYS: Final = ("scenario", "buildings")
 """Keys of factors that choose the scenario and its city instead of changing a value."""
 _KEPT: Final = (EVERYTHING, FEATURES, RESULTS)
@@ -196,8 +198,11 @@ def _repeated(where: str, ids: Sequence[str]) -> Iterator[Problem]:
 
 
 def read_study(file: str | Path) -> Study:
-    """The study in a TOML file; its scenario is relative to the file. Raises `InputError` with all problems."""
-    path, who = expand_user(file), str(file)
+    """The shipped study of a name, or the one in a TOML file, whose scenarios are relative to it.
+
+    Raises `InputError` with all problems.
+    """
+    path, who = SHIPPED.get(str(file)) or expand_user(file), str(file)
     text = read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a TOML file").decode("utf-8", errors="replace")
     return parse_study(text, who, path.parent)
 
