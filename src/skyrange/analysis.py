@@ -41,7 +41,16 @@ if TYPE_CHECKING:
     from skyrange.study.measures.receptions import reception_summaries, summarise_receptions
     from skyrange.study.measures.trust import TrustPair, TrustSummary, remote_id_trust
     from skyrange.study.report import write_report
+    from skyrange.study.scoring.leaderboard import LeaderboardRow, rank_detectors
+    from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
     from skyrange.study.summary import summary
+    from skyrange.study.sweep.bootstrap import bootstrap_mean
+    from skyrange.study.sweep.dataset_members import list_dataset_members
+    from skyrange.study.sweep.model import Factor, Study, StudyArm, read_study
+    from skyrange.study.sweep.report import write_study_report
+    from skyrange.study.sweep.results import read_results as read_study_results
+    from skyrange.study.sweep.score_tables import score_study
+    from skyrange.study.sweep.study_run import StudyResult, run_study
     from skyrange.study.twins.confidence import Interval
     from skyrange.study.twins.pair_folder import Pair, load_pair
 
@@ -51,19 +60,27 @@ __all__ = [
     "DatasetMember",
     "Difference",
     "Export",
+    "Factor",
     "HeldOut",
     "Interval",
+    "LeaderboardRow",
     "LeakFinding",
     "Pair",
     "Parity",
     "RunRecord",
+    "ScoreFile",
+    "ScoreSettings",
     "SensorPlace",
+    "Study",
+    "StudyArm",
+    "StudyResult",
     "TrustPair",
     "TrustSummary",
     "ViewSettings",
     "altitude",
     "assign_splits",
     "audit_dataset",
+    "bootstrap_mean",
     "build_dataset",
     "check_held_out",
     "compare_autopilots",
@@ -78,22 +95,31 @@ __all__ = [
     "export_remote_id",
     "export_tables",
     "find_remote_id_deviations",
+    "list_dataset_members",
     "load",
     "load_pair",
     "name_mavlink",
     "plan_view",
+    "rank_detectors",
     "read_dataset_members",
+    "read_scores",
+    "read_study",
+    "read_study_results",
     "received_broadcasts",
     "receivers_of",
     "reception_summaries",
     "remote_id_trust",
     "replay_monitor",
     "require_no_leak",
+    "run_study",
+    "score_study",
     "summarise_receptions",
     "summary",
     "track_deviation",
     "trajectories_3d",
     "write_report",
+    "write_scores",
+    "write_study_report",
 ]
 
 if not TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Does the tutorial's notebook run as its reader runs it, and is it kept without outputs?"""
+"""Do the tutorials' notebooks run as their readers run them, and are they kept without outputs?"""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ nbformat = pytest.importorskip("nbformat", reason="nbformat is not installed: pi
 nbclient = pytest.importorskip("nbclient", reason="nbclient is not installed: pip install 'skyrange[dev]'")
 pytest.importorskip("ipykernel", reason="ipykernel is not installed: pip install 'skyrange[dev]'")
 
-NOTEBOOK = Path(__file__).parents[2] / "docs" / "tutorials" / "squares.ipynb"
+TUTORIALS = Path(__file__).parents[2] / "docs" / "tutorials"
+NOTEBOOK = TUTORIALS / "squares.ipynb"
+STUDY = TUTORIALS / "a-study.ipynb"
 
 
-def test_notebook_is_kept_without_outputs() -> None:
-    notebook = nbformat.read(NOTEBOOK, as_version=4)
+@pytest.mark.parametrize("path", sorted(TUTORIALS.glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebook_is_kept_without_outputs(path: Path) -> None:
+    notebook = nbformat.read(path, as_version=4)
     nbformat.validate(notebook)
     for cell in notebook.cells:
         if cell.cell_type == "code":
@@ -55,3 +58,20 @@ def test_notebook_is_about_as_long_as_the_published_snippet() -> None:
         if line.strip() and not line.startswith(("from ", "import "))
     ]
     assert len(lines) <= 46
+
+
+def test_the_notebook_of_a_study_goes_from_a_question_to_a_figure(tmp_path: Path) -> None:
+    for module in ("scipy", "duckdb", "mlcroissant"):
+        pytest.importorskip(module, reason=f"{module} is not installed: pip install 'skyrange[study]'")
+    from skyrange.analysis import read_study_results
+
+    notebook = nbformat.read(STUDY, as_version=4)
+    resources = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=resources).execute()
+    runs = read_study_results(tmp_path / "studies" / "jumps", "runs").to_pylist()
+    assert [row["status"] for row in runs] == ["complete"] * 30
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert sum("image/svg+xml" in output.get("data", {}) for output in outputs) == 1
+    text = "".join(output.get("text", "") for output in outputs)
+    assert text.index("1 gnss") < text.index("always")
+    assert (tmp_path / "jumps-data" / "croissant.json").is_file()

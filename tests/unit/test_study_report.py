@@ -83,7 +83,7 @@ def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_tex
         rows = {"runs": runs, "effects": effects, "aircraft": [], "alerts": [], "acts": []}
         write_block(folder.path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
     note_failure(study, folder.blocks[-1], folder.path, "its process was ended by <SIGKILL>")
-    page = write_study_report(folder).read_text()
+    page = write_study_report(folder.path).read_text()
     assert "<b>a</b>" not in page
     assert "&lt;SIGKILL&gt;" in page
     assert "collisions (" not in page  # they are 0 everywhere

@@ -24,13 +24,12 @@ def build(
     from skyrange.study.dataset.build import build_dataset
     from skyrange.study.dataset.members import read_members
     from skyrange.study.dataset.splits import HeldOut, assign_splits
-    from skyrange.study.sweep.dataset_members import list_members
+    from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
 
     path, target = expand_user(source), expand_user(out)
     if path.is_dir():
-        study = open_folder(path)
-        members, seed = list_members(study), study.study.first_seed
+        members, seed = list_dataset_members(path), open_folder(path).study.first_seed
     else:
         members, seed = read_members(path), 0
     held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))

@@ -21,26 +21,19 @@ _SHOWN = 10
 
 def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run: bool, as_json: bool) -> None:
     """`skyrange study run`."""
-    from skyrange.core.input_files import expand_user
-    from skyrange.study.sweep.blocks import check_blocks, list_blocks
-    from skyrange.study.sweep.folder import MANIFEST, create_folder, open_folder, require_same, require_unchanged
+    from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.model import read_study
-    from skyrange.study.sweep.study_run import default_folder
+    from skyrange.study.sweep.study_run import run_study
 
     study = read_study(file)
     tell_if_cold(quiet=as_json)
     if dry_run:
         _estimate(file, jobs, as_json)
         return
-    path = expand_user(out) if out is not None else default_folder(study.name)
-    if (path / MANIFEST).is_file():
-        folder = open_folder(path)
-        require_same(folder, study)
-        require_unchanged(folder)
-    else:
-        check_blocks(study, list_blocks(study))
-        folder = create_folder(study, path)
-    _fly(folder, _executor(jobs, on), as_json)
+    executor = _executor(jobs, on)
+    with map_progress(study.name, "blocks", quiet=as_json) as on_block:
+        result = run_study(study, out, executor=executor, on_block=on_block)
+    _print_result(result, as_json)
 
 
 def resume(path: Path, jobs: int | None, on: str | None, other_version: bool, retry: bool, as_json: bool) -> None:
@@ -109,10 +102,9 @@ def show(path: Path, as_json: bool) -> None:
 
 def report(path: Path) -> None:
     """`skyrange study report`."""
-    from skyrange.study.sweep.folder import open_folder
     from skyrange.study.sweep.report import write_study_report
 
-    print_text(f"report {write_study_report(open_folder(path))}")
+    print_text(f"report {write_study_report(path)}")
 
 
 def score(
@@ -129,22 +121,17 @@ def score(
 
     from skyrange.study.scoring.leaderboard import rank_detectors
     from skyrange.study.scoring.result_file import ScoreSettings, read_scores, write_scores
-    from skyrange.study.scoring.scores import score_detectors
-    from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.score_tables import make_score_tables
+    from skyrange.study.sweep.score_tables import score_study
 
-    folder = open_folder(path)
     others = [read_scores(file) for file in beside]
-    tables = make_score_tables(folder, families=frozenset(families), cities=frozenset(cities))
-    names = sorted({one.id for one in folder.study.detectors} | set(tables.detectors()))
-    scores = score_detectors(tables, ScoreSettings(target_per_h=rate), names, folder.study.name)
+    scores = score_study(path, ScoreSettings(target_per_h=rate), families=families, cities=cities)
     file = out if out is not None else path / "scores.json"
     write_scores(scores, file)
     if as_json:
         print_json(scores.model_dump(mode="json"))
         return
     for name in [one.name for one in scores.detectors[0].sets]:
-        table = Table(title=f"{folder.study.name}, {name}", title_justify="left", title_style="bold")
+        table = Table(title=f"{scores.study}, {name}", title_justify="left", title_style="bold")
         for head in ("", "detector", "recall", "chance", "false/h", "faults/h", "delay, s", "in time"):
             table.add_column(head, no_wrap=True)
         for row in rank_detectors([scores, *others], name):

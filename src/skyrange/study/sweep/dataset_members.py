@@ -2,44 +2,46 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import InputError
 from skyrange.study.dataset.members import SCENARIO, Member, Scalar
-from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.folder import open_folder
 from skyrange.study.sweep.model import EVERYTHING
 from skyrange.study.sweep.results import read_results, write_results
 from skyrange.study.sweep.worker import RUNS
 
 
-def list_members(folder: StudyFolder) -> list[Member]:
-    """The complete runs of a study, without splits, in order of the design.
+def list_dataset_members(folder: Path | str) -> list[Member]:
+    """The complete runs of the study in a folder, without splits, in order of the design.
 
     Raises `InputError` for a study that does not keep its runs whole, or of which nothing is finished.
     """
-    study = folder.study
+    opened = open_folder(Path(folder))
+    study = opened.study
     if study.keep != EVERYTHING:
         expected = f'"{EVERYTHING}"'
-        raise InputError.one(str(folder.path), "keep", repr(study.keep), expected, "Fly the study again with it.")
-    write_results(folder)
+        raise InputError.one(str(opened.path), "keep", repr(study.keep), expected, "Fly the study again with it.")
+    write_results(opened)
     departed: dict[tuple[str, str], dict[str, float | None]] = {}
-    effects: list[dict[str, Any]] = read_results(folder.path, "effects").to_pylist()
+    effects: list[dict[str, Any]] = read_results(opened.path, "effects").to_pylist()
     for row in effects:
         departed.setdefault((row["block"], row["arm"]), {})[row["vehicle"]] = row.get("departed_s")
-    runs: list[dict[str, Any]] = read_results(folder.path, "runs").to_pylist()
+    runs: list[dict[str, Any]] = read_results(opened.path, "runs").to_pylist()
     complete = {(row["block"], row["arm"]) for row in runs if row["status"] == "complete"}
     members = []
-    for block in folder.blocks:
+    for block in opened.blocks:
         for arm in study.arms:
             if (block.name, arm.id) not in complete:
                 continue
-            record = folder.path / RUNS / block.name / arm.id
+            record = opened.path / RUNS / block.name / arm.id
             factors = {name: _scalar(value) for name, value in block.values.items()}
             scenario = (record / SCENARIO).read_text(encoding="utf-8")
             effects_s = departed.get((block.name, arm.id))
             members.append(Member(record, block.name, arm.id, "", factors, block.seed, scenario, effects_s))
     if not members:
-        raise InputError.one(str(folder.path), "blocks", "none finished", "a study with finished runs")
+        raise InputError.one(str(opened.path), "blocks", "none finished", "a study with finished runs")
     return members
 
 

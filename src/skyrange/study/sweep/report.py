@@ -11,7 +11,7 @@ from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.figure import draw_curves
-from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.response import find_levels, is_numeric, trace_response
 from skyrange.study.sweep.results import write_results
 from skyrange.study.sweep.study_run import list_failures
@@ -32,8 +32,9 @@ class Drawing(NamedTuple):
     figure: Figure
 
 
-def write_study_report(folder: StudyFolder) -> Path:
-    """Write `report.html` and `figures/*.svg` from the blocks that are finished; returns the report."""
+def write_study_report(path: Path | str) -> Path:
+    """Write `report.html` and `figures/*.svg` into a study's folder, from the finished blocks; returns the report."""
+    folder = open_folder(Path(path))
     write_results(folder)
     study, samples = folder.study, read_samples(folder.path)
     shown = [one for one in QUANTITIES if tells_something(one, samples)]

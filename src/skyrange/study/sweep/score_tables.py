@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from pathlib import Path
 from typing import Any, Final
 
 import pyarrow as pa
 
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
+from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
+from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
-from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.results import read_results, write_results
 
 SHARES: Final = {"train": 0.4, "validation": 0.3, "test": 0.3}
@@ -87,6 +90,23 @@ def make_score_tables(
         pa.Table.from_pylist(attacks, ATTACKS),
         pa.Table.from_pylist(alerts, ALERTS),
     )
+
+
+def score_study(
+    folder: Path | str,
+    settings: ScoreSettings | None = None,
+    *,
+    families: Collection[str] = (),
+    cities: Collection[str] = (),
+) -> ScoreFile:
+    """Score the detectors of the study in a folder: `skyrange study score` in Python.
+
+    Blocks with an attack of one of `families`, or over one of `cities`, are in the test split alone.
+    """
+    opened = open_folder(Path(folder))
+    tables = make_score_tables(opened, families=frozenset(families), cities=frozenset(cities))
+    names = sorted({one.id for one in opened.study.detectors} | set(tables.detectors()))
+    return score_detectors(tables, settings, names, opened.study.name)
 
 
 def _rows(folder: StudyFolder, table: str) -> list[dict[str, Any]]:

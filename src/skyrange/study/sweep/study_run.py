@@ -10,11 +10,22 @@ from time import monotonic
 from typing import Final
 
 from skyrange.core.errors import ShortfallError
+from skyrange.core.input_files import expand_user
+from skyrange.runtime.cores.division import available_cpus
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.warm_up import warm_up
-from skyrange.study.sweep.blocks import Block, scenario_in
+from skyrange.study.sweep.blocks import Block, check_blocks, list_blocks, scenario_in
 from skyrange.study.sweep.executors import Executor, WorkerFailure
-from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.folder import (
+    MANIFEST,
+    StudyFolder,
+    create_folder,
+    open_folder,
+    require_same,
+    require_unchanged,
+)
+from skyrange.study.sweep.local_pool import LocalPool
+from skyrange.study.sweep.model import Study, read_study
 from skyrange.study.sweep.results import write_results
 from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block, note_failure, read_block
 
@@ -39,6 +50,31 @@ class StudyResult:
     """Of this session."""
     busy_share: float
     """The share of the workers' time in which they flew blocks."""
+
+
+def run_study(
+    study: Study | str | Path,
+    out: str | Path | None = None,
+    *,
+    executor: Executor | None = None,
+    on_block: OnBlock | None = None,
+) -> StudyResult:
+    """Run a study, or go on with one: `skyrange study run` in Python.
+
+    `study` is a `Study`, the name of a shipped one, or a TOML file; `out` defaults to `studies/NAME`. Without
+    `executor` it uses all CPUs of this machine. Raises `InputError` before anything flies, and the errors of
+    `run_blocks`.
+    """
+    chosen = study if isinstance(study, Study) else read_study(study)
+    path = expand_user(out) if out is not None else Path("studies") / chosen.name
+    if (path / MANIFEST).is_file():
+        folder = open_folder(path)
+        require_same(folder, chosen)
+        require_unchanged(folder)
+    else:
+        check_blocks(chosen, list_blocks(chosen))
+        folder = create_folder(chosen, path)
+    return run_blocks(folder, executor if executor is not None else LocalPool(len(available_cpus())), on_block)
 
 
 def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None = None) -> StudyResult:
@@ -111,8 +147,3 @@ def _settle(folder: StudyFolder, block: Block, outcome: BlockResult | WorkerFail
     if isinstance(outcome, WorkerFailure):
         return note_failure(folder.study, block, folder.path, str(outcome))
     return outcome
-
-
-def default_folder(name: str, parent: Path = Path("studies")) -> Path:
-    """The folder of a study by its name."""
-    return parent / name
