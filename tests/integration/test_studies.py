@@ -137,14 +137,15 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
     require_unchanged(folder, other_version=True)
 
 
+@pytest.mark.parametrize("problem", [ComponentError("autopilot", "ended"), ValueError("autopilot: ended")])
 def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: Exception
 ) -> None:
     fly = worker.fly
 
     def failing(scenario: Any, out: Path, **more: Any) -> Any:
         if out.name == "attacked" and out.parent.name == "p0001-s1":
-            raise ComponentError("autopilot", "ended")
+            raise problem
         return fly(scenario, out, **more)
 
     monkeypatch.setattr(worker, "fly", failing)

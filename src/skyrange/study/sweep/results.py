@@ -42,11 +42,14 @@ def write_results(folder: StudyFolder) -> Path:
     return target
 
 
-def read_results(folder: Path, table: str) -> pa.Table:
-    """One table of the results. Raises `InputError` for a table that does not exist; it is empty without rows."""
+def read_results(folder: Path | str, table: str) -> pa.Table:
+    """One table of the results of the study in a folder: runs, aircraft, effects, alerts or acts; empty without rows.
+
+    Raises `InputError` for a table that does not exist.
+    """
     if table not in TABLES:
         raise InputError.one("study", "table", table, f"one of {', '.join(TABLES)}")
-    path = folder / RESULTS / table
+    path = Path(folder) / RESULTS / table
     if not path.is_dir():
         return pa.table({})
     parts = [pq.read_table(file, partitioning=None) for file in sorted(path.rglob("*.parquet"))]

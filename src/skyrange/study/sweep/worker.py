@@ -63,9 +63,9 @@ def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
         except SkyrangeError as error:
             _raise_if_full(error)
             errors[arm.id] = str(error)
-        except OSError as error:
+        except Exception as error:  # of a plugin, or of the disk: it must not end the other runs
             _raise_if_full(error)
-            errors[arm.id] = f"{type(error).__name__}: {error}"
+            errors[arm.id] = repr(error)
     try:
         rows = measure_block(study, block, records, errors)
         flight_s = sum(float(record.manifest["timings"]["wall_s"]) for record in records.values())
