@@ -14,13 +14,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skyrange.bench import cores as bench_cores
 from skyrange.contracts.frames.frame import Frame
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_MS, NS_PER_S, ceil_to
 from skyrange.kernel import Transit
 from skyrange.runtime.cores import division
-from skyrange.runtime.cores.division import Crossing, divide, find_barrier_period
+from skyrange.runtime.cores.division import Crossing, Division, divide, find_barrier_period
 from skyrange.runtime.cores.exchange import CoreFailedError, Exchange, Member
 from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
@@ -292,3 +293,21 @@ def test_no_airframe_accelerates_faster_than_is_assumed(kind: str) -> None:
     drag = 0.5 * 1.225 * airframe.drag_area_m2 * 60.0**2
     assert (thrust + drag) / airframe.mass_kg + GRAVITY_MPS2 < ACCELERATION_MPS2
     assert 30.0 * airframe.cg_height_m < TUMBLING_MPS
+
+
+def test_the_benchmark_is_divided_before_it_is_pinned(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`divide` asks for the CPUs of the process: of a pinned one there is only one."""
+
+    class StopHere(Exception):  # noqa: N818
+        pass
+
+    pinned: list[object] = []
+
+    def note(*_: object) -> Division:
+        assert pinned == []
+        raise StopHere
+
+    monkeypatch.setattr(os, "sched_setaffinity", lambda *cpus: pinned.append(cpus))
+    monkeypatch.setattr(bench_cores, "divide", note)
+    with pytest.raises(StopHere):
+        bench_cores._flown(4, 1.0, 2, 2, "light", False, "builtin", {}, [0, 1])
