@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -116,8 +117,11 @@ def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None
                 if on_block is not None:
                     left_s = (monotonic() - began) / flown * (len(due) - flown)
                     on_block(len(done), total, left_s)
-        finally:
-            write_results(folder)
+        except BaseException:
+            with suppress(OSError):  # the disk may be full, which the error says
+                write_results(folder)
+            raise
+        write_results(folder)
     wall_s = monotonic() - began
     if reason and len(done) < total:
         more = f"skyrange study resume {folder.path}"
