@@ -97,7 +97,7 @@ def test_arms_share_all_but_what_they_are() -> None:
         ({"sampling": "random"}, "the number of points of random"),
         ({"points": 3}, "a grid has as many as its values"),
         ({"factors": (ONSET,)}, "the number of steps"),
-        ({"factors": ({"name": "arm", "key": "k", "values": (1,)},)}, "a name other than"),
+        ({"factors": ({"name": "arm", "key": "k", "values": (1,)},)}, "column of the results"),
         ({"keep": "all"}, "everything, features, results"),
         ({"keep": ("truths",)}, "truth"),
         ({"factors": ({"name": "a", "key": "k", "low": 2, "high": 1, "steps": 2},)}, "more than low"),
@@ -134,7 +134,7 @@ def test_a_factor_can_choose_the_scenario(tmp_path: Path) -> None:
 name = "s"
 scenario = "gnss.jump"
 changes = ["duration_s=20"]
-factors = [{ name = "attack", key = "scenario", values = ["gnss.jump", "gnss.drift"] }]
+factors = [{ name = "condition", key = "scenario", values = ["gnss.jump", "gnss.drift"] }]
 """
     (tmp_path / "s.toml").write_text(text)
     found = read_study(tmp_path / "s.toml")

@@ -150,7 +150,10 @@ class CommandsParams(EpisodeParams):
     """Parameters of the MAVLink command detector."""
 
     airborne_m: Number = Field(
-        default=2.0, ge=0.0, le=1000.0, description="Height above home from which an armed aircraft is in flight, in m."
+        default=2.0,
+        ge=0.0,
+        le=1000.0,
+        description="Height above home from which an armed aircraft is in flight, in metres.",
     )
     protected: Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])] = Field(
         default=PROTECTED, description="Beginnings of the names of parameters that protect the aircraft."

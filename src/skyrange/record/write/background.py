@@ -11,10 +11,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from typing import Final
 
-PENDING: Final = 4
+PENDING: Final = 2
 """Calls that may wait or be under way; a further one waits for the first."""
 
-_NICENESS: Final = 15
+_NICENESS: Final = 10
 
 
 def _yield_to_simulation() -> None:

@@ -9,13 +9,14 @@ from typing import Final
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MAX_RECORD_BYTES, open_input, read_input
 
 CHECKSUMS: Final = "SHA256SUMS"
 
 
 def sha256_of(path: Path) -> str:
     """The SHA-256 of a file in hexadecimal digits."""
-    with path.open("rb") as file:
+    with open_input(path, str(path)) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -38,7 +39,8 @@ def check_checksums(folder: Path) -> None:
     file = folder / CHECKSUMS
     if not file.is_file():
         raise InputError.one(str(folder), CHECKSUMS, "missing", "the checksums of a data set")
-    wanted = {name: digest for digest, name in (line.split("  ", 1) for line in file.read_text().splitlines())}
+    listed = read_input(file, str(folder), max_bytes=MAX_RECORD_BYTES).decode()
+    wanted = {name: digest for digest, name in (line.split("  ", 1) for line in listed.splitlines())}
     found = {path.relative_to(folder).as_posix(): path for path in dataset_files(folder)}
     problems = [Problem(name, "missing", "a file of the data set") for name in sorted(wanted.keys() - found.keys())]
     problems += [Problem(name, "not listed", f"a file in {CHECKSUMS}") for name in sorted(found.keys() - wanted.keys())]

@@ -86,7 +86,7 @@ def _member(base: Path, where: str, row: Any, problems: list[Problem]) -> Member
     if not scenario.is_file():
         problems.append(Problem(f"{where}.folder", str(folder), "the folder of a run with its scenario.toml"))
         return None
-    text = scenario.read_text()
+    text = read_input(scenario, str(folder), max_bytes=_MAX_BYTES).decode()
     seed = row.get("seed", tomllib.loads(text).get("seed", 0))
     effects = row.get("effects_s")
     return Member(

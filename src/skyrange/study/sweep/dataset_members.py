@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.core.errors import InputError
+from skyrange.core.input_files import MAX_TEXT_BYTES, read_input
 from skyrange.study.dataset.members import SCENARIO, Member, Scalar
 from skyrange.study.sweep.folder import open_folder
 from skyrange.study.sweep.model import EVERYTHING
@@ -37,7 +38,7 @@ def list_dataset_members(folder: Path | str) -> list[Member]:
                 continue
             record = opened.path / RUNS / block.name / arm.id
             factors = {name: _scalar(value) for name, value in block.values.items()}
-            scenario = (record / SCENARIO).read_text(encoding="utf-8")
+            scenario = read_input(record / SCENARIO, str(record), max_bytes=MAX_TEXT_BYTES).decode()
             effects_s = departed.get((block.name, arm.id))
             members.append(Member(record, block.name, arm.id, "", factors, block.seed, scenario, effects_s))
     if not members:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from typing import Any, Final
 
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
+from skyrange.core.input_files import MAX_RECORD_BYTES, MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.record.folder import make_new_folder
 from skyrange.scenario.shipped import source_of
 from skyrange.study.sweep.blocks import Block, list_blocks
@@ -78,6 +77,12 @@ def create_folder(study: Study, path: Path) -> StudyFolder:
 
 def open_folder(path: Path) -> StudyFolder:
     """The study in a folder. Raises `InputError` if there is none, or if its scenario has changed since."""
+    data = _read_manifest(path)
+    study = Study(**data["study"])
+    return StudyFolder(path, study, list_blocks(study), str(data.get("skyrange")))
+
+
+def _read_manifest(path: Path) -> dict[str, Any]:
     who = str(path)
     manifest = path / MANIFEST
     if not manifest.is_file():
@@ -86,15 +91,14 @@ def open_folder(path: Path) -> StudyFolder:
     if not isinstance(data, dict) or data.get("format") != FORMAT or not isinstance(data.get("study"), dict):
         found = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise InputError.one(who, f"{MANIFEST}: format", repr(found), repr(FORMAT))
-    study = Study(**data["study"])
-    return StudyFolder(path, study, list_blocks(study), str(data.get("skyrange")))
+    return data
 
 
 def require_same(folder: StudyFolder, study: Study) -> None:
     """Raise `InputError` if a folder belongs to another study than this, or to another version of it."""
     if folder.study.name != study.name:
         raise InputError.one(str(folder.path), "name", folder.study.name, f"the study {study.name}")
-    stored = json.loads((folder.path / MANIFEST).read_bytes())["digest"]
+    stored = _read_manifest(folder.path)["digest"]
     if stored != digest_of(study):
         changed = [name for name in Study.model_fields if getattr(folder.study, name) != getattr(study, name)]
         what = ", ".join(changed) or "the file of its scenario"
@@ -116,9 +120,5 @@ def digest_of(study: Study) -> str:
     text = json.dumps(study.model_dump(mode="json"), sort_keys=True)
     found = hashlib.sha256(text.encode())
     for name in scenarios_of(study):
-        try:
-            found.update(b"\0" + source_of(name).read_bytes())
-        except OSError as error:
-            reason = os.strerror(error.errno or 0)
-            raise InputError.one("study", "scenario", name, "a file that can be read", reason) from error
+        found.update(b"\0" + read_input(source_of(name), "study", "scenario", max_bytes=MAX_TEXT_BYTES))
     return found.hexdigest()

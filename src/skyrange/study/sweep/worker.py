@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.core.files import atomic_write
+from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.record import RunRecord, load
 from skyrange.record.part_files import table_files
 from skyrange.scenario.model.scenario import Scenario
@@ -96,7 +97,7 @@ def write_block(root: Path, result: BlockResult, rows: Rows) -> None:
 def read_block(path: Path) -> tuple[BlockResult, Rows]:
     """A finished block. Raises `InputError` for a damaged file."""
     try:
-        data: dict[str, Any] = json.loads(path.read_bytes())
+        data: dict[str, Any] = json.loads(read_input(path, "study", max_bytes=MAX_RECORD_BYTES))
         if data.pop("format") != _FORMAT:
             raise ValueError("another format")
         rows: Rows = data.pop("rows")
