@@ -16,7 +16,7 @@ CHECKSUMS: Final = "SHA256SUMS"
 
 def sha256_of(path: Path) -> str:
     """The SHA-256 of a file in hexadecimal digits."""
-    with open_input(path, str(path)) as file:
+    with open_input(path, str(path.parent), path.name) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
