@@ -118,6 +118,12 @@ def test_a_factor_that_names_no_key_and_a_value_beyond_its_limit_are_found_befor
         check_blocks(far, list_blocks(far))
 
 
+def test_a_detector_on_links_that_do_not_exist_is_found_before_anything_flies() -> None:
+    deaf = study(detectors=({"id": "d", "kind": "heartbeat.gap", "links": ("rid_down:*",), "side": "companion"},))
+    with pytest.raises(InputError, match="rid_down"):
+        check_blocks(deaf, list_blocks(deaf))
+
+
 def test_a_scenario_is_beside_its_study(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('name = "s"\nscenario = "./here.toml"\n')
     with pytest.raises(InputError, match="a TOML file"):

@@ -12,6 +12,7 @@ from skyrange.cli.output.console import print_json, print_notice, print_text, te
 if TYPE_CHECKING:
     from skyrange.study.sweep.executors import Executor
     from skyrange.study.sweep.folder import StudyFolder
+    from skyrange.study.sweep.model import Study
     from skyrange.study.sweep.study_run import StudyResult
     from skyrange.study.twins.confidence import Interval
 
@@ -28,7 +29,7 @@ def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run:
     study = read_study(file)
     tell_if_cold(quiet=as_json)
     if dry_run:
-        _estimate(file, jobs, as_json)
+        _estimate(study, jobs, as_json)
         return
     executor = _executor(jobs, on)
     with map_progress(study.name, "blocks", quiet=as_json) as on_block:
@@ -142,12 +143,10 @@ def score(
     print_text(f"scores {file}")
 
 
-def _estimate(file: Path, jobs: int | None, as_json: bool) -> None:
+def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
     from skyrange.study.sweep.blocks import list_blocks
     from skyrange.study.sweep.estimate import estimate_study
-    from skyrange.study.sweep.model import read_study
 
-    study = read_study(file)
     found = estimate_study(study, list_blocks(study), _jobs(jobs))
     if as_json:
         print_json(found._asdict())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
@@ -42,10 +42,15 @@ def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Trai
     """The traits of a run by its manifest and its factors. Raises `InputError` for a kind without a family."""
     manifest = read_manifest(member.record)
     kinds = [str(row["kind"]) for row in manifest.get("attacks") or ()]
-    city = manifest.get("city") or {}
-    named = member.factors.get("city", city.get("name") or city.get("source") or ("city" if city else ""))
+    named = member.factors.get("city", name_city(manifest))
     found = frozenset(family_of(kind, dict(families or {})) for kind in kinds)
     return Traits(found, str(named), len(manifest["vehicles"]))
+
+
+def name_city(manifest: Mapping[str, Any]) -> str:
+    """The name of a run's city, or of the file of its buildings; empty over open ground."""
+    city = manifest.get("city") or {}
+    return str(city.get("name") or city.get("source") or ("city" if city else ""))
 
 
 def assign_splits(
@@ -67,7 +72,7 @@ def assign_splits(
     traits: dict[str, list[Traits]] = {}
     for member in members:
         traits.setdefault(member.block, []).append(traits_of(member, families))
-    splits = {block: _held_split(own, held) or _draw(block, seed, shares) for block, own in traits.items()}
+    splits = {block: _held_split(own, held) or draw_split(block, seed, shares) for block, own in traits.items()}
     return [replace(member, split=splits[member.block]) for member in members]
 
 
@@ -79,7 +84,8 @@ def _check_shares(shares: Mapping[str, float]) -> None:
         raise InputError.one("dataset", "shares", wrong[0], f"a name that does not begin with {HELD_OUT}")
 
 
-def _draw(block: str, seed: int, shares: Mapping[str, float]) -> str:
+def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:
+    """The split of a block by addressed chance: it depends on the name of the block and the seed alone."""
     drawn = Chance(seed).uniform4("dataset.split", hash64(block), 0)[0]
     total = 0.0
     for name, share in shares.items():

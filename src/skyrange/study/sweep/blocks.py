@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem
 from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
@@ -74,23 +75,25 @@ def check_blocks(study: Study, blocks: list[Block]) -> None:
     for block in _corners(study, blocks):
         for arm in study.arms:
             try:
-                scenario_in(study, arm, block)
+                build(scenario_in(study, arm, block)).close()
             except InputError as error:
                 problems += [one for one in error.problems if one not in problems]
     if problems:
         raise InputError(f"study {study.name}", problems)
 
 
+def is_numeric(blocks: Sequence[Block], factor: str) -> bool:
+    """Whether all values of a factor are numbers."""
+    values = [block.values[factor] for block in blocks]
+    return all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
+
+
 def _corners(study: Study, blocks: list[Block]) -> Iterator[Block]:
     found = {blocks[0].name: blocks[0]}
     for factor in (*study.factors, *study.draws):
-        numbers = [block for block in blocks if isinstance(block.values[factor.name], (int, float))]
-        if numbers:
-            for block in (
-                min(numbers, key=lambda one: one.values[factor.name]),
-                max(numbers, key=lambda one: one.values[factor.name]),
-            ):
-                found[block.name] = block
+        if is_numeric(blocks, factor.name):
+            ordered = sorted(blocks, key=lambda one: one.values[factor.name])
+            found.update({block.name: block for block in (ordered[0], ordered[-1])})
         else:
             first: dict[str, Block] = {}
             for block in blocks:

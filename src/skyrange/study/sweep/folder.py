@@ -76,7 +76,7 @@ def create_folder(study: Study, path: Path) -> StudyFolder:
 
 
 def open_folder(path: Path) -> StudyFolder:
-    """The study in a folder. Raises `InputError` if there is none, or if its scenario has changed since."""
+    """The study in a folder. Raises `InputError` if there is none."""
     data = _read_manifest(path)
     study = Study(**data["study"])
     return StudyFolder(path, study, list_blocks(study), str(data.get("skyrange")))

@@ -13,6 +13,7 @@ from skyrange.record import RunRecord
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.dataset.families import FAMILIES
 from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
+from skyrange.study.dataset.splits import name_city
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.blocks import Block
@@ -52,7 +53,9 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
             rows[RUNS].append({**head, "status": "failed", "error": errors.get(arm.id, "not flown")})
             continue
         outcomes[arm.id] = ArmOutcomes.read(record, NEAR_M)
-        measures = {column_of(name): value for name, value in measure_run(record).values.items()}
+        measures = {
+            column_of(name): value for name, value in measure_run(record, outcomes[arm.id].measured).values.items()
+        }
         manifest = record.manifest
         rows[RUNS].append(
             {
@@ -61,7 +64,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "error": "",
                 "simulated_s": float(manifest["simulated_s"]),
                 "vehicles": len(manifest["vehicles"]),
-                "city": _city(record),
+                "city": name_city(manifest),
                 "fingerprint": str(manifest["digests"]["fingerprint"]),
                 **measures,
             }
@@ -141,9 +144,3 @@ def _own_families(record: RunRecord) -> dict[str, str]:
     return {
         str(row["kind"]): str(row["kind"]) for row in record.manifest.get("attacks") or () if row["kind"] not in shipped
     }
-
-
-def _city(record: RunRecord) -> str:
-    """The name of the city, or of the file of its buildings; empty over open ground."""
-    city = record.manifest.get("city") or {}
-    return str(city.get("name") or city.get("source") or ("city" if city else ""))

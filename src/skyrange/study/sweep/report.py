@@ -9,10 +9,11 @@ from typing import Any, Final, NamedTuple
 from skyrange.core.files import atomic_write
 from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
+from skyrange.study.sweep.blocks import is_numeric
 from skyrange.study.sweep.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.figure import draw_curves
 from skyrange.study.sweep.folder import StudyFolder, open_folder
-from skyrange.study.sweep.response import find_levels, is_numeric, trace_response
+from skyrange.study.sweep.response import find_levels, trace_response
 from skyrange.study.sweep.results import write_results
 from skyrange.study.sweep.study_run import list_failures
 from skyrange.study.sweep.summary import QUANTITIES, Quantity, Samples, read_samples, summarise_study, tells_something

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.blocks import Block, is_numeric
 from skyrange.study.sweep.bootstrap import bootstrap_mean
 from skyrange.study.twins.confidence import Interval
 
@@ -50,12 +50,6 @@ def find_levels(blocks: Sequence[Block], factor: str, most: int = MAX_LEVELS) ->
         Level(kind, float(number), _names(block for block in blocks if str(block.values[factor]) == kind))
         for number, kind in enumerate(kinds)
     ]
-
-
-def is_numeric(blocks: Sequence[Block], factor: str) -> bool:
-    """Whether all values of a factor are numbers."""
-    values = [block.values[factor] for block in blocks]
-    return all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 
 
 def trace_response(

@@ -33,7 +33,7 @@ def write_results(folder: StudyFolder) -> Path:
         rows = _rows_of(folder, finished[start : start + _PART_BLOCKS])
         for table in TABLES:
             for arm in folder.study.arms:
-                own = [{**row} for row in rows[table] if row["arm"] == arm.id]
+                own = [row for row in rows[table] if row["arm"] == arm.id]
                 if own:
                     _write(own, draft / table / f"arm={arm.id}" / f"part-{number:04d}.parquet")
     draft.mkdir(exist_ok=True)

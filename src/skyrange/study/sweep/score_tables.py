@@ -5,21 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import pyarrow as pa
 
-from skyrange.core.chance import Chance
-from skyrange.core.ids import hash64
+from skyrange.study.dataset.splits import draw_split
 from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.results import read_results, write_results
-
-SHARES: Final = {"train": 0.4, "validation": 0.3, "test": 0.3}
-"""Shares of the blocks in each split, of those that are not held out."""
-_STREAM: Final = "study.split"
 
 
 def make_score_tables(
@@ -68,7 +63,7 @@ def make_score_tables(
             "active_s": row["first_s"],
             "stop_s": row["last_s"],
             "observable_s": row["first_s"],
-            "effect_s": _effect_s(effects, _run(row), row["vehicle"], row["first_s"]),
+            "effect_s": _effect_s(effects.get(_run(row), {}), row["vehicle"], row["first_s"]),
         }
         for row in acts
         if not row["fault"]
@@ -122,36 +117,23 @@ def _assign_splits(
     folder: StudyFolder, runs: Mapping[str, Mapping[str, Any]], acts: list[dict[str, Any]], families: frozenset[str],
     cities: frozenset[str],
 ) -> dict[str, str]:  # fmt: skip
-    """The split of each block, by addressed chance: it depends on the block alone."""
+    """The split of each block: that of a data set of the study, except that what is held out is in the test split."""
     held = {row["block"] for row in acts if row["family"] in families}
     held |= {row["block"] for row in runs.values() if (row.get("city") or "") in cities}
-    chance = Chance(folder.study.first_seed)
-    found = {}
-    for block in folder.blocks:
-        u = chance.uniform4(_STREAM, hash64(block.name), 0)[0]
-        drawn = (
-            "train" if u < SHARES["train"] else "validation" if u < SHARES["train"] + SHARES["validation"] else "test"
-        )
-        found[block.name] = "test" if block.name in held else drawn
+    seed = folder.study.first_seed
+    return {block.name: "test" if block.name in held else draw_split(block.name, seed) for block in folder.blocks}
+
+
+def _effects(folder: StudyFolder) -> dict[str, dict[str, float]]:
+    """By run: when each aircraft departed from the baseline."""
+    found: dict[str, dict[str, float]] = {}
+    for row in _rows(folder, "effects"):
+        if row.get("departed_s") is not None:
+            found.setdefault(_run(row), {})[row["vehicle"]] = row["departed_s"]
     return found
 
 
-def _draw_split(chance: Chance, block: str) -> str:
-    u, below = chance.uniform4(_STREAM, hash64(block), 0)[0], 0.0
-    for split, share in SHARES.items():
-        below += share
-        if u < below:
-            return split
-    return "test"
-
-
-def _effects(folder: StudyFolder) -> dict[tuple[str, str], float]:
-    """When each aircraft of a run departed from the baseline."""
-    rows = _rows(folder, "effects")
-    return {(_run(row), row["vehicle"]): row["departed_s"] for row in rows if row.get("departed_s") is not None}
-
-
-def _effect_s(effects: Mapping[tuple[str, str], float], run: str, vehicle: str, first_s: float) -> float:
+def _effect_s(departed: Mapping[str, float], vehicle: str, first_s: float) -> float:
     """The first effect of an attack, on its aircraft or on any; NaN for none. One before the attack is not its own."""
-    times = [at for (of, who), at in effects.items() if of == run and (not vehicle or who == vehicle) and at >= first_s]
+    times = [at for who, at in departed.items() if (not vehicle or who == vehicle) and at >= first_s]
     return min(times, default=math.nan)

@@ -89,7 +89,10 @@ def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None
     due = [block for block in folder.blocks if block.name not in done]
     began = monotonic()
     busy_s, flown = 0.0, 0
-    used_bytes = sum(read_block(path)[0].disk_bytes for path in (folder.path / BLOCKS).glob("*.json"))
+    used_bytes = 0
+    if study.max_disk_mb is not None:
+        used_bytes = sum(read_block(path)[0].disk_bytes for path in (folder.path / BLOCKS).glob("*.json"))
+    fly = partial(_fly, study, folder.path.absolute())  # a worker of a cluster has another working directory
     reason = ""
     with folder.lock(), Interruptible() as interrupt:
         if due:
@@ -108,7 +111,7 @@ def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None
 
         limit_s = float(study.run_limit_s) * len(study.arms)
         try:
-            for block, outcome in executor.run(due, partial(_fly, folder), limit_s, stop):
+            for block, outcome in executor.run(due, fly, limit_s, stop):
                 result = _settle(folder, block, outcome)
                 done.add(result.name)
                 flown += 1
@@ -143,8 +146,8 @@ def forget_failures(folder: StudyFolder) -> None:
             (folder.path / BLOCKS / f"{name}.json").unlink()
 
 
-def _fly(folder: StudyFolder, block: Block) -> BlockResult:
-    return fly_block(folder.study, block, folder.path)
+def _fly(study: Study, root: Path, block: Block) -> BlockResult:
+    return fly_block(study, block, root)
 
 
 def _settle(folder: StudyFolder, block: Block, outcome: BlockResult | WorkerFailure) -> BlockResult:

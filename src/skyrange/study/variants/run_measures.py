@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from skyrange.record.read.run import RunRecord
-from skyrange.study.measures.aircraft_measures import measure, read_ticks
+from skyrange.study.measures.aircraft_measures import Measured, measure, read_ticks
 from skyrange.study.measures.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
 from skyrange.study.measures.claims import inside_share, is_tracked, read_claims
 from skyrange.study.measures.separation import NEAR_M
@@ -53,11 +54,13 @@ class RunMeasures(NamedTuple):
     """Mean delay of the approved flights of each operator."""
 
 
-def measure_run(record: RunRecord) -> RunMeasures:
-    """Measure a run."""
+def measure_run(record: RunRecord, measured: Sequence[Measured] | None = None) -> RunMeasures:
+    """Measure a run; `measured` are the measures of its aircraft, if they are known."""
+    if measured is None:
+        measured = measure(record, read_ticks(record), NEAR_M)
     flights = measure_approvals(read_notes(record, "decisions"))
     delays_s = delays_by_operator(flights)
-    values = {**_of_aircraft(record), **_of_approvals(flights, delays_s), "time in claimed airspace": _inside(record)}
+    values = {**_of_aircraft(measured), **_of_approvals(flights, delays_s), "time in claimed airspace": _inside(record)}
     return RunMeasures({name: value for name, value in values.items() if value is not None}, delays_s)
 
 
@@ -72,8 +75,7 @@ def _inside(record: RunRecord) -> float | None:
     return 100.0 * float(np.mean(known)) if known else None
 
 
-def _of_aircraft(record: RunRecord) -> dict[str, float | None]:
-    measured = measure(record, read_ticks(record), NEAR_M)
+def _of_aircraft(measured: Sequence[Measured]) -> dict[str, float | None]:
     ends = [one.finished_s for one in measured if one.outcome == "complete" and one.finished_s is not None]
     apart = [one.min_separation_m for one in measured if one.min_separation_m is not None]
     return {
