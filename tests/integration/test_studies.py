@@ -162,6 +162,23 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
     assert list_failures(folder) == []
 
 
+def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
+    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fly = worker.fly
+
+    def told_to_end(scenario: Any, out: Path, **more: Any) -> Any:
+        raise ShortfallError("interrupted at 3.0 of 22.0 simulated seconds", out)
+
+    folder = create_folder(study, tmp_path / "s")
+    monkeypatch.setattr(worker, "fly", told_to_end)
+    with pytest.raises(ShortfallError, match="interrupted at 3"):
+        run_blocks(folder, LocalPool(2))
+    assert folder.finished() == []
+    monkeypatch.setattr(worker, "fly", fly)
+    assert run_blocks(folder, LocalPool(2)).failed == []
+
+
 def test_a_full_disk_ends_the_study_and_a_budget_does(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

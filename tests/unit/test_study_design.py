@@ -124,6 +124,11 @@ def test_a_detector_on_links_that_do_not_exist_is_found_before_anything_flies() 
         check_blocks(deaf, list_blocks(deaf))
 
 
+def test_a_shipped_study_that_is_mistyped_is_suggested() -> None:
+    with pytest.raises(InputError, match="Did you mean 'detectors'"):
+        read_study("detectrs")
+
+
 def test_a_scenario_is_beside_its_study(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text('name = "s"\nscenario = "./here.toml"\n')
     with pytest.raises(InputError, match="a TOML file"):

@@ -203,6 +203,8 @@ def read_study(file: str | Path) -> Study:
     Raises `InputError` with all problems.
     """
     path, who = SHIPPED.get(str(file)) or expand_user(file), str(file)
+    if path.suffix != ".toml" and not path.exists():
+        raise InputError.one("study", "name", who, "a shipped study or a TOML file", nearest(who, SHIPPED))
     text = read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a TOML file").decode("utf-8", errors="replace")
     return parse_study(text, who, path.parent)
 

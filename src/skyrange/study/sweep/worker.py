@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, Final, NamedTuple
 
-from skyrange.core.errors import ComponentError, InputError, SkyrangeError
+from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.record import RunRecord, load
@@ -52,7 +52,8 @@ class DiskFullError(ComponentError):
 def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
     """Fly the arms of a block, those that are not flown yet, and write what they measured.
 
-    A run that fails is in the results with its error, and its folder is kept. Raises `DiskFullError`.
+    A run that fails is in the results with its error, and its folder is kept. Raises `DiskFullError`, and
+    `ShortfallError` where a signal ends a run.
     """
     began = perf_counter()
     records: dict[str, RunRecord] = {}
@@ -61,6 +62,8 @@ def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
         folder = root / RUNS / block.name / arm.id
         try:
             records[arm.id] = _fly(scenario_in(study, arm, block), folder)
+        except ShortfallError:  # this process was told to end: the run is flown when the study goes on
+            raise
         except SkyrangeError as error:
             _raise_if_full(error)
             errors[arm.id] = str(error)
