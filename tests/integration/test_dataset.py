@@ -17,9 +17,9 @@ from skyrange.core.errors import InputError
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.arms import Arm, scenario_of
 from skyrange.study.dataset.build import build_dataset
-from skyrange.study.dataset.checksums import check_checksums
 from skyrange.study.dataset.columns import VIEWS, view_schema
-from skyrange.study.dataset.croissant import CONFORMS_TO, validate_croissant
+from skyrange.study.dataset.description.checksums import check_checksums
+from skyrange.study.dataset.description.croissant import CONFORMS_TO, validate_croissant
 from skyrange.study.dataset.members import Member, read_members
 from skyrange.study.dataset.run_views import ViewSettings
 from skyrange.study.dataset.views.observed import Place

@@ -69,7 +69,7 @@ def test_the_notebook_of_a_study_goes_from_a_question_to_a_figure(tmp_path: Path
     resources = {"metadata": {"path": str(tmp_path)}}
     nbclient.NotebookClient(notebook, timeout=600, kernel_name="python3", resources=resources).execute()
     runs = read_study_results(tmp_path / "studies" / "jumps", "runs").to_pylist()
-    assert [row["status"] for row in runs] == ["complete"] * 30
+    assert [row["status"] for row in runs] == ["complete"] * 72
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert sum("image/svg+xml" in output.get("data", {}) for output in outputs) == 1
     text = "".join(output.get("text", "") for output in outputs)

@@ -22,9 +22,9 @@ from skyrange.study.sweep.folder import create_folder, open_folder, require_same
 from skyrange.study.sweep.local_pool import LocalPool
 from skyrange.study.sweep.measurement import TABLES
 from skyrange.study.sweep.model import Study, read_study
+from skyrange.study.sweep.report.summary import summarise_study
 from skyrange.study.sweep.results import read_results, write_results
 from skyrange.study.sweep.study_run import forget_failures, list_failures, run_blocks
-from skyrange.study.sweep.summary import summarise_study
 from skyrange.study.sweep.worker import DiskFullError
 
 TEXT = """

@@ -12,11 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.study.sweep.blocks import Block
-from skyrange.study.sweep.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.folder import create_folder
 from skyrange.study.sweep.model import Study
-from skyrange.study.sweep.report import write_study_report
-from skyrange.study.sweep.response import find_levels, trace_response
+from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
+from skyrange.study.sweep.report.page import write_study_report
+from skyrange.study.sweep.report.response import find_levels, trace_response
 from skyrange.study.sweep.worker import BlockResult, note_failure, write_block
 
 

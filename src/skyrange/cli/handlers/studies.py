@@ -72,8 +72,8 @@ def show(path: Path, as_json: bool) -> None:
     from rich.table import Table
 
     from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.report.summary import QUANTITIES, read_samples, summarise_study, tells_something
     from skyrange.study.sweep.results import write_results
-    from skyrange.study.sweep.summary import QUANTITIES, read_samples, summarise_study, tells_something
 
     folder = open_folder(path)
     write_results(folder)
@@ -103,7 +103,7 @@ def show(path: Path, as_json: bool) -> None:
 
 def report(path: Path) -> None:
     """`skyrange study report`."""
-    from skyrange.study.sweep.report import write_study_report
+    from skyrange.study.sweep.report.page import write_study_report
 
     print_text(f"report {write_study_report(path)}")
 
@@ -133,8 +133,8 @@ def score(
         return
     for name in [one.name for one in scores.detectors[0].sets]:
         table = Table(title=f"{scores.study}, {name}", title_justify="left", title_style="bold")
-        for head in ("", "detector", "recall", "chance", "false/h", "faults/h", "delay, s", "in time"):
-            table.add_column(head, no_wrap=True)
+        for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "in time"):
+            table.add_column(head, no_wrap=head in ("", "detector"))
         for row in rank_detectors([scores, *others], name):
             false = (row.false_per_h, row.fault_false_per_h)
             numbers = (_share(row.recall), _share(row.by_chance), *map(_rate, false), _rate(row.median_delay_s))

@@ -15,14 +15,14 @@ from skyrange.core.errors import InputError
 from skyrange.record.folder import make_new_folder
 from skyrange.record.read.run import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL
-from skyrange.study.dataset.checksums import write_checksums
 from skyrange.study.dataset.columns import VIEWS
-from skyrange.study.dataset.contents import Contents
-from skyrange.study.dataset.croissant import write_croissant
-from skyrange.study.dataset.datasheet import write_datasheet
+from skyrange.study.dataset.description.checksums import write_checksums
+from skyrange.study.dataset.description.contents import Contents
+from skyrange.study.dataset.description.croissant import write_croissant
+from skyrange.study.dataset.description.datasheet import write_datasheet
+from skyrange.study.dataset.description.regenerate import write_regenerate
 from skyrange.study.dataset.members import Member, check_members
 from skyrange.study.dataset.partitions import BlockWriter
-from skyrange.study.dataset.regenerate import write_regenerate
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
 from skyrange.study.sweep.blocks import Block, is_numeric
-from skyrange.study.sweep.bootstrap import bootstrap_mean
+from skyrange.study.sweep.report.bootstrap import bootstrap_mean
 from skyrange.study.twins.confidence import Interval
 
 MAX_LEVELS: Final = 8

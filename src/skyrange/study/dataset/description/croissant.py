@@ -13,10 +13,10 @@ import pyarrow as pa
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
-from skyrange.study.dataset.checksums import sha256_of
 from skyrange.study.dataset.columns import VIEWS, ViewColumn
-from skyrange.study.dataset.contents import Contents
-from skyrange.study.dataset.datasheet import DESCRIPTION, LIMITATIONS, MEANINGS
+from skyrange.study.dataset.description.checksums import sha256_of
+from skyrange.study.dataset.description.contents import Contents
+from skyrange.study.dataset.description.datasheet import DESCRIPTION, LIMITATIONS, MEANINGS
 
 CROISSANT: Final = "croissant.json"
 CONFORMS_TO: Final = ("http://mlcommons.org/croissant/1.1", "http://mlcommons.org/croissant/RAI/1.0")

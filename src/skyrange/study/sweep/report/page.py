@@ -10,13 +10,20 @@ from skyrange.core.files import atomic_write
 from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.blocks import is_numeric
-from skyrange.study.sweep.bootstrap import bootstrap_mean, standardised_effect
-from skyrange.study.sweep.figure import draw_curves
 from skyrange.study.sweep.folder import StudyFolder, open_folder
-from skyrange.study.sweep.response import find_levels, trace_response
+from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
+from skyrange.study.sweep.report.figure import draw_curves
+from skyrange.study.sweep.report.response import find_levels, trace_response
+from skyrange.study.sweep.report.summary import (
+    QUANTITIES,
+    Quantity,
+    Samples,
+    read_samples,
+    summarise_study,
+    tells_something,
+)
 from skyrange.study.sweep.results import write_results
 from skyrange.study.sweep.study_run import list_failures
-from skyrange.study.sweep.summary import QUANTITIES, Quantity, Samples, read_samples, summarise_study, tells_something
 from skyrange.study.variants.sections import Table, format_interval
 
 REPORT: Final = "report.html"

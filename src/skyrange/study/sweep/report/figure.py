@@ -11,7 +11,7 @@ import numpy as np
 from skyrange.study.figures import svg
 from skyrange.study.figures.palette import OKABE_ITO
 from skyrange.study.figures.svg import Figure
-from skyrange.study.sweep.response import Curve, Level
+from skyrange.study.sweep.report.response import Curve, Level
 
 Scale = Callable[[float], float]
 

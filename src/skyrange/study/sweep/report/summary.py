@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from skyrange.study.sweep.bootstrap import bootstrap_mean
 from skyrange.study.sweep.folder import StudyFolder
+from skyrange.study.sweep.report.bootstrap import bootstrap_mean
 from skyrange.study.sweep.results import read_results
 from skyrange.study.twins.confidence import Interval
 

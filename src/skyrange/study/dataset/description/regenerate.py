@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.files import atomic_write
-from skyrange.study.dataset.contents import Contents
+from skyrange.study.dataset.description.contents import Contents
 
 REGENERATE: Final = "regenerate.json"
 

@@ -8,7 +8,7 @@ from typing import Final
 
 from skyrange.core.files import atomic_write
 from skyrange.study.dataset.columns import VIEWS
-from skyrange.study.dataset.contents import Contents
+from skyrange.study.dataset.description.contents import Contents
 
 README: Final = "README.md"
 DESCRIPTION: Final = "Simulated flights of small unmanned aircraft with attacks, shams and faults, labelled."
