@@ -415,6 +415,13 @@ def benchmark_format() -> str:
 # ---------------------------------------------------------------- scores
 
 
+def learned_features() -> str:
+    """The features of windows that learned detectors read."""
+    from skyrange.detect.learned.features import FEATURES
+
+    return table(("feature", "meaning"), [(f"`{one.name}`", one.about) for one in FEATURES])
+
+
 def score_tables() -> str:
     """The columns of the tables that scoring reads."""
     from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS
@@ -469,8 +476,13 @@ def study_file() -> str:
     from skyrange.study.sweep.model import Study
 
     schema = Study.model_json_schema()
-    models = {"Study": schema, **{name: schema["$defs"][name] for name in ("Factor", "StudyArm")}}
-    places = {"Study": "The file", "Factor": "`[[factors]]` and `[[draws]]`", "StudyArm": "`[[arms]]`"}
+    models = {"Study": schema, **{name: schema["$defs"][name] for name in ("Factor", "StudyArm", "LearnedTable")}}
+    places = {
+        "Study": "The file",
+        "Factor": "`[[factors]]` and `[[draws]]`",
+        "StudyArm": "`[[arms]]`",
+        "LearnedTable": "`[learned]`",
+    }
     return "\n".join(
         f"### {places[name]}\n\n{keys(part, getattr(described, name).model_fields)}" for name, part in models.items()
     )
@@ -520,6 +532,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "benchmark-format": benchmark_format,
     "study-file": study_file,
     "study-measures": study_measures,
+    "learned-features": learned_features,
     "score-tables": score_tables,
     "score-format": score_format,
     "python-api": python_api,

@@ -44,6 +44,7 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
     assert set(kinds(DETECTORS)) == {
         "approval.conformance",
         "heartbeat.gap",
+        "learned.windows",  # test_learned_detectors
         "mavlink.commands",
         "mavlink.rate",
         "mavlink.sequence",

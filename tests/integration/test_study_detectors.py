@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,21 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import InputError
+from skyrange.core.time import NS_PER_S
+from skyrange.detect.learned.detector import LEARNED as LEARNED_PLUGIN
+from skyrange.detect.learned.model_file import read_model
+from skyrange.record import load, replay_monitor
+from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.study.runs import fly
 from skyrange.study.scoring.result_file import read_scores
-from skyrange.study.sweep.blocks import check_blocks, list_blocks
+from skyrange.study.sweep.blocks import check_blocks, list_blocks, scenario_in
+from skyrange.study.sweep.folder import open_folder
+from skyrange.study.sweep.learned_detectors import learn_detectors
 from skyrange.study.sweep.model import SHIPPED, read_study
+from skyrange.study.sweep.score_tables import make_score_tables
+from skyrange.study.sweep.worker import fly_block
 
 TEXT = """
 name = "small"
@@ -36,7 +49,13 @@ kind = "navigation.gnss_innovation"
 [[detectors]]
 id = "gap"
 kind = "heartbeat.gap"
+
+[learned]
+window_s = 0.5
 """
+
+
+LEARNED = ("isolation-forest", "gradient-boosting")
 
 
 def command(*words: str) -> Any:
@@ -59,7 +78,7 @@ def test_a_detector_that_sees_the_attack_leads_one_that_does_not(study: Path, tm
     file = tmp_path / "scores.json"
     command("study", "score", str(study), "--out", str(file), "--json")
     scores = {one.detector: one.sets[0] for one in read_scores(file).detectors}
-    assert set(scores) == {"gnss", "gap", "always", "never", "by-time"}
+    assert set(scores) == {"gnss", "gap", "always", "never", "by-time", *LEARNED}
     gnss, gap = scores["gnss"].detection, scores["gap"].detection
     assert gnss is not None
     assert gap is not None
@@ -68,6 +87,77 @@ def test_a_detector_that_sees_the_attack_leads_one_that_does_not(study: Path, tm
     board = command("study", "score", str(study), "--beside", str(file))
     assert board.index("gnss") < board.index("gap")
     assert (study / "scores.json").is_file()
+
+
+def test_models_are_trained_on_the_training_blocks_and_described(study: Path) -> None:
+    command("study", "score", str(study))
+    scores = {one.detector: one for one in read_scores(study / "scores.json").detectors}
+    for name in LEARNED:
+        model = read_model(study / "models" / f"{name}.json")
+        assert scores[name].threshold is not None
+        assert model.threshold == scores[name].threshold.value
+        assert model.training["blocks"] < 6
+        card = (study / "models" / f"{name}.md").read_text()
+        assert card.startswith(f"# Model card: {name}\n")
+        assert "gnss.jump" in card
+        assert "## Limits" in card
+    assert scores["gradient-boosting"].sets[0].detection.recall.value == 1.0
+
+
+@pytest.mark.parametrize("name", LEARNED)
+def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(study: Path, name: str) -> None:
+    command("study", "score", str(study))
+    folder = open_folder(study)
+    learned = learn_detectors(folder, make_score_tables(folder))
+    file = study / "models" / f"{name}.json"
+    threshold = read_model(file).threshold
+    block = folder.blocks[0]
+    scored = [
+        (round(row["time_s"] * NS_PER_S), row["subject"], row["score"] / threshold)
+        for row in learned.alerts.to_pylist()
+        if (row["detector"], row["run"]) == (name, f"{block.name}.attacked") and row["score"] > threshold
+    ]
+    assert scored or name == "isolation-forest"
+    scenario = scenario_in(folder.study, folder.study.arms[1], block)
+    table = DetectorTable(id="live", kind="learned.windows", params={"model": str(file)})
+    again = fly(scenario.model_copy(update={"detectors": (table,)}), study / f"again-{name}", report=False)
+    flown = load(study / "runs" / block.name / "attacked")
+    assert again.manifest["digests"]["fingerprint"] == flown.manifest["digests"]["fingerprint"]
+    live = [(row["time_ns"], row["subject"], row["score"]) for row in again.table("alerts").to_pylist()]  # in a run
+    placement = MonitorPlacement("later", partial(LEARNED_PLUGIN, table.settings, None), ["gcs:*"], "gcs")
+    replayed = [(one.alert.at, one.alert.subject, one.alert.score) for one in replay_monitor(flown, placement)]
+    assert live == replayed
+    assert [one[:2] for one in live] == [one[:2] for one in scored]
+    assert [one[2] for one in live] == pytest.approx([one[2] for one in scored], rel=1e-12)
+
+
+def test_a_run_whose_windows_are_missing_is_flown_again(study: Path, tmp_path: Path) -> None:
+    folder = open_folder(study)
+    block = folder.blocks[0]
+    shutil.copytree(study / "runs" / block.name, tmp_path / "runs" / block.name)
+    (tmp_path / "blocks").mkdir()
+    (tmp_path / "runs" / block.name / "nominal" / "windows.parquet").unlink()
+    kept = tmp_path / "runs" / block.name / "attacked" / "manifest.json"
+    before = kept.stat().st_mtime_ns
+    fly_block(folder.study, block, tmp_path)
+    for arm in ("nominal", "attacked"):
+        mine, theirs = (path / "kept" / "windows" / block.name / f"{arm}.parquet" for path in (tmp_path, study))
+        assert mine.read_bytes() == theirs.read_bytes()
+    assert kept.stat().st_mtime_ns == before
+
+
+def test_windows_that_are_gone_are_named(study: Path, tmp_path: Path) -> None:
+    shutil.copytree(study, tmp_path / "copy")
+    shutil.rmtree(tmp_path / "copy" / "kept" / "windows" / open_folder(study).blocks[2].name)
+    with pytest.raises(InputError, match=r"windows.*resume the study"):
+        command("study", "score", str(tmp_path / "copy"))
+
+
+def test_a_detector_and_a_learned_one_have_different_names(tmp_path: Path) -> None:
+    text = TEXT.replace('id = "gap"', 'id = "isolation-forest"')
+    (tmp_path / "study.toml").write_text(text)
+    with pytest.raises(InputError, match="an id that no learned detector has"):
+        read_study(tmp_path / "study.toml")
 
 
 def test_the_runs_make_a_data_set_whose_blocks_lie_in_one_split(study: Path, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
+from skyrange.detect.learned.model_file import GRADIENT_BOOSTING, ISOLATION_FOREST, Algorithm
 from skyrange.record.levels import FULL, STUDY, keeps
 from skyrange.record.schema import TABLES
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse
@@ -99,6 +100,27 @@ def _arm(value: Any) -> Any:
     return {"id": value, "attacks": _SHORT[value]}
 
 
+class LearnedTable(Model):
+    """Learned baselines: their windows are collected in all runs; scoring trains them on the training blocks."""
+
+    algorithms: Annotated[tuple[Algorithm, ...], BeforeValidator(items, json_schema_input_type=list[str])] = Field(
+        default=(ISOLATION_FOREST, GRADIENT_BOOSTING),
+        min_length=1,
+        description="isolation_forest, which learns nominal flights; gradient_boosting, which learns attacks by their "
+        "labels. Their names in the scores are the same with a hyphen.",
+    )
+    window_s: Number = Field(default=5.0, ge=0.5, le=600, description="Length of a window, in seconds.")
+    links: Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])] = Field(
+        default=("gcs:*",), min_length=1, description="Links to listen to, as those of a detector."
+    )
+    side: str = Field(default="gcs", min_length=1, description="End of those links, as that of a detector.")
+
+    @property
+    def names(self) -> dict[str, Algorithm]:
+        """The algorithms by their names in the scores."""
+        return {one.replace("_", "-"): one for one in self.algorithms}
+
+
 class Study(Model):
     """A study: each point of the design is flown with each seed in each arm."""
 
@@ -130,6 +152,7 @@ class Study(Model):
         default=None, description="The arm with which effects are compared. Default: the first."
     )
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors that listen in all runs.")
+    learned: LearnedTable | None = Field(default=None, description="Learned detectors, trained when it is scored.")
     keep: str | tuple[str, ...] = Field(
         default=RESULTS,
         description="What is kept of each run: results, its measures alone; features, its folder at level study; "
@@ -149,6 +172,11 @@ class Study(Model):
             Problem("factors", one.name, "a name that is not that of a column of the results")
             for one in named
             if one.name in reserved_names()
+        ]
+        problems += [
+            Problem(f"detectors.{place}.id", one.id, "an id that no learned detector has")
+            for place, one in enumerate(self.detectors)
+            if self.learned is not None and one.id in self.learned.names
         ]
         ids = [arm.id for arm in self.arms]
         if self.baseline is not None and self.baseline not in ids:

@@ -14,6 +14,7 @@ from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
 from skyrange.study.sweep.folder import StudyFolder, open_folder
+from skyrange.study.sweep.learned_detectors import learn_detectors, write_models
 from skyrange.study.sweep.results import read_results, write_results
 
 
@@ -94,14 +95,22 @@ def score_study(
     families: Collection[str] = (),
     cities: Collection[str] = (),
 ) -> ScoreFile:
-    """Score the detectors of the study in a folder: `skyrange study score` in Python.
+    """Train and score the detectors of the study in a folder: `skyrange study score` in Python.
+
+    Models of learned detectors, with their cards, go to its folder `models`.
 
     Blocks with an attack of one of `families`, or over one of `cities`, are in the test split alone.
     """
     opened = open_folder(Path(folder))
     tables = make_score_tables(opened, families=frozenset(families), cities=frozenset(cities))
-    names = sorted({one.id for one in opened.study.detectors} | set(tables.detectors()))
-    return score_detectors(tables, settings, names, opened.study.name)
+    names = {one.id for one in opened.study.detectors} | set(tables.detectors())
+    if opened.study.learned is None:
+        return score_detectors(tables, settings, sorted(names), opened.study.name)
+    learned = learn_detectors(opened, tables)
+    tables = check_tables(tables.flights, tables.attacks, pa.concat_tables([tables.alerts, learned.alerts]))
+    scores = score_detectors(tables, settings, sorted({*names, *learned.models}), opened.study.name)
+    write_models(opened, learned, tables, scores)
+    return scores
 
 
 def _rows(folder: StudyFolder, table: str) -> list[dict[str, Any]]:

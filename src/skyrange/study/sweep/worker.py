@@ -16,10 +16,11 @@ from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.record import RunRecord, load
 from skyrange.record.part_files import table_files
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.study.learning.windows import WINDOWS, make_collector, place_collector, write_windows
 from skyrange.study.runs import fly
 from skyrange.study.sweep.blocks import Block, scenario_in
 from skyrange.study.sweep.measurement import Rows, failed_rows, measure_block
-from skyrange.study.sweep.model import RESULTS, Study
+from skyrange.study.sweep.model import RESULTS, LearnedTable, Study
 
 BLOCKS: Final = "blocks"
 """Folder of a file for each finished block."""
@@ -27,6 +28,8 @@ RUNS: Final = "runs"
 """Folder of the runs: those that are kept, and those of blocks that are not finished."""
 KEPT: Final = "kept"
 """Folder of the tables that are kept of runs whose folders are not."""
+WINDOWS_FILE: Final = f"{WINDOWS}.parquet"
+"""File of the windows of a run, in its folder."""
 _FORMAT: Final = "skyrange.block/1"
 
 
@@ -61,7 +64,7 @@ def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
     for arm in study.arms:
         folder = root / RUNS / block.name / arm.id
         try:
-            records[arm.id] = _fly(scenario_in(study, arm, block), folder)
+            records[arm.id] = _fly(scenario_in(study, arm, block), folder, study.learned)
         except ShortfallError:  # this process was told to end: the run is flown when the study goes on
             raise
         except SkyrangeError as error:
@@ -116,29 +119,39 @@ def note_failure(study: Study, block: Block, root: Path, error: str) -> BlockRes
     return result
 
 
-def _fly(scenario: Scenario, folder: Path) -> RunRecord:
+def _fly(scenario: Scenario, folder: Path, learned: LearnedTable | None) -> RunRecord:
     """The record of a run that was flown before or is flown now; what is left of an interrupted one is deleted."""
     if folder.exists():
         try:
             record = load(folder)
-            if record.manifest["status"] == "complete":
+            if record.manifest["status"] == "complete" and (learned is None or (folder / WINDOWS_FILE).is_file()):
                 return record
         except InputError:
             pass
         shutil.rmtree(folder)
-    return fly(scenario, folder, report=False)
+    if learned is None:
+        return fly(scenario, folder, report=False)
+    collector = make_collector(learned.window_s)
+    record = fly(scenario, folder, report=False, monitors=[place_collector(collector, learned.links, learned.side)])
+    write_windows(collector.table(), folder / WINDOWS_FILE)
+    return record
 
 
 def _reduce(study: Study, block: Block, records: dict[str, RunRecord], root: Path) -> int:
     """Delete what is not kept of the runs that did not fail; returns the bytes that stay."""
     tables = () if isinstance(study.keep, str) else study.keep
+    if study.learned is not None:
+        for arm, record in records.items():
+            folder = root / KEPT / WINDOWS / block.name
+            folder.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(record.path / WINDOWS_FILE, folder / f"{arm}.parquet")
     if study.keep == RESULTS or tables:
         for arm, record in records.items():
             for table in tables:
                 _keep_table(record.path, table, root / KEPT / table / block.name / arm)
             shutil.rmtree(record.path)
         _remove_empty(root / RUNS / block.name)
-    kept = [root / RUNS / block.name, *(root / KEPT / table / block.name for table in tables)]
+    kept = [root / RUNS / block.name, *(root / KEPT / table / block.name for table in (WINDOWS, *tables))]
     return sum(_size(folder) for folder in kept)
 
 

@@ -1,0 +1,1 @@
+"""Learned detectors: features of windows at link ends, trained models and the monitor that scores with them."""

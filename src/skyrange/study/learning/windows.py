@@ -1,0 +1,74 @@
+"""Windows of a run: the features of each window at each link end, collected during the flight, in a Parquet file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames
+from skyrange.core.files import atomic_write
+from skyrange.core.time import Time, from_seconds
+from skyrange.detect.episodes import subject_of_link
+from skyrange.detect.learned.features import NAMES, WindowFeatures
+from skyrange.detect.series import Floats
+
+WINDOWS: Final = "windows"
+"""Name of the table, and of the detector that collects it."""
+SCHEMA: Final = pa.schema(
+    [
+        ("time_ns", pa.int64()),
+        ("link", pa.string()),
+        ("vehicle", pa.string()),
+        *((name, pa.float64()) for name in NAMES),
+    ]
+)
+"""The end of each window, the link and its owner, and the features."""
+
+
+class WindowCollector:
+    """A `skyrange.contracts.monitors.Monitor` that raises no alert, and keeps the features of all windows."""
+
+    def __init__(self, window_ns: Time) -> None:
+        self.service_ns: Time = window_ns
+        self._features = WindowFeatures(window_ns)
+        self._times: list[Time] = []
+        self._links: list[str] = []
+        self._rows: list[Floats] = []
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Keep the features of the ends at which something arrived."""
+        features = self._features.read(frames)
+        rows = np.flatnonzero(np.bincount(frames.places[frames.received], minlength=len(features)) > 0)
+        self._times += [now] * len(rows)
+        self._links += [frames.ports[row].link for row in rows.tolist()]
+        self._rows.append(features[rows])
+        return []
+
+    def table(self) -> pa.Table:
+        """The windows, in order of time and then of link end, by `SCHEMA`."""
+        values = np.concatenate([np.zeros((0, len(NAMES))), *self._rows])
+        names = [subject_of_link(link) for link in self._links]
+        columns = [pa.array(column, pa.float64()) for column in np.ascontiguousarray(values.T)]
+        return pa.table([pa.array(self._times, pa.int64()), pa.array(self._links), pa.array(names), *columns], SCHEMA)
+
+
+def place_collector(collector: WindowCollector, links: Sequence[str], side: str) -> MonitorPlacement:
+    """The placement of a collector, for one run."""
+    return MonitorPlacement(WINDOWS, lambda: collector, links, side)
+
+
+def make_collector(window_s: float) -> WindowCollector:
+    """A new collector of windows of this length."""
+    return WindowCollector(from_seconds(window_s))
+
+
+def write_windows(table: pa.Table, path: Path) -> None:
+    """Write the windows of a run: the file is there as a whole or not at all."""
+    with atomic_write(path) as file:
+        pq.write_table(table, file, compression="zstd")
