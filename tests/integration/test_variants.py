@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.scenario.shipped import load
+from skyrange.study.measures.time_series import read_notes
+from skyrange.study.runs import fly
+from skyrange.study.variants import run_measures
 from skyrange.study.variants.flights import compare_variants
 from skyrange.study.variants.report import write_comparison_report
+from skyrange.study.variants.run_measures import measure_run
 from skyrange.study.variants.sections import make_tables
 
 APPROVALS = {"all": ["operators.*.approval=approve-all"], "hash": ["operators.*.approval=hashgraph"]}
@@ -45,3 +51,15 @@ def test_what_is_wrong_with_a_variant_is_named_before_a_folder_is_made(tmp_path:
     with pytest.raises(InputError, match="nobody"):
         compare_variants("approval.squat", {"x": ["operators.*.approval=nobody"]}, tmp_path / "cmp")
     assert not (tmp_path / "cmp").exists()
+
+
+def test_a_collision_of_two_aircraft_counts_once_and_one_with_a_building_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    record = fly(load("head-on"), tmp_path / "run", report=False)
+    assert measure_run(record).values["collisions"] == 1.0
+    notes = read_notes(record, "events")
+    hit = next(row for row in notes if row.kind == "event.collision")
+    wall = replace(hit, time_ns=hit.time_ns + 1, data={"with": "building"})
+    monkeypatch.setattr(run_measures, "read_notes", lambda _, table: [*notes, wall] if table == "events" else [])
+    assert measure_run(record).values["collisions"] == 2.0

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from skyrange.core.compiled import compiled_before
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
+from skyrange.io.processes.program import end_with_parent
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly
@@ -72,7 +73,8 @@ def run_all(
                     number = waiting.pop(0)
                     inlet, outlet = context.Pipe(duplex=False)
                     scenario, folder = flights[number]
-                    process = context.Process(target=_child_main, args=(outlet, scenario, folder, report), daemon=True)
+                    told = (outlet, scenario, folder, report, os.getpid())
+                    process = context.Process(target=_child_main, args=told, daemon=True)
                     process.start()
                     outlet.close()
                     children[inlet] = _Child(number, process, inlet)
@@ -149,8 +151,9 @@ def _run_guarded(
     return RunResult(0, "")
 
 
-def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bool) -> None:
-    """Main function of a child process."""
+def _child_main(outlet: Connection, scenario: Scenario, folder: Path, report: bool, parent: int) -> None:
+    """Main function of a child process, which ends with its parent."""
+    end_with_parent(parent)
     if hasattr(os, "setpgid"):
         os.setpgid(0, 0)
     last = -1

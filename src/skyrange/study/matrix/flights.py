@@ -18,6 +18,7 @@ from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem, ShortfallError, SkyrangeError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import expand_user
+from skyrange.io.processes.program import end_with_parent
 from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
@@ -277,7 +278,7 @@ def _fly_all(tasks: list[Task], root: Path, jobs: int, on_cell: OnCell | None) -
         return queue.cells()
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupt) as pool:
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_process, initargs=(os.getpid(),)) as pool:
         flying: dict[Future[Cell], int] = {}
         try:
             while True:
@@ -375,6 +376,9 @@ class _Queue:
             self._on_cell(len(self._done), len(self._tasks), left_s)
 
 
-def _ignore_interrupt() -> None:
-    """Ctrl-C reaches the parent alone, which lets cells that fly come to their end."""
+def _begin_process(parent: int) -> None:
+    """A process ends with its parent, and Ctrl-C reaches the parent alone, which lets cells that fly come to their
+    end.
+    """
+    end_with_parent(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -12,6 +12,7 @@ from skyrange.record.read.run import RunRecord
 from skyrange.study.measures.aircraft_measures import Measured, measure, read_ticks
 from skyrange.study.measures.approvals import FlightApprovals, delays_by_operator, fairness, measure_approvals
 from skyrange.study.measures.claims import inside_share, is_tracked, read_claims
+from skyrange.study.measures.mishaps import distinct_mishaps, mishap_kind
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.measures.time_series import read_notes, truth_tracks
 
@@ -26,7 +27,7 @@ class Quantity(NamedTuple):
 
 QUANTITIES: Final = (
     Quantity("missions complete", "", "aircraft whose mission is complete"),
-    Quantity("collisions", "", "times that two aircraft collided"),
+    Quantity("collisions", "", "collisions with aircraft, once for both, and with buildings"),
     Quantity("near misses", "", f"times that two aircraft in the air came nearer than {NEAR_M:g} m"),
     Quantity("least separation", "m", "least distance of two aircraft in the air, centre to centre"),
     Quantity("way flown", "km", "of all aircraft together"),
@@ -60,7 +61,12 @@ def measure_run(record: RunRecord, measured: Sequence[Measured] | None = None) -
         measured = measure(record, read_ticks(record), NEAR_M)
     flights = measure_approvals(read_notes(record, "decisions"))
     delays_s = delays_by_operator(flights)
-    values = {**_of_aircraft(measured), **_of_approvals(flights, delays_s), "time in claimed airspace": _inside(record)}
+    values = {
+        **_of_aircraft(measured),
+        "collisions": float(_count_collisions(record)),
+        **_of_approvals(flights, delays_s),
+        "time in claimed airspace": _inside(record),
+    }
     return RunMeasures({name: value for name, value in values.items() if value is not None}, delays_s)
 
 
@@ -75,12 +81,16 @@ def _inside(record: RunRecord) -> float | None:
     return 100.0 * float(np.mean(known)) if known else None
 
 
+def _count_collisions(record: RunRecord) -> int:
+    """The collisions of a run; the two events of two aircraft are one."""
+    return sum(mishap_kind(row) == "collision" for row in distinct_mishaps(read_notes(record, "events")))
+
+
 def _of_aircraft(measured: Sequence[Measured]) -> dict[str, float | None]:
     ends = [one.finished_s for one in measured if one.outcome == "complete" and one.finished_s is not None]
     apart = [one.min_separation_m for one in measured if one.min_separation_m is not None]
     return {
         "missions complete": float(sum(one.outcome == "complete" for one in measured)),
-        "collisions": sum(one.collisions for one in measured) / 2.0,
         "near misses": sum(one.near_misses for one in measured) / 2.0,
         "least separation": min(apart, default=None),
         "way flown": math.fsum(one.distance_m for one in measured) / 1e3,

@@ -27,7 +27,7 @@ QUANTITIES: Final = (
     Quantity("extra_distance_m", "m", "effects", "largest additional way of any aircraft"),
     Quantity("delay_s", "s", "effects", "largest delay of any mission that is complete in both"),
     Quantity("missions_complete", "", "runs", "aircraft whose mission is complete"),
-    Quantity("collisions", "", "runs", "times that two aircraft collided"),
+    Quantity("collisions", "", "runs", "collisions with aircraft, once for both, and with buildings"),
     Quantity("near_misses", "", "runs", "times that two aircraft in the air came near each other"),
 )
 
