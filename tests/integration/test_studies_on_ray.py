@@ -14,6 +14,7 @@ from skyrange.study.sweep.measurement import TABLES
 from skyrange.study.sweep.model import Study
 from skyrange.study.sweep.ray_pool import RayPool
 from skyrange.study.sweep.results import read_results
+from skyrange.study.sweep.storage import BlockStorage
 from skyrange.study.sweep.study_run import run_blocks
 
 pytestmark = pytest.mark.slow
@@ -39,6 +40,20 @@ def cluster() -> Iterator[Any]:
     yield found
     ray.shutdown()
     found.shutdown()
+
+
+def test_nodes_return_what_they_flew_through_a_storage(cluster: Any, tmp_path: Path) -> None:
+    storage = BlockStorage(f"file://{tmp_path}/storage")
+    study = STUDY.model_copy(update={"seeds": 2, "keep": ("truth",)})
+    on_ray = create_folder(study, tmp_path / "ray")
+    result = run_blocks(on_ray, RayPool(cluster.address), storage=storage)
+    assert (result.finished, result.failed) == (2, [])
+    local = create_folder(study, tmp_path / "local")
+    run_blocks(local, LocalPool(2))
+    for table in TABLES:
+        assert read_results(on_ray.path, table).to_pylist() == read_results(local.path, table).to_pylist(), table
+    kept = on_ray.path / "kept" / "truth" / on_ray.blocks[0].name / "attacked"
+    assert list(kept.glob("*.parquet"))
 
 
 def test_a_cluster_gives_the_same_results_and_survives_a_node(cluster: Any, tmp_path: Path) -> None:

@@ -31,7 +31,18 @@ On = Annotated[
     typer.Option(
         "--on",
         metavar="ADDRESS",
-        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the study.",
+        help="Fly on a Ray cluster: auto, local or ray://HOST:PORT. Its nodes must see the folder of the study, or "
+        "--storage.",
+        show_default=False,
+    ),
+]
+Storage = Annotated[
+    str | None,
+    typer.Option(
+        "--storage",
+        metavar="URL",
+        help="Storage through which the nodes of a cluster return what they flew, if they do not see the folder of the "
+        "study: a URL that fsspec knows, such as s3://bucket/drift.",
         show_default=False,
     ),
 ]
@@ -45,6 +56,7 @@ def run_study(
     ] = None,
     jobs: Jobs = None,
     on: On = None,
+    storage: Storage = None,
     dry_run: Annotated[
         bool,
         typer.Option("--dry-run", help="Check all scenarios, fly one block as a trial, and estimate time and disk."),
@@ -53,7 +65,7 @@ def run_study(
     as_json: AsJson = False,
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
-    studies.run(file, out, jobs, on, dry_run, as_json)
+    studies.run(file, out, jobs, on, storage, dry_run, as_json)
 
 
 @study_app.command("resume", epilog="Example: skyrange study resume studies/drift")
@@ -61,6 +73,7 @@ def resume_study(
     folder: Folder,
     jobs: Jobs = None,
     on: On = None,
+    storage: Storage = None,
     other_version: Annotated[
         bool,
         typer.Option("--other-version", help="Go on with another version of skyrange than the one that began it."),
@@ -70,7 +83,7 @@ def resume_study(
     as_json: AsJson = False,
 ) -> None:
     """Fly the blocks of a study that are not finished."""
-    studies.resume(folder, jobs, on, other_version, retry, as_json)
+    studies.resume(folder, jobs, on, storage, other_version, retry, as_json)
 
 
 @study_app.command("status", epilog="Example: skyrange study status studies/drift")

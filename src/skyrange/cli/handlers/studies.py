@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from skyrange.study.sweep.executors import Executor
     from skyrange.study.sweep.folder import StudyFolder
     from skyrange.study.sweep.model import Study
+    from skyrange.study.sweep.storage import BlockStorage
     from skyrange.study.sweep.study_run import StudyResult
     from skyrange.study.twins.confidence import Interval
 
@@ -20,7 +21,9 @@ _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
 
 
-def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run: bool, as_json: bool) -> None:
+def run(
+    file: Path, out: Path | None, jobs: int | None, on: str | None, storage: str | None, dry_run: bool, as_json: bool
+) -> None:
     """`skyrange study run`."""
     from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.model import read_study
@@ -31,22 +34,25 @@ def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run:
     if dry_run:
         _estimate(study, jobs, as_json)
         return
-    executor = _executor(jobs, on)
+    place, executor = _storage(storage, on), _executor(jobs, on)
     with map_progress(study.name, "blocks", quiet=as_json) as on_block:
-        result = run_study(study, out, executor=executor, on_block=on_block)
+        result = run_study(study, out, executor=executor, on_block=on_block, storage=place)
     _print_result(result, as_json)
 
 
-def resume(path: Path, jobs: int | None, on: str | None, other_version: bool, retry: bool, as_json: bool) -> None:
+def resume(
+    path: Path, jobs: int | None, on: str | None, storage: str | None, other_version: bool, retry: bool, as_json: bool
+) -> None:
     """`skyrange study resume`."""
     from skyrange.study.sweep.folder import open_folder, require_unchanged
     from skyrange.study.sweep.study_run import forget_failures
 
     folder = open_folder(path)
     require_unchanged(folder, other_version=other_version)
+    place = _storage(storage, on)
     if retry:
-        forget_failures(folder)
-    _fly(folder, _executor(jobs, on), as_json)
+        forget_failures(folder, place)
+    _fly(folder, _executor(jobs, on), place, as_json)
 
 
 def status(path: Path, as_json: bool) -> None:
@@ -159,12 +165,12 @@ def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
         print_notice(f"the trial failed: {error}")
 
 
-def _fly(folder: StudyFolder, executor: Executor, as_json: bool) -> None:
+def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, as_json: bool) -> None:
     from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.study_run import run_blocks
 
     with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
-        result = run_blocks(folder, executor, on_block)
+        result = run_blocks(folder, executor, on_block, storage)
     _print_result(result, as_json)
 
 
@@ -201,6 +207,17 @@ def _executor(jobs: int | None, on: str | None) -> Executor:
     if jobs is not None:
         raise InputError.one("study", "--jobs", str(jobs), "none with --on: the cluster says how many")
     return RayPool(on)
+
+
+def _storage(url: str | None, on: str | None) -> BlockStorage | None:
+    from skyrange.core.errors import InputError
+    from skyrange.study.sweep.storage import BlockStorage
+
+    if url is None:
+        return None
+    if on is None:
+        raise InputError.one("study", "--storage", url, "none without --on: this machine writes to the study's folder")
+    return BlockStorage(url)
 
 
 def _jobs(jobs: int | None) -> int:

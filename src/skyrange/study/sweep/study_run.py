@@ -21,6 +21,7 @@ from skyrange.study.sweep.folder import (
     MANIFEST,
     StudyFolder,
     create_folder,
+    digest_of,
     open_folder,
     require_same,
     require_unchanged,
@@ -28,6 +29,7 @@ from skyrange.study.sweep.folder import (
 from skyrange.study.sweep.local_pool import LocalPool
 from skyrange.study.sweep.model import Study, read_study
 from skyrange.study.sweep.results import write_results
+from skyrange.study.sweep.storage import BlockStorage, fly_to_storage
 from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block, note_failure, read_block
 
 OnBlock = Callable[[int, int, float | None], None]
@@ -59,6 +61,7 @@ def run_study(
     *,
     executor: Executor | None = None,
     on_block: OnBlock | None = None,
+    storage: BlockStorage | None = None,
 ) -> StudyResult:
     """Run a study, or go on with one: `skyrange study run` in Python.
 
@@ -75,16 +78,23 @@ def run_study(
     else:
         check_blocks(chosen, list_blocks(chosen))
         folder = create_folder(chosen, path)
-    return run_blocks(folder, executor if executor is not None else LocalPool(len(available_cpus())), on_block)
+    return run_blocks(folder, executor if executor is not None else LocalPool(len(available_cpus())), on_block, storage)
 
 
-def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None = None) -> StudyResult:
+def run_blocks(
+    folder: StudyFolder, executor: Executor, on_block: OnBlock | None = None, storage: BlockStorage | None = None
+) -> StudyResult:
     """Fly the blocks of a study that are not finished, and write its results.
+
+    With `storage` blocks are flown in temporary folders of their machines, and come here through it; those that are in
+    it already are fetched.
 
     Raises `ShortfallError` after Ctrl-C, or when the budget of disk is used up: what is finished is in the results.
     Raises `DiskFullError` when nothing more can be written.
     """
     study, total = folder.study, len(folder.blocks)
+    if storage is not None:
+        _fetch_blocks(folder, storage)
     done = {block.name for block in folder.finished()}
     due = [block for block in folder.blocks if block.name not in done]
     began = monotonic()
@@ -93,6 +103,8 @@ def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None
     if study.max_disk_mb is not None:
         used_bytes = sum(read_block(path)[0].disk_bytes for path in (folder.path / BLOCKS).glob("*.json"))
     fly = partial(_fly, study, folder.path.absolute())  # a worker of a cluster has another working directory
+    if storage is not None:
+        fly = partial(fly_to_storage, study, storage.url)
     reason = ""
     with folder.lock(), Interruptible() as interrupt:
         if due:
@@ -112,6 +124,8 @@ def run_blocks(folder: StudyFolder, executor: Executor, on_block: OnBlock | None
         limit_s = float(study.run_limit_s) * len(study.arms)
         try:
             for block, outcome in executor.run(due, fly, limit_s, stop):
+                if storage is not None and not isinstance(outcome, WorkerFailure):
+                    storage.fetch(block.name, folder.path)
                 result = _settle(folder, block, outcome)
                 done.add(result.name)
                 flown += 1
@@ -139,15 +153,27 @@ def list_failures(folder: StudyFolder) -> list[tuple[str, str]]:
     return [(result.name, result.errors[0]) for result in results if result.failed]
 
 
-def forget_failures(folder: StudyFolder) -> None:
-    """Count the blocks with failed runs as not finished, so that these runs are flown again."""
+def forget_failures(folder: StudyFolder, storage: BlockStorage | None = None) -> None:
+    """Count the blocks with failed runs as not finished, here and in the storage, so that they are flown again."""
     with folder.lock():
         for name, _ in list_failures(folder):
+            if storage is not None:
+                storage.remove(name)
             (folder.path / BLOCKS / f"{name}.json").unlink()
 
 
 def _fly(study: Study, root: Path, block: Block) -> BlockResult:
     return fly_block(study, block, root)
+
+
+def _fetch_blocks(folder: StudyFolder, storage: BlockStorage) -> None:
+    """Fetch the blocks that are in the storage and not here: those that ended after this side did."""
+    with folder.lock():
+        storage.claim(digest_of(folder.study))
+        there = storage.list_blocks() - {block.name for block in folder.finished()}
+        for block in folder.blocks:
+            if block.name in there:
+                storage.fetch(block.name, folder.path)
 
 
 def _settle(folder: StudyFolder, block: Block, outcome: BlockResult | WorkerFailure) -> BlockResult:
