@@ -3,6 +3,7 @@ from __future__ import annotations
 import copy
 import math
 
+import numpy as np
 import pytest
 
 from skyrange.codec.mavlink import (
@@ -16,6 +17,8 @@ from skyrange.codec.mavlink import (
     message_name,
     sender_system,
 )
+from skyrange.codec.mavlink.message_columns import classify_frames
+from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.errors import DecodeError
 
 HEARTBEAT = dialect.MAVLink_heartbeat_message(2, 3, 0x59, 5, 3, 3)
@@ -202,3 +205,16 @@ def test_a_finished_deframer_takes_another_stream() -> None:
     deframer.feed(FRAME[:5])
     deframer.finish()
     assert deframer.feed(FRAME) == [good(FRAME)]
+
+
+def test_the_kinds_of_a_column_are_found_once_and_taken_along() -> None:
+    beats = [dialect.MAVLink_heartbeat_message(2, 3, 81, mode, 4, 3) for mode in range(4)]
+    frames = Payloads.of([Packer(1, 1).pack(beat) for beat in beats])
+    found = classify_frames(frames)
+    assert classify_frames(frames) is found
+    rows = np.array([2, 0])
+    taken = frames.take(rows)
+    assert taken.kinds is not None
+    assert np.array_equal(classify_frames(taken), found[rows])
+    mixed = Payloads.join([frames, Payloads.of([b"\xfd", b""])])
+    assert classify_frames(mixed).tolist() == [*found.tolist(), -1, -1]

@@ -127,6 +127,14 @@ def test_frames_and_units() -> None:
     away = f["target_pos"] - e["pos"]
     assert nav.wp_dist == int(math.hypot(away[0], away[1]))
     assert nav.alt_error == pytest.approx(f["ref_pos"][2] - e["pos"][2])
+    # what it flies for, not what it is at: yaw 0.5 to the left of east, then nose down by 0.2, then right by 0.1
+    (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in (0.1, 0.2, 0.5))
+    fleet.flight["att_target"] = (
+        cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr,
+    )  # fmt: skip
+    nav = told(made, A.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT)
+    assert (nav.nav_roll, nav.nav_pitch) == pytest.approx((math.degrees(0.1), math.degrees(-0.2)))
+    assert nav.nav_bearing == int(90 - math.degrees(0.5))
     target = told(made, A.MAVLINK_MSG_ID_POSITION_TARGET_GLOBAL_INT)
     assert target.alt == pytest.approx(584.0 + f["target_pos"][2], abs=1e-3)
     assert target.type_mask == 0xFDF8  # only the position is said

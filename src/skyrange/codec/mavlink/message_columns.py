@@ -248,10 +248,14 @@ def message_columns(message_id: int) -> tuple[MessageColumn, ...]:
 
 
 def classify_frames(payloads: Payloads) -> Ints:
-    """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can decide whether it is a frame, and which."""
-    found = np.empty(len(payloads), dtype=np.int64)
-    _classify(payloads.data, payloads.starts, payloads.sizes, *KIND_TABLES, found)
-    return found
+    """(n,) the kind of each frame; -1 where only `codec.mavlink.decode` can decide whether it is a frame, and which.
+
+    The column keeps it: the array is read, not altered.
+    """
+    if payloads.kinds is None:
+        payloads.kinds = np.empty(len(payloads), dtype=np.int64)
+        _classify(payloads.data, payloads.starts, payloads.sizes, *KIND_TABLES, payloads.kinds)
+    return payloads.kinds
 
 
 def kind_of_message(message_id: int) -> int:

@@ -26,12 +26,14 @@ def _gather(data: Bytes, starts: Ints, sizes: Ints, out: Bytes, places: Ints) ->
 class Payloads:
     """Payload `i` is `data[starts[i] : starts[i] + sizes[i]]`. Immutable, so that columns may share a buffer."""
 
-    __slots__ = ("data", "sizes", "starts")
+    __slots__ = ("data", "kinds", "sizes", "starts")
 
     def __init__(self, data: Bytes, starts: Ints, sizes: Ints) -> None:
         self.data = data
         self.starts = starts
         self.sizes = sizes
+        self.kinds: Ints | None = None
+        """What `codec.mavlink.message_columns.classify_frames` has found, so that it is found once."""
 
     @classmethod
     def of(cls, payloads: Iterable[bytes]) -> Payloads:
@@ -53,7 +55,10 @@ class Payloads:
 
     def take(self, rows: Ints) -> Payloads:
         """Some of the payloads, in the same buffer."""
-        return Payloads(self.data, self.starts[rows], self.sizes[rows])
+        taken = Payloads(self.data, self.starts[rows], self.sizes[rows])
+        if self.kinds is not None:
+            taken.kinds = self.kinds[rows]
+        return taken
 
     def compact(self) -> Payloads:
         """The same payloads in a buffer without gaps."""

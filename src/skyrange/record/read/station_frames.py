@@ -206,7 +206,7 @@ def decode_station_frames(rows: pa.Table) -> StationFrames:
         owner,
         received,
         payloads,
-        classify_frames(payloads),
+        classify_frames(payloads).copy(),  # what only `decode` can read is filled in
     )
     for row in np.flatnonzero(found.kinds < 0).tolist():
         try:

@@ -187,7 +187,9 @@ def _guided(fleet: Fleet, rows: Ints) -> NDArray[np.bool_]:
 
 
 def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
-    """NAV_CONTROLLER_OUTPUT: attitude, heading, target distance and bearing, errors of altitude and track."""
+    """NAV_CONTROLLER_OUTPUT: the attitude that is flown for, target distance and bearing, errors of altitude and
+    track.
+    """
     e, f = fleet.estimate, fleet.flight
     flying = f["landed"][rows] == 0
     going = has_destination(fleet, rows)
@@ -196,9 +198,10 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     along = f["ref_vel"][rows, :2]
     speed = np.hypot(along[:, 0], along[:, 1])
     across = np.abs(behind[:, 0] * along[:, 1] - behind[:, 1] * along[:, 0]) / np.maximum(speed, 1e-6)
-    out["nav_roll"] = np.degrees(e["roll"][rows])
-    out["nav_pitch"] = -np.degrees(e["pitch"][rows])
-    out["nav_bearing"] = clip_to_field(np.degrees(columns.heading_rad(_yaw_of_quats(f["att_target"][rows]))), 180)
+    roll, pitch, yaw = _euler_of_quats(f["att_target"][rows])
+    out["nav_roll"] = np.degrees(roll)
+    out["nav_pitch"] = -np.degrees(pitch)
+    out["nav_bearing"] = clip_to_field(np.degrees(columns.heading_rad(yaw)), 180)
     bearing = np.degrees(np.arctan2(away[:, 0], away[:, 1]))
     out["target_bearing"] = np.where(going, clip_to_field(bearing, 180), 0)
     out["wp_dist"] = np.where(going, clip_to_field(np.hypot(away[:, 0], away[:, 1]), U16), 0)
@@ -206,11 +209,12 @@ def nav_controller_output(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     out["xtrack_error"] = np.where(going & (speed > 0.01), across, 0.0)
 
 
-def _yaw_of_quats(quats: Floats) -> Floats:
-    """Return the yaw of attitudes (n, 4)."""
+def _euler_of_quats(quats: Floats) -> tuple[Floats, Floats, Floats]:
+    """Roll, pitch and yaw of attitudes (n, 4), in the frames east-north-up and forward-left-up; radians."""
     w, x, y, z = quats.T
-    angles: Floats = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return angles
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return roll, pitch, np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def position_target_global_int(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
