@@ -130,7 +130,8 @@ def test_frames_and_units() -> None:
     # what it flies for, not what it is at: yaw 0.5 to the left of east, then nose down by 0.2, then right by 0.1
     (cr, sr), (cp, sp), (cy, sy) = ((math.cos(angle / 2), math.sin(angle / 2)) for angle in (0.1, 0.2, 0.5))
     fleet.flight["att_target"] = (
-        cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr, cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr,
+        cy * cp * cr + sy * sp * sr, cy * cp * sr - sy * sp * cr,
+        cy * sp * cr + sy * cp * sr, sy * cp * cr - cy * sp * sr,
     )  # fmt: skip
     nav = told(made, A.MAVLINK_MSG_ID_NAV_CONTROLLER_OUTPUT)
     assert (nav.nav_roll, nav.nav_pitch) == pytest.approx((math.degrees(0.1), math.degrees(-0.2)))
