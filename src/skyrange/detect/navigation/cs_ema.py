@@ -32,8 +32,8 @@ The differences to VIMU:
   the field and the bias of the compass are estimated as PX4 does (`field_reference`), turned by ATTITUDE.
 - VIMU adds the variance of the reference. Telemetry does not report that of position, velocity and height; there the
   variance of the measurement is taken, which it does not exceed while the estimator uses the sensor.
-- Heights of fixes are not judged by default (`heights`): against the barometer they wander by metres within a
-  minute, and with the published limits each nominal flight raised an alarm.
+- Heights of fixes are not judged by default (`heights`): their errors change by metres within a minute, and with the
+  published limits an alarm was raised in each of twenty nominal flights.
 - S is cut at 10 limits, in VIMU at 1.05, so that higher thresholds can be evaluated. There is no recovery.
 
 It cannot detect fixes that the estimate follows without a lasting innovation (`gnss.drift`), sensors that were false
