@@ -52,6 +52,7 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
         "mavlink.timing",
         "motion.consistency",
         "motion.fleet",
+        "navigation.cs_ema",
         "navigation.gnss_innovation",
         "navigation.multi_sensor",
         "remote_id.plausibility",

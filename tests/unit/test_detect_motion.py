@@ -11,14 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skyrange.codec.mavlink import Packer, dialect
-from skyrange.contracts.alerts import Alert
-from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
-from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame
-from skyrange.core.chance import Chance
-from skyrange.core.geodesy import Origin
-from skyrange.core.ids import Port
-from skyrange.core.time import NS_PER_S, Epoch, from_seconds
+from skyrange.codec.mavlink import dialect
+from skyrange.contracts.detectors import DetectorPlugin
+from skyrange.contracts.monitors import ObservedFrame
+from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.detect.approval.conformance import CONFORMANCE
 from skyrange.detect.episodes import EpisodeParams
@@ -26,12 +22,12 @@ from skyrange.detect.motion.consistency import CONSISTENCY
 from skyrange.detect.motion.drag_model import DragModels, lean_acceleration
 from skyrange.detect.motion.fleet import FLEET
 from skyrange.detect.moving_mean import MovingMean
+from skyrange.detect.navigation.cs_ema import CS_EMA
 from skyrange.detect.navigation.gnss_innovation import GNSS_INNOVATION
 from skyrange.detect.navigation.multi_sensor import MULTI_SENSOR
 from skyrange.detect.navigation.self_starting import SelfStarting
 from skyrange.detect.residuals import Residuals
 from skyrange.detect.series import Series, offset_m, rounds
-from skyrange.record import RunRecord, replay_monitor
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.runs import run
 from skyrange.testing import check_monitor
@@ -39,74 +35,27 @@ from skyrange.testing.checks.monitors import collect_frames, serve
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent, intent_id
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import Request, encode, encode_decision, encode_request
-
-ORIGIN = Origin(40.7780, -73.9550, 20.0, -32.7)
-EPOCH = Epoch(1_767_268_800 * NS_PER_S)
-PORTS = (
-    Port("blue.gcs", "approval:blue"),
-    Port("blue.gcs", "gcs:blue/b1"),
-    Port("blue.gcs", "gcs:blue/b2"),
-    Port("blue.gcs", "gcs:blue/b3"),
+from tests.unit.telemetry_sample import (
+    EPOCH,
+    ORIGIN,
+    PORTS,
+    SPEED,
+    Say,
+    alerts,
+    attitude,
+    fix,
+    make,
+    north,
+    position,
+    pressure,
+    replayed,
+    residuals,
+    seen,
+    times,
 )
+
 APPROVAL = 0
-PLUGINS = (CONFORMANCE, CONSISTENCY, FLEET, GNSS_INNOVATION, MULTI_SENSOR)
-SPEED = 5.0
-Say = Callable[[float], tuple[float, float, float]]
-"""Time → position east, north and up that is reported."""
-
-
-def make(plugin: DetectorPlugin, **params: Any) -> Monitor:
-    context = DetectorContext("one", ["blue/b1", "blue/b2", "blue/b3"], ORIGIN, EPOCH, Chance(1))
-    return plugin.make(plugin.params.model_validate(params), context)
-
-
-def alerts(plugin: DetectorPlugin, frames: Sequence[ObservedFrame], until_s: float, **params: Any) -> list[Alert]:
-    ordered = sorted(frames, key=lambda frame: (frame.at, frame.port))
-    found = serve(make(plugin, **params), PORTS, ordered, from_seconds(until_s))
-    return [alert for *_, said in found for alert in said]
-
-
-def residuals(found: Sequence[Alert]) -> set[tuple[str, object]]:
-    return {(alert.subject, alert.data["residual"]) for alert in found}
-
-
-def seen(at_s: float, message: Any, place: int = 1, component: int = 1) -> ObservedFrame:
-    payload = Packer(place, component).pack(message)
-    return ObservedFrame(PORTS[place], True, from_seconds(at_s + 0.05), payload, "blue/b.companion", "blue.gcs")
-
-
-def times(until_s: float, rate_hz: float) -> list[float]:
-    return [number / rate_hz for number in range(int(until_s * rate_hz))]
-
-
-def north(at_s: float, place: int = 1) -> tuple[float, float, float]:
-    """Northwards at `SPEED`, 50 m beside each other, 30 m high; a centimetre of noise that depends on the place."""
-    noise = 0.02 * sin(40.0 * at_s + place)
-    return 50.0 * place + noise, SPEED * at_s, 30.0
-
-
-def position(
-    at_s: float, say: Say, place: int = 1, velocity: tuple[float, float, float] | None = None, heading_deg: float = 0.0
-) -> ObservedFrame:
-    """GLOBAL_POSITION_INT; the velocity is the path's own unless it is given (east, north, up)."""
-    east, nrth, up = say(at_s)
-    if velocity is None:
-        before, after = say(at_s - 0.05), say(at_s + 0.05)
-        velocity = ((after[0] - before[0]) * 10, (after[1] - before[1]) * 10, (after[2] - before[2]) * 10)
-    lat, lon = ORIGIN.geodetic_of(east, nrth)
-    v_e, v_n, v_u = (round(speed * 100) for speed in velocity)
-    return seen(
-        at_s,
-        dialect.MAVLink_global_position_int_message(
-            round(at_s * 1e3), round(lat * 1e7), round(lon * 1e7), round((20 + up) * 1e3), round(up * 1e3),
-            v_n, v_e, -v_u, round(heading_deg * 100) % 36_000,
-        ),
-        place,
-    )  # fmt: skip
-
-
-def attitude(at_s: float, roll: float = 0.0, pitch: float = -0.1, yaw: float = 0.0, place: int = 1) -> ObservedFrame:
-    return seen(at_s, dialect.MAVLink_attitude_message(round(at_s * 1e3), roll, pitch, yaw, 0.0, 0.0, 0.0), place)
+PLUGINS = (CONFORMANCE, CONSISTENCY, CS_EMA, FLEET, GNSS_INNOVATION, MULTI_SENSOR)
 
 
 def status(at_s: float, percent: int) -> ObservedFrame:
@@ -189,16 +138,6 @@ def ratios(at_s: float, velocity: float) -> ObservedFrame:
     return seen(at_s, dialect.MAVLink_ekf_status_report_message(831, velocity, 0.05, 0.02, 0.04, 0.0))
 
 
-def fix(at_s: float, say: Say, shift_m: float = 0.0, fix_type: int = 3, h_acc_mm: int = 1500) -> ObservedFrame:
-    east, nrth, up = say(at_s)
-    lat, lon = ORIGIN.geodetic_of(east + shift_m, nrth)
-    message = dialect.MAVLink_gps_raw_int_message(
-        round(at_s * 1e6), fix_type, round(lat * 1e7), round(lon * 1e7), round((20 + up) * 1e3), 100, 100, 500, 0, 10,
-        0, h_acc_mm, 2500, 200, 0,
-    )  # fmt: skip
-    return seen(at_s, message)
-
-
 def test_innovations_within_the_gates_add_up() -> None:
     def wave(at_s: float) -> float:
         return 0.04 + 0.02 * sin(7.0 * at_s)
@@ -240,11 +179,6 @@ def test_the_time_of_gnss_is_compared_with_the_clock_of_the_station() -> None:
     assert alerts(GNSS_INNOVATION, clock(0.0), 20.0) == []
     ((at_s, score),) = [(alert.at / NS_PER_S, alert.score) for alert in alerts(GNSS_INNOVATION, clock(-20.0), 20.0)]
     assert (round(at_s), round(score)) == (10, 10)
-
-
-def pressure(at_s: float, up_m: float) -> ObservedFrame:
-    hpa = 1013.25 * (1.0 - 2.25577e-5 * (20.0 + up_m)) ** 5.25588
-    return seen(at_s, dialect.MAVLink_scaled_pressure_message(round(at_s * 1e3), hpa, 0.0, 1500))
 
 
 def test_heights_of_barometer_and_receiver_are_compared() -> None:
@@ -468,11 +402,6 @@ def test_offsets_agree_with_the_projection() -> None:
     assert degrees(atan2(east[0], nrth[0])) == pytest.approx(degrees(atan2(300, -200)), abs=0.01)
     across, _ = offset_m(np.array([0.0]), np.array([1_799_999_990.0]), np.array([0.0]), np.array([-1_799_999_990.0]))
     assert across[0] == pytest.approx(0.222, abs=0.01)
-
-
-def replayed(record: RunRecord, plugin: DetectorPlugin, links: Sequence[str] = ("gcs:*",)) -> list[Alert]:
-    placement = MonitorPlacement("one", lambda: make(plugin), links, "gcs")
-    return [found.alert for found in replay_monitor(record, placement)]
 
 
 @pytest.mark.parametrize(

@@ -41,9 +41,10 @@ from skyrange.contracts.params import Number
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.detect.episodes import EpisodeParams
 from skyrange.detect.moving_mean import MovingMean
+from skyrange.detect.navigation.fix_errors import fix_errors
 from skyrange.detect.navigation.self_starting import SelfStarting
 from skyrange.detect.residuals import Residuals
-from skyrange.detect.series import Floats, Series, Steps, offset_m
+from skyrange.detect.series import Floats, Series, Steps
 
 KIND = "navigation.gnss_innovation"
 """The kind of its alerts."""
@@ -152,13 +153,8 @@ class GnssInnovation:
         rows = np.flatnonzero((fix[:, 6] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
         fix, fused, age = fix[rows], fused[rows], age[rows]
         places, at_ns, seconds = steps.places[rows], steps.at_ns[rows], steps.seconds[rows]
-        velocity = fused[:, 2:] * 1e-2
-        east, north = offset_m(fused[:, 0], fused[:, 1], fix[:, 0], fix[:, 1])
-        away = np.hypot(east - velocity[:, 1] * age, north - velocity[:, 0] * age)
-        course = np.radians(fix[:, 3] * 1e-2)
-        slip = np.hypot(
-            fix[:, 2] * 1e-2 * np.cos(course) - velocity[:, 0], fix[:, 2] * 1e-2 * np.sin(course) - velocity[:, 1]
-        )
+        position, velocity = fix_errors(fix, fused, age)
+        away, slip = np.hypot(position[:, 0], position[:, 1]), np.hypot(velocity[:, 1], velocity[:, 0])
         alerts: list[Alert] = []
         for name, error, claimed, unknown, most, own, mean in (
             (OFFSET, away, fix[:, 4], _UNKNOWN_M, _MOST_M, _FUSED_M, self._offsets),

@@ -1,0 +1,253 @@
+"""CS-EMA detector: small lasting innovations of satellite fixes, barometer and magnetometer.
+
+It reads GPS_RAW_INT, GLOBAL_POSITION_INT, SCALED_PRESSURE, RAW_IMU and ATTITUDE. The stream profile `operator` carries
+them. `light` has no fixes of its own: with Remote ID the companion requests them at 1 Hz, and they alone are judged.
+
+The algorithm is CS-EMA of Y. Wang, C. Sun, Q. Liu, B. Su, Z. Zhang, M. Norris, G. Tan and J. Ma, "VIMU: Effective
+Physics-based Realtime Detection and Recovery against Stealthy Attacks on UAVs", ACSAC 2024 (arXiv 2504.20569), in the
+form of its authors' implementation (github.com/wangwwno1/Project-VIMU, `src/lib/fault_detector`). For each axis of a
+sensor, r is the innovation over its standard deviation:
+
+- CUSUM: S = max(0, S + |r| - b), an alarm above a limit;
+- EMA: M = (1 - λ) M + λ min(max(r, -R), R), an alarm if |M| is above a limit. It finds a bias below b, which never
+  raises S; the clip R keeps a large error, which S finds, from filling M.
+
+| sensor | least standard deviation | b | limit of S | λ | R | limit of M |
+|---|---|---|---|---|---|---|
+| `position` of fixes | 0.5 m | 0.5 | 3 | 0.01 | 0.85 | 0.45 |
+| `velocity` of fixes | 0.3 m/s | 1 | none | 0.01 | 1.1 | 0.5 |
+| `barometer` | 3.5 m | 0.25 | 3 | 0.05 | 0.52 | 0.15 |
+| `magnetometer` | 0.05 gauss | 0.25 | 3 | 0.01 | 0.52 | 0.3 |
+
+All values are those that the authors set for their evaluation (README of the repository; b of the velocity is its
+default, for no CUSUM is used there). As there, a claimed accuracy of a fix counts if it is larger, the height of a
+fix has 1.5 times as much, and heights count from the first fix on.
+
+The differences to VIMU:
+
+- It runs at the ground station on what telemetry carries. The charts are updated with each message (2 Hz), not with
+  each sample of the sensor, so delays in seconds are longer; in samples they are the same.
+- The reference is the autopilot's own estimate, not one by a model of motors and airframe ("virtual IMU"), whose
+  inputs telemetry does not carry at its rate. So gyroscopes and accelerometers are not judged. For the magnetometer,
+  the field and the bias of the compass are estimated as PX4 does (`field_reference`), turned by ATTITUDE.
+- VIMU adds the variance of the reference. Telemetry does not report that of position, velocity and height; there the
+  variance of the measurement is taken, which it does not exceed while the estimator uses the sensor.
+- Heights of fixes are not judged by default (`heights`): their errors change by metres within a minute, and with the
+  published limits an alarm was raised in each of twenty nominal flights.
+- S is cut at 10 limits, in VIMU at 1.05, so that higher thresholds can be evaluated. There is no recovery.
+
+It cannot detect fixes that the estimate follows without a lasting innovation (`gnss.drift`), sensors that were false
+from the first message on, and errors within a claimed accuracy. It reports multipath and failing sensors as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from pydantic import Field
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.frames.payloads import Ints
+from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.params import Number
+from skyrange.core.time import NS_PER_MS, Time
+from skyrange.detect.episodes import EpisodeParams
+from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
+from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
+from skyrange.detect.navigation.fix_errors import fix_errors
+from skyrange.detect.residuals import Residuals
+from skyrange.detect.series import Floats, Series, Steps, grown, rounds
+
+KIND = "navigation.cs_ema"
+"""The kind of its alerts."""
+ABOUT = "Finds small lasting innovations of fixes, barometer and magnetometer by CS-EMA charts (VIMU, 2024)."
+SERVICE_NS: Time = 500 * NS_PER_MS
+
+SENSORS: Final = ("position", "velocity", "barometer", "magnetometer")
+CHARTS: Final = ("cusum", "ema")
+_POSITION_M, _VELOCITY_MPS, _BAROMETER_M = 0.5, 0.3, 3.5
+"""EKF2_GPS_P_NOISE, EKF2_GPS_V_NOISE and EKF2_BARO_NOISE of the authors."""
+_VERTICAL: Final = 1.5
+_STATE: Final = float(np.sqrt(2.0))
+"""Standard deviation of an innovation over that of the measurement, if the reference is as uncertain."""
+_MOST_RATIO: Final = 1e6
+_MOST_GAUSS: Final = 100.0
+_AGE_S: Final = 1.5
+"""Greatest difference of the times of a measurement and of the estimate that is compared with it."""
+_ATTITUDE_AGE_S: Final = 0.15
+"""The same for the magnetometer: more than an interval of ATTITUDE at 10 Hz."""
+_SPAN_S: Final = 2.0**26
+"""More than the time since boot, whole as a float beside the number of a link end: two years."""
+_FIX_3D: Final = 3
+_SEA_LEVEL_HPA, _SCALE_M, _EXPONENT = 1013.25, 44_330.77, 0.190263
+"""The standard atmosphere below 11 km (ISO 2533)."""
+_FIX: Final = ("lat", "lon", "vel", "cog", "alt", "h_acc", "v_acc", "vel_acc", "fix_type", "time_usec")
+_FUSED: Final = ("lat", "lon", "vx", "vy", "vz", "alt")
+_ATTITUDE: Final = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
+
+
+def _limit(default: float, sensor: str, chart: str) -> Number:
+    found: Number = Field(
+        default=default,
+        ge=0.0,
+        le=1e6,
+        description=f"Limit of the {chart} of the {sensor}, in standard deviations, that scores 1; 0 leaves it out.",
+    )
+    return found
+
+
+class CsEmaParams(EpisodeParams):
+    """Parameters of the CS-EMA detector."""
+
+    position_cusum: Number = _limit(3.0, "position", "CUSUM")
+    position_ema: Number = _limit(0.45, "position", "moving average")
+    velocity_cusum: Number = _limit(0.0, "velocity", "CUSUM")
+    velocity_ema: Number = _limit(0.5, "velocity", "moving average")
+    barometer_cusum: Number = _limit(3.0, "barometer", "CUSUM")
+    barometer_ema: Number = _limit(0.15, "barometer", "moving average")
+    magnetometer_cusum: Number = _limit(3.0, "magnetometer", "CUSUM")
+    magnetometer_ema: Number = _limit(0.3, "magnetometer", "moving average")
+    heights: bool = Field(default=False, strict=True, description="Whether the heights of fixes are judged.")
+
+
+class CsEmaDetector:
+    """A `skyrange.contracts.monitors.Monitor`: alerts for the aircraft whose sensors do not fit its estimate.
+
+    The subject of an alert is the owner of the link. Its score is the statistic over its limit. `data` has the link,
+    the sensor and the chart as `residual`, such as `position_ema`, and `ratio`, the last innovation.
+    """
+
+    service_ns: Time = SERVICE_NS
+
+    def __init__(self, params: CsEmaParams) -> None:
+        p = params
+        self._charts = {
+            "position": CsEma(Chart(0.01, 0.85, p.position_ema, 0.5, p.position_cusum), 3),
+            "velocity": CsEma(Chart(0.01, 1.1, p.velocity_ema, 1.0, p.velocity_cusum), 2),
+            "barometer": CsEma(Chart(0.05, 0.52, p.barometer_ema, 0.25, p.barometer_cusum), 1),
+            "magnetometer": CsEma(Chart(0.01, 0.52, p.magnetometer_ema, 0.25, p.magnetometer_cusum), 3),
+        }
+        self._heights = p.heights
+        self._residuals = Residuals(KIND, [f"{name}_{chart}" for name in SENSORS for chart in CHARTS], p)
+        self._fixes = Series("GPS_RAW_INT", _FIX, timed=False)
+        self._fused = Series("GLOBAL_POSITION_INT", _FUSED)
+        self._pressure = Series("SCALED_PRESSURE", ("press_abs",))
+        self._inertial = Series("RAW_IMU", ("xmag", "ymag", "zmag", "time_usec"), timed=False)
+        self._attitude = Series("ATTITUDE", _ATTITUDE)
+        self._fix_height, self._baro_height = _First(1), _First(1)
+        self._field = FieldReference()
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        """Compare what has arrived since the last service."""
+        arrived = frames.take(frames.received)
+        self._fused.read(arrived)
+        attitudes = self._attitude.read(arrived)
+        alerts = self._judge_fixes(arrived, self._fixes.read(arrived))
+        alerts += self._judge_pressure(arrived, self._pressure.read(arrived))
+        alerts += self._judge_field(arrived, self._inertial.read(arrived), attitudes)
+        return alerts
+
+    def _judge_fixes(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        fix, fused = steps.after, self._fused.values[steps.places]
+        age = fix[:, 9] * 1e-6 - self._fused.time_s[steps.places]
+        rows = np.flatnonzero((fix[:, 8] >= _FIX_3D) & (np.abs(age) <= _AGE_S))
+        places, at_ns, fix, fused, age = steps.places[rows], steps.at_ns[rows], fix[rows], fused[rows], age[rows]
+        away, slip = fix_errors(fix[:, :4], fused[:, :4], age)
+        above = (fix[:, 4] - fused[:, 5]) * 1e-3 + fused[:, 4] * 1e-2 * age
+        above -= self._fix_height.keep(places, above[:, None])[:, 0]
+        spread = np.maximum(fix[:, 5:8] * 1e-3, (_POSITION_M, _POSITION_M, _VELOCITY_MPS))
+        height = above / (_VERTICAL * spread[:, 1]) if self._heights else np.zeros(len(rows))
+        position = np.column_stack([away / spread[:, :1], height])
+        alerts = self._judge("position", frames, places, at_ns, position)
+        return alerts + self._judge("velocity", frames, places, at_ns, slip / spread[:, 2:])
+
+    def _judge_pressure(self, frames: ObservedFrames, steps: Steps) -> list[Alert]:
+        fused = self._fused.values[steps.places]
+        age = steps.time_s - self._fused.time_s[steps.places]
+        rows = np.flatnonzero((steps.after[:, 0] > 0.0) & (np.abs(age) <= _AGE_S))
+        places, fused, age = steps.places[rows], fused[rows], age[rows]
+        altitude = _SCALE_M * (1.0 - (steps.after[rows, 0] / _SEA_LEVEL_HPA) ** _EXPONENT)
+        above = (altitude - fused[:, 5] * 1e-3 + fused[:, 4] * 1e-2 * age)[:, None]
+        above = above - self._baro_height.keep(places, above)
+        return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)
+
+    def _judge_field(self, frames: ObservedFrames, steps: Steps, attitudes: Steps) -> list[Alert]:
+        found, age = _nearest(attitudes, steps.places, steps.after[:, 3] * 1e-6)
+        rows = np.flatnonzero((np.abs(age) <= _ATTITUDE_AGE_S) & steps.after[:, :3].any(axis=1))
+        places, attitude = steps.places[rows], attitudes.after[found[rows]]
+        fields = np.clip(steps.after[rows, :3] * 1e-3, -_MOST_GAUSS, _MOST_GAUSS)
+        turns = turns_to_earth(*(attitude[:, :3] + attitude[:, 3:] * age[rows, None]).T)
+        charts, seconds = self._charts["magnetometer"], steps.seconds[rows]
+        ratios, sums, means = np.empty((3, len(rows), 3))
+        for each in rounds(places):
+            at = places[each]
+            ratios[each] = self._field.predict(at, fields[each], turns[each], seconds[each])
+            sums[each], means[each] = charts.add(at, ratios[each])
+            fit = each[np.maximum(sums[each], means[each]).max(axis=1) < 1.0]
+            self._field.update(places[fit], fields[fit], turns[fit])
+        return self._raise("magnetometer", frames, places, steps.at_ns[rows], ratios, (sums, means))
+
+    def _judge(self, sensor: str, frames: ObservedFrames, places: Ints, at_ns: Ints, ratios: Floats) -> list[Alert]:
+        ratios = np.clip(ratios / _STATE, -_MOST_RATIO, _MOST_RATIO)
+        return self._raise(sensor, frames, places, at_ns, ratios, self._charts[sensor].add(places, ratios))
+
+    def _raise(
+        self,
+        sensor: str,
+        frames: ObservedFrames,
+        places: Ints,
+        at_ns: Ints,
+        ratios: Floats,
+        statistics: tuple[Floats, Floats],
+    ) -> list[Alert]:
+        alerts: list[Alert] = []
+        each = np.arange(len(places))
+        for chart, values in zip(CHARTS, statistics, strict=True):
+            worst = values.argmax(axis=1)
+            scores, data = values[each, worst], {"ratio": ratios[each, worst]}
+            alerts += self._residuals.raise_alerts(f"{sensor}_{chart}", frames.ports, places, at_ns, scores, data)
+        return alerts
+
+
+class _First:
+    """The first value of a quantity at each link end."""
+
+    def __init__(self, axes: int) -> None:
+        self._values: Floats = np.zeros((0, axes))
+
+    def keep(self, places: Ints, values: Floats) -> Floats:
+        """The (n, axes) first values of the link ends of (n, axes) new ones, which are in order of time."""
+        self._values = grown(self._values, int(places.max(initial=-1)) + 1, np.nan)
+        ends, rows = np.unique(places, return_index=True)
+        fresh = np.isnan(self._values[ends, 0])
+        self._values[ends[fresh]] = values[rows[fresh]]
+        first: Floats = self._values[places]
+        return first
+
+
+def _nearest(steps: Steps, places: Ints, time_s: Floats) -> tuple[Ints, Floats]:
+    """Of (n,) times at link ends: the row of `steps` of the same end with the nearest time, and the time less its own.
+
+    The time is NaN where the end has no row.
+    """
+    if not len(steps.places):
+        return np.zeros(len(places), dtype=np.int64), np.full(len(places), np.nan)
+    order = np.lexsort((steps.time_s, steps.places))
+    keys = steps.places[order] * _SPAN_S + np.clip(steps.time_s[order], 0.0, _SPAN_S / 2)
+    after = np.searchsorted(keys, places * _SPAN_S + np.clip(time_s, 0.0, _SPAN_S / 2))
+    rows = order[np.clip(np.column_stack([after - 1, after]), 0, len(order) - 1)]
+    ages = np.where(steps.places[rows] == places[:, None], time_s[:, None] - steps.time_s[rows], np.nan)
+    chosen = np.where(np.isnan(ages), np.inf, np.abs(ages)).argmin(axis=1)
+    each = np.arange(len(places))
+    return rows[each, chosen], ages[each, chosen]
+
+
+def make_cs_ema(params: CsEmaParams, context: DetectorContext | None = None) -> Monitor:
+    """A new detector."""
+    return CsEmaDetector(params)
+
+
+CS_EMA = DetectorPlugin(CsEmaParams, make_cs_ema, ABOUT)

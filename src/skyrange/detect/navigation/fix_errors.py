@@ -1,0 +1,23 @@
+"""Differences between satellite fixes and the fused position and velocity of the same aircraft."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skyrange.detect.series import Floats, offset_m
+
+
+def fix_errors(fix: Floats, fused: Floats, age_s: Floats) -> tuple[Floats, Floats]:
+    """Differences (n, 2) of position in metres and of velocity in m/s, east and north each: the fix less the estimate.
+
+    `fix` is (n, 4): lat, lon, vel and cog of GPS_RAW_INT; `fused` is (n, 4): lat, lon, vx and vy of
+    GLOBAL_POSITION_INT; both in wire units. `age_s` is the time of the fix less that of the estimate, (n,): the
+    estimate is taken to the time of the fix by its velocity.
+    """
+    velocity = fused[:, 2:] * 1e-2
+    east, north = offset_m(fused[:, 0], fused[:, 1], fix[:, 0], fix[:, 1])
+    course = np.radians(fix[:, 3] * 1e-2)
+    speed = fix[:, 2] * 1e-2
+    away = np.column_stack([east - velocity[:, 1] * age_s, north - velocity[:, 0] * age_s])
+    slip = np.column_stack([speed * np.sin(course) - velocity[:, 1], speed * np.cos(course) - velocity[:, 0]])
+    return away, slip
