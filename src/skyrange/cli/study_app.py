@@ -26,6 +26,15 @@ Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a s
 Jobs = Annotated[
     int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
 ]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value of the study's file, such as seeds=2 or factors.size.values=[1,2]; * in the path matches "
+        "all elements. May be repeated.",
+    ),
+]
 On = Annotated[
     str | None,
     typer.Option(
@@ -43,6 +52,7 @@ def run_study(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
     ] = None,
+    changes: Changes = None,
     jobs: Jobs = None,
     on: On = None,
     dry_run: Annotated[
@@ -53,7 +63,7 @@ def run_study(
     as_json: AsJson = False,
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
-    studies.run(file, out, jobs, on, dry_run, as_json)
+    studies.run(file, out, changes or [], jobs, on, dry_run, as_json)
 
 
 @study_app.command("resume", epilog="Example: skyrange study resume studies/drift")

@@ -20,13 +20,21 @@ _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
 
 
-def run(file: Path, out: Path | None, jobs: int | None, on: str | None, dry_run: bool, as_json: bool) -> None:
+def run(
+    file: Path,
+    out: Path | None,
+    changes: Sequence[str],
+    jobs: int | None,
+    on: str | None,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
     """`skyrange study run`."""
     from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.model import read_study
     from skyrange.study.sweep.study_run import run_study
 
-    study = read_study(file)
+    study = read_study(file, changes)
     tell_if_cold(quiet=as_json)
     if dry_run:
         _estimate(study, jobs, as_json)

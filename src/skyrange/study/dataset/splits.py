@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any, Final
 
 from skyrange.core.chance import Chance
@@ -48,9 +49,12 @@ def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Trai
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:
-    """The name of a run's city, or of the file of its buildings; empty over open ground."""
+    """The name of a run's city: the file of its buildings without its folder, or the size, seed and shape of a
+    generated downtown; empty over open ground.
+    """
     city = manifest.get("city") or {}
-    return str(city.get("name") or city.get("source") or ("city" if city else ""))
+    named = str(city.get("name") or city.get("source") or ("city" if city else ""))
+    return PurePath(named).name
 
 
 def assign_splits(

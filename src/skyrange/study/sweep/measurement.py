@@ -16,7 +16,7 @@ from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.blocks import Block, city_of
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.model import Study
 from skyrange.study.twins.effects import effect_rows
@@ -64,7 +64,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "error": "",
                 "simulated_s": float(manifest["simulated_s"]),
                 "vehicles": len(manifest["vehicles"]),
-                "city": name_city(manifest),
+                "city": city_of(study, block) or name_city(manifest),
                 "fingerprint": str(manifest["digests"]["fingerprint"]),
                 **measures,
             }
