@@ -16,7 +16,7 @@ from skyrange.study.dataset.splits import name_city
 from skyrange.study.sweep.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.sweep.factors import Factor
 from skyrange.study.sweep.folder import digest_of
-from skyrange.study.sweep.model import Study, change_study, parse_study, read_study
+from skyrange.study.sweep.model import Study, change_study, cities_of, parse_study, read_study
 from skyrange.study.sweep.sampling import draw_values, list_points, value_at
 
 
@@ -109,7 +109,8 @@ def test_arms_share_all_but_what_they_are() -> None:
         ({"keep": ("truths",)}, "truth"),
         ({"factors": ({"name": "a", "key": "k", "low": 2, "high": 1, "steps": 2},)}, "more than low"),
         ({"factors": ({"name": "a", "key": "k"},)}, "either values, named, or low and high"),
-        ({"factors": ({"name": "a", "key": "k", "values": (1,), "named": {"x": 1}},)}, "either values, named, or low"),
+        ({"factors": ({"name": "a", "key": "k", "values": (1,), "named": {"x": 1}},)}, "names of named: x"),
+        ({"factors": ({"name": "a", "key": "k", "values": ("one",), "named": {"ones": 1}},)}, "Did you mean 'ones'"),
         ({"factors": ({"name": "a", "key": "k", "named": {"x": 1}, "low": 1, "high": 2},)}, "either values, named, or"),
         ({"factors": ({"name": "a", "key": "k", "named": {}},)}, "at least one name with its value"),
         ({"factors": ({"name": "a", "key": "k", "named": {" ": 1}},)}, "printable characters"),
@@ -291,11 +292,17 @@ def test_changes_of_a_study_name_its_factors_draws_and_arms(tmp_path: Path, monk
     again = change_study(found, ["factors.city.named.two=two.geojson", "factors.*.name=town"])
     assert list(again.factors[0].named) == ["grid:1", "two.geojson", "two"]
     assert again.factors[0].name == "town"
+    fewer = change_study(again, ['factors.town.values=["two", "grid:5"]'])
+    assert fewer.factors[0].levels == ("two", "grid:5")
+    assert cities_of(fewer) == [str(tmp_path / "here/two.geojson")]
     assert change_study(again, []) is again
 
 
 def test_values_of_a_change_replace_those_of_another_kind() -> None:
     found = study(factors=({"name": "condition", "key": "attacks", "named": ATTACKS},), draws=(ONSET,))
+    chosen = change_study(found, ['factors.condition.values=["none"]'])
+    assert chosen.factors[0].levels == ("none",)
+    assert list_points(chosen) == [{"condition": "none"}]
     ranged = change_study(found, ["draws.onset.values=[25]", "factors.condition.named={ none = [] }"])
     assert (ranged.draws[0].values, ranged.draws[0].low) == ((25,), None)
     assert ranged.factors[0].levels == ("none",)

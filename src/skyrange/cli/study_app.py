@@ -115,6 +115,10 @@ def score_study(
     hold_out_city: Annotated[
         list[str] | None, typer.Option(metavar="CITY", help="City that only the test split has. May be repeated.")
     ] = None,
+    hold_out_fleet: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Number of aircraft that only the test split has. May be repeated."),
+    ] = None,
     beside: Annotated[
         list[Path] | None,
         typer.Option(metavar="FILE", help="Result file of others to put beside these. May be repeated."),
@@ -124,5 +128,9 @@ def score_study(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Score the detectors of a study, print a leaderboard, and write the result file."""
-    studies.score(folder, rate, hold_out_family or [], hold_out_city or [], beside or [], out, as_json)
+    """Score the detectors of a study, print a leaderboard, and write the result file.
+
+    Options --hold-out-… replace all that the study's file holds out.
+    """
+    held = hold_out_family or [], hold_out_city or [], hold_out_fleet or []
+    studies.score(folder, rate, *held, beside or [], out, as_json)

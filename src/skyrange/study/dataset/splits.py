@@ -76,7 +76,7 @@ def assign_splits(
     traits: dict[str, list[Traits]] = {}
     for member in members:
         traits.setdefault(member.block, []).append(traits_of(member, families))
-    splits = {block: _held_split(own, held) or draw_split(block, seed, shares) for block, own in traits.items()}
+    splits = {block: split_of(block, own, seed, held, shares) for block, own in traits.items()}
     return [replace(member, split=splits[member.block]) for member in members]
 
 
@@ -86,6 +86,13 @@ def _check_shares(shares: Mapping[str, float]) -> None:
     wrong = [name for name in shares if name.startswith(HELD_OUT)]
     if wrong:
         raise InputError.one("dataset", "shares", wrong[0], f"a name that does not begin with {HELD_OUT}")
+
+
+def split_of(
+    block: str, traits: Sequence[Traits], seed: int, held: HeldOut, shares: Mapping[str, float] = SHARES
+) -> str:
+    """The split of a block whose runs have `traits`: a held-out one, else that of `draw_split`."""
+    return _held_split(traits, held) or draw_split(block, seed, shares)
 
 
 def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:

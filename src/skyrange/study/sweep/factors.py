@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from pydantic import Field, model_validator
 
-from skyrange.core.errors import Problem
+from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, refuse
 
 SCENARIO: Final = "scenario"
@@ -37,11 +37,15 @@ class Factor(Model):
         "'grid:SEED' for the generated downtown of the scenario with another seed, a table as city.grid for another "
         "downtown, '' for that of the scenario.",
     )
-    values: tuple[Any, ...] = Field(default=(), description="Values among which it varies.")
+    values: tuple[Any, ...] = Field(
+        default=(),
+        description="Values among which it varies; names of named, if there is that. One that is there twice is drawn "
+        "twice as often.",
+    )
     named: dict[str, Any] = Field(
         default_factory=dict,
-        description="Values by name, instead of values: the results have the names, the scenario gets what they stand "
-        "for, such as tables and lists.",
+        description="Values by name: the results have the names, the scenario gets what they stand for, such as tables "
+        "and lists. It varies among all of them, or among those in values.",
     )
     low: Number | None = Field(default=None, description="Least value of a range.")
     high: Number | None = Field(default=None, description="Greatest value of a range.")
@@ -56,7 +60,7 @@ class Factor(Model):
     @property
     def levels(self) -> tuple[Any, ...]:
         """What the results have of it: its names or its values; empty for a range."""
-        return tuple(self.named) or self.values
+        return self.values or tuple(self.named)
 
     def value_of(self, level: Any) -> Any:
         """What the scenario gets for one of its levels."""
@@ -66,16 +70,19 @@ class Factor(Model):
     @classmethod
     def _name_cities(cls, data: Any) -> Any:
         """Cities are named by their files, so that results do not depend on where these are."""
-        if not isinstance(data, dict) or data.get("key") != BUILDINGS or data.get("named"):
+        if not isinstance(data, dict) or data.get("key") != BUILDINGS:
             return data
-        values = data.get("values")
+        values, named = data.get("values"), data.get("named", {})
         if not isinstance(values, (list, tuple)) or not values or not all(isinstance(one, str) for one in values):
             return data
-        names = [name_buildings(one) for one in values]
-        twice = sorted({name for name in names if names.count(name) > 1})
-        if twice:
-            raise refuse(Problem("values", twice[0], "files of different names, or named instead of values"))
-        return {**data, "values": (), "named": dict(zip(names, values, strict=True))}
+        if not isinstance(named, dict):
+            return data
+        names = [value if value in named else name_buildings(value) for value in values]
+        for name, value in zip(names, values, strict=True):
+            if name != value and named.get(name, value) != value:
+                raise refuse(Problem("values", name, "files of different names, or named instead of values"))
+            named = named if name in named else {**named, name: value}
+        return {**data, "values": tuple(names), "named": named}
 
     @model_validator(mode="after")
     def _one_way(self) -> Factor:
@@ -83,11 +90,8 @@ class Factor(Model):
         ranged = self.low is not None and self.high is not None
         if "named" in self.model_fields_set and not self.named and not self.values and not ranged:
             problems.append(Problem("named", "an empty table", "at least one name with its value"))
-        elif (bool(self.values), bool(self.named), ranged).count(True) != 1 or (self.low is None) != (
-            self.high is None
-        ):
-            found = repr(list(self.values)) if not self.named else ", ".join(self.named)
-            problems.append(Problem("values", found, "either values, named, or low and high"))
+        elif bool(self.levels) == ranged or (self.low is None) != (self.high is None):
+            problems.append(Problem("values", repr(list(self.levels)), "either values, named, or low and high"))
         elif self.low is not None and self.high is not None and self.low >= self.high:
             problems.append(Problem("high", repr(self.high), f"more than low, {self.low!r}"))
         if self.log and (self.low is None or self.low <= 0):
@@ -102,15 +106,19 @@ class Factor(Model):
         return self
 
     def _wrong_names(self) -> Iterator[Problem]:
+        for value in self.values if self.named else ():
+            if not isinstance(value, str) or value not in self.named:
+                hint = nearest(value, self.named) if isinstance(value, str) else ""
+                yield Problem("values", repr(value), f"names of named: {', '.join(self.named)}", hint)
         for name in self.named:
             if not name.strip() or not name.isprintable() or len(name) > _LONGEST_NAME:
                 yield Problem("named", repr(name), f"names of 1 to {_LONGEST_NAME} printable characters")
 
     def _wrong_choices(self) -> Iterator[Problem]:
         """The problems of values that choose the scenario or its city."""
-        for level in self.levels:
-            value = self.value_of(level)
-            where = f"named.{level}" if self.named else "values"
+        chosen = self.named.items() if self.named else (("", value) for value in self.values)
+        for name, value in chosen:
+            where = f"named.{name}" if self.named else "values"
             if self.key == SCENARIO and not isinstance(value, str):
                 yield Problem(where, repr(value), "the name or the file of a scenario")
             elif self.key == BUILDINGS and not isinstance(value, (str, dict)):

@@ -17,6 +17,7 @@ from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
+from skyrange.study.dataset.families import FAMILIES
 from skyrange.study.matrix.model import Part
 from skyrange.study.sweep.columns import reserved_names
 from skyrange.study.sweep.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file
@@ -61,6 +62,16 @@ def _arm(value: Any) -> Any:
     return {"id": value, "attacks": _SHORT[value]}
 
 
+class HeldOutTraits(Model):
+    """What blocks of the test split alone may have, so that scores say how detectors do on what they have not seen."""
+
+    families: _Texts = Field(default=(), description="Mechanism families of attacks, such as gnss_false_position.")
+    cities: _Texts = Field(default=(), description="Cities, as the column city of the results has them.")
+    aircraft: Annotated[
+        tuple[Annotated[Whole, Field(ge=1)], ...], BeforeValidator(items, json_schema_input_type=list[int])
+    ] = Field(default=(), description="Numbers of aircraft of a run.")
+
+
 class Study(Model):
     """A study: each point of the design is flown with each seed in each arm."""
 
@@ -90,6 +101,10 @@ class Study(Model):
     )
     baseline: Id | None = Field(
         default=None, description="The arm with which effects are compared. Default: the first."
+    )
+    held_out: HeldOutTraits = Field(
+        default_factory=HeldOutTraits,
+        description="What is held out of training and validation when detectors are scored and data sets are built.",
     )
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors that listen in all runs.")
     keep: str | tuple[str, ...] = Field(
@@ -202,6 +217,13 @@ def _check_data(data: dict[str, Any], who: str) -> Study:
         study = Study.model_validate(data)
     except ValidationError as error:
         raise input_error(who, error, Study, data) from None
+    unknown = [one for one in study.held_out.families if one not in FAMILIES and "." not in one]  # kinds of plugins
+    if unknown:
+        problems = [
+            Problem("held_out.families", one, "a family of attack kinds, or a kind", nearest(one, FAMILIES))
+            for one in unknown
+        ]
+        raise InputError(who, problems)
     for name in scenarios_of(study):
         if not source_of(name).is_file():
             raise InputError.one(who, "scenario", name, "a shipped scenario or a TOML file")

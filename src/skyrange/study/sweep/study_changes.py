@@ -13,7 +13,7 @@ from skyrange.scenario.overrides import apply_overrides
 from skyrange.study.sweep.factors import BUILDINGS, SCENARIO, is_city_file
 
 _WAYS: Final[Mapping[str, tuple[str, ...]]] = {
-    "values": ("values",),
+    "values": ("values", "named"),
     "named": ("named",),
     "low": ("low", "high", "steps", "log", "mean", "deviation", "whole"),
 }
@@ -24,8 +24,9 @@ def change_data(data: Mapping[str, Any], changes: Iterable[str], root: type[Base
     """The table of a study, whose model is `root`, with every `path=value` applied as `scenario.overrides` does.
 
     Factors, draws, arms and detectors are named by their names or ids. Names of files are relative to the working
-    directory. Values that a change gives a factor replace those of another kind: `factors.city.values` those in
-    `named`. Raises `InputError` with one problem for each change that is malformed or matches nothing.
+    directory. Values that a change gives a factor replace those of another kind, such as a range; `values` of a factor
+    with `named` choose among its names, and may add cities. Raises `InputError` with one problem for each change that
+    is malformed or matches nothing.
     """
     changes = list(changes)
     if not changes:
@@ -54,7 +55,8 @@ def _locate_values(factor: Any, folder: Path) -> Any:
         return factor
     located = dict(factor)
     if isinstance(factor.get("values"), list):
-        located["values"] = [_beside(folder, one, factor["key"]) for one in factor["values"]]
+        names = factor.get("named", ())
+        located["values"] = [one if one in names else _beside(folder, one, factor["key"]) for one in factor["values"]]
     if isinstance(factor.get("named"), dict):
         located["named"] = {name: _beside(folder, one, factor["key"]) for name, one in factor["named"].items()}
     return located
