@@ -469,8 +469,11 @@ def study_file() -> str:
     from skyrange.study.sweep.model import Study
 
     schema = Study.model_json_schema()
-    models = {"Study": schema, **{name: schema["$defs"][name] for name in ("Factor", "StudyArm")}}
-    places = {"Study": "The file", "Factor": "`[[factors]]` and `[[draws]]`", "StudyArm": "`[[arms]]`"}
+    places = {
+        "Study": "The file", "Factor": "`[[factors]]` and `[[draws]]`", "StudyArm": "`[[arms]]`",
+        "HeldOutTraits": "`[held_out]`",
+    }  # fmt: skip
+    models = {"Study": schema, **{name: schema["$defs"][name] for name in list(places)[1:]}}
     return "\n".join(
         f"### {places[name]}\n\n{keys(part, getattr(described, name).model_fields)}" for name, part in models.items()
     )
