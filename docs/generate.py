@@ -476,13 +476,14 @@ def study_file() -> str:
     from skyrange.study.sweep.model import Study
 
     schema = Study.model_json_schema()
-    models = {"Study": schema, **{name: schema["$defs"][name] for name in ("Factor", "StudyArm", "LearnedTable")}}
     places = {
         "Study": "The file",
         "Factor": "`[[factors]]` and `[[draws]]`",
         "StudyArm": "`[[arms]]`",
         "LearnedTable": "`[learned]`",
+        "HeldOutTraits": "`[held_out]`",
     }
+    models = {"Study": schema, **{name: schema["$defs"][name] for name in list(places)[1:]}}
     return "\n".join(
         f"### {places[name]}\n\n{keys(part, getattr(described, name).model_fields)}" for name, part in models.items()
     )

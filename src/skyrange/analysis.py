@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
     from skyrange.study.summary import summary
     from skyrange.study.sweep.dataset_members import list_dataset_members
-    from skyrange.study.sweep.model import Factor, LearnedTable, Study, StudyArm, read_study
+    from skyrange.study.sweep.factors import Factor
+    from skyrange.study.sweep.model import LearnedTable, Study, StudyArm, read_study
     from skyrange.study.sweep.report.bootstrap import bootstrap_mean
     from skyrange.study.sweep.report.page import write_study_report
     from skyrange.study.sweep.results import read_results as read_study_results

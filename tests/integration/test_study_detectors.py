@@ -21,19 +21,20 @@ from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.study.runs import fly
 from skyrange.study.scoring.result_file import read_scores
-from skyrange.study.sweep.blocks import check_blocks, list_blocks, scenario_in
+from skyrange.study.sweep.blocks import check_blocks, city_of, list_blocks, scenario_in
 from skyrange.study.sweep.folder import open_folder
 from skyrange.study.sweep.learned_detectors import learn_detectors
 from skyrange.study.sweep.model import SHIPPED, read_study
 from skyrange.study.sweep.score_tables import make_score_tables
 from skyrange.study.sweep.worker import fly_block
 
+STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 TEXT = """
 name = "small"
 keep = "everything"
 scenario = "gnss.jump"
 changes = ["duration_s=36", "operators.*.streams=operator"]
-seeds = 6
+seeds = 2
 arms = ["nominal", "attacked"]
 
 [[draws]]
@@ -69,7 +70,8 @@ def command(*words: str) -> Any:
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("study")
     (folder / "small.toml").write_text(TEXT)
-    found = command("study", "run", str(folder / "small.toml"), "--out", str(folder / "out"), "--json")
+    changes = ("--set", "seeds=6", "--set", "held_out.aircraft=[2]")
+    found = command("study", "run", str(folder / "small.toml"), "--out", str(folder / "out"), *changes, "--json")
     assert (found["finished"], found["failed"]) == (6, [])
     return folder / "out"
 
@@ -172,6 +174,25 @@ def test_the_runs_make_a_data_set_whose_blocks_lie_in_one_split(study: Path, tmp
         command("dataset", "audit", str(tmp_path / "data"))
 
 
+def test_options_replace_what_a_study_holds_out(study: Path, tmp_path: Path) -> None:
+    made = command("dataset", "build", str(study), str(tmp_path / "held"), "--hold-out-fleet", "1", "--json")
+    assert made["splits"] == {"heldout_fleet": 12}
+    with pytest.raises(InputError, match="training blocks"):
+        command("study", "score", str(study), "--hold-out-fleet", "1")
+    with pytest.raises(InputError, match="gnss_false_position"):
+        command("study", "score", str(study), "--hold-out-family", "gnss_false_positions")
+
+
+def test_a_data_set_has_the_splits_of_the_file(study: Path, tmp_path: Path) -> None:
+    other = tmp_path / "study"
+    shutil.copytree(study, other)
+    data = json.loads((other / "study.json").read_text())
+    data["study"]["held_out"]["families"] = ["gnss_false_position"]
+    (other / "study.json").write_text(json.dumps(data))
+    made = command("dataset", "build", str(other), str(tmp_path / "data"), "--json")
+    assert made["splits"] == {"heldout_family": 12}
+
+
 def test_a_study_without_whole_runs_makes_no_data_set(study: Path, tmp_path: Path) -> None:
     text = (study / "study.json").read_text().replace('"keep": "everything"', '"keep": "results"')
     (tmp_path / "blocks").mkdir()
@@ -184,3 +205,15 @@ def test_a_study_without_whole_runs_makes_no_data_set(study: Path, tmp_path: Pat
 def test_the_scenarios_of_the_shipped_studies_are_right(name: str) -> None:
     study = read_study(name)
     check_blocks(study, list_blocks(study))
+
+
+@pytest.mark.skipif(not STREETS.exists(), reason="the Manhattan extract is not beside the project")
+def test_the_shipped_study_can_be_flown_over_a_real_city() -> None:
+    changes = [
+        f"draws.city.values=['downtown-1', '{STREETS}']", f"held_out.cities=['{STREETS.name}']",
+        "factors.condition.values=['gnss.jam']", "draws.fleet.values=[6]",
+    ]  # fmt: skip
+    study = read_study("detectors", changes)
+    blocks = list_blocks(study)
+    assert {city_of(study, block) for block in blocks} == {"downtown-1", STREETS.name}
+    check_blocks(study, blocks[:1] + [block for block in blocks if city_of(study, block) == STREETS.name][:1])

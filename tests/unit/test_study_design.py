@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
+from skyrange.scenario.model.scenario import Grid
 from skyrange.scenario.shipped import source_of
-from skyrange.study.sweep.blocks import check_blocks, list_blocks, scenario_in
-from skyrange.study.sweep.model import Factor, Study, read_study
+from skyrange.study.dataset.splits import name_city
+from skyrange.study.sweep.blocks import check_blocks, city_of, list_blocks, scenario_in
+from skyrange.study.sweep.factors import Factor
+from skyrange.study.sweep.folder import digest_of
+from skyrange.study.sweep.model import Study, change_study, cities_of, parse_study, read_study
 from skyrange.study.sweep.sampling import draw_values, list_points, value_at
 
 
@@ -58,6 +64,7 @@ def test_draws_are_those_of_the_seed_and_the_point_alone() -> None:
         (Factor(name="a", key="k", low=0, high=10, mean=5, deviation=1), 0.0, 5.0, 10.0),
         (Factor(name="a", key="k", low=1, high=4, whole=True), 1, 2, 4),
         (Factor(name="a", key="k", values=("x", "y", "z")), "x", "y", "z"),
+        (Factor(name="a", key="k", named={"x": [1], "y": [2], "z": []}), "x", "y", "z"),
     ],
 )
 def test_the_values_of_a_factor(factor: Factor, low: Any, middle: Any, high: Any) -> None:
@@ -101,7 +108,21 @@ def test_arms_share_all_but_what_they_are() -> None:
         ({"keep": "all"}, "everything, features, results"),
         ({"keep": ("truths",)}, "truth"),
         ({"factors": ({"name": "a", "key": "k", "low": 2, "high": 1, "steps": 2},)}, "more than low"),
-        ({"factors": ({"name": "a", "key": "k"},)}, "either values, or low and high"),
+        ({"factors": ({"name": "a", "key": "k"},)}, "either values, named, or low and high"),
+        ({"factors": ({"name": "a", "key": "k", "values": (1,), "named": {"x": 1}},)}, "names of named: x"),
+        ({"factors": ({"name": "a", "key": "k", "values": ("one",), "named": {"ones": 1}},)}, "Did you mean 'ones'"),
+        ({"factors": ({"name": "a", "key": "k", "named": {"x": 1}, "low": 1, "high": 2},)}, "either values, named, or"),
+        ({"factors": ({"name": "a", "key": "k", "named": {}},)}, "at least one name with its value"),
+        ({"factors": ({"name": "a", "key": "k", "named": {" ": 1}},)}, "printable characters"),
+        ({"factors": ({"name": "a", "key": "scenario", "named": {"x": [1]}},)}, "the file of a scenario"),
+        ({"factors": ({"name": "a", "key": "buildings", "named": {"x": 3}},)}, "a file of buildings"),
+        ({"factors": ({"name": "a", "key": "buildings", "values": ("grid:x",)},)}, "a whole number"),
+        (
+            {"factors": ({"name": "a", "key": "buildings", "values": ("a/x.geojson", "b/x.geojson")},)},
+            "different names",
+        ),
+        ({"factors": ({"name": "city", "key": "k", "values": (1,)},)}, "column of the results"),
+        ({"factors": tuple({"name": n, "key": "buildings", "values": ("",)} for n in "ab")}, "at most one factor"),
     ],
 )
 def test_a_study_that_is_wrong_is_refused(more: dict[str, Any], says: str) -> None:
@@ -156,3 +177,151 @@ factors = [{ name = "condition", key = "scenario", values = ["gnss.jump", "gnss.
     (tmp_path / "s.toml").write_text(text.replace("gnss.drift", "gnss.drfit"))
     with pytest.raises(InputError, match=r"gnss\.drift"):
         read_study(tmp_path / "s.toml")
+
+
+ATTACKS = {
+    "drift": [
+        {"id": "a", "kind": "gnss.drift", "start_s": 9, "params": {"vehicles": ["blue/b1"], "rate_mps": [1, 0, 0]}}
+    ],
+    "none": [],
+}
+
+
+def test_results_have_the_name_of_a_value_and_the_scenario_has_what_it_stands_for() -> None:
+    attack = {"name": "condition", "key": "attacks", "named": ATTACKS}
+    fault = {
+        "name": "failure",
+        "key": "faults",
+        "named": {"none": [], "gust": [{"id": "g", "kind": "gust", "params": {"speed_mps": 9}}]},
+    }
+    found = study(factors=(attack,), draws=(fault,), seeds=6)
+    blocks = list_blocks(found)
+    assert {block.values["condition"] for block in blocks} == {"drift", "none"}
+    assert {block.values["failure"] for block in blocks} == {"gust", "none"}
+    for block in blocks:
+        scenario = scenario_in(found, found.arms[1], block)
+        assert [one.kind for one in scenario.attacks] == (
+            ["gnss.drift"] if block.values["condition"] == "drift" else []
+        )
+        assert [one.kind for one in scenario.faults] == (["gust"] if block.values["failure"] == "gust" else [])
+    assert Study(**found.model_dump(mode="json")) == found
+    onset = {"name": "onset", "key": "attacks.*.start_s", "low": 20, "high": 30}
+    later = study(factors=(attack,), draws=(onset,))
+    drift = scenario_in(later, later.arms[1], list_blocks(later)[0]).attacks[0]
+    assert drift.start_s == list_blocks(later)[0].values["onset"]
+
+
+CITIES = """
+name = "s"
+scenario = "survey"
+[[factors]]
+name = "city"
+key = "buildings"
+values = ["", "grid:7", "towns/one.geojson"]
+"""
+TOWN = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "properties": {"height": 12},
+            "geometry": {"type": "Polygon", "coordinates": [[[9, 50], [9.001, 50], [9.001, 50.001], [9, 50]]]},
+        }
+    ],
+}
+
+
+def test_a_factor_chooses_generated_downtowns_and_files_of_cities(tmp_path: Path) -> None:
+    (tmp_path / "towns").mkdir()
+    file = tmp_path / "towns/one.geojson"
+    with pytest.raises(InputError, match=r"one\.geojson.*a file of buildings"):
+        parse_study(CITIES, "s.toml", tmp_path)
+    file.write_text(json.dumps(TOWN))
+    found = parse_study(CITIES, "s.toml", tmp_path)
+    blocks = list_blocks(found)
+    assert [city_of(found, block) for block in blocks] == ["own", "grid:7", "one.geojson"]
+    own, seventh, town = (scenario_in(found, found.arms[0], block) for block in blocks)
+    assert own.city is not None
+    assert seventh.city is not None
+    assert town.city is not None
+    assert own.city.grid is not None
+    assert seventh.city.grid == own.city.grid.model_copy(update={"seed": 7})
+    assert town.city.buildings == str(file)
+    assert abs(town.origin.lat - 50) < 0.01
+    before = digest_of(found)
+    file.write_text(json.dumps(TOWN).replace("12", "13"))
+    assert digest_of(found) != before
+
+
+def test_downtowns_of_other_shapes_are_values_by_name() -> None:
+    narrow = {"blocks": [4, 4], "street_m": 12, "seed": 3}
+    city = {"name": "city", "key": "buildings", "named": {"narrow": narrow, "wide": "grid:2"}}
+    found = study(scenario="survey", factors=(city,))
+    narrowed, wide = (scenario_in(found, found.arms[0], block).city for block in list_blocks(found))
+    assert narrowed is not None
+    assert wide is not None
+    assert narrowed.grid == Grid(**narrow)
+    assert wide.grid == Grid(blocks=(8, 6), height_m=(20, 90), seed=2)
+
+
+def test_names_of_generated_downtowns_tell_seeds_and_shapes_apart() -> None:
+    cities = [
+        downtown_grid((2, 2)), downtown_grid((2, 2), seed=1), downtown_grid((2, 2), street_m=12),
+        downtown_grid((2, 2), height_m=(9, 20)), downtown_grid((2, 2), block_m=60),
+    ]  # fmt: skip
+    names = [name_city({"city": {"source": city.source}}) for city in cities]
+    assert names[:3] == [
+        "downtown_grid 2x2 seed 0",
+        "downtown_grid 2x2 seed 1",
+        "downtown_grid 2x2 seed 0 streets 12 m",
+    ]
+    assert len(set(names)) == len(names)
+    assert name_city({"city": {"source": "/home/me/town.geojson"}}) == "town.geojson"
+
+
+def test_changes_of_a_study_name_its_factors_draws_and_arms(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    base = CITIES.replace(', "towns/one.geojson"', "")
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here/two.geojson").write_text(json.dumps(TOWN))
+    monkeypatch.chdir(tmp_path / "here")
+    found = parse_study(
+        base, "s", tmp_path, ["seeds=3", 'factors.city.values=["grid:1", "two.geojson"]', "arms=['attacked']"]
+    )
+    assert (found.seeds, [arm.id for arm in found.arms]) == (3, ["attacked"])
+    assert found.factors[0].named == {"grid:1": "grid:1", "two.geojson": str(tmp_path / "here/two.geojson")}
+    again = change_study(found, ["factors.city.named.two=two.geojson", "factors.*.name=town"])
+    assert list(again.factors[0].named) == ["grid:1", "two.geojson", "two"]
+    assert again.factors[0].name == "town"
+    fewer = change_study(again, ['factors.town.values=["two", "grid:5"]'])
+    assert fewer.factors[0].levels == ("two", "grid:5")
+    assert cities_of(fewer) == [str(tmp_path / "here/two.geojson")]
+    assert change_study(again, []) is again
+
+
+def test_values_of_a_change_replace_those_of_another_kind() -> None:
+    found = study(factors=({"name": "condition", "key": "attacks", "named": ATTACKS},), draws=(ONSET,))
+    chosen = change_study(found, ['factors.condition.values=["none"]'])
+    assert chosen.factors[0].levels == ("none",)
+    assert list_points(chosen) == [{"condition": "none"}]
+    ranged = change_study(found, ["draws.onset.values=[25]", "factors.condition.named={ none = [] }"])
+    assert (ranged.draws[0].values, ranged.draws[0].low) == ((25,), None)
+    assert ranged.factors[0].levels == ("none",)
+    assert change_study(ranged, ["draws.onset.low=1", "draws.onset.high=2"]).draws[0].levels == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("seeds", "path=value"),
+        ("seds=1", "Did you mean 'seeds'"),
+        ("factors.conditon.values=[1]", "Did you mean 'condition'"),
+        ("factors.condition.values=[1, ", "a TOML value"),
+        ("seeds=0", "seeds"),
+        ("name.x=1", "name has no keys"),
+        ("scenario=nothing.toml", "a TOML file"),
+    ],
+)
+def test_a_change_that_is_wrong_is_refused(change: str, says: str) -> None:
+    found = study(factors=({"name": "condition", "key": "attacks", "named": ATTACKS},))
+    with pytest.raises(InputError, match=says):
+        change_study(found, [change])

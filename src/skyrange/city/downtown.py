@@ -16,15 +16,18 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem
 
 _STREAM = "city.downtown"
+_HEIGHT_M = (20.0, 90.0)
+_STREET_M = 24.0
+_BLOCK_M = 72.0
 _MIN_FILL = 0.6  # least share of its half-block that a building fills
 
 
 def downtown_grid(
     blocks: tuple[int, int] = (8, 6),
-    height_m: tuple[float, float] = (20.0, 90.0),
+    height_m: tuple[float, float] = _HEIGHT_M,
     seed: int = 0,
-    street_m: float = 24.0,
-    block_m: float = 72.0,
+    street_m: float = _STREET_M,
+    block_m: float = _BLOCK_M,
 ) -> City:
     """A downtown of `blocks` (east, north) square blocks centred on the origin, with two by two buildings on each.
 
@@ -61,4 +64,11 @@ def downtown_grid(
                 shape = shapely.box(left_m, below_m, left_m + width_m, below_m + depth_m)
                 top_m = round(low_m + (high_m - low_m) * tall * tall, 1)
                 buildings.append(Building(f"{column}-{row}-{quarter}", top_m, shape))
-    return City(buildings, f"downtown_grid {blocks[0]}x{blocks[1]} seed {seed}")
+    return City(buildings, f"downtown_grid {blocks[0]}x{blocks[1]} seed {seed}{_describe(height_m, street_m, block_m)}")
+
+
+def _describe(height_m: tuple[float, float], street_m: float, block_m: float) -> str:
+    """What tells a downtown from others of its size and seed: the measures that are not the default ones."""
+    shape = "" if street_m == _STREET_M else f" streets {street_m:g} m"
+    shape += "" if block_m == _BLOCK_M else f" blocks {block_m:g} m"
+    return shape + ("" if tuple(height_m) == _HEIGHT_M else f" heights {height_m[0]:g} to {height_m[1]:g} m")

@@ -47,7 +47,10 @@ def build(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Build a data set: views of all runs with labels, splits by block, metadata and checksums."""
+    """Build a data set: views of all runs with labels, splits by block, metadata and checksums.
+
+    Without an option --hold-out-…, what the study's file holds out is.
+    """
     datasets.build(source, out, name, hold_out_family or [], hold_out_city or [], hold_out_fleet or [], as_json)
 
 

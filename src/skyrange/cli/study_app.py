@@ -26,6 +26,15 @@ Folder = Annotated[Path, typer.Argument(metavar="STUDY", help="The folder of a s
 Jobs = Annotated[
     int | None, typer.Option(metavar="N", min=1, help="Runs at a time. Default: one for each CPU.", show_default=False)
 ]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="PATH=VALUE",
+        help="Change a value of the study's file, such as seeds=2 or factors.size.values=[1,2]; * in the path matches "
+        "all elements. May be repeated.",
+    ),
+]
 On = Annotated[
     str | None,
     typer.Option(
@@ -54,6 +63,7 @@ def run_study(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
     ] = None,
+    changes: Changes = None,
     jobs: Jobs = None,
     on: On = None,
     storage: Storage = None,
@@ -65,7 +75,7 @@ def run_study(
     as_json: AsJson = False,
 ) -> None:
     """Fly a study: every point of its design with every seed in every arm. A study that was begun is continued."""
-    studies.run(file, out, jobs, on, storage, dry_run, as_json)
+    studies.run(file, out, changes or [], jobs, on, storage, dry_run, as_json)
 
 
 @study_app.command("resume", epilog="Example: skyrange study resume studies/drift")
@@ -118,6 +128,10 @@ def score_study(
     hold_out_city: Annotated[
         list[str] | None, typer.Option(metavar="CITY", help="City that only the test split has. May be repeated.")
     ] = None,
+    hold_out_fleet: Annotated[
+        list[int] | None,
+        typer.Option(metavar="N", min=1, help="Number of aircraft that only the test split has. May be repeated."),
+    ] = None,
     beside: Annotated[
         list[Path] | None,
         typer.Option(metavar="FILE", help="Result file of others to put beside these. May be repeated."),
@@ -127,5 +141,9 @@ def score_study(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Score the detectors of a study, print a leaderboard, and write the result file."""
-    studies.score(folder, rate, hold_out_family or [], hold_out_city or [], beside or [], out, as_json)
+    """Score the detectors of a study, print a leaderboard, and write the result file.
+
+    Options --hold-out-… replace all that the study's file holds out.
+    """
+    held = hold_out_family or [], hold_out_city or [], hold_out_fleet or []
+    studies.score(folder, rate, *held, beside or [], out, as_json)

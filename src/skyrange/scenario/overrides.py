@@ -1,6 +1,7 @@
-"""Overrides: `--set path=value` changes the table of a scenario before the scenario is built.
+"""Overrides: `--set path=value` changes the table of a scenario, or of a study, before it is built.
 
-A path consists of dotted keys. An element of a list is named by its id or its index from 0, and `*` means all elements.
+A path consists of dotted keys. An element of a list is named by its id, or by its name if it has no id, or its index
+from 0, and `*` means all elements.
 A key that contains dots is written in quotes: `approvals."acme.first-come".later_s`. Values are TOML; a bare word or a
 file name that is not TOML is text.
 """
@@ -25,8 +26,10 @@ from skyrange.scenario.validation.field_path import element_of, model_of, type_b
 _KEY = re.compile(r'"([^"]+)"|([^."]+)')
 
 
-def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict[str, Any]:
-    """A copy of `data` with every `path=value` applied, in order.
+def apply_overrides(
+    data: Mapping[str, Any], assignments: Iterable[str], root: type[BaseModel] = Scenario
+) -> dict[str, Any]:
+    """A copy of `data`, the table of a `root`, with every `path=value` applied, in order.
 
     File names are relative to the working directory, as in a shell. Raises InputError with one problem for every
     assignment that is malformed or matches nothing; values are checked when the scenario is built.
@@ -48,7 +51,7 @@ def apply_overrides(data: Mapping[str, Any], assignments: Iterable[str]) -> dict
             continue
         if keys[-1] in FILE_KEYS and isinstance(value, str):
             value = str(expand_user(value).absolute())
-        problem = _assign(changed, Scenario, keys, value)
+        problem = _assign(changed, root, keys, value)
         if problem is not None:
             faults.append(problem)
     if faults:
@@ -98,7 +101,7 @@ def _assign(data: dict[str, Any], root: type[BaseModel], keys: Sequence[str], va
     except _NoMatchError as error:
         return error.fault
     if not matched:
-        return Problem(".".join(keys), "matches nothing", "the path of a key in this scenario")
+        return Problem(".".join(keys), "matches nothing", f"the path of a key in this {root.__name__.lower()}")
     return None
 
 
@@ -165,7 +168,7 @@ def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple
 def _ids(part: Sequence[Any], above: tuple[str, ...]) -> list[str]:
     """The ids of the elements, with the default ids that the scenario gives to elements without one."""
     tables = [element if isinstance(element, dict) else {} for element in part]
-    given = [name if isinstance(name := table.get("id", ""), str) else "" for table in tables]
+    given = [name if isinstance(name := table.get("id", table.get("name", "")), str) else "" for table in tables]
     if above == ("operators",):
         colors = [color if isinstance(color := table.get("color", ""), str) else "" for table in tables]
         return [name for name, _ in operator_names(zip(given, colors, strict=True))]

@@ -26,13 +26,16 @@ def build(
     from skyrange.study.dataset.splits import HeldOut, assign_splits
     from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
+    from skyrange.study.sweep.score_tables import held_out_of
 
     path, target = expand_user(source), expand_user(out)
+    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))
     if path.is_dir():
-        members, seed = list_dataset_members(path), open_folder(path).study.first_seed
+        members, study = list_dataset_members(path), open_folder(path).study
+        seed = study.first_seed
+        held = held_out_of(study) if held == HeldOut() else held
     else:
         members, seed = read_members(path), 0
-    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))
     given = [member for member in members if member.split]
     members = [*given, *assign_splits([member for member in members if not member.split], seed, held_out=held)]
     folder = build_dataset(members, target, name or target.name)

@@ -22,14 +22,21 @@ _SHOWN = 10
 
 
 def run(
-    file: Path, out: Path | None, jobs: int | None, on: str | None, storage: str | None, dry_run: bool, as_json: bool
+    file: Path,
+    out: Path | None,
+    changes: Sequence[str],
+    jobs: int | None,
+    on: str | None,
+    storage: str | None,
+    dry_run: bool,
+    as_json: bool,
 ) -> None:
     """`skyrange study run`."""
     from skyrange.cli.output.progress import map_progress
     from skyrange.study.sweep.model import read_study
     from skyrange.study.sweep.study_run import run_study
 
-    study = read_study(file)
+    study = read_study(file, changes)
     tell_if_cold(quiet=as_json)
     if dry_run:
         _estimate(study, jobs, as_json)
@@ -119,32 +126,25 @@ def score(
     rate: float,
     families: Sequence[str],
     cities: Sequence[str],
+    fleets: Sequence[int],
     beside: Sequence[Path],
     out: Path | None,
     as_json: bool,
 ) -> None:
     """`skyrange study score`."""
-    from rich.table import Table
-
-    from skyrange.study.scoring.leaderboard import rank_detectors
+    from skyrange.cli.output.score_tables import tabulate_scores
     from skyrange.study.scoring.result_file import ScoreSettings, read_scores, write_scores
     from skyrange.study.sweep.score_tables import score_study
 
     others = [read_scores(file) for file in beside]
-    scores = score_study(path, ScoreSettings(target_per_h=rate), families=families, cities=cities)
+    settings = ScoreSettings(target_per_h=rate)
+    scores = score_study(path, settings, families=families, cities=cities, fleet_sizes=fleets)
     file = out if out is not None else path / "scores.json"
     write_scores(scores, file)
     if as_json:
         print_json(scores.model_dump(mode="json"))
         return
-    for name in [one.name for one in scores.detectors[0].sets]:
-        table = Table(title=f"{scores.study}, {name}", title_justify="left", title_style="bold")
-        for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "in time"):
-            table.add_column(head, no_wrap=head in ("", "detector"))
-        for row in rank_detectors([scores, *others], name):
-            false = (row.false_per_h, row.fault_false_per_h)
-            numbers = (_share(row.recall), _share(row.by_chance), *map(_rate, false), _rate(row.median_delay_s))
-            table.add_row(str(row.rank), row.detector, *numbers, _share(row.before_effect))
+    for table in tabulate_scores([scores, *others]):
         terminal().print(table)
     print_text(f"scores {file}")
 
@@ -227,14 +227,6 @@ def _jobs(jobs: int | None) -> int:
 def _interval(found: Interval) -> tuple[str, str]:
     limits = "" if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
     return f"{found.mean:.3g}", limits
-
-
-def _share(value: float | None) -> str:
-    return "–" if value is None else f"{100.0 * value:.0f} %"
-
-
-def _rate(value: float | None) -> str:
-    return "–" if value is None else f"{value:.3g}"
 
 
 def _short(value: Any) -> str:

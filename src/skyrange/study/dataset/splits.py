@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Any, Final
 
 from skyrange.core.chance import Chance
@@ -48,9 +49,12 @@ def traits_of(member: Member, families: Mapping[str, str] | None = None) -> Trai
 
 
 def name_city(manifest: Mapping[str, Any]) -> str:
-    """The name of a run's city, or of the file of its buildings; empty over open ground."""
+    """The name of a run's city: the file of its buildings without its folder, or the size, seed and shape of a
+    generated downtown; empty over open ground.
+    """
     city = manifest.get("city") or {}
-    return str(city.get("name") or city.get("source") or ("city" if city else ""))
+    named = str(city.get("name") or city.get("source") or ("city" if city else ""))
+    return PurePath(named).name
 
 
 def assign_splits(
@@ -72,7 +76,7 @@ def assign_splits(
     traits: dict[str, list[Traits]] = {}
     for member in members:
         traits.setdefault(member.block, []).append(traits_of(member, families))
-    splits = {block: _held_split(own, held) or draw_split(block, seed, shares) for block, own in traits.items()}
+    splits = {block: split_of(block, own, seed, held, shares) for block, own in traits.items()}
     return [replace(member, split=splits[member.block]) for member in members]
 
 
@@ -82,6 +86,13 @@ def _check_shares(shares: Mapping[str, float]) -> None:
     wrong = [name for name in shares if name.startswith(HELD_OUT)]
     if wrong:
         raise InputError.one("dataset", "shares", wrong[0], f"a name that does not begin with {HELD_OUT}")
+
+
+def split_of(
+    block: str, traits: Sequence[Traits], seed: int, held: HeldOut, shares: Mapping[str, float] = SHARES
+) -> str:
+    """The split of a block whose runs have `traits`: a held-out one, else that of `draw_split`."""
+    return _held_split(traits, held) or draw_split(block, seed, shares)
 
 
 def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:

@@ -17,6 +17,8 @@ class LeaderboardRow:
     """From 1; equal if nothing tells the detectors apart."""
     detector: str
     study: str
+    file: int
+    """Number of its result file, from 0."""
     trivial: bool
     same_study: bool
     """Whether it was scored on the same flights and attacks as the first file."""
@@ -48,16 +50,21 @@ def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[Leader
     ]
     if problems:
         raise InputError("leaderboard", problems)
-    found = [(file, score, on) for file in files for score in file.detectors if (on := score.on(name)) is not None]
+    found = [
+        (number, score, on)
+        for number, file in enumerate(files)
+        for score in file.detectors
+        if (on := score.on(name)) is not None
+    ]
     if not found:
         known = sorted({one.name for file in files for score in file.detectors for one in score.sets})
         raise InputError.one("leaderboard", "set", name, f"one of {', '.join(known)}" if known else "files with scores")
-    found.sort(key=lambda entry: (*_place(entry[2]), entry[1].detector, entry[0].study))
+    found.sort(key=lambda entry: (*_place(entry[2]), entry[1].detector, files[entry[0]].study))
     rows: list[LeaderboardRow] = []
-    for position, (file, score, on) in enumerate(found):
+    for position, (number, score, on) in enumerate(found):
         tied = position > 0 and _place(found[position - 1][2]) == _place(on)
         rank = rows[-1].rank if tied else position + 1
-        rows.append(_row(rank, file, score, on, file.digest == files[0].digest))
+        rows.append(_row(rank, files, number, score, on))
     return rows
 
 
@@ -68,15 +75,16 @@ def _place(score: SetScore) -> tuple[bool, bool, float, float]:
     return False, score.claim.verdict == "exceeded", -recall.value, delay.restricted_mean_s
 
 
-def _row(rank: int, file: ScoreFile, score: DetectorScore, on: SetScore, same_study: bool) -> LeaderboardRow:
+def _row(rank: int, files: Sequence[ScoreFile], number: int, score: DetectorScore, on: SetScore) -> LeaderboardRow:
     recall, delay, before = on.detection.recall, on.detection.delay, on.detection.before_effect
     nominal, fault = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h
     return LeaderboardRow(
         rank=rank,
         detector=score.detector,
-        study=file.study,
+        study=files[number].study,
+        file=number,
         trivial=score.trivial,
-        same_study=same_study,
+        same_study=files[number].digest == files[0].digest,
         recall=recall.value if recall else None,
         recall_exact=recall.exact if recall else None,
         recall_blocks=recall.blocks if recall else None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from skyrange.assembly.build import build
 from skyrange.core.errors import InputError, Problem
@@ -11,8 +12,9 @@ from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
-from skyrange.study.sweep.model import WHOLE_KEYS, Study, StudyArm
-from skyrange.study.sweep.sampling import Point, change_of, draw_values, list_points
+from skyrange.study.sweep.factors import BUILDINGS, GRID, SCENARIO, WHOLE_KEYS, is_city_file
+from skyrange.study.sweep.model import Study, StudyArm
+from skyrange.study.sweep.sampling import Point, change_of, draw_values, list_points, set_key
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,14 +42,17 @@ def list_blocks(study: Study) -> list[Block]:
 
 def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
     """The scenario of one run. Raises `InputError` with the problems of the scenario as changed."""
-    named = [*study.factors, *study.draws]
-    changes = [*study.changes]
-    changes += [change_of(one, block.values[one.name]) for one in named if one.key not in WHOLE_KEYS]
+    whole = {one.key: one.value_of(block.values[one.name]) for one in study.varying if one.key in WHOLE_KEYS}
+    town = whole.get(BUILDINGS, "")
+    changes = [*_set_grid(town), *study.changes]
+    changes += [change_of(one, block.values[one.name]) for one in study.varying if one.key not in WHOLE_KEYS]
     changes += arm.changes
     changes += ["record.csv=false", *([f"record.level={study.level}"] if study.level is not None else [])]
-    whole = {one.key: str(block.values[one.name]) for one in named if one.key in WHOLE_KEYS}
     base = load_scenario(
-        whole.get("scenario", study.scenario), changes, seed=block.seed, buildings=whole.get("buildings") or None
+        whole.get(SCENARIO, study.scenario),
+        changes,
+        seed=block.seed,
+        buildings=town if isinstance(town, str) and is_city_file(town) else None,
     )
     more = tuple(_defences(arm))
     if more or study.detectors:
@@ -64,6 +69,11 @@ def scenario_in(study: Study, arm: StudyArm, block: Block) -> Scenario:
         return found
     faults = tuple(one.model_copy(update={"muted": arm.faults == "muted" or one.muted}) for one in base.faults)
     return found.model_copy(update={"faults": faults})
+
+
+def city_of(study: Study, block: Block) -> str | None:
+    """The name of the city that a factor chooses; None without such a factor."""
+    return next((str(block.values[one.name]) for one in study.varying if one.key == BUILDINGS), None)
 
 
 def check_blocks(study: Study, blocks: list[Block]) -> None:
@@ -88,9 +98,17 @@ def is_numeric(blocks: Sequence[Block], factor: str) -> bool:
     return all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in values)
 
 
+def _set_grid(town: Any) -> Iterator[str]:
+    """The change of the scenario that chooses its generated downtown, if there is one."""
+    if isinstance(town, dict):
+        yield set_key("city", {"grid": town})
+    elif town.startswith(GRID):
+        yield set_key("city.grid.seed", int(town.removeprefix(GRID)))
+
+
 def _corners(study: Study, blocks: list[Block]) -> Iterator[Block]:
     found = {blocks[0].name: blocks[0]}
-    for factor in (*study.factors, *study.draws):
+    for factor in study.varying:
         if is_numeric(blocks, factor.name):
             ordered = sorted(blocks, key=lambda one: one.values[factor.name])
             found.update({block.name: block for block in (ordered[0], ordered[-1])})

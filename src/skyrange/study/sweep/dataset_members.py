@@ -8,6 +8,8 @@ from typing import Any
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import MAX_TEXT_BYTES, read_input
 from skyrange.study.dataset.members import SCENARIO, Member, Scalar
+from skyrange.study.sweep.blocks import city_of
+from skyrange.study.sweep.factors import CITY
 from skyrange.study.sweep.folder import open_folder
 from skyrange.study.sweep.model import EVERYTHING
 from skyrange.study.sweep.results import read_results, write_results
@@ -37,7 +39,10 @@ def list_dataset_members(folder: Path | str) -> list[Member]:
             if (block.name, arm.id) not in complete:
                 continue
             record = opened.path / RUNS / block.name / arm.id
+            city = city_of(study, block)
             factors = {name: _scalar(value) for name, value in block.values.items()}
+            if city is not None:
+                factors[CITY] = city
             scenario = read_input(record / SCENARIO, str(record), max_bytes=MAX_TEXT_BYTES).decode()
             effects_s = departed.get((block.name, arm.id))
             members.append(Member(record, block.name, arm.id, "", factors, block.seed, scenario, effects_s))

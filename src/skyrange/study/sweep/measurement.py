@@ -11,12 +11,12 @@ import numpy as np
 from skyrange.core.time import NS_PER_S, to_seconds
 from skyrange.record import RunRecord
 from skyrange.study.attribution.outcomes import ArmOutcomes
-from skyrange.study.dataset.families import FAMILIES
+from skyrange.study.dataset.families import FAMILIES, family_of
 from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.blocks import Block, city_of
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.model import Study
 from skyrange.study.twins.effects import effect_rows
@@ -64,7 +64,8 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "error": "",
                 "simulated_s": float(manifest["simulated_s"]),
                 "vehicles": len(manifest["vehicles"]),
-                "city": name_city(manifest),
+                "city": city_of(study, block) or name_city(manifest),
+                "families": " ".join(_declared_families(record)),
                 "fingerprint": str(manifest["digests"]["fingerprint"]),
                 **measures,
             }
@@ -136,6 +137,12 @@ def _acts(record: RunRecord) -> list[dict[str, Any]]:
         }
         for (author, vehicle, fault), (first, last, count) in sorted(spans.items())
     ]
+
+
+def _declared_families(record: RunRecord) -> list[str]:
+    """The mechanism families of the attacks of a run, whether they acted or not."""
+    own = _own_families(record)
+    return sorted({family_of(str(row["kind"]), own) for row in record.manifest.get("attacks") or ()})
 
 
 def _own_families(record: RunRecord) -> dict[str, str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -18,8 +18,11 @@ from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.scenario.shipped import source_of
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
+from skyrange.study.dataset.families import FAMILIES
 from skyrange.study.matrix.model import Part
 from skyrange.study.sweep.columns import reserved_names
+from skyrange.study.sweep.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file
+from skyrange.study.sweep.study_changes import change_data, locate_files
 
 _Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
 Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
@@ -29,47 +32,7 @@ FEATURES: Final = "features"
 RESULTS: Final = "results"
 SHIPPED: Final = {path.stem: path for path in sorted((Path(__file__).parent / "shipped").glob("*.toml"))}
 """Files of the shipped studies by name."""
-WHOLE_KEYS: Final = ("scenario", "buildings")
-"""Keys of factors that choose the scenario and its city instead of changing a value."""
 _KEPT: Final = (EVERYTHING, FEATURES, RESULTS)
-
-
-class Factor(Model):
-    """One key of the scenario that varies: among values, over a range, or by a normal distribution within a range."""
-
-    name: Id = Field(description="Name, the column of its values in the results.")
-    key: str = Field(
-        min_length=1,
-        description="What it sets, a path as with --set, such as 'attacks.drift.params.speed_mps'; scenario, whose "
-        "values are names or files of scenarios; or buildings, whose values are files as with --buildings, '' for "
-        "none.",
-    )
-    values: tuple[Any, ...] = Field(default=(), description="Values among which it varies.")
-    low: Number | None = Field(default=None, description="Least value of a range.")
-    high: Number | None = Field(default=None, description="Greatest value of a range.")
-    steps: Whole | None = Field(
-        default=None, ge=2, le=10_000, description="Values of the range in a grid, at equal distances."
-    )
-    log: bool = Field(default=False, description="Whether the range is divided by ratios instead of differences.")
-    mean: Number | None = Field(default=None, description="Mean of a normal distribution, cut off at low and high.")
-    deviation: Number | None = Field(default=None, gt=0, description="Standard deviation of that distribution.")
-    whole: bool = Field(default=False, description="Whether values of the range are rounded to whole numbers.")
-
-    @model_validator(mode="after")
-    def _one_way(self) -> Factor:
-        problems = []
-        ranged = self.low is not None and self.high is not None
-        if bool(self.values) == ranged or (self.low is None) != (self.high is None):
-            problems.append(Problem("values", repr(list(self.values)), "either values, or low and high"))
-        elif self.low is not None and self.high is not None and self.low >= self.high:
-            problems.append(Problem("high", repr(self.high), f"more than low, {self.low!r}"))
-        if self.log and (self.low is None or self.low <= 0):
-            problems.append(Problem("low", repr(self.low), "more than 0, because log is true"))
-        if (self.mean is None) != (self.deviation is None) or (self.mean is not None and (self.log or not ranged)):
-            problems.append(Problem("mean", repr(self.mean), "mean and deviation together, with low and high, no log"))
-        if problems:
-            raise refuse(*problems)
-        return self
 
 
 class StudyArm(Model):
@@ -121,6 +84,16 @@ class LearnedTable(Model):
         return {one.replace("_", "-"): one for one in self.algorithms}
 
 
+class HeldOutTraits(Model):
+    """What blocks of the test split alone may have, so that scores say how detectors do on what they have not seen."""
+
+    families: _Texts = Field(default=(), description="Mechanism families of attacks, such as gnss_false_position.")
+    cities: _Texts = Field(default=(), description="Cities, as the column city of the results has them.")
+    aircraft: Annotated[
+        tuple[Annotated[Whole, Field(ge=1)], ...], BeforeValidator(items, json_schema_input_type=list[int])
+    ] = Field(default=(), description="Numbers of aircraft of a run.")
+
+
 class Study(Model):
     """A study: each point of the design is flown with each seed in each arm."""
 
@@ -151,6 +124,10 @@ class Study(Model):
     baseline: Id | None = Field(
         default=None, description="The arm with which effects are compared. Default: the first."
     )
+    held_out: HeldOutTraits = Field(
+        default_factory=HeldOutTraits,
+        description="What is held out of training and validation when detectors are scored and data sets are built.",
+    )
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors that listen in all runs.")
     learned: LearnedTable | None = Field(default=None, description="Learned detectors, trained when it is scored.")
     keep: str | tuple[str, ...] = Field(
@@ -166,12 +143,17 @@ class Study(Model):
     @model_validator(mode="after")
     def _whole(self) -> Study:
         problems = [*_repeated("arms", [arm.id for arm in self.arms])]
-        named = [*self.factors, *self.draws]
+        named = self.varying
         problems += _repeated("factors and draws", [one.name for one in named])
         problems += [
             Problem("factors", one.name, "a name that is not that of a column of the results")
             for one in named
-            if one.name in reserved_names()
+            if one.name in reserved_names() and (one.name, one.key) != (CITY, BUILDINGS)
+        ]
+        problems += [
+            Problem("factors", key, "a key of at most one factor or draw")
+            for key in WHOLE_KEYS
+            if sum(one.key == key for one in named) > 1
         ]
         problems += [
             Problem(f"detectors.{place}.id", one.id, "an id that no learned detector has")
@@ -187,7 +169,7 @@ class Study(Model):
             problems += [
                 Problem(f"factors.{place}.steps", "none", "values, or the number of steps of the range in the grid")
                 for place, one in enumerate(self.factors)
-                if not one.values and one.steps is None
+                if not one.levels and one.steps is None
             ]
         elif self.points is None:
             problems.append(Problem("points", "none", f"the number of points of {self.sampling}"))
@@ -203,6 +185,11 @@ class Study(Model):
         if problems:
             raise refuse(*problems)
         return self
+
+    @property
+    def varying(self) -> tuple[Factor, ...]:
+        """The factors, then the draws."""
+        return (*self.factors, *self.draws)
 
     @property
     def against(self) -> str:
@@ -225,45 +212,64 @@ def _repeated(where: str, ids: Sequence[str]) -> Iterator[Problem]:
             yield Problem(f"{where}.{place}", id_, "a name that no other has")
 
 
-def read_study(file: str | Path) -> Study:
-    """The shipped study of a name, or the one in a TOML file, whose scenarios are relative to it.
+def read_study(file: str | Path, changes: Iterable[str] = ()) -> Study:
+    """The shipped study of a name, or the one in a TOML file, whose scenarios and cities are relative to it.
 
-    Raises `InputError` with all problems.
+    `changes` are those of `change_data`. Raises `InputError` with all problems.
     """
     path, who = SHIPPED.get(str(file)) or expand_user(file), str(file)
     if path.suffix != ".toml" and not path.exists():
         raise InputError.one("study", "name", who, "a shipped study or a TOML file", nearest(who, SHIPPED))
     text = read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a TOML file").decode("utf-8", errors="replace")
-    return parse_study(text, who, path.parent)
+    return parse_study(text, who, path.parent, changes)
 
 
-def parse_study(text: str, who: str, folder: Path) -> Study:
-    """The study in TOML text; a scenario's file is relative to `folder`. Raises `InputError` with all problems."""
-    data = parse_toml(text, who)
+def parse_study(text: str, who: str, folder: Path, changes: Iterable[str] = ()) -> Study:
+    """The study in TOML text; files are relative to `folder`, those in `changes` to the working directory.
+
+    Raises `InputError` with all problems.
+    """
+    return _check_data(change_data(locate_files(parse_toml(text, who), folder), changes, Study), who)
+
+
+def change_study(study: Study, changes: Iterable[str]) -> Study:
+    """A study with `changes` as `change_data` has them. Raises `InputError` with all problems."""
+    changes = list(changes)
+    if not changes:
+        return study
+    return _check_data(change_data(study.model_dump(mode="json", exclude_defaults=True), changes, Study), study.name)
+
+
+def _check_data(data: dict[str, Any], who: str) -> Study:
     try:
         study = Study.model_validate(data)
     except ValidationError as error:
         raise input_error(who, error, Study, data) from None
-    chosen = {
-        number: factor.model_copy(update={"values": tuple(_beside(folder, str(value)) for value in factor.values)})
-        for number, factor in enumerate(study.factors)
-        if factor.key in WHOLE_KEYS
-    }
-    factors = tuple(chosen.get(number, factor) for number, factor in enumerate(study.factors))
-    study = study.model_copy(update={"scenario": _beside(folder, study.scenario), "factors": factors})
+    unknown = [one for one in study.held_out.families if one not in FAMILIES and "." not in one]  # kinds of plugins
+    if unknown:
+        problems = [
+            Problem("held_out.families", one, "a family of attack kinds, or a kind", nearest(one, FAMILIES))
+            for one in unknown
+        ]
+        raise InputError(who, problems)
     for name in scenarios_of(study):
         if not source_of(name).is_file():
             raise InputError.one(who, "scenario", name, "a shipped scenario or a TOML file")
+    for file in cities_of(study):
+        if not Path(file).is_file():
+            raise InputError.one(who, "buildings", file, "a file of buildings, 'grid:SEED', or '' for the scenario's")
     return study
 
 
 def scenarios_of(study: Study) -> list[str]:
     """The names or files of all scenarios of a study."""
-    chosen = [str(value) for factor in study.factors if factor.key == "scenario" for value in factor.values]
+    chosen = [
+        str(one.value_of(level)) for one in study.varying for level in one.levels if one.key == SCENARIO
+    ]  # fmt: skip
     return chosen or [study.scenario]
 
 
-def _beside(folder: Path, name: str) -> str:
-    """The path of a file that is named relative to `folder`; the name of a shipped scenario as it is."""
-    is_file = "/" in name or Path(name).suffix in (".toml", ".geojson", ".json", ".gpkg", ".shp")
-    return str((folder / expand_user(name)).absolute()) if is_file else name
+def cities_of(study: Study) -> list[str]:
+    """The files of buildings that a study flies over by its factors."""
+    values = [one.value_of(level) for one in study.varying for level in one.levels if one.key == BUILDINGS]
+    return [value for value in values if isinstance(value, str) and is_city_file(value)]

@@ -12,10 +12,11 @@ from typing import Any, Final
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import hash64
-from skyrange.study.sweep.model import Factor, Study
+from skyrange.study.sweep.factors import Factor
+from skyrange.study.sweep.model import Study
 
 Point = dict[str, Any]
-"""Values by name of the factor."""
+"""Values, or the names of values, by name of the factor."""
 
 _POINTS: Final = "study.points"
 _DRAWS: Final = "study.draws"
@@ -44,9 +45,9 @@ def draw_values(study: Study, point: int, seed: int) -> Point:
 
 
 def value_at(factor: Factor, u: float) -> Any:
-    """The value of a factor at a share u of its distribution, 0 <= u < 1."""
-    if factor.values:
-        return factor.values[min(int(u * len(factor.values)), len(factor.values) - 1)]
+    """The value of a factor, or its name, at a share u of its distribution, 0 <= u < 1."""
+    if factor.levels:
+        return factor.levels[min(int(u * len(factor.levels)), len(factor.levels) - 1)]
     assert factor.low is not None
     assert factor.high is not None
     low, high = float(factor.low), float(factor.high)
@@ -62,14 +63,21 @@ def value_at(factor: Factor, u: float) -> Any:
     return round(value) if factor.whole else value
 
 
-def change_of(factor: Factor, value: Any) -> str:
-    """The change of the scenario that sets a factor, as `--set` has it."""
-    return f"{factor.key}={_toml(value)}"
+def change_of(factor: Factor, level: Any) -> str:
+    """The change of the scenario that sets a factor to one of its values, or to what a name stands for, as `--set` has
+    it.
+    """
+    return set_key(factor.key, factor.value_of(level))
+
+
+def set_key(key: str, value: Any) -> str:
+    """The change of the scenario that sets a key, as `--set` has it."""
+    return f"{key}={_toml(value)}"
 
 
 def _levels(factor: Factor) -> Sequence[Any]:
-    if factor.values:
-        return factor.values
+    if factor.levels:
+        return factor.levels
     assert factor.steps is not None
     last = factor.steps - 1
     levels = [value_at(factor, step / last) for step in range(factor.steps)]

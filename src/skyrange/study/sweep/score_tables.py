@@ -9,19 +9,20 @@ from typing import Any
 
 import pyarrow as pa
 
-from skyrange.study.dataset.splits import draw_split
+from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.study.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
 from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.learned_detectors import learn_detectors, write_models
+from skyrange.study.sweep.model import Study
 from skyrange.study.sweep.results import read_results, write_results
 
 
-def make_score_tables(
-    folder: StudyFolder, *, families: frozenset[str] = frozenset(), cities: frozenset[str] = frozenset()
-) -> StudyTables:
-    """The flights, attacks and alerts of a study. Blocks with a held-out family or city are in the test split.
+def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> StudyTables:
+    """The flights, attacks and alerts of a study. Blocks with a held-out family, city or number of aircraft are in the
+    test split; without `held` these are those of the study's file.
 
     An attack is taken to be observable from its first act on an aircraft on, and its effect to begin when the aircraft
     departs from the baseline. Raises `InputError` for results that cannot be scored.
@@ -29,7 +30,7 @@ def make_score_tables(
     write_results(folder)
     runs = {_run(row): row for row in _rows(folder, "runs") if row["status"] == "complete"}
     acts = [row for row in _rows(folder, "acts") if _run(row) in runs]
-    splits = _assign_splits(folder, runs, acts, families, cities)
+    splits = _assign_splits(folder, runs, held_out_of(folder.study) if held is None else held)
     hostile = {_run(row) for row in acts if not row["fault"]}
     faulty = {_run(row) for row in acts if row["fault"]}
     fleets: dict[str, set[str]] = {}
@@ -94,15 +95,23 @@ def score_study(
     *,
     families: Collection[str] = (),
     cities: Collection[str] = (),
+    fleet_sizes: Collection[int] = (),
 ) -> ScoreFile:
     """Train and score the detectors of the study in a folder: `skyrange study score` in Python.
 
     Models of learned detectors, with their cards, go to its folder `models`.
 
-    Blocks with an attack of one of `families`, or over one of `cities`, are in the test split alone.
+    Blocks with an attack of one of `families`, over one of `cities`, or with one of these numbers of aircraft are in
+    the test split alone. Without any of them, what the study's file holds out is. Raises `InputError` for one that no
+    run of the study has.
     """
     opened = open_folder(Path(folder))
-    tables = make_score_tables(opened, families=frozenset(families), cities=frozenset(cities))
+    held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleet_sizes))
+    if held == HeldOut():
+        held = held_out_of(opened.study)
+    else:
+        check_held_traits(opened, held)
+    tables = make_score_tables(opened, held)
     names = {one.id for one in opened.study.detectors} | set(tables.detectors())
     if opened.study.learned is None:
         return score_detectors(tables, settings, sorted(names), opened.study.name)
@@ -111,6 +120,32 @@ def score_study(
     scores = score_detectors(tables, settings, sorted({*names, *learned.models}), opened.study.name)
     write_models(opened, learned, tables, scores)
     return scores
+
+
+def held_out_of(study: Study) -> HeldOut:
+    """What the file of a study holds out."""
+    held = study.held_out
+    return HeldOut(frozenset(held.families), frozenset(held.cities), frozenset(held.aircraft))
+
+
+def check_held_traits(folder: StudyFolder, held: HeldOut) -> None:
+    """Raise `InputError` for a family, city or number of aircraft that no run of the study in a folder has."""
+    write_results(folder)
+    traits = [_traits(row) for row in _rows(folder, "runs") if row["status"] == "complete"]
+    families = sorted({name for one in traits for name in one.families})
+    cities, sizes = sorted({one.city for one in traits}), sorted({one.fleet_size for one in traits})
+    problems = []
+    for what, wanted, known in (("family", held.families, families), ("city", held.cities, cities)):
+        problems += [
+            Problem(f"held-out {what}", name, f"one of {', '.join(known)}", nearest(name, known))
+            for name in sorted(wanted - set(known))
+        ]
+    problems += [
+        Problem("held-out fleet", str(size), f"one of {', '.join(map(str, sizes))}")
+        for size in sorted(held.fleet_sizes - set(sizes))
+    ]
+    if problems:
+        raise InputError(f"study {folder.study.name}", problems)
 
 
 def _rows(folder: StudyFolder, table: str) -> list[dict[str, Any]]:
@@ -123,14 +158,19 @@ def _run(row: Mapping[str, Any]) -> str:
 
 
 def _assign_splits(
-    folder: StudyFolder, runs: Mapping[str, Mapping[str, Any]], acts: list[dict[str, Any]], families: frozenset[str],
-    cities: frozenset[str],
+    folder: StudyFolder, runs: Mapping[str, Mapping[str, Any]], held: HeldOut
 ) -> dict[str, str]:  # fmt: skip
     """The split of each block: that of a data set of the study, except that what is held out is in the test split."""
-    held = {row["block"] for row in acts if row["family"] in families}
-    held |= {row["block"] for row in runs.values() if (row.get("city") or "") in cities}
+    traits: dict[str, list[Traits]] = {}
+    for row in runs.values():
+        traits.setdefault(row["block"], []).append(_traits(row))
     seed = folder.study.first_seed
-    return {block.name: "test" if block.name in held else draw_split(block.name, seed) for block in folder.blocks}
+    splits = {block.name: split_of(block.name, traits.get(block.name, ()), seed, held) for block in folder.blocks}
+    return {name: "test" if split.startswith(HELD_OUT) else split for name, split in splits.items()}
+
+
+def _traits(row: Mapping[str, Any]) -> Traits:
+    return Traits(frozenset((row.get("families") or "").split()), row.get("city") or "", row["vehicles"])
 
 
 def _effects(folder: StudyFolder) -> dict[str, dict[str, float]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -27,7 +27,7 @@ from skyrange.study.sweep.folder import (
     require_unchanged,
 )
 from skyrange.study.sweep.local_pool import LocalPool
-from skyrange.study.sweep.model import Study, read_study
+from skyrange.study.sweep.model import Study, change_study, read_study
 from skyrange.study.sweep.results import write_results
 from skyrange.study.sweep.storage import BlockStorage, fly_to_storage
 from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block, note_failure, read_block
@@ -59,17 +59,18 @@ def run_study(
     study: Study | str | Path,
     out: str | Path | None = None,
     *,
+    changes: Iterable[str] = (),
     executor: Executor | None = None,
     on_block: OnBlock | None = None,
     storage: BlockStorage | None = None,
 ) -> StudyResult:
     """Run a study, or go on with one: `skyrange study run` in Python.
 
-    `study` is a `Study`, the name of a shipped one, or a TOML file; `out` defaults to `studies/NAME`. Without
-    `executor` it uses all CPUs of this machine. Raises `InputError` before anything flies, and the errors of
-    `run_blocks`.
+    `study` is a `Study`, the name of a shipped one, or a TOML file; `changes` are those of `--set`, each path=value;
+    `out` defaults to `studies/NAME`. Without `executor` it uses all CPUs of this machine. Raises `InputError` before
+    anything flies, and the errors of `run_blocks`.
     """
-    chosen = study if isinstance(study, Study) else read_study(study)
+    chosen = change_study(study, changes) if isinstance(study, Study) else read_study(study, changes)
     path = expand_user(out) if out is not None else Path("studies") / chosen.name
     if (path / MANIFEST).is_file():
         folder = open_folder(path)

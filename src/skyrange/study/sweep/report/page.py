@@ -75,7 +75,7 @@ def _tabulate_design(folder: StudyFolder) -> Table:
     rows, notes = [], []
     for kind, factors in (("factor", folder.study.factors), ("draw", folder.study.draws)):
         for factor in factors:
-            values = ", ".join(map(str, factor.values)) if factor.values else f"{factor.low:g} to {factor.high:g}"
+            values = ", ".join(map(str, factor.levels)) if factor.levels else f"{factor.low:g} to {factor.high:g}"
             rows.append([factor.name, kind, factor.key, values])
             notes.append("")
     return Table("Design", ["name", "", "key", "values"], rows, notes)

@@ -1,0 +1,93 @@
+"""Leaderboard of detectors on the terminal: scores on the whole test, and on held-out and seen parts of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from skyrange.study.scoring.result_file import ScoreFile, SetScore
+
+_ALL: Final = "all"
+_HELD, _SEEN = "held-out", "seen"
+_AXES: Final = ("families", "cities", "fleet sizes", "kinds")
+"""What can be held out, as the names of sets say it."""
+_BY_FLIGHT: Final = ("cities", "fleet sizes")
+"""Of these, what restricts the flights, so that false alarms differ too."""
+
+
+def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
+    """The tables of result files: scores on the test, then recall and false alarms on held-out and seen parts of it.
+
+    What was held out is that of the first file. Raises `InputError` for files that do not compare.
+    """
+    from skyrange.study.scoring.leaderboard import rank_detectors
+
+    first = files[0]
+    rows = rank_detectors(files, _ALL)
+    table = _begin(f"{first.study}: scores on the test split")
+    for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "in time"):
+        table.add_column(head, no_wrap=head in ("", "detector"))
+    for row in rows:
+        rates = _rate(row.false_per_h), _rate(row.fault_false_per_h), _rate(row.median_delay_s)
+        table.add_row(
+            str(row.rank), row.detector, _share(row.recall), _share(row.by_chance), *rates, _share(row.before_effect)
+        )
+    yield table
+    scores = {(number, one.detector): one for number, file in enumerate(files) for one in file.detectors}
+    ordered = [scores[row.file, row.detector] for row in rows]
+    axes = [axis for axis in _AXES if any(one.on(f"{_HELD} {axis}") for one in ordered)]
+    if _AXES[0] in axes:
+        axes = axes[:-1] if axes[-1] == _AXES[-1] else axes  # kinds of these families, and what the draw left out
+    if not axes:
+        return
+    parts = [f"{part} {axis}" for axis in axes for part in (_HELD, _SEEN)]
+    held = (first.held_out.families, first.held_out.cities, map(str, first.held_out.aircraft), first.held_out.kinds)
+    told = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held, strict=True) if axis in axes]
+    table = _begin(f"{first.study}: recall, detected of attacks ({'; '.join(told)})")
+    _add_heads(table, parts)
+    for one in ordered:
+        table.add_row(one.detector, *(_recall(one.on(part)) for part in parts))
+    yield table
+    parts = [f"{part} {axis}" for axis in axes if axis in _BY_FLIGHT for part in (_HELD, _SEEN)]
+    if parts:
+        table = _begin(f"{first.study}: false alarms per aircraft-hour of nominal flight")
+        _add_heads(table, parts)
+        for one in ordered:
+            table.add_row(one.detector, *(_false(one.on(part)) for part in parts))
+        yield table
+
+
+def _begin(title: str) -> Table:
+    from rich.table import Table
+
+    return Table(title=title, title_justify="left", title_style="bold")
+
+
+def _add_heads(table: Table, parts: Sequence[str]) -> None:
+    table.add_column("detector", no_wrap=True)
+    for part in parts:
+        table.add_column(part)
+
+
+def _recall(score: SetScore | None) -> str:
+    if score is None or score.detection.recall is None:
+        return "–"
+    found = score.detection
+    return f"{_share(score.detection.recall.value)} {found.detected}/{found.attacks - found.unobservable}"
+
+
+def _false(score: SetScore | None) -> str:
+    if score is None or score.false_alarms.nominal.per_h is None:
+        return "–"
+    return _rate(score.false_alarms.nominal.per_h.value)
+
+
+def _share(value: float | None) -> str:
+    return "–" if value is None else f"{100.0 * value:.0f} %"
+
+
+def _rate(value: float | None) -> str:
+    return "–" if value is None else f"{value:.3g}"

@@ -1,0 +1,144 @@
+"""What a study holds out: the splits of its blocks, and the tables of scores on held-out and seen parts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from skyrange.cli.output.score_tables import tabulate_scores
+from skyrange.core.errors import InputError
+from skyrange.study.dataset.splits import HeldOut, draw_split
+from skyrange.study.scoring.tables import StudyTables
+from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.folder import StudyFolder, create_folder
+from skyrange.study.sweep.model import SHIPPED, Study, read_study
+from skyrange.study.sweep.score_tables import make_score_tables, score_study
+from skyrange.study.sweep.worker import BlockResult, write_block
+
+HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
+KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
+
+
+def fabricate(path: Path, held_out: dict[str, Any] | None = None) -> StudyFolder:
+    """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations."""
+    factors = (
+        {"name": "condition", "key": "attacks", "named": {kind: [] for kind in KINDS}},
+        {"name": "city", "key": "buildings", "named": {"old": "grid:1", "new": "grid:2"}},
+        {"name": "fleet", "key": "operators.*.fleets.*.count", "values": (1, 3)},
+    )
+    arms = ("nominal", "attacked")
+    study = Study(name="made", scenario="survey", factors=factors, seeds=10, arms=arms, held_out=held_out or {})
+    folder = create_folder(study, path)
+    for block in folder.blocks:
+        write_block(path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block))
+    return folder
+
+
+def _rows(block: Block) -> dict[str, list[dict[str, Any]]]:
+    rows: dict[str, list[dict[str, Any]]] = {"runs": [], "aircraft": [], "effects": [], "alerts": [], "acts": []}
+    kind, fleet = block.values["condition"], block.values["fleet"]
+    for arm in ("nominal", "attacked"):
+        head = {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
+        state = {"status": "complete", "error": "", "vehicles": fleet, "families": KINDS[kind]}
+        rows["runs"].append({**head, **state})
+        rows["aircraft"] += [{**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0} for k in range(fleet)]
+    act = {"attack": "a", "kind": kind, "family": KINDS[kind], "vehicle": "blue/b0", "fault": False}
+    rows["acts"].append({**head, **act, "first_s": 30.0, "last_s": 60.0, "acts": 1})
+    if kind == "gnss.drift":
+        alert = {"time_s": 40.0, "detector": "d", "kind": "k", "subject": "blue/b0", "score": 1.0}
+        rows["alerts"].append({**head, **alert})
+    return rows
+
+
+def splits_in(tables: StudyTables) -> dict[str, str]:
+    return {row["block"]: row["split"] for row in tables.flights.to_pylist()}
+
+
+def test_blocks_with_what_the_file_holds_out_are_in_the_test_split_alone(tmp_path: Path) -> None:
+    folder = fabricate(tmp_path / "s", HELD)
+    splits = splits_in(make_score_tables(folder))
+    held = 0
+    for block in folder.blocks:
+        values = block.values
+        if values["condition"] == "link.delay" or values["city"] == "new" or values["fleet"] == 3:
+            assert splits[block.name] == "test"
+            held += 1
+        else:
+            assert splits[block.name] == draw_split(block.name, 1)
+    assert held == 70
+    assert {draw_split(block.name, 1) for block in folder.blocks} == {"train", "validation", "test"}
+
+
+def test_what_is_given_replaces_all_that_the_file_holds_out(tmp_path: Path) -> None:
+    folder = fabricate(tmp_path / "s", HELD)
+    splits = splits_in(make_score_tables(folder, HeldOut(fleet_sizes=frozenset({1}))))
+    for block in folder.blocks:
+        assert splits[block.name] == ("test" if block.values["fleet"] == 1 else draw_split(block.name, 1))
+    scores = score_study(tmp_path / "s", cities=["old"])
+    assert (scores.held_out.cities, scores.held_out.families) == (("old",), ())
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"families": ["link_timin"]}, "Did you mean 'link_timing'"),
+        ({"cities": ["Old"]}, "one of new, old"),
+        ({"fleet_sizes": [2]}, "one of 1, 3"),
+    ],
+)
+def test_what_no_run_has_cannot_be_held_out(tmp_path: Path, given: dict[str, Any], says: str) -> None:
+    fabricate(tmp_path / "s")
+    with pytest.raises(InputError, match=says):
+        score_study(tmp_path / "s", **given)
+
+
+def test_the_terminal_shows_recall_on_held_out_and_seen_parts(tmp_path: Path) -> None:
+    fabricate(tmp_path / "s", HELD)
+    scores = score_study(tmp_path / "s")
+    console = Console(width=120, record=True, file=(tmp_path / "out").open("w"))
+    for table in tabulate_scores([scores, scores]):
+        console.print(table)
+    said = console.export_text()
+    assert "families: link_timing; cities: new; fleet sizes: 3" in said
+    rows = [line for line in said.splitlines() if "│ d " in line]
+    assert len(rows) == 6  # three tables, two files
+    attacks = {one.name: one.detection for one in next(s for s in scores.detectors if s.detector == "d").sets}
+    unseen, seen = attacks["held-out families"], attacks["seen families"]
+    assert f"0 % 0/{unseen.attacks}" in rows[2]
+    assert f"100 % {seen.detected}/{seen.attacks}" in rows[2]
+    assert unseen.attacks == 40
+
+
+def test_without_anything_held_out_there_is_one_table(tmp_path: Path) -> None:
+    fabricate(tmp_path / "s")
+    assert len(list(tabulate_scores([score_study(tmp_path / "s")]))) == 1
+
+
+def test_a_family_that_does_not_exist_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "s.toml"
+    file.write_text('name = "s"\nscenario = "gnss.jump"\nheld_out = { families = ["gnss_false_positon"] }\n')
+    with pytest.raises(InputError, match="Did you mean 'gnss_false_position'"):
+        read_study(file)
+    file.write_text('name = "s"\nscenario = "gnss.jump"\nheld_out = { aircraft = [0] }\n')
+    with pytest.raises(InputError, match=r"held_out\.aircraft"):
+        read_study(file)
+
+
+@pytest.mark.parametrize("name", sorted(SHIPPED))
+def test_what_a_shipped_study_holds_out_is_in_it_and_not_all_of_it(name: str) -> None:
+    from skyrange.study.dataset.families import family_of
+
+    study = read_study(name)
+    factors = {one.name: one for one in study.varying}
+    families = {family_of(kind) for kind in factors["condition"].levels}
+    sizes = {2 * count for count in factors["fleet"].levels}
+    for held, known in (
+        (study.held_out.families, families),
+        (study.held_out.cities, set(factors["city"].levels)),
+        (study.held_out.aircraft, sizes),
+    ):
+        assert set(held) < known
+        assert held
