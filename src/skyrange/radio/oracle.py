@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skyrange.codec import wifi_management
 from skyrange.codec.remote_id import link_payload
@@ -108,6 +110,8 @@ class Oracle:
         self._spectrum = spectrum
         if spectrum is not None:
             spectrum.radios = [radio.name for radio in medium.radios]
+        self.hears: NDArray[np.bool_] | None = None
+        """(radios,) whose receptions are delivered, reported and kept, where others deliver the rest; None for all."""
         self._recording = recording
         self._drained: list[ReceptionRows] = []
         self._deaths: Counter[str] = Counter()
@@ -149,6 +153,9 @@ class Oracle:
             if len(program.ended) > self._deaths[program.name]:
                 self._tell_of_death(program, int((on_air.sent.fate == TransmissionFate.LOST).sum()), outbox)
         heard = on_air.heard
+        if self.hears is not None:
+            rows = np.flatnonzero(self.hears[heard.radio])
+            heard = _take(heard, rows)
         if len(heard.key):
             self._tell(heard, outbox)
         return outbox
@@ -233,8 +240,7 @@ class Oracle:
         if self._recording:
             self._keep(heard)
         if (heard.outcome != ReceptionOutcome.DECODED).any():  # a medium that tells of every pair
-            keep = heard.outcome == ReceptionOutcome.DECODED
-            heard = Heard(*(column[keep] for column in heard))
+            heard = _take(heard, np.flatnonzero(heard.outcome == ReceptionOutcome.DECODED))
         place = self._down[heard.radio]
         rows = np.flatnonzero(place >= 0)
         if len(rows):
@@ -301,3 +307,9 @@ class Oracle:
             return None
         rows = ReceptionRows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
         return Receptions(self._refs.names, [radio.name for radio in self.medium.radios], rows)
+
+
+def _take(heard: Heard, rows: Ints) -> Heard:
+    """Some of the outcomes."""
+    columns: list[Any] = [column[rows] for column in heard]
+    return Heard(*columns)

@@ -193,8 +193,6 @@ class Core:
         return self.member.gather(purpose, now, json.dumps(value).encode())
 
     def _replicate(self, oracle: Oracle) -> OracleReplica:
-        mine = {spec.name for spec in self.built.wiring.links for end in (spec.a, spec.b) if self._is_own(end)}
-        ports = [port for port in oracle.ports if port.link in mine]
         radio = self._scenario.radio
         operators = {} if radio is None else {one.id: one.operator for one in radio.receivers}
         radios = [
@@ -203,7 +201,7 @@ class Core:
             if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
-        return OracleReplica(oracle, self.member, self._motion, table, ports, radios)
+        return OracleReplica(oracle, self.member, self._motion, table, radios)
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from typing import Any, Final, cast
+from typing import Final, cast
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from skyrange.contracts.components import Floats, World
 from skyrange.contracts.frames.blocks import LinkTable
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.medium import ReceptionRows, Receptions
+from skyrange.contracts.medium import Receptions
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
 from skyrange.radio.oracle import Oracle
@@ -35,12 +34,9 @@ class OracleReplica:
     """An oracle as a truth subscriber of one core's kernel (contract: `contracts.components.TruthSubscriber`)."""
 
     def __init__(
-        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, ports: Sequence[Port],
-        radios: Sequence[str],
-    ) -> None:  # fmt: skip
-        """`links` are those of every kernel; `ports` those of the oracle whose other end is on this core, `radios` the
-        radios that are.
-        """
+        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, radios: Sequence[str]
+    ) -> None:
+        """`links` are those of every kernel; `radios` those here, ground receivers of the operators here included."""
         self.name = oracle.name
         self.service_ns: Time = oracle.service_ns
         self.observe_period_ns: Time = oracle.observe_period_ns
@@ -49,12 +45,8 @@ class OracleReplica:
         self._member = member
         self._motion = motion
         self._links = links
-        self._mine = frozenset(ports)
-        self._delivers = np.array([port in self._mine for port in oracle.ports], dtype=np.bool_)
         here = frozenset(radios)
-        self._hears: NDArray[np.bool_] = np.array(
-            [radio.name in here for radio in oracle.medium.radios], dtype=np.bool_
-        )
+        oracle.hears = np.array([radio.name in here for radio in oracle.medium.radios], dtype=np.bool_)
         self._foreign: list[Inbox] = []
         """What arrived on other cores since it was asked for."""
         self._own: tuple[Floats, Floats] | None = None
@@ -86,22 +78,10 @@ class OracleReplica:
         wish = self._oracle.next_wakeup()
         if not len(everything) and (wish is None or wish > now):
             return Outbox()
-        return self._keep_own(self._oracle.step(now, everything))
-
-    def _keep_own(self, outbox: Outbox) -> Outbox:
-        """What leaves for endpoints on this core."""
-        kept = Outbox()
-        if self._member.number == 0:
-            kept.notes = outbox.notes
-        kept.departures = [departure for departure in outbox.departures if departure.port in self._mine]
-        for places, payloads, parents in outbox.blocks:
-            rows = np.flatnonzero(self._delivers[places])
-            if len(rows):
-                above = None if parents is None else parents._replace(
-                    numbers=parents.numbers[rows], serials=parents.serials[rows]
-                )  # fmt: skip
-                kept.send_block(places[rows], payloads.take(rows), above)
-        return kept
+        outbox = self._oracle.step(now, everything)
+        if self._member.number:
+            outbox.notes = []
+        return outbox
 
     def close(self) -> None:
         """End the medium; again does nothing."""
@@ -114,11 +94,4 @@ class OracleReplica:
 
     def drain_receptions(self) -> Receptions | None:
         """The receptions on this core since the last call; None if there are none."""
-        found = self._oracle.drain_receptions()
-        if found is None:
-            return None
-        rows = np.flatnonzero(self._hears[found.rows.radio])
-        if not len(rows):
-            return None
-        columns: list[Any] = [column[rows] for column in found.rows]
-        return found._replace(rows=ReceptionRows(*columns))
+        return self._oracle.drain_receptions()
