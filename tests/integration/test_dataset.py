@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import pyarrow.parquet as pq
@@ -85,7 +85,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Sample:
             effects = {"blue/b1": 14.0 if active else None, "blue/b2": None}
             text = (record.path / "scenario.toml").read_text()
             members.append(Member(record.path, block, arm, split, {"draw": 1}, 3, text, effects))
-    folder = build_dataset(members[::-1], base / "set", "sample", settings=BOTH)
+    folder = build_dataset(members[::-1], base / "sample", "sample", settings=BOTH)
     return Sample(members, folder)
 
 
@@ -197,24 +197,76 @@ def test_aircraft_have_what_the_station_received_last(sample: Sample) -> None:
     assert 0.0 <= last["heartbeat_age_s"] <= 1.2
 
 
-def test_each_tool_opens_it_with_one_line(sample: Sample, monkeypatch: pytest.MonkeyPatch) -> None:
-    duckdb, pandas, polars = (pytest.importorskip(name) for name in ("duckdb", "pandas", "polars"))
-    monkeypatch.chdir(sample.folder)
-    count = pq.read_table("view=flows").num_rows
-    assert polars.scan_parquet("view=flows", hive_partitioning=True).collect().height == count
-    found = duckdb.sql("FROM read_parquet('view=flows/**/*.parquet', hive_partitioning = true)")
-    assert found.aggregate("count(*)").fetchall() == [(count,)]
-    frame = pandas.read_parquet("view=flows")
+def open_lines(sample: Sample, view: str) -> list[str]:
+    """The lines of the README that open a view, one for each tool."""
+    block = (sample.folder / "README.md").read_text().partition("```python\n")[2].partition("```")[0]
+    return block.replace("flows", view).splitlines()
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_tool_opens_each_view_with_the_line_of_the_readme(
+    sample: Sample, view: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tools = {name: pytest.importorskip(name) for name in ("polars", "duckdb", "pandas")}
+    monkeypatch.chdir(sample.folder.parent)
+    count = pq.read_table(f"sample/view={view}").num_rows
+    opened = [
+        eval(line, {name: tools[name]}) for line in open_lines(sample, view) if (name := line.split(".")[0]) in tools
+    ]
+    lazy, relation, frame = opened
+    assert lazy.collect().height == count
+    assert relation.aggregate("count(*)").fetchall() == [(count,)]
     assert len(frame) == count
-    assert set(frame["split"]) == {"train", "test", "heldout_family"}
+    assert set(lazy.collect()["split"]) == set(frame["split"])
+    assert list(frame.columns) == [*(column.name for column in VIEWS[view]), "split"]
 
 
-@pytest.mark.skipif(find_spec("datasets") is None, reason="Hugging Face `datasets` is not installed")
-def test_hugging_face_datasets_opens_it(sample: Sample) -> None:
-    import datasets
+@pytest.fixture
+def datasets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Hugging Face `datasets` without network, with its cache in a folder of the test."""
+    for name in (
+        "HF_HUB_OFFLINE",
+        "HF_DATASETS_OFFLINE",
+        "HF_HUB_DISABLE_TELEMETRY",
+        "HF_DATASETS_DISABLE_PROGRESS_BARS",
+    ):
+        monkeypatch.setenv(name, "1")
+    module = pytest.importorskip("datasets")
+    monkeypatch.setattr(module.config, "HF_DATASETS_CACHE", tmp_path / "cache")
+    return module
 
-    files = {"train": str(sample.folder / "view=flows/split=train/*.parquet")}
-    assert datasets.load_dataset("parquet", data_files=files)["train"].num_rows > 0
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_hugging_face_datasets_opens_each_view_with_its_splits(
+    sample: Sample, view: str, datasets: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(sample.folder.parent)
+    found = eval(open_lines(sample, view)[3], {"datasets": datasets})
+    expected = {path.name.removeprefix("split="): pq.read_table(path) for path in Path(f"sample/view={view}").iterdir()}
+    assert {split: rows.num_rows for split, rows in found.items()} == {name: t.num_rows for name, t in expected.items()}
+    for split, table in expected.items():
+        assert found[split].column_names == [column.name for column in VIEWS[view]]
+        assert found[split].with_format("arrow")[:].to_pylist() == table.select(found[split].column_names).to_pylist()
+
+
+def test_hugging_face_datasets_opens_the_table_of_runs(sample: Sample, datasets: ModuleType) -> None:
+    found = datasets.load_dataset(str(sample.folder), "runs", split="runs")
+    assert set(found["run"]) == {member.run for member in sample.members}
+
+
+def test_a_split_without_rows_of_a_view_has_no_file(sample: Sample, tmp_path: Path, datasets: ModuleType) -> None:
+    quiet = [replace(one, split="test") for one in sample.members if one.run == "drop.nominal"]
+    others = [one for one in sample.members if one.block == "mode"]
+    folder = build_dataset([*quiet, *others], tmp_path / "set", "set", license_url="https://example.org/licence")
+    assert [path.name for path in (folder / "view=episodes").iterdir()] == ["split=train"]
+    assert set(datasets.load_dataset(str(folder), "episodes")) == {"train"}
+    header = yaml_header(folder)
+    assert 'license: other\nlicense_link: "https://example.org/licence"' in header
+    assert header.count("path: view=episodes/") == 1
+
+
+def yaml_header(folder: Path) -> str:
+    return (folder / "README.md").read_text().split("---\n")[1]
 
 
 def test_croissant_1_1_is_valid_and_reads_records(sample: Sample) -> None:
@@ -270,9 +322,12 @@ def test_members_are_read_from_a_file(sample: Sample, tmp_path: Path) -> None:
         read_members(tmp_path / "runs.toml")
 
 
-@pytest.mark.parametrize("split", ["", "validation"])
+@pytest.mark.parametrize("split", ["", "validation", "../x", "all"])
 def test_a_block_lies_in_one_split(sample: Sample, tmp_path: Path, split: str) -> None:
     first, *others = sample.members
-    with pytest.raises(InputError, match="block mode"):
-        build_dataset([replace(first, split=split), *others], tmp_path / "x", "x")
+    given = [replace(first, split=split), *others]
+    if split in ("../x", "all"):
+        given = [replace(member, split=split) for member in sample.members]
+    with pytest.raises(InputError, match=f"block {'mode' if split in ('', 'validation') else 'drift: split'}"):
+        build_dataset(given, tmp_path / "x", "x")
     assert not (tmp_path / "x").exists()

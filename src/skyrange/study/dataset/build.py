@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -17,7 +16,7 @@ from skyrange.record.read.run import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL
 from skyrange.study.dataset.columns import VIEWS
 from skyrange.study.dataset.description.checksums import write_checksums
-from skyrange.study.dataset.description.contents import Contents
+from skyrange.study.dataset.description.contents import RUNS, Contents
 from skyrange.study.dataset.description.croissant import write_croissant
 from skyrange.study.dataset.description.datasheet import write_datasheet
 from skyrange.study.dataset.description.regenerate import write_regenerate
@@ -25,8 +24,6 @@ from skyrange.study.dataset.members import Member, check_members
 from skyrange.study.dataset.partitions import BlockWriter
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
-
-RUNS: Final = "runs.parquet"
 
 
 def build_dataset(

@@ -34,13 +34,16 @@ class BlockWriter:
             file.close()
 
     def write(self, view: str, member: Member, table: pa.Table) -> int:
-        """Append rows of a run, which are whole windows; returns how many.
+        """Append rows of a run, which are whole windows; returns how many. Without rows there is no file: Hugging Face
+        `datasets` reads no split that is empty.
 
         Raises `ComponentError` where they differ from the declared columns, `OSError` where the disk is full.
         """
         if view in WINDOW_KEYS:
             table = self._hashes.mark(view, member.run, table)
         table = check_table(view, begin_rows(table, member.run, member.block, member.arm))
+        if not table.num_rows:
+            return 0
         if view not in self._files:
             path = partition_path(self._folder, view, self._split, self._block)
             path.parent.mkdir(parents=True, exist_ok=True)
