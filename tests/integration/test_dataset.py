@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -16,12 +19,15 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.arms import Arm, scenario_of
+from skyrange.study.dataset import build
+from skyrange.study.dataset.audit.arms import read_arms
 from skyrange.study.dataset.build import build_dataset
 from skyrange.study.dataset.columns import VIEWS, view_schema
 from skyrange.study.dataset.description.checksums import check_checksums
 from skyrange.study.dataset.description.croissant import CONFORMS_TO, validate_croissant
 from skyrange.study.dataset.members import Member, read_members
-from skyrange.study.dataset.run_views import ViewSettings
+from skyrange.study.dataset.progress import begin_build
+from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.views.observed import Place
 from skyrange.study.runs import fly
 
@@ -301,6 +307,65 @@ def test_a_run_flies_again_from_what_is_stored(sample: Sample, tmp_path: Path) -
 def test_the_files_do_not_depend_on_the_order_of_members(sample: Sample, tmp_path: Path) -> None:
     again = build_dataset(sample.members, tmp_path / "again", "sample", settings=BOTH)
     assert (again / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
+
+
+def test_an_interrupted_build_goes_on_without_the_blocks_that_are_whole(
+    sample: Sample, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "again"
+    begun = f"""
+import os, signal
+from pathlib import Path
+from skyrange.study.dataset import build
+from tests.integration.test_dataset import BOTH, read_members
+views = build.run_views
+def killed(record, *rest):
+    for number, found in enumerate(views(record, *rest)):
+        if record.path.name == "mode-nominal" and number == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield found
+build.run_views = killed
+build.build_dataset(read_members({str(tmp_path / "runs.json")!r}), Path({str(out)!r}), "sample", settings=BOTH)
+"""
+    rows = [
+        {
+            **{name: getattr(one, name) for name in ("block", "arm", "split", "seed", "factors")},
+            "folder": str(one.record),
+            "effects_s": {name: "never" if at is None else at for name, at in (one.effects_s or {}).items()},
+        }
+        for one in sample.members
+    ]
+    (tmp_path / "runs.json").write_text(json.dumps({"runs": rows}))
+    members = read_members(tmp_path / "runs.json")
+    ended = subprocess.run([sys.executable, "-c", begun], cwd=Path(__file__).parents[2], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert {path.name for path in out.glob("view=*/split=*/*.parquet")} == {"drift.parquet", "drop.parquet"}
+    assert not (out / "README.md").exists()
+    for read in (check_checksums, read_arms):
+        with pytest.raises(InputError, match="not finished"):
+            read(out)
+    with pytest.raises(InputError, match="other runs or settings"):
+        build_dataset(members, out, "another")
+    written = []
+    monkeypatch.setattr(
+        build, "run_views", lambda record, *rest: written.append(record.path.name) or run_views(record, *rest)
+    )
+    build_dataset(members, out, "sample", settings=BOTH)
+    assert written == ["mode-nominal", "mode-attacked", "mode-sham"]
+    assert (out / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
+    assert {path.name for path in out.iterdir()} == {path.name for path in sample.folder.iterdir()}
+    with pytest.raises(InputError, match="new or empty"):
+        build_dataset(members, out, "sample", settings=BOTH)
+
+
+def test_one_process_builds_a_data_set(tmp_path: Path) -> None:
+    with (
+        begin_build(tmp_path / "set", {}),
+        pytest.raises(InputError, match="being built"),
+        begin_build(tmp_path / "set", {}),
+    ):
+        pass
+    assert list((tmp_path / "set").iterdir()) == []
 
 
 def test_altered_files_are_named(sample: Sample, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.study.dataset.description.contents import RUNS
+from skyrange.study.dataset.progress import require_whole
 
 NEVER: Final = 2**62
 """The time of what does not happen, in ns."""
@@ -34,7 +35,10 @@ class ArmOfBlock:
 
 
 def read_arms(folder: Path) -> list[ArmOfBlock]:
-    """The runs of a data set with their roles, onsets and effects. Raises `InputError` for a folder that is none."""
+    """The runs of a data set with their roles, onsets and effects. Raises `InputError` for a folder that is none, or is
+    not finished.
+    """
+    require_whole(folder)
     if not (folder / RUNS).is_file():
         raise InputError.one("dataset", str(folder), f"no {RUNS}", "the folder of a data set")
     episodes: dict[str, list[dict[str, Any]]] = {}
