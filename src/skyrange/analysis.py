@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from skyrange.study.compare.autopilot_parity import compare as compare_autopilots
     from skyrange.study.compare.exact import Difference
     from skyrange.study.compare.exact import diff as compare_runs
-    from skyrange.study.dataset.audit import LeakFinding, require_no_leak
-    from skyrange.study.dataset.audit_comparisons import audit_dataset
+    from skyrange.study.dataset.audit.classifier import LeakFinding, require_no_leak
+    from skyrange.study.dataset.audit.comparisons import audit_dataset
     from skyrange.study.dataset.build import build_dataset
     from skyrange.study.dataset.members import Member as DatasetMember
     from skyrange.study.dataset.members import read_members as read_dataset_members

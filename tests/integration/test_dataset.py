@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
-from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import pyarrow.parquet as pq
@@ -16,12 +19,15 @@ import pytest
 from skyrange.core.errors import InputError
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.arms import Arm, scenario_of
+from skyrange.study.dataset import build
+from skyrange.study.dataset.audit.arms import read_arms
 from skyrange.study.dataset.build import build_dataset
 from skyrange.study.dataset.columns import VIEWS, view_schema
 from skyrange.study.dataset.description.checksums import check_checksums
 from skyrange.study.dataset.description.croissant import CONFORMS_TO, validate_croissant
 from skyrange.study.dataset.members import Member, read_members
-from skyrange.study.dataset.run_views import ViewSettings
+from skyrange.study.dataset.progress import begin_build
+from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.views.observed import Place
 from skyrange.study.runs import fly
 
@@ -85,7 +91,7 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Sample:
             effects = {"blue/b1": 14.0 if active else None, "blue/b2": None}
             text = (record.path / "scenario.toml").read_text()
             members.append(Member(record.path, block, arm, split, {"draw": 1}, 3, text, effects))
-    folder = build_dataset(members[::-1], base / "set", "sample", settings=BOTH)
+    folder = build_dataset(members[::-1], base / "sample", "sample", settings=BOTH)
     return Sample(members, folder)
 
 
@@ -197,24 +203,76 @@ def test_aircraft_have_what_the_station_received_last(sample: Sample) -> None:
     assert 0.0 <= last["heartbeat_age_s"] <= 1.2
 
 
-def test_each_tool_opens_it_with_one_line(sample: Sample, monkeypatch: pytest.MonkeyPatch) -> None:
-    duckdb, pandas, polars = (pytest.importorskip(name) for name in ("duckdb", "pandas", "polars"))
-    monkeypatch.chdir(sample.folder)
-    count = pq.read_table("view=flows").num_rows
-    assert polars.scan_parquet("view=flows", hive_partitioning=True).collect().height == count
-    found = duckdb.sql("FROM read_parquet('view=flows/**/*.parquet', hive_partitioning = true)")
-    assert found.aggregate("count(*)").fetchall() == [(count,)]
-    frame = pandas.read_parquet("view=flows")
+def open_lines(sample: Sample, view: str) -> list[str]:
+    """The lines of the README that open a view, one for each tool."""
+    block = (sample.folder / "README.md").read_text().partition("```python\n")[2].partition("```")[0]
+    return block.replace("flows", view).splitlines()
+
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_each_tool_opens_each_view_with_the_line_of_the_readme(
+    sample: Sample, view: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tools = {name: pytest.importorskip(name) for name in ("polars", "duckdb", "pandas")}
+    monkeypatch.chdir(sample.folder.parent)
+    count = pq.read_table(f"sample/view={view}").num_rows
+    opened = [
+        eval(line, {name: tools[name]}) for line in open_lines(sample, view) if (name := line.split(".")[0]) in tools
+    ]
+    lazy, relation, frame = opened
+    assert lazy.collect().height == count
+    assert relation.aggregate("count(*)").fetchall() == [(count,)]
     assert len(frame) == count
-    assert set(frame["split"]) == {"train", "test", "heldout_family"}
+    assert set(lazy.collect()["split"]) == set(frame["split"])
+    assert list(frame.columns) == [*(column.name for column in VIEWS[view]), "split"]
 
 
-@pytest.mark.skipif(find_spec("datasets") is None, reason="Hugging Face `datasets` is not installed")
-def test_hugging_face_datasets_opens_it(sample: Sample) -> None:
-    import datasets
+@pytest.fixture
+def datasets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Hugging Face `datasets` without network, with its cache in a folder of the test."""
+    for name in (
+        "HF_HUB_OFFLINE",
+        "HF_DATASETS_OFFLINE",
+        "HF_HUB_DISABLE_TELEMETRY",
+        "HF_DATASETS_DISABLE_PROGRESS_BARS",
+    ):
+        monkeypatch.setenv(name, "1")
+    module = pytest.importorskip("datasets")
+    monkeypatch.setattr(module.config, "HF_DATASETS_CACHE", tmp_path / "cache")
+    return module
 
-    files = {"train": str(sample.folder / "view=flows/split=train/*.parquet")}
-    assert datasets.load_dataset("parquet", data_files=files)["train"].num_rows > 0
+
+@pytest.mark.parametrize("view", VIEWS)
+def test_hugging_face_datasets_opens_each_view_with_its_splits(
+    sample: Sample, view: str, datasets: ModuleType, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(sample.folder.parent)
+    found = eval(open_lines(sample, view)[3], {"datasets": datasets})
+    expected = {path.name.removeprefix("split="): pq.read_table(path) for path in Path(f"sample/view={view}").iterdir()}
+    assert {split: rows.num_rows for split, rows in found.items()} == {name: t.num_rows for name, t in expected.items()}
+    for split, table in expected.items():
+        assert found[split].column_names == [column.name for column in VIEWS[view]]
+        assert found[split].with_format("arrow")[:].to_pylist() == table.select(found[split].column_names).to_pylist()
+
+
+def test_hugging_face_datasets_opens_the_table_of_runs(sample: Sample, datasets: ModuleType) -> None:
+    found = datasets.load_dataset(str(sample.folder), "runs", split="runs")
+    assert set(found["run"]) == {member.run for member in sample.members}
+
+
+def test_a_split_without_rows_of_a_view_has_no_file(sample: Sample, tmp_path: Path, datasets: ModuleType) -> None:
+    quiet = [replace(one, split="test") for one in sample.members if one.run == "drop.nominal"]
+    others = [one for one in sample.members if one.block == "mode"]
+    folder = build_dataset([*quiet, *others], tmp_path / "set", "set", license_url="https://example.org/licence")
+    assert [path.name for path in (folder / "view=episodes").iterdir()] == ["split=train"]
+    assert set(datasets.load_dataset(str(folder), "episodes")) == {"train"}
+    header = yaml_header(folder)
+    assert 'license: other\nlicense_link: "https://example.org/licence"' in header
+    assert header.count("path: view=episodes/") == 1
+
+
+def yaml_header(folder: Path) -> str:
+    return (folder / "README.md").read_text().split("---\n")[1]
 
 
 def test_croissant_1_1_is_valid_and_reads_records(sample: Sample) -> None:
@@ -251,6 +309,65 @@ def test_the_files_do_not_depend_on_the_order_of_members(sample: Sample, tmp_pat
     assert (again / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
 
 
+def test_an_interrupted_build_goes_on_without_the_blocks_that_are_whole(
+    sample: Sample, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "again"
+    begun = f"""
+import os, signal
+from pathlib import Path
+from skyrange.study.dataset import build
+from tests.integration.test_dataset import BOTH, read_members
+views = build.run_views
+def killed(record, *rest):
+    for number, found in enumerate(views(record, *rest)):
+        if record.path.name == "mode-nominal" and number == 1:
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield found
+build.run_views = killed
+build.build_dataset(read_members({str(tmp_path / "runs.json")!r}), Path({str(out)!r}), "sample", settings=BOTH)
+"""
+    rows = [
+        {
+            **{name: getattr(one, name) for name in ("block", "arm", "split", "seed", "factors")},
+            "folder": str(one.record),
+            "effects_s": {name: "never" if at is None else at for name, at in (one.effects_s or {}).items()},
+        }
+        for one in sample.members
+    ]
+    (tmp_path / "runs.json").write_text(json.dumps({"runs": rows}))
+    members = read_members(tmp_path / "runs.json")
+    ended = subprocess.run([sys.executable, "-c", begun], cwd=Path(__file__).parents[2], check=False)
+    assert ended.returncode == -signal.SIGKILL
+    assert {path.name for path in out.glob("view=*/split=*/*.parquet")} == {"drift.parquet", "drop.parquet"}
+    assert not (out / "README.md").exists()
+    for read in (check_checksums, read_arms):
+        with pytest.raises(InputError, match="not finished"):
+            read(out)
+    with pytest.raises(InputError, match="other runs or settings"):
+        build_dataset(members, out, "another")
+    written = []
+    monkeypatch.setattr(
+        build, "run_views", lambda record, *rest: written.append(record.path.name) or run_views(record, *rest)
+    )
+    build_dataset(members, out, "sample", settings=BOTH)
+    assert written == ["mode-nominal", "mode-attacked", "mode-sham"]
+    assert (out / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
+    assert {path.name for path in out.iterdir()} == {path.name for path in sample.folder.iterdir()}
+    with pytest.raises(InputError, match="new or empty"):
+        build_dataset(members, out, "sample", settings=BOTH)
+
+
+def test_one_process_builds_a_data_set(tmp_path: Path) -> None:
+    with (
+        begin_build(tmp_path / "set", {}),
+        pytest.raises(InputError, match="being built"),
+        begin_build(tmp_path / "set", {}),
+    ):
+        pass
+    assert list((tmp_path / "set").iterdir()) == []
+
+
 def test_altered_files_are_named(sample: Sample, tmp_path: Path) -> None:
     copy = shutil.copytree(sample.folder, tmp_path / "copy")
     check_checksums(copy)
@@ -270,9 +387,12 @@ def test_members_are_read_from_a_file(sample: Sample, tmp_path: Path) -> None:
         read_members(tmp_path / "runs.toml")
 
 
-@pytest.mark.parametrize("split", ["", "validation"])
+@pytest.mark.parametrize("split", ["", "validation", "../x", "all"])
 def test_a_block_lies_in_one_split(sample: Sample, tmp_path: Path, split: str) -> None:
     first, *others = sample.members
-    with pytest.raises(InputError, match="block mode"):
-        build_dataset([replace(first, split=split), *others], tmp_path / "x", "x")
+    given = [replace(first, split=split), *others]
+    if split in ("../x", "all"):
+        given = [replace(member, split=split) for member in sample.members]
+    with pytest.raises(InputError, match=f"block {'mode' if split in ('', 'validation') else 'drift: split'}"):
+        build_dataset(given, tmp_path / "x", "x")
     assert not (tmp_path / "x").exists()

@@ -170,7 +170,7 @@ def test_the_runs_make_a_data_set_whose_blocks_lie_in_one_split(study: Path, tmp
     runs = pq.read_table(tmp_path / "data" / "runs.parquet").to_pylist()
     assert len({(row["block"], row["split"]) for row in runs}) == 6
     assert (tmp_path / "data" / "croissant.json").is_file()
-    with pytest.raises(InputError, match="10 are needed"):
+    with pytest.raises(InputError, match="too few blocks: 6 with both arms"):
         command("dataset", "audit", str(tmp_path / "data"))
 
 

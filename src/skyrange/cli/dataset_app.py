@@ -29,7 +29,12 @@ def build(
             show_default=False,
         ),
     ],
-    out: Annotated[Path, typer.Argument(metavar="DIR", help="A new folder.", show_default=False)],
+    out: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR", help="A new folder, or that of the same build, which goes on.", show_default=False
+        ),
+    ],
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the data set. Default: that of DIR.", show_default=False)
     ] = None,

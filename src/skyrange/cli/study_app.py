@@ -109,9 +109,12 @@ def show_study(folder: Folder, as_json: AsJson = False) -> None:
 
 
 @study_app.command("report", epilog="Example: skyrange study report studies/drift")
-def report_study(folder: Folder) -> None:
+def report_study(
+    folder: Folder,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Write the figures as PDF as well, for papers.")] = False,
+) -> None:
     """Write report.html: effects with intervals, dose-response curves, interactions, failures; and figures as SVG."""
-    studies.report(folder)
+    studies.report(folder, pdf)
 
 
 @study_app.command("score", epilog="Example: skyrange study score studies/detect --hold-out-family gnss_denial")

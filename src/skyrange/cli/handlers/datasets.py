@@ -52,24 +52,26 @@ def audit(folder: Path, as_json: bool) -> None:
     """`skyrange dataset audit`."""
     from rich.table import Table
 
-    from skyrange.study.dataset.audit import require_no_leak
-    from skyrange.study.dataset.audit_comparisons import audit_dataset
+    from skyrange.study.dataset.audit.classifier import require_no_leak
+    from skyrange.study.dataset.audit.comparisons import audit_dataset
 
     findings = audit_dataset(folder)
+    rows = [{"name": one.name, "status": one.status, **asdict(one)} for one in findings]
     if as_json:
-        print_json([asdict(one) for one in findings])
+        print_json(rows)
     else:
         table = Table(title=folder.name, title_justify="left", title_style="bold")
-        names = list(asdict(findings[0])) if findings else []
-        for head in names:
+        for head in rows[0]:
             table.add_column(head)
-        for one in findings:
-            table.add_row(*(_text(value) for value in asdict(one).values()))
+        for row in rows:
+            table.add_row(*(_text(value) for value in row.values()))
         terminal().print(table)
     require_no_leak(findings)
 
 
 def _text(value: object) -> str:
+    if value is None:
+        return "–"
     if isinstance(value, float):
         return f"{value:.3g}"
     return ", ".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)

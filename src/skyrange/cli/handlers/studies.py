@@ -114,11 +114,11 @@ def show(path: Path, as_json: bool) -> None:
     terminal().print(table)
 
 
-def report(path: Path) -> None:
+def report(path: Path, pdf: bool) -> None:
     """`skyrange study report`."""
     from skyrange.study.sweep.report.page import write_study_report
 
-    print_text(f"report {write_study_report(path)}")
+    print_text(f"report {write_study_report(path, pdf=pdf)}")
 
 
 def score(

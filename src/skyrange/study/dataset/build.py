@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Final
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.record.folder import make_new_folder
 from skyrange.record.read.run import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL
 from skyrange.study.dataset.columns import VIEWS
 from skyrange.study.dataset.description.checksums import write_checksums
-from skyrange.study.dataset.description.contents import Contents
+from skyrange.study.dataset.description.contents import RUNS, Contents
 from skyrange.study.dataset.description.croissant import write_croissant
 from skyrange.study.dataset.description.datasheet import write_datasheet
 from skyrange.study.dataset.description.regenerate import write_regenerate
 from skyrange.study.dataset.members import Member, check_members
 from skyrange.study.dataset.partitions import BlockWriter
+from skyrange.study.dataset.progress import RowCounts, begin_build
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
-
-RUNS: Final = "runs.parquet"
 
 
 def build_dataset(
@@ -41,7 +41,8 @@ def build_dataset(
     url: str = "",
     published: str = "",
 ) -> Path:
-    """Write the data set `name` of some runs into the new folder `out`, and return it.
+    """Write the data set `name` of some runs into the new folder `out`, and return it. A build that was interrupted
+    goes on, without the blocks that are whole, if it is of the same runs and settings.
 
     Runs are read one after the other, blocks in order of their names and in each the nominal arm first, so the result
     does not depend on the order of `members`. `published` is a date, YYYY-MM-DD, by default the first of the runs' UTC.
@@ -62,23 +63,40 @@ def build_dataset(
         for table in ("frames", "telemetry"):
             record.tables.require(table)
     traits = [traits_of(member, settings.families) for member in ordered]
-    folder = make_new_folder(out)
-    rows: dict[str, dict[str, int]] = {}
-    for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
-        runs = list(group)
-        with BlockWriter(folder, block, runs[0][0].split) as writer:
-            for member, record in runs:
-                rows[member.run] = _write_run(writer, member, record, settings)
-    table = _runs_table(ordered, records, traits, rows)
-    pq.write_table(table, folder / RUNS)
     published = published or str(records[0].manifest["start_utc"])[:10]
     described = (name, description, license_url, creator, url, published)
-    contents = Contents(*described, ordered, records, rows, settings)
-    write_regenerate(folder, contents)
-    write_datasheet(folder, contents)
-    write_croissant(folder, contents)
-    write_checksums(folder)
-    return folder
+    rows: dict[str, Mapping[str, int]] = {}
+    with begin_build(out, _plan(ordered, records, settings, described)) as progress:
+        for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
+            found = progress.read_block(block)
+            if found is None:
+                found = _write_block(out, block, list(group), settings)
+                progress.finish_block(block, found)
+            rows |= found
+        pq.write_table(_runs_table(ordered, records, traits, rows), out / RUNS)
+        contents = Contents(*described, ordered, records, rows, settings)
+        write_regenerate(out, contents)
+        write_datasheet(out, contents)
+        write_croissant(out, contents)
+        write_checksums(out)
+    return out
+
+
+def _plan(
+    members: Sequence[Member], records: Sequence[RunRecord], settings: ViewSettings, described: Sequence[str]
+) -> dict[str, Any]:
+    """What decides each byte of the data set."""
+    fingerprints = [str(record.manifest.get("digests", {}).get("fingerprint", "")) for record in records]
+    runs = [asdict(replace(member, record=member.record.absolute())) for member in members]
+    return {"skyrange": version("skyrange"), "described": described, "settings": asdict(settings), "runs": runs,
+            "fingerprints": fingerprints}  # fmt: skip
+
+
+def _write_block(
+    folder: Path, block: str, runs: Sequence[tuple[Member, RunRecord]], settings: ViewSettings
+) -> dict[str, dict[str, int]]:
+    with BlockWriter(folder, block, runs[0][0].split) as writer:
+        return {member.run: _write_run(writer, member, record, settings) for member, record in runs}
 
 
 def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings: ViewSettings) -> dict[str, int]:
@@ -89,7 +107,7 @@ def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings:
 
 
 def _runs_table(
-    members: Sequence[Member], records: Sequence[RunRecord], traits: Sequence[Traits], rows: dict[str, dict[str, int]]
+    members: Sequence[Member], records: Sequence[RunRecord], traits: Sequence[Traits], rows: RowCounts
 ) -> pa.Table:
     """One row for each run: block, arm, split, seed, traits, rows of each view, and the factors as JSON."""
     return pa.Table.from_pylist(

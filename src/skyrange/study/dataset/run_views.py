@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Final
 
+import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 
 from skyrange.record.read.run import RunRecord
 from skyrange.study.dataset.labels import read_acts, trace_frames
@@ -17,6 +20,9 @@ from skyrange.study.dataset.views.mavlink import describe_mavlink
 from skyrange.study.dataset.views.observed import Place, SeenActs, ports_of, seen_frames
 from skyrange.study.dataset.views.remote_id import describe_receptions
 from skyrange.study.dataset.views.window_labels import WindowLabeller
+
+_APPROVAL: Final = Place("approval:*", "gcs")
+"""Where approval messages are seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +46,15 @@ def run_views(
     """
     labels = trace_frames(record, acts := read_acts(record, settings.families))
     labeller, seen = WindowLabeller(acts, effects_s), SeenActs()
-    ports = ports_of(record, settings.places)
+    ports, stations = ports_of(record, settings.places), ports_of(record, (_APPROVAL,))
+    both = ports_of(record, (*settings.places, _APPROVAL))
+    is_place, is_station = (np.array([port in own for port in both]) for own in (ports, stations))
     flows = FlowCounter(record, ports)
-    for frames in seen_frames(record, ports, labels, seen):
-        described = describe_mavlink(frames)
+    for port, frames in seen_frames(record, both, labels, seen):
+        described = describe_mavlink(_where(frames, is_place[port]))
         flows.add(described)
         yield "mavlink", described
+        yield "approval", describe_approval(_where(frames, is_station[port]))
     times = {port: seen.at(port) for port in ports}
     for table in flows.tables(labeller, times):
         yield "flows", table
@@ -53,7 +62,8 @@ def run_views(
         yield "aircraft", table
     for table in describe_receptions(record, labels):
         yield "remote_id", table
-    approvals = ports_of(record, (Place("approval:*", "gcs"),))
-    for frames in seen_frames(record, approvals, labels, seen):
-        yield "approval", describe_approval(frames)
     yield "episodes", describe_episodes(record, labeller, seen)
+
+
+def _where(table: pa.Table, chosen: NDArray[np.bool_]) -> pa.Table:
+    return table if chosen.all() else table.filter(pa.array(chosen))

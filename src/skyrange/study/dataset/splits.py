@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -15,6 +16,8 @@ from skyrange.study.dataset.families import family_of
 from skyrange.study.dataset.members import Member
 
 SHARES: Final[Mapping[str, float]] = {"train": 0.6, "validation": 0.2, "test": 0.2}
+_NAME: Final = re.compile(r"(?!all$)[A-Za-z0-9_]{1,64}")
+"""What Hugging Face `datasets` takes as the name of a split, and every file system as that of a folder."""
 HELD_OUT: Final = "heldout"
 """Splits of held-out blocks are called `heldout_family`, `heldout_city` and `heldout_fleet`."""
 
@@ -117,7 +120,9 @@ def _held_split(traits: Sequence[Traits], held: HeldOut) -> str:
 
 
 def check_splits(members: Sequence[Member]) -> None:
-    """Raise `InputError` where something crosses: a block in two splits, a run without one, or a draw in two blocks."""
+    """Raise `InputError` where something crosses: a block in two splits, a run without one, or a draw in two blocks;
+    and for a split that is no name.
+    """
     problems: list[Problem] = []
     splits: dict[str, set[str]] = {}
     draws: dict[tuple[str, int, str], str] = {}
@@ -131,6 +136,9 @@ def check_splits(members: Sequence[Member]) -> None:
     for block, found in splits.items():
         if "" in found:
             problems.append(Problem(f"block {block}", "no split", "a split for each run, as `assign_splits` gives"))
+        elif wrong := [split for split in sorted(found) if not _NAME.fullmatch(split)]:
+            expected = "a name of at most 64 letters, digits and _, other than all"
+            problems.append(Problem(f"block {block}: split", repr(wrong[0]), expected))
         elif len(found) > 1:
             problems.append(Problem(f"block {block}", ", ".join(sorted(found)), "one split for all arms of a block"))
     if problems:

@@ -34,11 +34,17 @@ class WindowHashes:
         codes = number_keys(table, (*WINDOW_KEYS[view], "window"))
         order = np.argsort(codes, kind="stable")
         bounds = np.flatnonzero(np.diff(codes[order], prepend=-1)) if count else np.zeros(0, dtype=np.int64)
+        rows = pa.array(order)
         words = _words(table, observable_columns(view))[order]
-        firsts = table.select([*WINDOW_KEYS[view], "window"]).take(pa.array(order[bounds])).to_pylist()
+        blobs = [_bytes(table.column(name).take(rows)) for name in observable_columns(view)
+                 if pa.types.is_binary(table.schema.field(name).type)]  # fmt: skip
+        firsts = table.select([*WINDOW_KEYS[view], "window"]).take(rows.take(pa.array(bounds))).to_pylist()
         hashes, origins = [], []
-        for first, begin, end in zip(firsts, bounds, [*bounds[1:], count], strict=True):
-            digest = blake2b(words[begin:end].tobytes(), digest_size=HASH_BYTES).hexdigest()
+        for first, begin, end in zip(firsts, bounds.tolist(), [*bounds[1:].tolist(), count], strict=True):
+            hashed = blake2b(words[begin:end].tobytes(), digest_size=HASH_BYTES)
+            for offsets, data in blobs:
+                hashed.update(data[offsets[begin] : offsets[end]])
+            digest = hashed.hexdigest()
             origin = self._seen.setdefault((view, *map(str, first.values()), digest), run)
             hashes.append(digest)
             origins.append(None if origin == run else origin)
@@ -72,19 +78,23 @@ def by_whole_windows(
 
 
 def number_keys(table: pa.Table, keys: Sequence[str]) -> Ints:
-    """(n,) the same number, from 0, for rows with equal values in the columns `keys`."""
+    """(n,) the same number, at least 0, for rows with equal values in the columns `keys`."""
     codes = np.zeros(table.num_rows, dtype=np.int64)
+    most = 1
     for key in keys:
         column = table.column(key).combine_chunks()
         names = column.dictionary_encode()
         names = names.combine_chunks() if isinstance(names, pa.ChunkedArray) else names
+        if most * (len(names.dictionary) + 1) >= 2**62:
+            codes = np.unique(codes, return_inverse=True)[1].astype(np.int64)
+            most = int(codes.max()) + 1
         codes = codes * (len(names.dictionary) + 1) + names.indices.to_numpy(zero_copy_only=False)
-        codes = np.unique(codes, return_inverse=True)[1].astype(np.int64)
+        most *= len(names.dictionary) + 1
     return codes
 
 
 def _words(table: pa.Table, columns: Sequence[str]) -> NDArray[np.uint64]:
-    """(n, k) the columns as 64-bit words, equal where the values are equal."""
+    """(n, k) the columns as 64-bit words, equal where the values are equal; bytes by their lengths."""
     words = np.empty((table.num_rows, len(columns)), dtype=np.uint64)
     for place, name in enumerate(columns):
         column = table.column(name).combine_chunks()
@@ -97,12 +107,23 @@ def _words(table: pa.Table, columns: Sequence[str]) -> NDArray[np.uint64]:
             nulls = np.asarray(pc.is_null(column))
             values = column.cast(pa.float64()).fill_null(0.0).to_numpy(zero_copy_only=False)
             words[:, place] = np.where(nulls, _NULL, np.ascontiguousarray(values).view(np.uint64))
+        elif pa.types.is_binary(column.type):
+            words[:, place] = pc.binary_length(column).cast(pa.int64()).to_numpy(zero_copy_only=False).view(np.uint64)
         else:
             encoded = column.dictionary_encode()
             encoded = encoded.combine_chunks() if isinstance(encoded, pa.ChunkedArray) else encoded
             known = np.append(_hashes(encoded.dictionary.cast(pa.binary()).to_pylist()), _NULL)
             words[:, place] = known[encoded.indices.fill_null(len(known) - 1).to_numpy(zero_copy_only=False)]
     return words
+
+
+def _bytes(column: pa.ChunkedArray) -> tuple[list[int], memoryview]:
+    """(n + 1,) where the values begin and end in the bytes of all, and these."""
+    whole = column.combine_chunks()
+    whole = whole.chunk(0) if isinstance(whole, pa.ChunkedArray) else whole
+    _, offsets, data = whole.buffers()
+    places = np.frombuffer(offsets, dtype=np.int32)[whole.offset : whole.offset + len(whole) + 1]
+    return places.tolist(), memoryview(data or b"")
 
 
 def _hashes(values: Sequence[bytes]) -> NDArray[np.uint64]:

@@ -10,6 +10,7 @@ from typing import Final
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, open_input, read_input
+from skyrange.study.dataset.progress import BUILDING, require_whole
 
 CHECKSUMS: Final = "SHA256SUMS"
 
@@ -23,7 +24,7 @@ def sha256_of(path: Path) -> str:
 def dataset_files(folder: Path) -> Iterator[Path]:
     """The files of a data set in order of their names, without the checksums."""
     for path in sorted(folder.rglob("*")):
-        if path.is_file() and path.name != CHECKSUMS:
+        if path.is_file() and path.name != CHECKSUMS and BUILDING not in path.relative_to(folder).parts:
             yield path
 
 
@@ -35,7 +36,8 @@ def write_checksums(folder: Path) -> None:
 
 
 def check_checksums(folder: Path) -> None:
-    """Raise `InputError` for each file that is missing, altered, or not listed."""
+    """Raise `InputError` for each file that is missing, altered, or not listed, or for a build that is not finished."""
+    require_whole(folder)
     file = folder / CHECKSUMS
     if not file.is_file():
         raise InputError.one(str(folder), CHECKSUMS, "missing", "the checksums of a data set")

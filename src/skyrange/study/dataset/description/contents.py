@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from skyrange.record.read.run import RunRecord
 from skyrange.study.dataset.members import Member
 from skyrange.study.dataset.run_views import ViewSettings
+
+RUNS: Final = "runs.parquet"
+"""The file with a row for each run."""
 
 
 @dataclass(frozen=True, slots=True)

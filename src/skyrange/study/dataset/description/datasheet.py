@@ -9,6 +9,7 @@ from typing import Final
 from skyrange.core.files import atomic_write
 from skyrange.study.dataset.columns import VIEWS
 from skyrange.study.dataset.description.contents import Contents
+from skyrange.study.dataset.description.hugging_face import format_card_header
 
 README: Final = "README.md"
 DESCRIPTION: Final = "Simulated flights of small unmanned aircraft with attacks, shams and faults, labelled."
@@ -32,20 +33,24 @@ MEANINGS: Final = {
 }
 
 _TEXT: Final = """\
+{header}
 # {name}
 
 {description}
 
 ## Open it
 
+From where the data set is the folder `{name}`; `{view}` stands for any view:
+
 ```python
-polars.scan_parquet("view=flows", hive_partitioning=True)
-duckdb.sql("FROM read_parquet('view=flows/**/*.parquet', hive_partitioning = true)")
-pandas.read_parquet("view=flows")
-datasets.load_dataset("parquet", data_files={{"train": "view=flows/split=train/*.parquet"}})
+polars.scan_parquet("{name}/view={view}", hive_partitioning=True)
+duckdb.sql("FROM read_parquet('{name}/view={view}/**/*.parquet', hive_partitioning = true)")
+pandas.read_parquet("{name}/view={view}")
+datasets.load_dataset("{name}", "{view}")
 ```
 
-`runs.parquet` has a row for each run, with its factors.
+The first three have the split as a column; Hugging Face `datasets` takes `split="{split}"`. `runs.parquet` has a
+row for each run, with its factors.
 
 ## Motivation
 
@@ -95,9 +100,13 @@ A version is never altered; a correction is a new data set with a name of its ow
 
 
 def write_datasheet(folder: Path, contents: Contents) -> None:
-    """Write `README.md`."""
+    """Write `README.md`, after the files that it describes."""
     seconds = sum(record.duration * len(record.manifest["vehicles"]) for record in contents.records)
+    view = next((view for view in ("flows", *VIEWS) if contents.rows_of(view)), "flows")
     text = _TEXT.format(
+        header=format_card_header(folder, contents),
+        view=view,
+        split=next((split for split in contents.splits if contents.rows_of(view, split)), ""),
         name=contents.name,
         description=contents.description or DESCRIPTION,
         runs=len(contents.members),

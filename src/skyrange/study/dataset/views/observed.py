@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
@@ -14,7 +14,7 @@ from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import is_side
 from skyrange.core.ids import Port
 from skyrange.record.read.run import RunRecord
-from skyrange.record.read.time_order import sort_by_time
+from skyrange.record.read.time_order import STRAGGLER_ROWS, sort_by_time
 from skyrange.record.replay import TIES, LinkEnds, read_observed
 from skyrange.study.dataset.labels import FrameLabels
 from skyrange.study.dataset.windows import WINDOW_NS, by_whole_windows
@@ -51,8 +51,11 @@ def ports_of(record: RunRecord, places: Sequence[Place]) -> list[Port]:
     return sorted(found, key=lambda port: (port.link, port.endpoint))
 
 
-def seen_frames(record: RunRecord, ports: Sequence[Port], labels: FrameLabels, seen: SeenActs) -> Iterator[pa.Table]:
-    """What is seen at `ports`, in tables of whole windows: times, claims, payload, labels and `window`.
+def seen_frames(
+    record: RunRecord, ports: Sequence[Port], labels: FrameLabels, seen: SeenActs
+) -> Iterator[tuple[Ints, pa.Table]]:
+    """What is seen at `ports`, in tables of whole windows: times, claims, payload, labels and `window`; and the number
+    of the port of each row.
 
     Fills `seen`. Memory is bounded as in `record.read.time_order`. Raises `InputError` for a record without frames.
     """
@@ -64,7 +67,7 @@ def seen_frames(record: RunRecord, ports: Sequence[Port], labels: FrameLabels, s
     if not ports:
         return
     record.tables.require("frames")
-    ordered = sort_by_time(lambda: read_observed(record, ends), "at_ns", TIES)
+    ordered = sort_by_time(_Passes(lambda: read_observed(record, ends)), "at_ns", TIES)
     for table in by_whole_windows(ordered, "at_ns", WINDOW_NS):
         place = table.column("place").to_numpy()
         received = table.column("received").to_numpy() > 0
@@ -77,20 +80,48 @@ def seen_frames(record: RunRecord, ports: Sequence[Port], labels: FrameLabels, s
         found = labels.columns(ids, table.num_rows)
         _collect(seen, ports, place, table.column("at_ns").to_numpy(), found)
         at_ns = table.column("at_ns")
-        yield pa.table(
-            {
-                "place": endpoints.take(pa.array(place)),
-                "link": link,
-                "time_ns": at_ns,
-                "received": pa.array(received),
-                "src": table.column("src"),
-                "dst": table.column("dst"),
-                "size": pc.binary_length(table.column("payload")).cast(pa.int32()),
-                "raw": table.column("payload"),
-                "window": pa.array(at_ns.to_numpy() // WINDOW_NS),
-                **found,
-            }
+        yield (
+            place,
+            pa.table(
+                {
+                    "place": endpoints.take(pa.array(place)),
+                    "link": link,
+                    "time_ns": at_ns,
+                    "received": pa.array(received),
+                    "src": table.column("src"),
+                    "dst": table.column("dst"),
+                    "size": pc.binary_length(table.column("payload")).cast(pa.int32()),
+                    "raw": table.column("payload"),
+                    "window": pa.array(at_ns.to_numpy() // WINDOW_NS),
+                    **found,
+                }
+            ),
         )
+
+
+class _Passes:
+    """Passes over tables, of which each reads them anew if they are more than `STRAGGLER_ROWS` rows together; fewer
+    are kept from the first pass.
+    """
+
+    def __init__(self, read: Callable[[], Iterator[pa.Table]]) -> None:
+        self._read = read
+        self._kept: list[pa.Table] | None = None
+
+    def __call__(self) -> Iterator[pa.Table]:
+        return iter(self._kept) if self._kept is not None else self._pass()
+
+    def _pass(self) -> Iterator[pa.Table]:
+        kept, rows = [], 0
+        for table in self._read():
+            rows += table.num_rows
+            if rows <= STRAGGLER_ROWS:
+                kept.append(table)
+            else:
+                kept.clear()
+            yield table
+        if rows <= STRAGGLER_ROWS:
+            self._kept = kept
 
 
 def _collect(seen: SeenActs, ports: Sequence[Port], place: Ints, at_ns: Ints, found: dict[str, pa.Array]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.core.files import atomic_write
+from skyrange.study.figures.pdf import load_converter, save_pdf
 from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.blocks import is_numeric
@@ -40,8 +41,13 @@ class Drawing(NamedTuple):
     figure: Figure
 
 
-def write_study_report(path: Path | str) -> Path:
-    """Write `report.html` and `figures/*.svg` into a study's folder, from the finished blocks; returns the report."""
+def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
+    """Write `report.html` and `figures/*.svg` into a study's folder, from the finished blocks; returns the report.
+
+    With `pdf`, the figures are there as PDF as well. Raises `InputError` if that needs a package that is not installed.
+    """
+    if pdf:
+        load_converter()  # before anything is written
     folder = open_folder(Path(path))
     write_results(folder)
     study, samples = folder.study, read_samples(folder.path)
@@ -49,7 +55,9 @@ def write_study_report(path: Path | str) -> Path:
     drawings = [*_draw_responses(folder, samples, shown), *_draw_interactions(folder, samples, shown)]
     (folder.path / FIGURES).mkdir(exist_ok=True)
     for drawing in drawings:
-        drawing.figure.save(folder.path / FIGURES / drawing.file)
+        target = drawing.figure.save(folder.path / FIGURES / drawing.file)
+        if pdf:
+            save_pdf(drawing.figure, target.with_suffix(".pdf"))
     style = asset("style.css")
     page = render(
         "study/page.html.jinja",

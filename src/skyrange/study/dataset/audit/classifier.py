@@ -1,4 +1,4 @@
-"""Audit of a data set for leaks: whether columns that must not tell the arm of a run tell it nevertheless.
+"""Classifier of an audit: whether columns that must not tell the arm of a run tell it nevertheless.
 
 A classifier learns the arm on some blocks and is tested on others. A comparison passes if the upper end of the interval
 of its AUC is at most 0.55; otherwise the columns are named without which the classifier does worse.
@@ -6,9 +6,10 @@ of its AUC is at most 0.55; otherwise the columns are named without which the cl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,19 @@ from skyrange.core.errors import InputError, Problem
 
 LIMIT: Final = 0.55
 """The largest upper end of an AUC's interval that passes."""
+CHANCE: Final = 0.5
+"""The AUC of a classifier that knows nothing."""
+Status = Literal["passed", "leaks", "too few blocks"]
+TOO_FEW: Final = "too few blocks"
 MIN_BLOCKS: Final = 10
 """With fewer blocks an interval by blocks means nothing, and the comparison does not pass."""
 MAX_ROWS: Final = 20_000
 FOLDS: Final = 5
 RESAMPLES: Final = 500
+_WIDER: Final = math.sqrt(1.0 + FOLDS * 1.0 / (FOLDS - 1))
+"""Resampling of tested rows leaves out that classifiers vary with their training rows, which folds share. The factor of
+the interval is that of Nadeau & Bengio, "Inference for the Generalization Error", Machine Learning 52 (2003).
+"""
 TREES: Final = 50
 NAMED_FROM: Final = 0.01
 """The loss of AUC without a column from which it is named."""
@@ -55,58 +64,83 @@ class LeakFinding:
     name: str
     rows: int
     blocks: int
-    auc: float
-    """Out of fold, over all rows; 0.5 is chance."""
-    low: float
-    high: float
-    """The 95 % interval, by resampling of blocks."""
+    """With both arms."""
+    auc: float | None
+    """Out of fold, over all rows; 0.5 is chance. None if there are too few blocks for one."""
+    low: float | None
+    high: float | None
+    """The 95 % interval: by resampling of blocks, widened for what the training rows contribute."""
     leaks: Sequence[str] = field(default=())
     """Columns that tell the arm, the strongest first; of columns that tell the same, perhaps only some."""
     exempt: Sequence[str] = field(default=())
-    reason: str = ""
-    """Why nothing could be decided; empty if it could."""
+    blocks_needed: int | None = None
+    """Of a comparison that is not decided, about how many blocks with both arms may decide it."""
+
+    @property
+    def status(self) -> Status:
+        """passed: the upper end of the interval is at most 0.55. leaks: it is more, and chance is not in the interval.
+        too few blocks: it is more, but the interval is so wide that it has chance in it too; or there is none.
+        """
+        if self.low is None or self.high is None:
+            return TOO_FEW
+        return "passed" if self.high <= LIMIT else "leaks" if self.low > CHANCE else TOO_FEW
 
     @property
     def passed(self) -> bool:
         """Whether there are blocks enough, and no classifier did better than the limit allows."""
-        return not self.reason and self.high <= LIMIT
+        return self.status == "passed"
 
 
 def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
     """Train, test and interpret a classifier of one comparison.
 
-    The same input gives the same finding. At most `MAX_ROWS` rows are used, of whole blocks. Raises `InputError` if
-    scikit-learn is not installed.
+    The same input gives the same finding. Columns are named if they leak. At most `MAX_ROWS` rows are used, of whole
+    blocks. Raises `InputError` if scikit-learn is not installed.
     """
-    numbers = np.unique(np.asarray(comparison.blocks, dtype=str), return_inverse=True)[1].astype(np.int64)
     values, attacked = comparison.values, comparison.attacked
+    numbers = _number_blocks(comparison.blocks)
+    has_both = np.isin(numbers, np.intersect1d(numbers[attacked], numbers[~attacked]))
+    values, attacked, numbers = values[has_both], attacked[has_both], _number_blocks(numbers[has_both])
     generator = np.random.default_rng(seed)
     kept = _whole_blocks(numbers, generator)
-    values, attacked, numbers = values[kept], attacked[kept], np.unique(numbers[kept], return_inverse=True)[1]
+    values, attacked, numbers = values[kept], attacked[kept], _number_blocks(numbers[kept])
     count = int(numbers.max()) + 1 if len(numbers) else 0
-    both = sum(len({*attacked[numbers == block].tolist()}) == 2 for block in range(count))
-    if both < MIN_BLOCKS:
-        reason = f"{both} blocks have both arms; {MIN_BLOCKS} are needed"
-        return LeakFinding(comparison.name, len(attacked), count, np.nan, np.nan, np.nan, (), comparison.exempt, reason)
-    values = _ranks(values)
-    scores, models = _out_of_fold(values, attacked, numbers, seed)
-    auc = weighted_auc(scores, attacked, np.ones(len(scores)))
+    if count < MIN_BLOCKS:
+        few = (None, None, None, (), comparison.exempt, MIN_BLOCKS)
+        return LeakFinding(comparison.name, len(attacked), count, *few)
+    rows = _Rows(_ranks(values), attacked, numbers, _weights(attacked, numbers))
+    scores, models = _out_of_fold(rows, seed)
+    auc = weighted_auc(scores, attacked, rows.weights)
     draws = generator.multinomial(count, np.full(count, 1.0 / count), size=RESAMPLES)
-    resampled = [weighted_auc(scores, attacked, draw[numbers].astype(np.float64)) for draw in draws]
-    low, high = np.nanquantile(resampled, [0.025, 0.975])
-    leaks: tuple[str, ...] = ()
-    if high > LIMIT:
-        leaks = _leaking_columns(comparison.columns, values, attacked, models, auc, generator)
-    return LeakFinding(comparison.name, len(attacked), count, auc, float(low), float(high), leaks, comparison.exempt)
+    resampled = [weighted_auc(scores, attacked, draw[numbers] * rows.weights) for draw in draws]
+    low, high = (float(end) for end in np.clip(auc + _WIDER * (np.nanquantile(resampled, [0.025, 0.975]) - auc), 0, 1))
+    found = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
+    if found.status == "leaks":
+        return replace(found, leaks=_leaking_columns(comparison.columns, rows, models, auc, generator))
+    return found if found.passed else replace(found, blocks_needed=_estimate_blocks(found.blocks, auc, low, high))
+
+
+def _estimate_blocks(blocks: int, auc: float, low: float, high: float) -> int:
+    """About how many blocks make an interval that lies below the limit or above chance, whichever is nearer: its width
+    is that of the root of their number.
+    """
+    margin = max(LIMIT - max(auc, CHANCE), auc - CHANCE)
+    return max(MIN_BLOCKS, math.ceil(blocks * ((high - low) / 2.0 / margin) ** 2))
 
 
 def require_no_leak(findings: Sequence[LeakFinding]) -> None:
-    """Raise `InputError` with every comparison that does not pass, and the columns that leak."""
+    """Raise `InputError` with every comparison that does not pass: the columns that leak, or that there are too few
+    blocks to say.
+    """
     problems = []
     for one in findings:
-        if not one.passed:
-            what = one.reason or f"AUC {one.auc:.2f} ({one.low:.2f} to {one.high:.2f}) by {', '.join(one.leaks)}"
-            problems.append(Problem(one.name, what, f"an upper end of at most {LIMIT}"))
+        interval = "" if one.auc is None else f"AUC {one.auc:.2f} ({one.low:.2f} to {one.high:.2f})"
+        if one.status == "leaks":
+            expected = f"an upper end of at most {LIMIT}"
+            problems.append(Problem(one.name, f"leaks: {interval} by {', '.join(one.leaks)}", expected))
+        elif one.status == TOO_FEW:
+            what = f"too few blocks: {one.blocks} with both arms{interval and ', '}{interval}"
+            problems.append(Problem(one.name, what, f"about {one.blocks_needed} blocks, to tell a leak from chance"))
     if problems:
         raise InputError("leak audit", problems)
 
@@ -120,6 +154,27 @@ def weighted_auc(scores: Floats, positive: NDArray[np.bool_], weights: Floats) -
         return float("nan")
     below = np.cumsum(against) - against
     return float((for_ * (below + against / 2.0)).sum() / (for_.sum() * against.sum()))
+
+
+class _Rows(NamedTuple):
+    """What a classifier learns and is tested on, one entry for each row."""
+
+    values: Floats
+    attacked: NDArray[np.bool_]
+    numbers: Ints
+    """Of their blocks, from 0."""
+    weights: Floats
+
+
+def _number_blocks(blocks: Sequence[str] | Ints) -> Ints:
+    return np.unique(np.asarray(blocks), return_inverse=True)[1].astype(np.int64)
+
+
+def _weights(attacked: NDArray[np.bool_], numbers: Ints) -> Floats:
+    """(n,) weights by which both classes have 1 in each block: the number of its arms tells the block, and no arm."""
+    cells = numbers * 2 + attacked
+    weights: Floats = 1.0 / np.bincount(cells)[cells]
+    return weights
 
 
 def _whole_blocks(numbers: Ints, generator: np.random.Generator) -> Ints:
@@ -144,24 +199,24 @@ _Model = tuple[Any, Ints]
 """A fitted classifier, and the rows on which it was tested."""
 
 
-def _out_of_fold(values: Floats, attacked: NDArray[np.bool_], numbers: Ints, seed: int) -> tuple[Floats, list[_Model]]:
+def _out_of_fold(rows: _Rows, seed: int) -> tuple[Floats, list[_Model]]:
     """(n,) the score of each row by a classifier that has not seen its block, and the classifiers."""
     try:
         from sklearn.ensemble import RandomForestClassifier
     except ImportError as error:
         hint = "Install it with: pip install 'skyrange[study]'"
         raise InputError.one("dataset", "audit", "sklearn", "an installed package scikit-learn", hint) from error
-    scores = np.empty(len(values))
+    scores = np.empty(len(rows.values))
     models: list[_Model] = []
-    leaf = max(2, min(20, len(values) // 40))
+    leaf = max(2, min(20, len(rows.values) // 40))
     for fold in range(FOLDS):
-        tested = np.flatnonzero(numbers % FOLDS == fold)
-        trained = numbers % FOLDS != fold
+        tested = np.flatnonzero(rows.numbers % FOLDS == fold)
+        trained = rows.numbers % FOLDS != fold
         model = RandomForestClassifier(
             n_estimators=TREES, min_samples_leaf=leaf, bootstrap=False, random_state=seed, n_jobs=1
         )
-        model.fit(values[trained], attacked[trained])
-        scores[tested] = model.predict_proba(values[tested])[:, 1]
+        model.fit(rows.values[trained], rows.attacked[trained], rows.weights[trained])
+        scores[tested] = model.predict_proba(rows.values[tested])[:, 1]
         models.append((model, tested))
     # scores of different classifiers are compared as ranks within their folds
     for _, tested in models:
@@ -178,24 +233,23 @@ def _midranks(scores: Floats) -> Floats:
 
 
 def _leaking_columns(
-    names: Sequence[str], values: Floats, attacked: NDArray[np.bool_], models: Sequence[_Model], auc: float,
-    generator: np.random.Generator,
-) -> tuple[str, ...]:  # fmt: skip
+    names: Sequence[str], rows: _Rows, models: Sequence[_Model], auc: float, generator: np.random.Generator
+) -> tuple[str, ...]:
     """The columns whose permutation among the tested rows costs AUC, the most costly first."""
     losses = []
     for place, name in enumerate(names):
-        scores = np.empty(len(values))
+        scores = np.empty(len(rows.values))
         for model, tested in models:
-            shuffled = values[tested].copy()
+            shuffled = rows.values[tested].copy()
             shuffled[:, place] = generator.permutation(shuffled[:, place])
             scores[tested] = _midranks(model.predict_proba(shuffled)[:, 1])
-        losses.append((auc - weighted_auc(scores, attacked, np.ones(len(scores))), name))
+        losses.append((auc - weighted_auc(scores, rows.attacked, rows.weights), name))
     losses.sort(key=lambda one: (-one[0], one[1]))
     named = tuple(name for loss, name in losses if loss >= max(NAMED_FROM, losses[0][0] * NAMED_SHARE))
-    return named or _telling_alone(names, values, attacked)
+    return named or _telling_alone(names, rows)
 
 
-def _telling_alone(names: Sequence[str], values: Floats, attacked: NDArray[np.bool_]) -> tuple[str, ...]:
+def _telling_alone(names: Sequence[str], rows: _Rows) -> tuple[str, ...]:
     """The columns that tell the arm best on their own, where several tell the same and none is missed."""
-    alone = [abs(weighted_auc(column, attacked, np.ones(len(column))) - 0.5) for column in values.T]
+    alone = [abs(weighted_auc(column, rows.attacked, rows.weights) - CHANCE) for column in rows.values.T]
     return tuple(name for name, gain in zip(names, alone, strict=True) if gain >= max(alone) - NAMED_FROM)

@@ -1,0 +1,106 @@
+"""Arms of a data set as an audit sees them: the role of each run, its onset, and when its effect begins."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from skyrange.core.errors import InputError
+from skyrange.study.dataset.description.contents import RUNS
+from skyrange.study.dataset.progress import require_whole
+
+NEVER: Final = 2**62
+"""The time of what does not happen, in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArmOfBlock:
+    """What an audit has to know of one run; times are in ns since its start."""
+
+    run: str
+    block: str
+    role: str
+    """attacked, sham or nominal, by its episodes: of a sham that does nothing it is nominal."""
+    kinds: frozenset[str]
+    onset_ns: int
+    effect_ns: int
+    """When the first aircraft departed from the nominal twin, or earlier a frame was seen that answers an act; of a run
+    of which it is not known, the onset: what follows could be the effect."""
+
+
+def read_arms(folder: Path) -> list[ArmOfBlock]:
+    """The runs of a data set with their roles, onsets and effects. Raises `InputError` for a folder that is none, or is
+    not finished.
+    """
+    require_whole(folder)
+    if not (folder / RUNS).is_file():
+        raise InputError.one("dataset", str(folder), f"no {RUNS}", "the folder of a data set")
+    episodes: dict[str, list[dict[str, Any]]] = {}
+    for path in sorted(folder.glob("view=episodes/split=*/*.parquet")):
+        for row in pq.ParquetFile(path).read().to_pylist():
+            if row["role"] != "fault":
+                episodes.setdefault(row["run"], []).append(row)
+    departures, answers = _read_departures(folder), _read_answers(folder)
+    found = []
+    for row in pq.read_table(folder / RUNS, columns=["run", "block"]).to_pylist():
+        own = episodes.get(row["run"], [])
+        roles = {one["role"] for one in own}
+        role = "attacked" if "attack" in roles else "sham" if "sham" in roles else "nominal"
+        onset_ns = min((one["onset_ns"] for one in own), default=NEVER)
+        kinds = frozenset(str(one["kind"]) for one in own)
+        effect_ns = _effect_ns(own, departures.get(row["run"], {"": None})) if own else NEVER
+        if effect_ns is None:  # of a sham nobody expects an effect
+            effect_ns = onset_ns if role == "attacked" else NEVER
+        effect_ns = min(effect_ns, answers.get(row["run"], NEVER))
+        found.append(ArmOfBlock(row["run"], row["block"], role, kinds, onset_ns, effect_ns))
+    return found
+
+
+def group_by_block(arms: Sequence[ArmOfBlock]) -> dict[str, list[ArmOfBlock]]:
+    """The arms of each block, in their order."""
+    blocks: dict[str, list[ArmOfBlock]] = {}
+    for arm in arms:
+        blocks.setdefault(arm.block, []).append(arm)
+    return blocks
+
+
+def _effect_ns(episodes: Sequence[dict[str, Any]], departures: dict[str, int | None]) -> int | None:
+    """When the first aircraft departed, None if that is not known of all of them."""
+    exact = {one["vehicle"]: int(one["effect_ns"]) for one in episodes if one["effect_ns"] is not None}
+    times = {**departures, **exact}
+    known = [time for time in times.values() if time is not None]
+    return min(known) if len(known) == len(times) else None
+
+
+def _read_departures(folder: Path) -> dict[str, dict[str, int | None]]:
+    """By run and aircraft, the time up to which the view `aircraft` has no effect; None where it does not know."""
+    found: dict[str, dict[str, int | None]] = {}
+    columns = ["run", "vehicle", "time_ns", "effect"]
+    for path in sorted(folder.glob("view=aircraft/split=*/*.parquet")):
+        table = pq.ParquetFile(path).read(columns=columns)
+        last = pc.if_else(pc.fill_null(table.column("effect"), True), -1, table.column("time_ns"))
+        ends = pa.table({**{name: table.column(name) for name in columns[:2]}, "last": last,
+                         "known": pc.is_valid(table.column("effect")),
+                         "departed": pc.fill_null(table.column("effect"), False)})  # fmt: skip
+        by = ends.group_by(["run", "vehicle"]).aggregate([("last", "max"), ("known", "min"), ("departed", "max")])
+        for row in by.to_pylist():
+            time_ns = max(row["last_max"], 0) if row["departed_max"] else NEVER
+            found.setdefault(row["run"], {})[row["vehicle"]] = time_ns if row["known_min"] else None
+    return found
+
+
+def _read_answers(folder: Path) -> dict[str, int]:
+    """By run, when the first frame was seen that follows from an act and is none, such as an acknowledgement."""
+    found: dict[str, int] = {}
+    for path in sorted(folder.glob("view=mavlink/split=*/*.parquet")):
+        table = pq.ParquetFile(path).read(columns=["run", "time_ns", "steps", "derived", "sham"])
+        answers = pc.and_(pc.greater(table.column("steps"), 0), pc.or_(table.column("derived"), table.column("sham")))
+        first = table.filter(answers).group_by("run").aggregate([("time_ns", "min")])
+        found |= {row["run"]: row["time_ns_min"] for row in first.to_pylist()}
+    return found
