@@ -46,7 +46,7 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     parts = [f"{part} {axis}" for axis in axes for part in (_HELD, _SEEN)]
     held = (first.held_out.families, first.held_out.cities, map(str, first.held_out.aircraft), first.held_out.kinds)
     told = [f"{axis}: {', '.join(names)}" for axis, names in zip(_AXES, held, strict=True) if axis in axes]
-    table = _begin(f"{first.study}: recall, detected of attacks ({'; '.join(told)})")
+    table = _begin(f"{first.study}: recall, detected of attacks; new is held out: {'; '.join(told)}")
     _add_heads(table, parts)
     for one in ordered:
         table.add_row(one.detector, *(_recall(one.on(part)) for part in parts))
@@ -67,16 +67,17 @@ def _begin(title: str) -> Table:
 
 
 def _add_heads(table: Table, parts: Sequence[str]) -> None:
+    """The names of parts, short enough for a terminal of 80 columns."""
     table.add_column("detector", no_wrap=True)
     for part in parts:
-        table.add_column(part)
+        table.add_column(part.replace(_HELD, "new").replace(" sizes", "s").replace(" ", "\n"))
 
 
 def _recall(score: SetScore | None) -> str:
     if score is None or score.detection.recall is None:
         return "–"
     found = score.detection
-    return f"{_share(score.detection.recall.value)} {found.detected}/{found.attacks - found.unobservable}"
+    return f"{_share(score.detection.recall.value)}\n{found.detected}/{found.attacks - found.unobservable}"
 
 
 def _false(score: SetScore | None) -> str:
