@@ -98,17 +98,19 @@ def test_what_no_run_has_cannot_be_held_out(tmp_path: Path, given: dict[str, Any
 def test_the_terminal_shows_recall_on_held_out_and_seen_parts(tmp_path: Path) -> None:
     fabricate(tmp_path / "s", HELD)
     scores = score_study(tmp_path / "s")
-    console = Console(width=120, record=True, file=(tmp_path / "out").open("w"))
+    console = Console(width=80, record=True, file=(tmp_path / "out").open("w"))
     for table in tabulate_scores([scores, scores]):
         console.print(table)
     said = console.export_text()
-    assert "families: link_timing; cities: new; fleet sizes: 3" in said
-    rows = [line for line in said.splitlines() if "│ d " in line]
+    assert "new is held out: families: link_timing; cities: new; fleet sizes: 3" in " ".join(said.split())
+    lines = said.splitlines()
+    rows = [line for line in lines if "│ d " in line]
     assert len(rows) == 6  # three tables, two files
     attacks = {one.name: one.detection for one in next(s for s in scores.detectors if s.detector == "d").sets}
     unseen, seen = attacks["held-out families"], attacks["seen families"]
-    assert f"0 % 0/{unseen.attacks}" in rows[2]
-    assert f"100 % {seen.detected}/{seen.attacks}" in rows[2]
+    shares, counts = (line.split("│") for line in lines[lines.index(rows[2]) :][:2])
+    assert [one.strip() for one in shares[2:4]] == ["0 %", "100 %"]
+    assert [one.strip() for one in counts[2:4]] == [f"0/{unseen.attacks}", f"{seen.detected}/{seen.attacks}"]
     assert unseen.attacks == 40
 
 
