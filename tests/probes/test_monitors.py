@@ -125,7 +125,7 @@ def test_it_sees_what_its_ends_see_when_they_see_it(make: Any, tapped: bool, gcs
         plan = replace(make(gcs, tapped), monitors=[MonitorPlacement("all", Keeper, links, side)])
         observer, kernel = flown(plan)
         keeper = seen_by(kernel)
-        ports = set(kernel._network._monitors.slots[0].ports)  # type: ignore[union-attr]
+        ports = set(kernel._network._monitors.slots[0].collector.ports)  # type: ignore[union-attr]
         last = END - END % keeper.service_ns
         assert told(keeper.frames) == expected(plan, observer.frames, ports, last)
         assert len(keeper.frames) > 20
@@ -273,7 +273,7 @@ def test_one_that_breaks_its_contract_is_blamed(answer: Any, said: str) -> None:
 
 def test_what_it_is_handed_can_be_narrowed() -> None:
     _, kernel = flown(replace(range_wiring(None), monitors=[everywhere()]))
-    ports = kernel._network._monitors.slots[0].ports  # type: ignore[union-attr]
+    ports = kernel._network._monitors.slots[0].collector.ports  # type: ignore[union-attr]
     assert list(ports) == sorted(ports, key=lambda port: (port.link, port.endpoint))
 
     class Narrow(Keeper):

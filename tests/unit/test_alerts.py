@@ -74,6 +74,24 @@ def test_over_the_record_it_raises_the_same_alerts(
     assert sorted(replayed(record, every())) == sorted(rows(record))
 
 
+@pytest.mark.parametrize("make", [range_wiring, voices_wiring, blocks_wiring])
+@pytest.mark.parametrize("tapped", [False, True])
+def test_monitors_at_the_same_ends_see_each_what_they_see_alone(make: Any, tapped: bool, tmp_path: Path) -> None:
+    several = [
+        MonitorPlacement("a", Keeper, ["gcs:*"], "gcs"),
+        MonitorPlacement("b", Keeper, ["gcs:*"], "gcs"),
+        MonitorPlacement("c", lambda: Keeper(70 * MS), ["gcs:*"], "gcs"),
+        MonitorPlacement("d", Keeper, ["*"], "*"),
+        MonitorPlacement("e", Keeper, ["gcs:*"], "gcs"),
+    ]
+    together = rows(recorded(tmp_path / "run", replace(make(ROUGH, tapped), monitors=several)))
+    for one in several:
+        alone = rows(recorded(tmp_path / one.id, replace(make(ROUGH, tapped), monitors=[one])))
+        assert [row for row in together if row[1] == one.id] == alone
+        assert len(alone) > 10
+    assert [row[1] for row in together[:5]] == ["a", "b", "c", "d", "e"]
+
+
 def test_a_record_that_ends_between_two_services_ends_there_again(tmp_path: Path) -> None:
     for number, end in enumerate((0, 1, 30 * MS - 1, 30 * MS, 59 * MS)):
         record = recorded(tmp_path / str(number), replace(range_wiring(None), monitors=every()), end)

@@ -31,19 +31,18 @@ from skyrange.kernel.event_heap import MONITOR, SERVE, Event
 from skyrange.kernel.observers import ObserverList
 
 
-class MonitorSlot:
-    """A placed monitor: the ends at which it listens, what was seen there, and when it is next served."""
+class FrameCollector:
+    """What is observed at some ends of links between two service times, for all monitors that listen at these ends and
+    are served at the same times.
+    """
 
     __slots__ = (
-        "_blocks", "_dst", "_names", "_numbers", "_places", "_singles", "_src", "due", "id", "monitor", "ports",
+        "_blocks", "_collected_ns", "_dst", "_frames", "_names", "_numbers", "_places", "_singles", "_src", "ports",
     )  # fmt: skip
 
-    def __init__(self, id_: str, monitor: Monitor, ports: Sequence[Port], links: Sequence[DirectedLink]) -> None:
+    def __init__(self, ports: Sequence[Port], links: Sequence[DirectedLink]) -> None:
         """`links` by number; `ports` are the ends of some of them, in order of link and endpoint."""
-        self.id = id_
-        self.monitor = monitor
         self.ports = ports
-        self.due: Time = 0
         number = {port: place for place, port in enumerate(ports)}
         sent = [number.get(Port(link.src, link.link_name), -1) for link in links]
         arrived = [number.get(link.port, -1) for link in links]
@@ -55,11 +54,9 @@ class MonitorSlot:
         self._dst = np.array([self._numbers[link.dst] for link in links], dtype=np.int64)
         self._blocks: list[tuple[Time, int, FrameBlock]] = []
         self._singles: list[tuple[Time, int, int, Frame]] = []
-
-    @property
-    def service_ns(self) -> Time:
-        """How often it is served."""
-        return self.monitor.service_ns
+        self._collected_ns: Time | None = None
+        self._frames: ObservedFrames | None = None
+        """What was collected last."""
 
     def listens(self, link: int, received: bool) -> bool:
         """Whether it listens at the receiving end of a link, or at its sending end."""
@@ -76,7 +73,12 @@ class MonitorSlot:
                 self._blocks.append((at, received, block))
 
     def collect(self, now: Time) -> ObservedFrames:
-        """Hand over what was seen up to `now`."""
+        """What was seen after the last service time and up to `now`: the same for each monitor that asks at `now`."""
+        if self._frames is None or self._collected_ns != now:
+            self._collected_ns, self._frames = now, self._collect(now)
+        return self._frames
+
+    def _collect(self, now: Time) -> ObservedFrames:
         singles = [entry for entry in self._singles if entry[0] <= now]
         blocks = [entry for entry in self._blocks if entry[0] <= now]
         self._singles = [entry for entry in self._singles if entry[0] > now]
@@ -130,6 +132,23 @@ class MonitorSlot:
         return ranks
 
 
+class MonitorSlot:
+    """A placed monitor: where it listens, and when it is next served."""
+
+    __slots__ = ("collector", "due", "id", "monitor")
+
+    def __init__(self, id_: str, monitor: Monitor, collector: FrameCollector) -> None:
+        self.id = id_
+        self.monitor = monitor
+        self.collector = collector
+        self.due: Time = 0
+
+    @property
+    def service_ns(self) -> Time:
+        """How often it is served."""
+        return self.monitor.service_ns
+
+
 class Monitors:
     """All monitors of one kernel."""
 
@@ -148,16 +167,22 @@ class Monitors:
         self._heap = heap
         self._observers = observers
         self.slots: list[MonitorSlot] = []
+        collectors: dict[tuple[tuple[Port, ...], Time], FrameCollector] = {}
         numbered = sorted(directed.values(), key=_number_of)
         here = {Port(link.dst, link.link_name) for link in numbered if link.local}
         ends = [(spec.name, spec.a, spec.b) for spec in links]
         for placement in sorted(placements, key=_id_of):
             local = [port for port in find_ends(placement, ends) if port in here]
             if local:
-                self.slots.append(MonitorSlot(placement.id, make_monitor(placement), local, numbered))
+                monitor = make_monitor(placement)
+                key = tuple(local), monitor.service_ns
+                if key not in collectors:
+                    collectors[key] = FrameCollector(local, numbered)
+                self.slots.append(MonitorSlot(placement.id, monitor, collectors[key]))
+        self._collectors = list(collectors.values())
         for link in numbered:
-            link.send_monitors = tuple(slot for slot in self.slots if slot.listens(link.number, False))
-            link.arrival_monitors = tuple(slot for slot in self.slots if slot.listens(link.number, True))
+            link.send_monitors = tuple(one for one in self._collectors if one.listens(link.number, False))
+            link.arrival_monitors = tuple(one for one in self._collectors if one.listens(link.number, True))
 
     def begin(self) -> None:
         """Have each served at time 0 first."""
@@ -166,13 +191,13 @@ class Monitors:
 
     def take_blocks(self, blocks: Sequence[FrameBlock]) -> None:
         """Show blocks that are sent, with the times at which they arrive."""
-        for slot in self.slots:
+        for collector in self._collectors:
             for block in blocks:
-                slot.take_block(block)
+                collector.take_block(block)
 
     def serve(self, now: Time, slot: MonitorSlot) -> None:
         """Hand a monitor what it has seen, and report its alerts. `ComponentError` where it breaks its contract."""
-        for alert in serve_monitor(slot.id, slot.monitor, now, slot.collect(now)):
+        for alert in serve_monitor(slot.id, slot.monitor, now, slot.collector.collect(now)):
             self._observers.report_alert(now, slot.id, alert)
         self._schedule(slot, now + slot.service_ns)
 
