@@ -29,6 +29,7 @@ class NoFix:
     name: str
     vehicles: Sequence[str]
     schedule: Schedule
+    slow: bool = True
     _begun: bool = False
 
     def on_sensors(self, now: Time, sensors: Sensors) -> list[SensorAct]:

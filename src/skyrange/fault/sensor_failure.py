@@ -55,6 +55,7 @@ class FailedSensor:
     """Standard deviation, in the unit of the column; 0 for a frozen sensor."""
     chance: Chance
     schedule: Schedule
+    slow: bool = True
     _begun: bool = False
     _samples: SampleDetector = field(init=False)
     _errors: Floats = field(init=False)

@@ -100,6 +100,7 @@ class JammedReceivers:
     chance: Chance
     schedule: Schedule
     sham: bool
+    slow: bool = True
     _seen: Ints = field(init=False)
     _phase: Ints = field(init=False)
     _clear_since: Ints = field(init=False)

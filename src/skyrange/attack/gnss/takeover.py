@@ -111,6 +111,7 @@ class CapturedReceivers:
     needs: Requirements
     schedule: Schedule
     sham: bool
+    slow: bool = True
     _seen: Ints = field(init=False)
     _state: Ints = field(init=False)
     _until: Ints = field(init=False)

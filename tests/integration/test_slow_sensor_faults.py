@@ -1,0 +1,50 @@
+"""Faults of sensors that call themselves slow: their runs are those in which they are called at every tick."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from skyrange.kernel import sensor_faults
+from skyrange.record import RunRecord
+from skyrange.scenario.shipped import FAULT_EXAMPLES, load
+from skyrange.study.runs import fly
+
+
+def flown(name: str, folder: Path) -> RunRecord:
+    acts = "faults" if name in FAULT_EXAMPLES else "attacks"
+    return fly(load(name, ["duration_s=50", f"{acts}.*.start_s=20"]), folder, report=False)
+
+
+@pytest.mark.parametrize(
+    "name", ["gnss.capture", "gnss.drift", "gnss.jam", "gnss.meacon", "gnss.multipath", "gnss.outage", "sensor.failure"]
+)
+def test_called_at_new_readings_alone_they_give_the_same_run(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = 0
+
+    class Counting(sensor_faults.SensorFaultInjector):
+        def alter(self, *arguments: object) -> object:
+            nonlocal calls
+            calls += 1
+            return super().alter(*arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr("skyrange.kernel.kernel.SensorFaultInjector", Counting)
+    quick = flown(name, tmp_path / "quick")
+    few, calls = calls, 0
+
+    class AtEveryTick(Counting):
+        @property
+        def slow(self) -> bool:
+            return False
+
+        @slow.setter
+        def slow(self, value: bool) -> None:
+            pass
+
+    monkeypatch.setattr("skyrange.kernel.kernel.SensorFaultInjector", AtEveryTick)
+    thorough = flown(name, tmp_path / "thorough")
+    assert 2 * few < calls
+    assert quick.manifest["digests"]["fingerprint"] == thorough.manifest["digests"]["fingerprint"]
