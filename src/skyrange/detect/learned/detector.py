@@ -22,6 +22,7 @@ from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.contracts.params import Number, Params
 from skyrange.core.ids import Port
+from skyrange.core.input_files import expand_user
 from skyrange.core.time import Time
 from skyrange.detect.episodes import subject_of_link
 from skyrange.detect.learned.features import WindowFeatures
@@ -80,7 +81,7 @@ def raise_alerts(now: Time, ports: Sequence[Port], scores: Floats, report_above:
 
 def make_learned(params: LearnedParams, context: DetectorContext | None = None) -> Monitor:
     """A new detector. Raises `InputError` for a file that holds no model."""
-    path = Path(params.model).expanduser().absolute()
+    path = expand_user(params.model).absolute()
     model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
     return LearnedDetector(model, params.report_above)
 

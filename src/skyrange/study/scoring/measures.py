@@ -90,9 +90,10 @@ def measure_false_alarms(
     count, total = int(counts.sum()), float(index.subjects.exposure_ns[subjects].sum()) / NS_PER_H
     if total <= 0.0:
         return FalseAlarms(episodes=count, hours=0.0, per_h=None)
-    by_blocks = _sum_ratio(counts, hours, index.subjects.blocks[subjects], settings)
+    rate = count / total
+    by_blocks = _sum_ratio(counts, hours, index.subjects.blocks[subjects], rate, settings)
     exact = rate_interval(count, total, settings.confidence)
-    return FalseAlarms(episodes=count, hours=total, per_h=Estimate(value=count / total, exact=exact, blocks=by_blocks))
+    return FalseAlarms(episodes=count, hours=total, per_h=Estimate(value=rate, exact=exact, blocks=by_blocks))
 
 
 def judge_claim(episodes: int, hours: float, target_per_h: float, confidence: float) -> Claim:
@@ -200,17 +201,21 @@ def measure_precision(detection: Detection, nominal: FalseAlarms, settings: Scor
 
 def _proportion(hits: NDArray[np.bool_], blocks: NDArray[np.int64], settings: ScoreSettings) -> Estimate:
     tops = hits.astype(np.float64)
+    share = float(tops.mean())
     return Estimate(
-        value=float(tops.mean()),
+        value=share,
         exact=proportion_interval(int(hits.sum()), hits.shape[0], settings.confidence),
-        blocks=_sum_ratio(tops, np.ones_like(tops), blocks, settings),
+        blocks=_sum_ratio(tops, np.ones_like(tops), blocks, share, settings),
     )
 
 
 def _sum_ratio(
-    tops: NDArray[np.float64], bottoms: NDArray[np.float64], blocks: NDArray[np.int64], settings: ScoreSettings
-) -> Limits | None:
-    return ratio_interval(tops, bottoms, blocks, settings.replicates, settings.seed, settings.confidence)
+    tops: NDArray[np.float64], bottoms: NDArray[np.float64], blocks: NDArray[np.int64], ratio: float,
+    settings: ScoreSettings,
+) -> Limits | None:  # fmt: skip
+    """The interval of `ratio`, which contains it to the last bit, in whatever order its sums were taken."""
+    found = ratio_interval(tops, bottoms, blocks, settings.replicates, settings.seed, settings.confidence)
+    return None if found is None else (min(found[0], ratio), max(found[1], ratio))
 
 
 def _quantile(ordered: NDArray[np.float64], share: float) -> float | None:
