@@ -17,7 +17,9 @@ from skyrange.scenario.shipped import EXAMPLES
 from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
 from skyrange.study.dataset.families import FAMILIES, TIMING_KINDS, family_of
 from skyrange.study.dataset.members import Member
+from skyrange.study.dataset.partitions import BlockWriter
 from skyrange.study.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits
+from skyrange.study.dataset.views.approval import describe_approval
 from skyrange.study.dataset.windows import WindowHashes, by_whole_windows
 
 
@@ -78,6 +80,22 @@ def test_identical_windows_of_a_block_count_once() -> None:
     assert second.column("duplicate_of").to_pylist() == ["b.nominal", None, None, "b.nominal"]
     first_hash, second_hash = (table.column("content_hash").to_pylist() for table in (first, second))
     assert first_hash[1] == first_hash[2] != second_hash[1] == second_hash[2]
+
+
+def test_a_table_without_rows_has_no_window() -> None:
+    marked = WindowHashes().mark("aircraft", "b.nominal", observations([], []))
+    assert marked.num_rows == 0
+    assert {"content_hash", "duplicate_of"} <= set(marked.column_names)
+
+
+@pytest.mark.parametrize("view", ["approval", "aircraft"])
+def test_a_batch_without_rows_of_a_view_is_written_as_nothing(view: str, tmp_path: Path) -> None:
+    """A long run has batches of frames without any message of flight approval."""
+    member = Member(tmp_path, "b", "nominal", "train", {}, 1, "")
+    none = pa.table({"raw": pa.array([], pa.binary())})
+    with BlockWriter(tmp_path, "b", "train") as writer:
+        assert writer.write(view, member, describe_approval(none) if view == "approval" else none) == 0
+    assert not list(tmp_path.rglob("*.parquet"))
 
 
 def test_a_missing_value_is_not_zero() -> None:

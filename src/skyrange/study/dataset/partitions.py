@@ -45,11 +45,11 @@ class BlockWriter:
 
         Raises `ComponentError` where they differ from the declared columns, `OSError` where the disk is full.
         """
+        if not table.num_rows:
+            return 0
         if view in WINDOW_KEYS:
             table = self._hashes.mark(view, member.run, table)
         table = check_table(view, begin_rows(table, member.run, member.block, member.arm))
-        if not table.num_rows:
-            return 0
         path = partition_path(self._folder, view, self._split, self._block)
         if path not in self._files:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -33,14 +33,15 @@ class WindowHashes:
         count = table.num_rows
         codes = number_keys(table, (*WINDOW_KEYS[view], "window"))
         order = np.argsort(codes, kind="stable")
-        bounds = np.flatnonzero(np.diff(codes[order], prepend=-1)) if count else np.zeros(0, dtype=np.int64)
+        bounds = np.flatnonzero(np.diff(codes[order], prepend=-1))
+        ends = np.append(bounds[1:], [count] if count else []).astype(np.int64)
         rows = pa.array(order)
         words = _words(table, observable_columns(view))[order]
         blobs = [_bytes(table.column(name).take(rows)) for name in observable_columns(view)
                  if pa.types.is_binary(table.schema.field(name).type)]  # fmt: skip
         firsts = table.select([*WINDOW_KEYS[view], "window"]).take(rows.take(pa.array(bounds))).to_pylist()
         hashes, origins = [], []
-        for first, begin, end in zip(firsts, bounds.tolist(), [*bounds[1:].tolist(), count], strict=True):
+        for first, begin, end in zip(firsts, bounds.tolist(), ends.tolist(), strict=True):
             hashed = blake2b(words[begin:end].tobytes(), digest_size=HASH_BYTES)
             for offsets, data in blobs:
                 hashed.update(data[offsets[begin] : offsets[end]])
@@ -49,7 +50,7 @@ class WindowHashes:
             hashes.append(digest)
             origins.append(None if origin == run else origin)
         place = np.empty(count, dtype=np.int64)
-        place[order] = np.repeat(np.arange(len(bounds)), np.diff([*bounds, count]))
+        place[order] = np.repeat(np.arange(len(bounds)), ends - bounds)
         table = table.append_column("content_hash", pa.array(hashes, pa.string()).take(pa.array(place)))
         return table.append_column("duplicate_of", pa.array(origins, pa.string()).take(pa.array(place)))
 
