@@ -16,7 +16,7 @@ from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.detect.learned.detector import LEARNED as LEARNED_PLUGIN
-from skyrange.detect.learned.model_file import read_model
+from skyrange.detect.learned.model_file import read_model, write_model
 from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
 from skyrange.study.runs import fly
@@ -107,22 +107,27 @@ def test_models_are_trained_on_the_training_blocks_and_described(study: Path) ->
 
 
 @pytest.mark.parametrize("name", LEARNED)
-def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(study: Path, name: str) -> None:
-    command("study", "score", str(study))
+def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(
+    study: Path, tmp_path: Path, name: str
+) -> None:
     folder = open_folder(study)
     learned = learn_detectors(folder, make_score_tables(folder))
-    file = study / "models" / f"{name}.json"
-    threshold = read_model(file).threshold
     block = folder.blocks[0]
+    mine = [
+        row for row in learned.alerts.to_pylist() if (row["detector"], row["run"]) == (name, f"{block.name}.attacked")
+    ]
+    threshold = sorted(row["score"] for row in mine)[len(mine) // 2]
+    file = tmp_path / "model.json"
+    write_model(learned.models[name].model_copy(update={"threshold": threshold}), file)
     scored = [
         (round(row["time_s"] * NS_PER_S), row["subject"], row["score"] / threshold)
-        for row in learned.alerts.to_pylist()
-        if (row["detector"], row["run"]) == (name, f"{block.name}.attacked") and row["score"] > threshold
+        for row in mine
+        if row["score"] > threshold
     ]
-    assert scored or name == "isolation-forest"
+    assert len(scored) > len(mine) // 4
     scenario = scenario_in(folder.study, folder.study.arms[1], block)
     table = DetectorTable(id="live", kind="learned.windows", params={"model": str(file)})
-    again = fly(scenario.model_copy(update={"detectors": (table,)}), study / f"again-{name}", report=False)
+    again = fly(scenario.model_copy(update={"detectors": (table,)}), tmp_path / "again", report=False)
     flown = load(study / "runs" / block.name / "attacked")
     assert again.manifest["digests"]["fingerprint"] == flown.manifest["digests"]["fingerprint"]
     live = [(row["time_ns"], row["subject"], row["score"]) for row in again.table("alerts").to_pylist()]  # in a run
@@ -156,10 +161,11 @@ def test_windows_that_are_gone_are_named(study: Path, tmp_path: Path) -> None:
 
 
 def test_a_detector_and_a_learned_one_have_different_names(tmp_path: Path) -> None:
-    text = TEXT.replace('id = "gap"', 'id = "isolation-forest"')
-    (tmp_path / "study.toml").write_text(text)
-    with pytest.raises(InputError, match="an id that no learned detector has"):
-        read_study(tmp_path / "study.toml")
+    for name in ("isolation-forest", "windows"):
+        (tmp_path / "study.toml").write_text(TEXT.replace('id = "gap"', f'id = "{name}"'))
+        study = read_study(tmp_path / "study.toml")
+        with pytest.raises(InputError, match=f"{name}.*an id that no learned detector has"):
+            check_blocks(study, list_blocks(study))
 
 
 def test_the_runs_make_a_data_set_whose_blocks_lie_in_one_split(study: Path, tmp_path: Path) -> None:
@@ -181,6 +187,9 @@ def test_options_replace_what_a_study_holds_out(study: Path, tmp_path: Path) -> 
         command("study", "score", str(study), "--hold-out-fleet", "1")
     with pytest.raises(InputError, match="gnss_false_position"):
         command("study", "score", str(study), "--hold-out-family", "gnss_false_positions")
+    with pytest.raises(InputError, match="one of 1"):
+        command("dataset", "build", str(study), str(tmp_path / "none"), "--hold-out-fleet", "7")
+    assert not (tmp_path / "none").exists()
 
 
 def test_a_data_set_has_the_splits_of_the_file(study: Path, tmp_path: Path) -> None:

@@ -145,6 +145,15 @@ def test_a_detector_on_links_that_do_not_exist_is_found_before_anything_flies() 
         check_blocks(deaf, list_blocks(deaf))
 
 
+def test_links_of_learned_detectors_that_do_not_exist_are_found_before_anything_flies() -> None:
+    deaf = study(learned={"links": ("gsc:*",), "side": "gcs"})
+    with pytest.raises(InputError, match=r"learned\.links.*gsc:\*"):
+        check_blocks(deaf, list_blocks(deaf))
+    deaf = study(learned={"side": "autopilot"})
+    with pytest.raises(InputError, match=r"learned\.side.*autopilot"):
+        check_blocks(deaf, list_blocks(deaf))
+
+
 def test_a_shipped_study_that_is_mistyped_is_suggested() -> None:
     with pytest.raises(InputError, match="Did you mean 'detectors'"):
         read_study("detectrs")

@@ -26,13 +26,15 @@ def build(
     from skyrange.study.dataset.splits import HeldOut, assign_splits
     from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.score_tables import held_out_of
+    from skyrange.study.sweep.score_tables import check_held_traits, held_out_of
 
     path, target = expand_user(source), expand_user(out)
     held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))
     if path.is_dir():
-        members, study = list_dataset_members(path), open_folder(path).study
+        members, opened = list_dataset_members(path), open_folder(path)
+        study = opened.study
         seed = study.first_seed
+        check_held_traits(opened, held)
         held = held_out_of(study) if held == HeldOut() else held
     else:
         members, seed = read_members(path), 0

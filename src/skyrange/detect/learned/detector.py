@@ -21,13 +21,11 @@ from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.contracts.params import Number, Params
-from skyrange.core.ids import Port
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import Time
 from skyrange.detect.episodes import subject_of_link
 from skyrange.detect.learned.features import WindowFeatures
 from skyrange.detect.learned.model_file import Model, read_model
-from skyrange.detect.series import Floats
 
 KIND = "learned.windows"
 ABOUT = "Scores the features of each window of a link with a trained model."
@@ -66,17 +64,13 @@ class LearnedDetector:
         """Score the window that ends now."""
         features = self._features.read(frames)
         rows = np.flatnonzero(np.bincount(frames.places[frames.received], minlength=len(features)) > 0)
-        scores = self._model.score(features[rows])
-        return raise_alerts(now, [frames.ports[row] for row in rows.tolist()], scores, self._least)
-
-
-def raise_alerts(now: Time, ports: Sequence[Port], scores: Floats, report_above: float) -> list[Alert]:
-    """The alerts of (n,) scores of the windows that end now at n link ends."""
-    found = []
-    for port, score in zip(ports, scores.tolist(), strict=True):
-        if score > report_above:
-            found.append(Alert(now, subject_of_link(port.link), KIND, score, {"link": port.link}))
-    return found
+        links = [frames.ports[row].link for row in rows.tolist()]
+        scores = self._model.score(features[rows]).tolist()
+        return [
+            Alert(now, subject_of_link(link), KIND, score, {"link": link})
+            for link, score in zip(links, scores, strict=True)
+            if score > self._least
+        ]
 
 
 def make_learned(params: LearnedParams, context: DetectorContext | None = None) -> Monitor:

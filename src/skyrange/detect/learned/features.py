@@ -14,6 +14,7 @@ from skyrange.contracts.frames.payloads import Ints
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.detect.mavlink.heads import MessageHeads, name_message, read_heads
+from skyrange.detect.pressure_altitude import pressure_altitude_m
 from skyrange.detect.series import Floats, Series, Steps, grown, offset_m, step_errors
 
 _RATED: Final = (
@@ -31,10 +32,6 @@ _POSITION: Final = ("lat", "lon", "alt", "relative_alt", "vx", "vy", "vz")
 _FIX: Final = ("lat", "lon", "vel", "fix_type", "satellites_visible", "eph")
 _RATIOS: Final = ("velocity_variance", "pos_horiz_variance", "pos_vert_variance", "compass_variance")
 _STATUS: Final = ("battery_remaining", "voltage_battery", "current_battery")
-_STANDARD_HPA: Final = 1013.25
-_HEIGHT_M: Final = 44_330.77
-_HEIGHT_POWER: Final = 0.190263
-"""Pressure altitude h = 44,330.77 m (1 - (p / 1013.25 hPa)^0.190263) of the standard atmosphere (ISO 2533)."""
 
 
 class Feature(NamedTuple):
@@ -202,8 +199,8 @@ class WindowFeatures:
         track = self._track.read(frames)
         found["cross_track_m"] = largest(track.places, np.abs(track.after[:, 0]), count)
         pressures = self._pressure.read(frames)
-        share = np.clip(self._pressure.values[:, 0] / _STANDARD_HPA, 1e-6, 2.0)
-        heights = np.column_stack([_HEIGHT_M * (1.0 - share**_HEIGHT_POWER), self._position.values[:, 3] * 1e-3])
+        altitude = pressure_altitude_m(self._pressure.values[:, 0])
+        heights = np.column_stack([altitude, self._position.values[:, 3] * 1e-3])
         moved = heights - grown(self._heights, count, np.nan)
         fresh = np.bincount(pressures.places, minlength=count) > 0
         found["height_error_m"] = np.where(fresh, np.abs(moved[:, 0] - moved[:, 1]), np.nan)

@@ -58,6 +58,7 @@ from skyrange.detect.episodes import EpisodeParams
 from skyrange.detect.navigation.cs_ema_charts import Chart, CsEma
 from skyrange.detect.navigation.field_reference import FieldReference, turns_to_earth
 from skyrange.detect.navigation.fix_errors import fix_errors
+from skyrange.detect.pressure_altitude import pressure_altitude_m
 from skyrange.detect.residuals import Residuals
 from skyrange.detect.series import Floats, Series, Steps, grown, rounds
 
@@ -82,8 +83,6 @@ _ATTITUDE_AGE_S: Final = 0.15
 _SPAN_S: Final = 2.0**26
 """More than the time since boot, whole as a float beside the number of a link end: two years."""
 _FIX_3D: Final = 3
-_SEA_LEVEL_HPA, _SCALE_M, _EXPONENT = 1013.25, 44_330.77, 0.190263
-"""The standard atmosphere below 11 km (ISO 2533)."""
 _FIX: Final = ("lat", "lon", "vel", "cog", "alt", "h_acc", "v_acc", "vel_acc", "fix_type", "time_usec")
 _FUSED: Final = ("lat", "lon", "vx", "vy", "vz", "alt")
 _ATTITUDE: Final = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
@@ -169,7 +168,7 @@ class CsEmaDetector:
         age = steps.time_s - self._fused.time_s[steps.places]
         rows = np.flatnonzero((steps.after[:, 0] > 0.0) & (np.abs(age) <= _AGE_S))
         places, fused, age = steps.places[rows], fused[rows], age[rows]
-        altitude = _SCALE_M * (1.0 - (steps.after[rows, 0] / _SEA_LEVEL_HPA) ** _EXPONENT)
+        altitude = pressure_altitude_m(steps.after[rows, 0])
         above = (altitude - fused[:, 5] * 1e-3 + fused[:, 4] * 1e-2 * age)[:, None]
         above = above - self._baro_height.keep(places, above)
         return self._judge("barometer", frames, places, steps.at_ns[rows], above / _BAROMETER_M)

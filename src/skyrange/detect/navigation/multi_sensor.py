@@ -39,6 +39,7 @@ from skyrange.contracts.params import Number
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.detect.episodes import EpisodeParams
 from skyrange.detect.moving_mean import MovingMean
+from skyrange.detect.pressure_altitude import pressure_altitude_m
 from skyrange.detect.residuals import Residuals
 from skyrange.detect.series import Flags, Floats, Series, Steps
 
@@ -48,7 +49,6 @@ ABOUT = "Compares the sensors of an aircraft: barometer and GNSS, compass and co
 SERVICE_NS: Time = 500 * NS_PER_MS
 
 GNSS_HEIGHT, FUSED_HEIGHT, HEADING, TURN, AIR_SPEED = "gnss_height", "fused_height", "heading", "turn", "air_speed"
-_SEA_LEVEL_HPA: Final = 1013.25
 _MEAN_S: Final = 5.0
 _USUAL_HEIGHT_S: Final = 300.0
 _USUAL_WIND_S: Final = 60.0
@@ -131,8 +131,7 @@ class MultiSensor:
     ) -> list[Alert]:
         pressure = self._pressure.values[steps.places, 0]
         fresh = usable & (np.abs(time_s - self._pressure.time_s[steps.places]) <= _STALE_S) & (pressure > 0.0)
-        share = np.where(fresh, pressure / _SEA_LEVEL_HPA, np.nan)
-        height = (1.0 - share ** (1.0 / 5.25588)) / 2.25577e-5
+        height = pressure_altitude_m(np.where(fresh, pressure, np.nan))
         moved = np.abs(change.add(steps, steps.after[:, 0] * 1e-3 - height))
         return self._raise(frames, name, steps, moved / self._params.height_m, {"change_m": moved})
 

@@ -34,7 +34,7 @@ class WindowHashes:
         codes = number_keys(table, (*WINDOW_KEYS[view], "window"))
         order = np.argsort(codes, kind="stable")
         bounds = np.flatnonzero(np.diff(codes[order], prepend=-1))
-        ends = np.append(bounds[1:], [count] if count else []).astype(np.int64)
+        ends = np.append(bounds[1:], count)[: len(bounds)]
         rows = pa.array(order)
         words = _words(table, observable_columns(view))[order]
         blobs = [_bytes(table.column(name).take(rows)) for name in observable_columns(view)

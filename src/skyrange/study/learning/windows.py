@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -11,7 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames
+from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends
+from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.time import Time, from_seconds
 from skyrange.detect.episodes import subject_of_link
@@ -19,7 +21,9 @@ from skyrange.detect.learned.features import NAMES, WindowFeatures
 from skyrange.detect.series import Floats
 
 WINDOWS: Final = "windows"
-"""Name of the table, and of the detector that collects it."""
+"""Name of the table."""
+COLLECTOR: Final = "windows"
+"""Id of the monitor that collects it."""
 SCHEMA: Final = pa.schema(
     [
         ("time_ns", pa.int64()),
@@ -60,7 +64,17 @@ class WindowCollector:
 
 def place_collector(collector: WindowCollector, links: Sequence[str], side: str) -> MonitorPlacement:
     """The placement of a collector, for one run."""
-    return MonitorPlacement(WINDOWS, lambda: collector, links, side)
+    return MonitorPlacement(COLLECTOR, lambda: collector, links, side)
+
+
+def check_collector(links: Sequence[str], side: str, ends: Iterable[tuple[str, str, str]]) -> None:
+    """Raise `InputError` for patterns that match none of the links `ends`: (name, one end, other end)."""
+    try:
+        find_ends(MonitorPlacement(COLLECTOR, lambda: WindowCollector(1), links, side), ends)
+    except InputError as error:
+        prefix = f"monitors.{COLLECTOR}"
+        problems = [replace(one, where=f"learned{one.where.removeprefix(prefix)}") for one in error.problems]
+        raise InputError("study", problems) from None
 
 
 def make_collector(window_s: float) -> WindowCollector:

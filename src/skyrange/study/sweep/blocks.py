@@ -12,6 +12,7 @@ from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED, NOMINAL, SHAM, Arm, acting_attacks, scenario_of
+from skyrange.study.learning.windows import COLLECTOR, check_collector
 from skyrange.study.sweep.factors import BUILDINGS, GRID, SCENARIO, WHOLE_KEYS, is_city_file
 from skyrange.study.sweep.model import Study, StudyArm
 from skyrange.study.sweep.sampling import Point, change_of, draw_values, list_points, set_key
@@ -85,11 +86,30 @@ def check_blocks(study: Study, blocks: list[Block]) -> None:
     for block in _corners(study, blocks):
         for arm in study.arms:
             try:
-                build(scenario_in(study, arm, block)).close()
+                _check_scenario(study, scenario_in(study, arm, block))
             except InputError as error:
                 problems += [one for one in error.problems if one not in problems]
     if problems:
         raise InputError(f"study {study.name}", problems)
+
+
+def _check_scenario(study: Study, scenario: Scenario) -> None:
+    """Raise `InputError` for a scenario that cannot be built, or that does not fit the learned detectors."""
+    built = build(scenario)
+    try:
+        if study.learned is not None:
+            taken = {COLLECTOR, *study.learned.names}
+            problems = [
+                Problem(f"detectors.{place}.id", one.id, "an id that no learned detector has")
+                for place, one in enumerate(scenario.detectors)
+                if one.id in taken
+            ]
+            if problems:
+                raise InputError(f"scenario {scenario.name}", problems)
+            ends = [(spec.name, spec.a, spec.b) for spec in built.wiring.links]
+            check_collector(study.learned.links, study.learned.side, ends)
+    finally:
+        built.close()
 
 
 def is_numeric(blocks: Sequence[Block], factor: str) -> bool:

@@ -71,16 +71,16 @@ def write_models(folder: StudyFolder, learned: Learned, tables: StudyTables, sco
     """Write the models with the thresholds that scoring chose, each with its model card; returns the models' files."""
     target = folder.path / MODELS
     target.mkdir(exist_ok=True)
-    flights = tables.flights.to_pylist()
-    kinds = {row["kind"] for row in tables.attacks.to_pylist() if _split(flights, row["run"]) == "train"}
+    training = [row for row in tables.flights.to_pylist() if row["split"] == "train"]
+    runs = {row["run"] for row in training}
     about = {
         "study": folder.study.name,
         "digest": scores.digest,
         "software": scores.software,
-        "blocks": len({row["block"] for row in flights if row["split"] == "train"}),
-        "kinds": sorted(kinds),
-        "cities": sorted({row["city"] for row in flights if row["split"] == "train"}),
-        "aircraft": sorted({row["aircraft"] for row in flights if row["split"] == "train"}),
+        "blocks": len({row["block"] for row in training}),
+        "kinds": sorted({row["kind"] for row in tables.attacks.to_pylist() if row["run"] in runs}),
+        "cities": sorted({row["city"] for row in training}),
+        "aircraft": sorted({row["aircraft"] for row in training}),
     }
     written = []
     for name, model in learned.models.items():
@@ -93,10 +93,6 @@ def write_models(folder: StudyFolder, learned: Learned, tables: StudyTables, sco
         write_model_card(name, file, score, scores, target / f"{name}.md")
         written.append(target / f"{name}.json")
     return written
-
-
-def _split(flights: list[dict[str, Any]], run: str) -> str:
-    return next(str(row["split"]) for row in flights if row["run"] == run)
 
 
 def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Table:

@@ -155,11 +155,6 @@ class Study(Model):
             for key in WHOLE_KEYS
             if sum(one.key == key for one in named) > 1
         ]
-        problems += [
-            Problem(f"detectors.{place}.id", one.id, "an id that no learned detector has")
-            for place, one in enumerate(self.detectors)
-            if self.learned is not None and one.id in self.learned.names
-        ]
         ids = [arm.id for arm in self.arms]
         if self.baseline is not None and self.baseline not in ids:
             problems.append(Problem("baseline", self.baseline, "the id of an arm", nearest(self.baseline, ids)))

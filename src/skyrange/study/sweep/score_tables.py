@@ -107,11 +107,8 @@ def score_study(
     """
     opened = open_folder(Path(folder))
     held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleet_sizes))
-    if held == HeldOut():
-        held = held_out_of(opened.study)
-    else:
-        check_held_traits(opened, held)
-    tables = make_score_tables(opened, held)
+    tables = make_score_tables(opened, held_out_of(opened.study) if held == HeldOut() else held)
+    check_held_traits(opened, held)
     names = {one.id for one in opened.study.detectors} | set(tables.detectors())
     if opened.study.learned is None:
         return score_detectors(tables, settings, sorted(names), opened.study.name)
@@ -129,8 +126,10 @@ def held_out_of(study: Study) -> HeldOut:
 
 
 def check_held_traits(folder: StudyFolder, held: HeldOut) -> None:
-    """Raise `InputError` for a family, city or number of aircraft that no run of the study in a folder has."""
-    write_results(folder)
+    """Raise `InputError` for a family, city or number of aircraft that no run of the study in a folder has.
+
+    It reads the results that were written last.
+    """
     traits = [_traits(row) for row in _rows(folder, "runs") if row["status"] == "complete"]
     families = sorted({name for one in traits for name in one.families})
     cities, sizes = sorted({one.city for one in traits}), sorted({one.fleet_size for one in traits})
