@@ -472,8 +472,8 @@ def score_format() -> str:
 
 def study_file() -> str:
     """The keys of a study's file."""
-    from skyrange.study.sweep import model as described
-    from skyrange.study.sweep.model import Study
+    from skyrange.study.sweep.design import model as described
+    from skyrange.study.sweep.design.model import Study
 
     schema = Study.model_json_schema()
     places = {

@@ -45,13 +45,13 @@ if TYPE_CHECKING:
     from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings, read_scores, write_scores
     from skyrange.study.summary import summary
     from skyrange.study.sweep.dataset_members import list_dataset_members
-    from skyrange.study.sweep.factors import Factor
-    from skyrange.study.sweep.model import LearnedTable, Study, StudyArm, read_study
+    from skyrange.study.sweep.design.factors import Factor
+    from skyrange.study.sweep.design.model import LearnedTable, Study, StudyArm, read_study
+    from skyrange.study.sweep.execution.study_run import StudyResult, run_study
     from skyrange.study.sweep.report.bootstrap import bootstrap_mean
     from skyrange.study.sweep.report.page import write_study_report
     from skyrange.study.sweep.results import read_results as read_study_results
-    from skyrange.study.sweep.score_tables import score_study
-    from skyrange.study.sweep.study_run import StudyResult, run_study
+    from skyrange.study.sweep.scores.score_tables import score_study
     from skyrange.study.twins.confidence import Interval
     from skyrange.study.twins.pair_folder import Pair, load_pair
 

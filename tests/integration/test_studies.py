@@ -16,16 +16,16 @@ import pytest
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.study.sweep import folder as study_folder
-from skyrange.study.sweep import worker
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.design.model import Study, read_study
+from skyrange.study.sweep.execution import worker
+from skyrange.study.sweep.execution.local_pool import LocalPool
+from skyrange.study.sweep.execution.study_run import forget_failures, list_failures, run_blocks
+from skyrange.study.sweep.execution.worker import DiskFullError
 from skyrange.study.sweep.folder import create_folder, open_folder, require_same, require_unchanged
-from skyrange.study.sweep.local_pool import LocalPool
 from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.model import Study, read_study
 from skyrange.study.sweep.report.summary import summarise_study
 from skyrange.study.sweep.results import read_results, write_results
-from skyrange.study.sweep.study_run import forget_failures, list_failures, run_blocks
-from skyrange.study.sweep.worker import DiskFullError
 
 TEXT = """
 name = "jumps"

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.execution.local_pool import LocalPool
+from skyrange.study.sweep.execution.ray_pool import RayPool
+from skyrange.study.sweep.execution.storage import BlockStorage
+from skyrange.study.sweep.execution.study_run import run_blocks
 from skyrange.study.sweep.folder import create_folder
-from skyrange.study.sweep.local_pool import LocalPool
 from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.model import Study
-from skyrange.study.sweep.ray_pool import RayPool
 from skyrange.study.sweep.results import read_results
-from skyrange.study.sweep.storage import BlockStorage
-from skyrange.study.sweep.study_run import run_blocks
 
 pytestmark = pytest.mark.slow
 

@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
-from skyrange.study.sweep.blocks import Block
-from skyrange.study.sweep.executors import FlyBlock, Outcome
+from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.execution.executors import FlyBlock, Outcome
+from skyrange.study.sweep.execution.local_pool import LocalPool
+from skyrange.study.sweep.execution.storage import BlockStorage
+from skyrange.study.sweep.execution.study_run import forget_failures, run_blocks
 from skyrange.study.sweep.folder import create_folder, digest_of
-from skyrange.study.sweep.local_pool import LocalPool
 from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.model import Study
 from skyrange.study.sweep.results import read_results
-from skyrange.study.sweep.storage import BlockStorage
-from skyrange.study.sweep.study_run import forget_failures, run_blocks
 
 STUDY = Study(
     name="stored",
@@ -101,7 +101,7 @@ def test_failed_blocks_are_flown_again_when_asked_for(
 
     folder = create_folder(STUDY, tmp_path / "one")
     with monkeypatch.context() as patched:
-        patched.setattr("skyrange.study.sweep.worker.fly", failing)
+        patched.setattr("skyrange.study.sweep.execution.worker.fly", failing)
         assert len(run_blocks(folder, InTurn(9), storage=storage).failed) == 2
     forget_failures(folder, storage)
     again = InTurn(9)

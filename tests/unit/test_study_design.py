@@ -13,11 +13,11 @@ from skyrange.core.errors import InputError
 from skyrange.scenario.model.scenario import Grid
 from skyrange.scenario.shipped import source_of
 from skyrange.study.dataset.splits import name_city
-from skyrange.study.sweep.blocks import check_blocks, city_of, list_blocks, scenario_in
-from skyrange.study.sweep.factors import Factor
+from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
+from skyrange.study.sweep.design.factors import Factor
+from skyrange.study.sweep.design.model import Study, change_study, cities_of, parse_study, read_study
+from skyrange.study.sweep.design.sampling import draw_values, list_points, value_at
 from skyrange.study.sweep.folder import digest_of
-from skyrange.study.sweep.model import Study, change_study, cities_of, parse_study, read_study
-from skyrange.study.sweep.sampling import draw_values, list_points, value_at
 
 
 def study(**more: Any) -> Study:

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.block_files import BlockResult, write_block
+from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.execution.worker import note_failure
 from skyrange.study.sweep.folder import create_folder
-from skyrange.study.sweep.model import Study
 from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.report.page import write_study_report
 from skyrange.study.sweep.report.response import find_levels, trace_response
-from skyrange.study.sweep.worker import BlockResult, note_failure, write_block
 
 
 @given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30))

@@ -26,7 +26,7 @@ def build(
     from skyrange.study.dataset.splits import HeldOut, assign_splits
     from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.score_tables import check_held_traits, held_out_of
+    from skyrange.study.sweep.scores.score_tables import check_held_traits, held_out_of
 
     path, target = expand_user(source), expand_user(out)
     held = HeldOut(frozenset(families), frozenset(cities), frozenset(fleets))

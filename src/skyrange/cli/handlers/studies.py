@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
 
 if TYPE_CHECKING:
-    from skyrange.study.sweep.executors import Executor
+    from skyrange.study.sweep.design.model import Study
+    from skyrange.study.sweep.execution.executors import Executor
+    from skyrange.study.sweep.execution.storage import BlockStorage
+    from skyrange.study.sweep.execution.study_run import StudyResult
     from skyrange.study.sweep.folder import StudyFolder
-    from skyrange.study.sweep.model import Study
-    from skyrange.study.sweep.storage import BlockStorage
-    from skyrange.study.sweep.study_run import StudyResult
     from skyrange.study.twins.confidence import Interval
 
 _SHOWN = 10
@@ -33,8 +33,8 @@ def run(
 ) -> None:
     """`skyrange study run`."""
     from skyrange.cli.output.progress import map_progress
-    from skyrange.study.sweep.model import read_study
-    from skyrange.study.sweep.study_run import run_study
+    from skyrange.study.sweep.design.model import read_study
+    from skyrange.study.sweep.execution.study_run import run_study
 
     study = read_study(file, changes)
     tell_if_cold(quiet=as_json)
@@ -51,8 +51,8 @@ def resume(
     path: Path, jobs: int | None, on: str | None, storage: str | None, other_version: bool, retry: bool, as_json: bool
 ) -> None:
     """`skyrange study resume`."""
+    from skyrange.study.sweep.execution.study_run import forget_failures
     from skyrange.study.sweep.folder import open_folder, require_unchanged
-    from skyrange.study.sweep.study_run import forget_failures
 
     folder = open_folder(path)
     require_unchanged(folder, other_version=other_version)
@@ -64,8 +64,8 @@ def resume(
 
 def status(path: Path, as_json: bool) -> None:
     """`skyrange study status`."""
+    from skyrange.study.sweep.execution.study_run import list_failures
     from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.study_run import list_failures
 
     folder = open_folder(path)
     finished, failures = len(folder.finished()), list_failures(folder)
@@ -134,7 +134,7 @@ def score(
     """`skyrange study score`."""
     from skyrange.cli.output.score_tables import tabulate_scores
     from skyrange.study.scoring.result_file import ScoreSettings, read_scores, write_scores
-    from skyrange.study.sweep.score_tables import score_study
+    from skyrange.study.sweep.scores.score_tables import score_study
 
     others = [read_scores(file) for file in beside]
     settings = ScoreSettings(target_per_h=rate)
@@ -150,8 +150,8 @@ def score(
 
 
 def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
-    from skyrange.study.sweep.blocks import list_blocks
-    from skyrange.study.sweep.estimate import estimate_study
+    from skyrange.study.sweep.design.blocks import list_blocks
+    from skyrange.study.sweep.execution.estimate import estimate_study
 
     found = estimate_study(study, list_blocks(study), _jobs(jobs))
     if as_json:
@@ -167,7 +167,7 @@ def _estimate(study: Study, jobs: int | None, as_json: bool) -> None:
 
 def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, as_json: bool) -> None:
     from skyrange.cli.output.progress import map_progress
-    from skyrange.study.sweep.study_run import run_blocks
+    from skyrange.study.sweep.execution.study_run import run_blocks
 
     with map_progress(folder.study.name, "blocks", quiet=as_json) as on_block:
         result = run_blocks(folder, executor, on_block, storage)
@@ -199,8 +199,8 @@ def _print_failures(failures: Any) -> None:
 
 def _executor(jobs: int | None, on: str | None) -> Executor:
     from skyrange.core.errors import InputError
-    from skyrange.study.sweep.local_pool import LocalPool
-    from skyrange.study.sweep.ray_pool import RayPool
+    from skyrange.study.sweep.execution.local_pool import LocalPool
+    from skyrange.study.sweep.execution.ray_pool import RayPool
 
     if on is None:
         return LocalPool(_jobs(jobs))
@@ -211,7 +211,7 @@ def _executor(jobs: int | None, on: str | None) -> Executor:
 
 def _storage(url: str | None, on: str | None) -> BlockStorage | None:
     from skyrange.core.errors import InputError
-    from skyrange.study.sweep.storage import BlockStorage
+    from skyrange.study.sweep.execution.storage import BlockStorage
 
     if url is None:
         return None

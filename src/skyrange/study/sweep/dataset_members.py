@@ -8,12 +8,12 @@ from typing import Any
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import MAX_TEXT_BYTES, read_input
 from skyrange.study.dataset.members import SCENARIO, Member, Scalar
-from skyrange.study.sweep.blocks import city_of
-from skyrange.study.sweep.factors import CITY
+from skyrange.study.sweep.block_files import RUNS
+from skyrange.study.sweep.design.blocks import city_of
+from skyrange.study.sweep.design.factors import CITY
+from skyrange.study.sweep.design.model import EVERYTHING
 from skyrange.study.sweep.folder import open_folder
-from skyrange.study.sweep.model import EVERYTHING
 from skyrange.study.sweep.results import read_results, write_results
-from skyrange.study.sweep.worker import RUNS
 
 
 def list_dataset_members(folder: Path | str) -> list[Member]:

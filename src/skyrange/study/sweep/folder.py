@@ -18,9 +18,9 @@ from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.record.folder import make_new_folder
 from skyrange.scenario.shipped import source_of
-from skyrange.study.sweep.blocks import Block, list_blocks
-from skyrange.study.sweep.model import Study, cities_of, scenarios_of
-from skyrange.study.sweep.worker import BLOCKS
+from skyrange.study.sweep.block_files import BLOCKS
+from skyrange.study.sweep.design.blocks import Block, list_blocks
+from skyrange.study.sweep.design.model import Study, cities_of, scenarios_of
 
 FORMAT: Final = "skyrange.study/1"
 MANIFEST: Final = "study.json"

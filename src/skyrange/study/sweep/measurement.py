@@ -16,9 +16,9 @@ from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.sweep.blocks import Block, city_of
 from skyrange.study.sweep.columns import column_of
-from skyrange.study.sweep.model import Study
+from skyrange.study.sweep.design.blocks import Block, city_of
+from skyrange.study.sweep.design.model import Study
 from skyrange.study.twins.effects import effect_rows
 from skyrange.study.variants.run_measures import measure_run
 

@@ -11,10 +11,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
-from skyrange.study.sweep.blocks import Block
+from skyrange.study.sweep.block_files import BLOCKS, read_block
+from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.folder import StudyFolder
 from skyrange.study.sweep.measurement import TABLES
-from skyrange.study.sweep.worker import BLOCKS, read_block
 
 RESULTS: Final = "results"
 _PART_BLOCKS: Final = 2_000

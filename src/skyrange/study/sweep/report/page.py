@@ -10,7 +10,8 @@ from skyrange.core.files import atomic_write
 from skyrange.study.figures.pdf import load_converter, save_pdf
 from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
-from skyrange.study.sweep.blocks import is_numeric
+from skyrange.study.sweep.design.blocks import is_numeric
+from skyrange.study.sweep.execution.study_run import list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.report.figure import draw_curves
@@ -24,7 +25,6 @@ from skyrange.study.sweep.report.summary import (
     tells_something,
 )
 from skyrange.study.sweep.results import write_results
-from skyrange.study.sweep.study_run import list_failures
 from skyrange.study.variants.sections import Table, format_interval
 
 REPORT: Final = "report.html"

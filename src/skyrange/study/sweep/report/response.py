@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
-from skyrange.study.sweep.blocks import Block, is_numeric
+from skyrange.study.sweep.design.blocks import Block, is_numeric
 from skyrange.study.sweep.report.bootstrap import bootstrap_mean
 from skyrange.study.twins.confidence import Interval
 

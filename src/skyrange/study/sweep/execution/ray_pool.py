@@ -9,9 +9,9 @@ from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.runtime.garbage_collection import collect_less
-from skyrange.study.sweep.blocks import Block
-from skyrange.study.sweep.executors import FlyBlock, Outcome, WorkerFailure
-from skyrange.study.sweep.worker import BlockResult
+from skyrange.study.sweep.block_files import BlockResult
+from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.execution.executors import FlyBlock, Outcome, WorkerFailure
 
 _POLL_S: Final = 0.5
 _RETRIES: Final = 3

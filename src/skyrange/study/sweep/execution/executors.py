@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
-from skyrange.study.sweep.blocks import Block
-from skyrange.study.sweep.worker import BlockResult
+from skyrange.study.sweep.block_files import BlockResult
+from skyrange.study.sweep.design.blocks import Block
 
 
 class WorkerFailure(str):

@@ -15,8 +15,13 @@ from skyrange.core.input_files import expand_user
 from skyrange.runtime.cores.division import available_cpus
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.runtime.warm_up import warm_up
-from skyrange.study.sweep.blocks import Block, check_blocks, list_blocks, scenario_in
-from skyrange.study.sweep.executors import Executor, WorkerFailure
+from skyrange.study.sweep.block_files import BLOCKS, BlockResult, read_block
+from skyrange.study.sweep.design.blocks import Block, check_blocks, list_blocks, scenario_in
+from skyrange.study.sweep.design.model import Study, change_study, read_study
+from skyrange.study.sweep.execution.executors import Executor, WorkerFailure
+from skyrange.study.sweep.execution.local_pool import LocalPool
+from skyrange.study.sweep.execution.storage import BlockStorage, fly_to_storage
+from skyrange.study.sweep.execution.worker import fly_block, note_failure
 from skyrange.study.sweep.folder import (
     MANIFEST,
     StudyFolder,
@@ -26,11 +31,7 @@ from skyrange.study.sweep.folder import (
     require_same,
     require_unchanged,
 )
-from skyrange.study.sweep.local_pool import LocalPool
-from skyrange.study.sweep.model import Study, change_study, read_study
 from skyrange.study.sweep.results import write_results
-from skyrange.study.sweep.storage import BlockStorage, fly_to_storage
-from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block, note_failure, read_block
 
 OnBlock = Callable[[int, int, float | None], None]
 """Callback for progress: blocks finished, blocks in all, and the seconds that are left if they are known."""

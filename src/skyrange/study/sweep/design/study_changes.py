@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from skyrange.core.input_files import expand_user
 from skyrange.scenario.overrides import apply_overrides
-from skyrange.study.sweep.factors import BUILDINGS, SCENARIO, is_city_file
+from skyrange.study.sweep.design.factors import BUILDINGS, SCENARIO, is_city_file
 
 _WAYS: Final[Mapping[str, tuple[str, ...]]] = {
     "values": ("values", "named"),

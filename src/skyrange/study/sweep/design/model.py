@@ -21,8 +21,8 @@ from skyrange.scenario.validation.error_messages import input_error
 from skyrange.study.dataset.families import FAMILIES
 from skyrange.study.matrix.model import Part
 from skyrange.study.sweep.columns import reserved_names
-from skyrange.study.sweep.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file
-from skyrange.study.sweep.study_changes import change_data, locate_files
+from skyrange.study.sweep.design.factors import BUILDINGS, CITY, SCENARIO, WHOLE_KEYS, Factor, is_city_file
+from skyrange.study.sweep.design.study_changes import change_data, locate_files
 
 _Texts = Annotated[tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str])]
 Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
@@ -30,7 +30,7 @@ Sampling = Literal["grid", "latin-hypercube", "sobol", "random"]
 EVERYTHING: Final = "everything"
 FEATURES: Final = "features"
 RESULTS: Final = "results"
-SHIPPED: Final = {path.stem: path for path in sorted((Path(__file__).parent / "shipped").glob("*.toml"))}
+SHIPPED: Final = {path.stem: path for path in sorted((Path(__file__).parents[1] / "shipped").glob("*.toml"))}
 """Files of the shipped studies by name."""
 _KEPT: Final = (EVERYTHING, FEATURES, RESULTS)
 

@@ -22,8 +22,8 @@ from skyrange.study.learning.training import train
 from skyrange.study.learning.windows import WINDOWS
 from skyrange.study.scoring.result_file import ScoreFile
 from skyrange.study.scoring.tables import ALERTS, NOMINAL, StudyTables
+from skyrange.study.sweep.block_files import KEPT
 from skyrange.study.sweep.folder import StudyFolder
-from skyrange.study.sweep.worker import KEPT
 
 MODELS: Final = "models"
 """Folder of the models of a study, and of their cards."""

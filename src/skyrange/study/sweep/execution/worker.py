@@ -3,49 +3,25 @@
 from __future__ import annotations
 
 import errno
-import json
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError, SkyrangeError
-from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.record import RunRecord, load
 from skyrange.record.part_files import table_files
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.learning.windows import WINDOWS, make_collector, place_collector, write_windows
 from skyrange.study.runs import fly
-from skyrange.study.sweep.blocks import Block, scenario_in
-from skyrange.study.sweep.measurement import Rows, failed_rows, measure_block
-from skyrange.study.sweep.model import RESULTS, LearnedTable, Study
+from skyrange.study.sweep.block_files import KEPT, RUNS, BlockResult, write_block
+from skyrange.study.sweep.design.blocks import Block, scenario_in
+from skyrange.study.sweep.design.model import RESULTS, LearnedTable, Study
+from skyrange.study.sweep.measurement import failed_rows, measure_block
 
-BLOCKS: Final = "blocks"
-"""Folder of a file for each finished block."""
-RUNS: Final = "runs"
-"""Folder of the runs: those that are kept, and those of blocks that are not finished."""
-KEPT: Final = "kept"
-"""Folder of the tables that are kept of runs whose folders are not."""
 WINDOWS_FILE: Final = f"{WINDOWS}.parquet"
 """File of the windows of a run, in its folder."""
-_FORMAT: Final = "skyrange.block/1"
-
-
-class BlockResult(NamedTuple):
-    """What is known of a block that was flown."""
-
-    name: str
-    runs: int
-    failed: int
-    errors: tuple[str, ...]
-    wall_s: float
-    """Of everything."""
-    flight_s: float
-    """Of the flights themselves."""
-    disk_bytes: int
-    """What its kept files take."""
 
 
 class DiskFullError(ComponentError):
@@ -91,25 +67,6 @@ def fly_block(study: Study, block: Block, root: Path) -> BlockResult:
         _raise_if_full(error)
         raise
     return result
-
-
-def write_block(root: Path, result: BlockResult, rows: Rows) -> None:
-    """Write the file of a finished block: it is there as a whole or not at all."""
-    data = {"format": _FORMAT, **result._asdict(), "rows": rows}
-    with atomic_write(root / BLOCKS / f"{result.name}.json") as file:
-        file.write(json.dumps(data, allow_nan=True).encode())
-
-
-def read_block(path: Path) -> tuple[BlockResult, Rows]:
-    """A finished block. Raises `InputError` for a damaged file."""
-    try:
-        data: dict[str, Any] = json.loads(read_input(path, "study", max_bytes=MAX_RECORD_BYTES))
-        if data.pop("format") != _FORMAT:
-            raise ValueError("another format")
-        rows: Rows = data.pop("rows")
-        return BlockResult(**{**data, "errors": tuple(data["errors"])}), rows
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError.one("study", str(path), str(error), "the file of a block", "Delete it and resume.") from error
 
 
 def note_failure(study: Study, block: Block, root: Path, error: str) -> BlockResult:

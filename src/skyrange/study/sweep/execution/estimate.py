@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from skyrange.runtime.warm_up import warm_up
-from skyrange.study.sweep.blocks import Block, check_blocks, scenario_in
-from skyrange.study.sweep.model import Study
-from skyrange.study.sweep.worker import BLOCKS, fly_block
+from skyrange.study.sweep.block_files import BLOCKS
+from skyrange.study.sweep.design.blocks import Block, check_blocks, scenario_in
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.execution.worker import fly_block
 
 
 class Estimate(NamedTuple):

@@ -14,10 +14,10 @@ from skyrange.study.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
 from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
 from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
+from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.folder import StudyFolder, open_folder
-from skyrange.study.sweep.learned_detectors import learn_detectors, write_models
-from skyrange.study.sweep.model import Study
 from skyrange.study.sweep.results import read_results, write_results
+from skyrange.study.sweep.scores.learned_detectors import learn_detectors, write_models
 
 
 def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> StudyTables:

@@ -12,8 +12,8 @@ from typing import Any, Final
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import hash64
-from skyrange.study.sweep.factors import Factor
-from skyrange.study.sweep.model import Study
+from skyrange.study.sweep.design.factors import Factor
+from skyrange.study.sweep.design.model import Study
 
 Point = dict[str, Any]
 """Values, or the names of values, by name of the factor."""

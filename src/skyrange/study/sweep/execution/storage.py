@@ -15,9 +15,10 @@ from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.files import atomic_write
-from skyrange.study.sweep.blocks import Block
-from skyrange.study.sweep.model import Study
-from skyrange.study.sweep.worker import BLOCKS, BlockResult, fly_block
+from skyrange.study.sweep.block_files import BLOCKS, BlockResult
+from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.execution.worker import fly_block
 
 _FILES: Final = "files"
 _MANIFEST: Final = "study.json"

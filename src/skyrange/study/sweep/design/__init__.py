@@ -1,0 +1,1 @@
+"""Design of a study: its file, factors, points, draws and blocks."""

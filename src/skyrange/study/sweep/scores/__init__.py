@@ -1,0 +1,1 @@
+"""Scores of a study: tables that scoring reads, and learned detectors trained on its blocks."""
