@@ -147,8 +147,9 @@ def test_a_detector_on_links_that_do_not_exist_is_found_before_anything_flies() 
 
 def test_links_of_learned_detectors_that_do_not_exist_are_found_before_anything_flies() -> None:
     deaf = study(learned={"links": ("gsc:*",), "side": "gcs"})
-    with pytest.raises(InputError, match=r"learned\.links.*gsc:\*"):
+    with pytest.raises(InputError, match=r"learned\.links.*gsc:\*") as caught:
         check_blocks(deaf, list_blocks(deaf))
+    assert len(caught.value.problems) == 1
     deaf = study(learned={"side": "autopilot"})
     with pytest.raises(InputError, match=r"learned\.side.*autopilot"):
         check_blocks(deaf, list_blocks(deaf))

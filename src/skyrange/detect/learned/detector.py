@@ -11,6 +11,7 @@ from those of its training: the scores on held-out families, cities and fleet si
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.contracts.params import Number, Params
+from skyrange.core.errors import InputError
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import Time
 from skyrange.detect.episodes import subject_of_link
@@ -76,7 +78,13 @@ class LearnedDetector:
 def make_learned(params: LearnedParams, context: DetectorContext | None = None) -> Monitor:
     """A new detector. Raises `InputError` for a file that holds no model."""
     path = expand_user(params.model).absolute()
-    model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
+    try:
+        model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
+    except InputError as error:
+        problems = [
+            replace(one, where="model" if one.where == "file" else f"model.{one.where}") for one in error.problems
+        ]
+        raise InputError("detector", problems) from error
     return LearnedDetector(model, params.report_above)
 
 

@@ -91,7 +91,7 @@ def write_model(model: ModelFile, path: Path) -> None:
 
 def read_model(path: Path) -> ModelFile:
     """The model in a file. Raises `InputError` for one that is missing, damaged or of another format."""
-    data = read_input(path, "model", max_bytes=MAX_RECORD_BYTES, expected="a model that skyrange study score wrote")
+    data = read_input(path, "model", max_bytes=MAX_RECORD_BYTES, expected="a model of skyrange study score")
     try:
         return ModelFile.model_validate(json.loads(data))
     except (ValueError, ValidationError, RecursionError) as error:

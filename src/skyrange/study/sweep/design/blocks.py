@@ -88,7 +88,8 @@ def check_blocks(study: Study, blocks: list[Block]) -> None:
             try:
                 _check_scenario(study, scenario_in(study, arm, block))
             except InputError as error:
-                problems += [one for one in error.problems if one not in problems]
+                known = {(one.where, one.value) for one in problems}
+                problems += [one for one in error.problems if (one.where, one.value) not in known]
     if problems:
         raise InputError(f"study {study.name}", problems)
 
