@@ -92,20 +92,19 @@ def _describe_training(model: ModelFile, scores: ScoreFile) -> str:
         )
         if values
     ]
-    return "\n".join(
-        [
-            "## Training data",
-            "",
-            f"{' and '.join(counts)} of {training.get('blocks')} blocks, the training part of the study. Windows that "
-            "arms of a block share count once. In an attacked run only windows in which the attack acts on the "
-            "aircraft are used.",
-            "",
-            f"- kinds of attack: {_join(training.get('kinds', ()))}",
-            f"- cities: {_join(training.get('cities', ()))}",
-            f"- fleet sizes: {_join(training.get('aircraft', ()))}",
-            *out,
-        ]
-    )
+    told = f"{' and '.join(counts)} of {training.get('blocks')} blocks, the training part of the study."
+    kinds = []
+    if model.algorithm != ISOLATION_FOREST:
+        told += (
+            " Windows that arms of a block share count once. In an attacked run only windows in which the attack acts "
+            "on the aircraft are used."
+        )
+        kinds = [f"- kinds of attack: {_join(training.get('kinds', ()))}"]
+    places = [
+        f"- cities: {_join(training.get('cities', ()))}",
+        f"- fleet sizes: {_join(training.get('aircraft', ()))}",
+    ]
+    return "\n".join(["## Training data", "", told, "", *kinds, *places, *out])
 
 
 def _describe_factors(model: ModelFile) -> str:

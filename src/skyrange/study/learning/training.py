@@ -19,7 +19,7 @@ from skyrange.detect.learned.trees import LEAF, TreeTable, mean_path
 from skyrange.detect.series import Floats
 from skyrange.study.learning.labels import ATTACKED, BENIGN
 
-HINT: Final = "Install them: pip install 'skyrange[study]'."
+HINT: Final = "Install it: pip install 'skyrange[study]'."
 FOREST_SETTINGS: Final[Mapping[str, Any]] = {"n_estimators": 200, "max_samples": 256, "n_jobs": 1}
 """256 samples and 100 trees suffice in Liu, Ting and Zhou (2008), section 4; twice the trees are steadier."""
 BOOSTING_SETTINGS: Final[Mapping[str, Any]] = {
