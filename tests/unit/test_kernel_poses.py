@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import pytest
 
-from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Poses, Sensors, Source
+from skyrange.contracts.components import BodyInputs, EngineBase, Finished, InstanceStatus, Poses, Sensors, Source
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.errors import ComponentError, InputError
@@ -61,6 +61,21 @@ class Rounds(EngineBase):
         motors = np.where(moved & dead, 0.0, AIRFRAMES["iris"].hover_command)[:, None] * np.ones((n, 4))
         lost = [InstanceStatus.DEAD if m and dead else InstanceStatus.READY for m in moved.tolist()]
         return Finished(motors, Outbox(), lost, poses if self.moves else None)
+
+
+class Simulated(Rounds):
+    """Flies by its own reckoning under the world's forces, at every tick."""
+
+    source = Source.SIMULATOR
+    service_ns: Time = 2_500_000
+
+    def __init__(self, name: str, vehicles: Sequence[str], moves: Sequence[str] = ()) -> None:
+        super().__init__(name, vehicles, moves)
+        self.inputs: list[tuple[Time, BodyInputs]] = []
+
+    def set_body_inputs(self, tick: Time, inputs: BodyInputs) -> None:
+        assert len(self.seen) == len(self.inputs)  # before `begin`
+        self.inputs.append((tick, inputs))
 
 
 def _kernel(*engines: Rounds, observers: Sequence[Any] = (), on_silent: str = "stop") -> Kernel:
@@ -184,3 +199,17 @@ def test_the_record_says_what_moved_each(tmp_path: Path):
     for tick in range(len(seen.truth)):
         seen.truth[tick] = seen.truth[tick]._replace(sources=("dynamic",) * 3)
     assert record.manifest["digests"]["truth"] != seen.digests.truth
+
+
+def test_a_simulator_is_told_what_acts_on_its_bodies_and_keeps_those_of_dead_autopilots() -> None:
+    engine, other = Simulated("sim", FLEET[1:], FLEET[1:]), Rounds("rounds", FLEET[:1])
+    engine.dies_ns = NS_PER_S // 2
+    seen = MemoryObserver()
+    _kernel(engine, other, observers=[seen], on_silent="continue").advance(NS_PER_S)
+    assert [tick for tick, _ in engine.inputs] == list(range(0, NS_PER_S + 1, 2_500_000))
+    assert engine.inputs[-1][1].world_position_enu_m.shape == (3, 3)
+    assert set(seen.truth[-1].sources) == {Source.DYNAMIC, Source.SIMULATOR}
+    assert list(seen.truth[-1].sources).count(Source.SIMULATOR) == 2
+    spinning = [inputs.rotor_radps.min() for _, inputs in engine.inputs]
+    assert spinning[200] > 100.0
+    assert spinning[-1] < 0.1 * spinning[200]  # a dead autopilot gives no commands

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -60,8 +61,10 @@ def build_aircraft(
     sensors = SensorSpec(scenario.sensors.noise, magnetic_field_at(datum), chance)
     world = World(bodies, wind=scenario.wind.air, city=city, chance=chance, sensors=sensors)
     mounts = []
+    everyone = [spec for _, spec in sorted(chain.from_iterable(specs.values()), key=lambda member: member[0])]
     for kind, members in specs.items():
-        context = AutopilotContext(kind, [spec for _, spec in members], datum, scenario.epoch, chance, motion)
+        own = [spec for _, spec in members]
+        context = AutopilotContext(kind, own, datum, scenario.epoch, chance, motion, city, everyone)
         engine = AutopilotPlugin.find(kind)(scenario.autopilots.params_of(kind), context)
         mounts.append(EngineMount(engine, _rows_of([row for row, _ in members])))
     if honest:

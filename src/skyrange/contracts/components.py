@@ -257,6 +257,48 @@ class Source(StrEnum):
     """Its engine, which imposes its pose."""
     EXTERNAL = "external"
     """Its engine too, which imposes what a vehicle outside the range reports of itself."""
+    SIMULATOR = "simulator"
+    """A physics simulator of its engine, under the range's own forces: rotors, air and impulses are the world's
+    (`BodyInputs`), motion and contacts the simulator's."""
+
+
+@dataclass(slots=True)
+class BodyInputs:
+    """What acts on an engine's vehicles from one tick to the next: rows in the engine's vehicle order.
+
+    Arrays are read-only views or copies, valid until the next tick.
+    """
+
+    rotor_radps: Floats
+    """(n, motors) how fast each rotor turns."""
+    air_enu_mps: Floats
+    """(n, 3) motion of the air at the vehicle."""
+    impulse_ns: Floats
+    """(n, 3) impulse in the local frame, N·s: bodies that the world moves have hit the vehicle."""
+    angular_impulse_nms: Floats
+    """(n, 3) about its centre of gravity, in the local frame, N·m·s."""
+    world_position_enu_m: Floats
+    """(N, 3) gear of every body of the world, in the world's order: to show bodies that others move."""
+    world_attitude: Floats
+    """(N, 4) quaternion w, x, y, z of the same."""
+
+
+@dataclass(slots=True)
+class Contacts:
+    """Contacts of an engine's vehicles during one tick, as its simulator found them: one row for each pair and part."""
+
+    vehicle: Ints
+    """(k,) row of the vehicle in the engine's order."""
+    other: Ints
+    """(k,) row of the other vehicle; -1 less the index of a building."""
+    rotor: Ints
+    """(k,) the vehicle's propeller that touched, -1 for its frame."""
+    other_rotor: Ints
+    """(k,) that of the other vehicle."""
+    position_enu_m: Floats
+    """(k, 3) point of contact."""
+    normal_enu: Floats
+    """(k, 3) of length 1, from the other to the vehicle."""
 
 
 @dataclass(slots=True)
@@ -280,6 +322,11 @@ class Poses:
     present: NDArray[np.bool_] | None = None
     """(n,) whether the vehicle exists from now on; `None` where nothing changes. One that does not exist is in no
     truth: its engine keeps it far from all others. A row that changes here is to be fresh."""
+    at_next_tick: bool = False
+    """Whether a simulator has computed them for the next tick, so that the world takes them as they are; poses of this
+    tick it extrapolates to the next."""
+    contacts: Contacts | None = None
+    """Contacts on the way to these poses, of vehicles that a simulator moves."""
 
 
 @dataclass(slots=True)
@@ -393,6 +440,18 @@ ENGINE_MEMBERS = (
 """The members of `Engine`, by which a missing one is named before a run starts."""
 
 
+@runtime_checkable
+class SimulatorEngine(Engine, Protocol):
+    """An engine whose `source` is `Source.SIMULATOR`: it is told each tick what acts on its vehicles.
+
+    Its vehicles go on in the simulator when their autopilots die.
+    """
+
+    def set_body_inputs(self, tick: Time, inputs: BodyInputs) -> None:
+        """Take what acts from `tick` to the next; called before `begin`."""
+        ...
+
+
 class WallEngine(Engine, Protocol):
     """An engine whose programs run on the machine's clock: `finish` waits until their time has come to the tick.
 
@@ -440,6 +499,10 @@ class World(Protocol):
 
         Raises `ValueError` for a pose that no body can have, and for a body that is dynamic.
         """
+        ...
+
+    def body_inputs(self, rows: slice | NDArray[np.int64]) -> BodyInputs:
+        """What acts on some bodies from this tick to the next; the impulses are handed out once."""
         ...
 
     def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:

@@ -27,6 +27,7 @@ from skyrange.contracts.components import (
     Observer,
     OriginatingRouter,
     Poses,
+    SimulatorEngine,
     Source,
     TruthSubscriber,
     World,
@@ -70,7 +71,7 @@ class _AgentSlot:
 class _EngineSlot:
     """An engine in the kernel: its mailbox, how the network knows it, and its instances' last known status."""
 
-    __slots__ = ("box", "engine", "moved", "rows", "sender", "status")
+    __slots__ = ("box", "engine", "moved", "rows", "sender", "simulator", "status")
 
     def __init__(self, mount: EngineMount, world: World) -> None:
         self.engine = mount.engine
@@ -79,6 +80,7 @@ class _EngineSlot:
         rows = dict(zip(mount.engine.vehicles, np.arange(len(world.vehicles))[mount.rows].tolist(), strict=True))
         self.moved = {vehicle: rows[vehicle] for vehicle in mount.engine.moves}
         """World rows of the bodies that the engine moves."""
+        self.simulator = mount.engine if isinstance(mount.engine, SimulatorEngine) else None
         if self.moved:
             world.set_source(np.array(list(self.moved.values())), mount.engine.source)
         self.box = Mailbox(mount.engine.name, mount.engine.service_ns, polled=True)
@@ -109,7 +111,12 @@ class Kernel:
         self._tunable = {spec.name: spec.channel for spec in wiring.links if isinstance(spec.channel, TunableChannel)}
         self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
-        moved = [vehicle for mount in wiring.engines for vehicle in mount.engine.moves]
+        moved = [
+            vehicle
+            for mount in wiring.engines
+            if not isinstance(mount.engine, SimulatorEngine)
+            for vehicle in mount.engine.moves
+        ]
         self._body_faults = BodyFaultInjector(self._attacks.each, wiring.world, moved)
         self._policies = (wiring.on_silent, wiring.on_unready)
         self._wall_deadline_s = wiring.wall_deadline_s
@@ -339,6 +346,8 @@ class Kernel:
             if faults.present:
                 sensors = faults.alter(slot.rows, sensors)
             try:
+                if slot.simulator is not None:
+                    slot.simulator.set_body_inputs(now, world.body_inputs(slot.rows))
                 slot.engine.begin(now, sensors, inbox)
             except Exception as error:
                 raise attribute_error(f"engine {slot.engine.name}", now, error) from error
@@ -396,7 +405,7 @@ class Kernel:
                 )
                 if is_now in (InstanceStatus.SILENT, InstanceStatus.DEAD):
                     gone.append(f"{vehicle} ({is_now}{_format_reason(slot.engine, vehicle)})")
-                if is_now is InstanceStatus.DEAD and vehicle in slot.moved:  # its engine moves it no more
+                if is_now is InstanceStatus.DEAD and vehicle in slot.moved and slot.simulator is None:
                     assert self._world is not None
                     self._world.set_source(np.array([slot.moved[vehicle]]), Source.DYNAMIC)
         on_silent, on_unready = self._policies

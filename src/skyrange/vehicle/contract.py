@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.contracts.components import Engine
@@ -12,6 +12,9 @@ from skyrange.contracts.plugins import AUTOPILOTS, Plugin
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch
+
+if TYPE_CHECKING:
+    from skyrange.city.city import City
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,9 @@ class AutopilotContext:
     chance: Chance
     motion: bool = False
     """The command line's word that vehicles outside the range may be moved (`--allow-motion`)."""
+    city: City | None = None
+    fleet: Sequence[VehicleSpec] = ()
+    """All aircraft of the world, in its order: for an engine that shows those of other engines too."""
 
 
 def _opens_none(params: Any, count: int) -> Sequence[int]:

@@ -7,6 +7,9 @@ at 10 m/s; extrapolated by its velocity, with an unknown acceleration of 5 m/s²
 `CARRY_S` without another report the body stops in the air: its position is unknown, and straight extrapolation would
 soon leave the city.
 
+The pose of a simulator (`Poses.at_next_tick`) is the end of the next tick already, and is not extrapolated. Its body
+has the world's rotors and battery, so a crash stops its motors.
+
 The specific force is that of the change of velocity between the last two poses. The body stands on the floor below it
 if its gear is within `STAND_M`; it touches down and breaks by the same rules as a body that the world moves
 (`multirotor`).
@@ -73,7 +76,7 @@ class ImposedPoses:
     def __init__(self, count: int, step_s: float) -> None:
         self._step_s = step_s
         self.is_imposed: Marks = np.zeros(count, dtype=np.uint8)
-        """(n,) 1 if the pose is imposed."""
+        """(n,) `IMPOSED` or `SIMULATED` if the pose is imposed, else 0."""
         self.rows: Ints = np.zeros(0, dtype=np.int64)
         """The rows whose pose is imposed."""
         self.jump_m = np.zeros(count)
@@ -81,9 +84,13 @@ class ImposedPoses:
         self._poses = np.zeros((count, _NUMBERS))
         self._pending = np.zeros(count, dtype=np.uint8)
         self._since = np.zeros(count, dtype=np.int64)
+        self._final = np.zeros(count, dtype=np.uint8)
 
-    def set_imposed(self, rows: Ints, is_imposed: bool, velocity: Floats) -> None:
-        """Set whether the poses of some bodies are imposed from now on; `velocity` (n, 3) is their current one."""
+    def set_imposed(self, rows: Ints, is_imposed: int, velocity: Floats) -> None:
+        """Set whether the poses of some bodies are imposed from now on: 0, `IMPOSED` or `SIMULATED`.
+
+        `velocity` (n, 3) is that of all bodies now.
+        """
         self.is_imposed[rows] = is_imposed
         self.rows = np.flatnonzero(self.is_imposed)
         self._pending[rows] = 0
@@ -112,10 +119,13 @@ class ImposedPoses:
         _accept(
             self._step_s, rows, fresh, position, velocity, attitude, rates, self._poses, self._pending, self._since
         )  # fmt: skip
+        self._final[rows] = poses.at_next_tick
 
     def follow(self, *state: Any) -> int:
         """Take the bodies through one quantum; `state` is what the kernel `follow` reads from `parameters` on."""
-        return int(follow(self._step_s, self.rows, self._poses, self._pending, self._since, self.jump_m, *state))
+        return int(
+            follow(self._step_s, self.rows, self._poses, self._pending, self._since, self._final, self.jump_m, *state)
+        )
 
 
 @compiled
@@ -199,6 +209,7 @@ def follow(
     poses: Floats,
     pending: Marks,
     since: Ints,
+    final: Marks,
     jump_m: Floats,
     parameters: Floats,
     airframe: Ints,
@@ -218,9 +229,9 @@ def follow(
     """Take the bodies in `rows` (k,) through one quantum, after `multirotor.advance`; returns the number of flagged
     events.
 
-    `poses` (n, 16), `pending` (n,) 1 where a pose waits, `since` (n,) ticks since the last one, `jump_m` (n,) receives
-    the distance of a jump; the rest as in `multirotor.advance`, whose `max_step2_m2` grows where one of these moved
-    farther.
+    `poses` (n, 16), `pending` (n,) 1 where a pose waits, `since` (n,) ticks since the last one, `final` (n,) 1 where
+    the pose is that at the end of the quantum, `jump_m` (n,) receives the distance of a jump; the rest as in
+    `multirotor.advance`, whose `max_step2_m2` grows where one of these moved farther.
     """
     events = 0
     for k in range(rows.shape[0]):
@@ -229,12 +240,15 @@ def follow(
         for axis in range(3):
             fell += velocity[i, axis] * velocity[i, axis]
         jumped = False
+        ahead_s = step_s
         px, py, pz = position[i, 0], position[i, 1], position[i, 2]
         nx, ny, nz = px, py, pz
         ground = floor[i]
         if pending[i]:
             pending[i] = 0
             since[i] = 0
+            if final[i]:
+                ahead_s = 0.0
             nx, ny, nz = poses[i, _POSITION], poses[i, _POSITION + 1], poses[i, _POSITION + 2]
             far = math.sqrt((nx - px) * (nx - px) + (ny - py) * (ny - py) + (nz - pz) * (nz - pz))
             for axis in range(3):
@@ -265,11 +279,11 @@ def follow(
         accel[i, 0] = (1.0 - 2.0 * (qy * qy + qz * qz)) * fx + 2.0 * (qx * qy + qw * qz) * fy + r20 * fz
         accel[i, 1] = 2.0 * (qx * qy - qw * qz) * fx + (1.0 - 2.0 * (qx * qx + qz * qz)) * fy + r21 * fz
         accel[i, 2] = 2.0 * (qx * qz + qw * qy) * fx + 2.0 * (qy * qz - qw * qx) * fy + r22 * fz
-        nx += velocity[i, 0] * step_s
-        ny += velocity[i, 1] * step_s
-        nz = max(nz + velocity[i, 2] * step_s, ground)  # no body is below the ground
+        nx += velocity[i, 0] * ahead_s
+        ny += velocity[i, 1] * ahead_s
+        nz = max(nz + velocity[i, 2] * ahead_s, ground)  # no body is below the ground
         attitude[i, 0], attitude[i, 1], attitude[i, 2], attitude[i, 3] = multirotor.rotate_attitude(
-            qw, qx, qy, qz, step_s * rates[i, 0], step_s * rates[i, 1], step_s * rates[i, 2]
+            qw, qx, qy, qz, ahead_s * rates[i, 0], ahead_s * rates[i, 1], ahead_s * rates[i, 2]
         )
 
         height[i] = nz - ground

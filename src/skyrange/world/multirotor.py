@@ -43,6 +43,9 @@ ALOFT, ON_GROUND, CRASHED, EVENTS = 0, 1, 2, 3
 TOUCHED, TIPPED, BROKEN, JUMPED = 1, 2, 4, 8
 """Bits of EVENTS: a touchdown; tipping over on the ground; a touchdown too hard to survive; an
 imposed pose far away."""
+IMPOSED, SIMULATED = 1, 2
+"""Values of `is_imposed`: an engine imposes the pose, and nothing in the world alters the body; a simulator moves the
+body under the world's forces, so that its rotors and battery are the world's."""
 MAX_TOUCHDOWN_MPS = 3.117
 """A faster touchdown breaks the aircraft: sqrt(2·g·h) of the reserve energy drop test, one and a half times 13 inches
 (14 CFR 27.727, 27.725), the most that a rotorcraft's landing gear has to withstand."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Floats, Poses, Sensors, Source
+from skyrange.contracts.components import BodyInputs, Contacts, Floats, Poses, Sensors, Source
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
@@ -22,6 +22,7 @@ from skyrange.world.airframes import AIRFRAMES, GRAVITY_MPS2, MOTORS, Airframe
 from skyrange.world.bodies import Body, check_bodies
 from skyrange.world.collision.broad_phase import shape_row
 from skyrange.world.collision.contact_tracker import ContactTracker
+from skyrange.world.collision.reported_contacts import apply_contacts
 from skyrange.world.collision.response import CollisionState
 from skyrange.world.imposed_poses import ImposedPoses
 from skyrange.world.sensing.sensors import IDEAL, SensorSpec, SensorSuite
@@ -100,6 +101,8 @@ class World:
         self._gust_mps = np.zeros((n, 3))
         self._shape = np.array([shape_row(AIRFRAMES[name]) for name in names])
         self._imposed = ImposedPoses(n, step_s)
+        self._reported: list[tuple[NDArray[np.int64], Contacts, Floats]] = []  # until the next tick
+        self._impulse = np.zeros((n, 6))
         self._sources: tuple[Source, ...] = (Source.DYNAMIC,) * n
         self._present = np.array([body.present for body in bodies], dtype=np.bool_)
         self._soon_present = self._present.copy()
@@ -195,6 +198,7 @@ class World:
             self._airframe,
             self._imposed.is_imposed,
             self._flags,
+            self._impulse,
         )
         self._sensing.bind(self._sensed_state(), self._commands, self._power_state())
 
@@ -237,13 +241,33 @@ class World:
         if self._gust_due(start):
             self._gust(start)
         events = multirotor.advance(*self._arguments)
+        touched: Sequence[Note] = _NO_NOTES
         if len(self._imposed.rows):
             self._present[:] = self._soon_present
+            touched = self._take_contacts(end)
             events += self._imposed.follow(*self._followed)
+            self._stop_crashed_motors()
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             battery.discharge((end - self._discharged_ns) / NS_PER_S, *self._power)
             self._discharged_ns = end
-        return self._resolve(end, events)
+        return [*touched, *self._resolve(end, events)]
+
+    def _take_contacts(self, end: Time) -> Sequence[Note]:
+        """Apply the contacts of simulated bodies in the tick that ends at `end`; returns their notes."""
+        notes: list[Note] = []
+        for rows, contacts, after_mps in self._reported:
+            hits = apply_contacts(rows, contacts, after_mps, self._bodies)
+            notes += self._contact_tracker.note_contacts(end, hits)
+        self._reported.clear()
+        return notes
+
+    def _stop_crashed_motors(self) -> None:
+        """Stop the motors of simulated bodies that have crashed, as `multirotor` does of its own."""
+        crashed = self._flags[:, multirotor.CRASHED] & (self._imposed.is_imposed == multirotor.SIMULATED)
+        if crashed.any():
+            rows = np.flatnonzero(crashed)
+            self._alive[rows] = 0
+            self._limit[rows] = 0.0
 
     def _resolve(self, end: Time, events: int) -> Sequence[Note]:
         """Resolve the collisions of the tick that ended; returns notes of these and of the bodies' events."""
@@ -381,7 +405,8 @@ class World:
 
     def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
         """Set what moves some bodies from now on; each continues from where it is, with motors at rest."""
-        self._imposed.set_imposed(rows, source is not Source.DYNAMIC, self._velocity)
+        kind = multirotor.SIMULATED if source is Source.SIMULATOR else multirotor.IMPOSED
+        self._imposed.set_imposed(rows, 0 if source is Source.DYNAMIC else kind, self._velocity)
         self._commands[rows] = 0.0
         sources = list(self._sources)
         for row in rows.tolist():
@@ -396,9 +421,19 @@ class World:
         """
         chosen = np.arange(len(self.vehicles))[rows]
         self._imposed.accept(chosen, poses, self.vehicles)
+        if poses.contacts is not None and len(poses.contacts.vehicle):
+            self._reported.append((chosen, poses.contacts, poses.vel_enu_mps))
         if poses.present is not None:
             self._appearing[chosen] |= poses.present != self._soon_present[chosen]
             self._soon_present[chosen] = poses.present  # from the next tick on, as the pose
+
+    def body_inputs(self, rows: slice | NDArray[np.int64]) -> BodyInputs:
+        """What acts on some bodies from this tick to the next; the impulses are handed out once."""
+        impulse = self._impulse[rows].copy()
+        self._impulse[rows] = 0.0
+        return BodyInputs(
+            self._rotor_radps[rows], self._air[rows], impulse[:, :3], impulse[:, 3:], self._position, self._attitude
+        )
 
     @property
     def present(self) -> NDArray[np.bool_] | None:

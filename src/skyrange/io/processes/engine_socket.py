@@ -1,8 +1,4 @@
-"""Connection to an engine that is a child process: requests and answers over a stream socket, with a deadline.
-
-The engine inherits the socket as its standard input, as a server of inetd does; its output and errors go to a file.
-When this process ends, the socket closes, and an engine ends when it reads the end of file.
-"""
+"""Connection to a radio engine that is a child process: requests and answers, each with a deadline, and forks."""
 
 from __future__ import annotations
 
@@ -28,13 +24,16 @@ from skyrange.codec.medium_protocol import (
 )
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.io.processes.program import Program
+from skyrange.io.processes.program_socket import ProgramSocket, start_with_socket
 
 CLOSE_S: Final = 2.0
 """How long an engine may take to end by itself before it is killed, in seconds of wall time."""
 
 
-class EngineSocket:
+class EngineSocket(ProgramSocket):
     """One engine: the process that was started, or a copy that forked from it."""
+
+    slow_hint = "Give it more time with `params = { deadline_s = … }`, if it was busy"
 
     def __init__(self, name: str, command: Sequence[str], deadline_s: float) -> None:
         """Start `command`; an answer must come within `deadline_s` of wall time.
@@ -44,29 +43,21 @@ class EngineSocket:
         self.name = name
         self.deadline_s = deadline_s
         folder = tempfile.TemporaryDirectory(prefix="skyrange-engine-")
-        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         try:
-            program = Program(name, command, Path(folder.name), stdin=theirs.fileno())
+            ours, program = start_with_socket(name, command, Path(folder.name))
         except BaseException:
-            ours.close()
             folder.cleanup()
             raise
-        finally:
-            theirs.close()
         self._take(ours, program, program.pid, folder)
 
     def _take(
         self, sock: socket.socket, program: Program, pid: int, folder: tempfile.TemporaryDirectory[str] | None
     ) -> None:
         """`program` is the one that was started; with a `folder` this is its own connection, else that of a copy."""
-        self._socket = sock
-        self._program = program
+        self.use(sock, program)
         self.pid = pid
         """Process id of the engine."""
         self._number = 0
-        sock.setblocking(False)
-        self._ready = select.poll()
-        self._ready.register(sock, select.POLLIN)
         handle = _open_process(pid) if folder is None else -1
         self.close = weakref.finalize(self, _end, sock, program, handle, folder)
 
@@ -78,7 +69,7 @@ class EngineSocket:
         """
         self._number += 1
         until = time.monotonic() + self.deadline_s
-        self._send(pack(kind, self._number, body), until, descriptor)
+        self.send(pack(kind, self._number, body), until, descriptor)
         return self._receive(self._number, until)
 
     def fork(self) -> EngineSocket:
@@ -112,26 +103,10 @@ class EngineSocket:
         """The failure of an engine that sent something that is not in the protocol."""
         return ComponentError(self.name, f"sent {error}", "See the reference page of the medium protocol")
 
-    def _send(self, data: bytes, until: float, descriptor: int | None) -> None:
-        view = memoryview(data)
-        while view:
-            try:
-                if descriptor is not None:
-                    sent = socket.send_fds(self._socket, [view], [descriptor])
-                    descriptor = None
-                else:
-                    sent = self._socket.send(view)
-            except BlockingIOError:
-                self._wait(until, select.POLLOUT)
-                continue
-            except OSError:
-                raise self._lost() from None
-            view = view[sent:]
-
     def _receive(self, number: int, until: float) -> tuple[MessageType, bytes]:
         try:
-            length, kind, answered = unpack_header(self._read(HEADER.size, until))
-            body = self._read(length, until)
+            length, kind, answered = unpack_header(self.read(HEADER.size, until))
+            body = self.read(length, until)
             if kind == MessageType.FAILED:
                 raise ComponentError(self.name, f"failed: {decode_failed(body)}")
         except DecodeError as error:
@@ -139,42 +114,6 @@ class EngineSocket:
         if answered != number:
             raise ComponentError(self.name, f"answered request {answered}; request {number} is open")
         return kind, body
-
-    def _read(self, count: int, until: float) -> bytes:
-        pieces = []
-        while count:
-            try:
-                piece = self._socket.recv(min(count, 1 << 20))
-            except BlockingIOError:
-                self._wait(until, select.POLLIN)
-                continue
-            except OSError:
-                raise self._lost() from None
-            if not piece:
-                raise self._lost()
-            pieces.append(piece)
-            count -= len(piece)
-        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
-
-    def _wait(self, until: float, event: int) -> None:
-        left = until - time.monotonic()
-        self._ready.modify(self._socket, event)
-        if left <= 0 or not self._ready.poll(left * 1000.0):
-            hint = "Give it more time with `params = { deadline_s = … }`, if it was busy"
-            raise ComponentError(self.name, f"did not answer for {self.deadline_s:g} s of wall time", hint)
-
-    def _lost(self) -> ComponentError:
-        """What is known of an engine that closed its socket."""
-        until = time.monotonic() + 0.5
-        while self._program.running and time.monotonic() < until:
-            time.sleep(0.01)
-        ended = self._program.ended
-        words = self._program.last_words()
-        return ComponentError(
-            self.name,
-            f"ended ({ended})" if ended else "closed its socket",
-            f"Its last output was: {words}" if words else "It printed nothing",
-        )
 
 
 def _open_process(pid: int) -> int:

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from skyrange.contracts.components import ENGINE_MEMBERS, Engine, Finished, InstanceStatus, World
+from skyrange.contracts.components import (
+    ENGINE_MEMBERS,
+    Engine,
+    Finished,
+    InstanceStatus,
+    SimulatorEngine,
+    Source,
+    World,
+)
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.geodesy import Origin
@@ -125,6 +133,12 @@ def _declares(case: EngineCase) -> None:
     if engine.clock == "wall":
         pace = engine.pace if hasattr(engine, "pace") else None
         need(isinstance(pace, float) and pace > 0.0, f"pace is {pace!r}", "a float above 0, as its clock is wall")
+    simulator = engine.source is Source.SIMULATOR
+    need(
+        simulator == isinstance(engine, SimulatorEngine),
+        f"source is {str(engine.source)!r}, with{'' if hasattr(engine, 'set_body_inputs') else 'out'} set_body_inputs",
+        "set_body_inputs where the source is simulator, and only there",
+    )
     strange = [vehicle for vehicle in engine.moves if vehicle not in engine.vehicles]
     need(not strange, f"moves {strange}", "vehicles of its own")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Engine, Finished, InstanceStatus, Poses, Sensors, World
+from skyrange.contracts.components import Engine, Finished, InstanceStatus, Poses, Sensors, SimulatorEngine, World
 from skyrange.contracts.mailboxes import EMPTY_INBOX, Arrival, Departure, Inbox, Note
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time, ceil_to
@@ -104,6 +104,8 @@ class Flight:
             self._boxes[number] = []
             self.received |= {arrival.ref for arrival in inbox}
         given, kept = (_copy(self.world.sensors(self._rows[number])) for _ in range(2))
+        if isinstance(engine, SimulatorEngine):
+            engine.set_body_inputs(now, self.world.body_inputs(self._rows[number]))
         try:
             call(engine.begin, now, given, inbox)
         except Broken:

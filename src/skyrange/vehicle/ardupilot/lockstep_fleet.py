@@ -26,7 +26,7 @@ from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.json_backend.exchange_batches import ExchangeBatches
 from skyrange.vehicle.ardupilot.json_backend.json_lines import LineWriter
 from skyrange.vehicle.ardupilot.json_backend.motion import MeanForce, Motion, read_commands, to_ardupilot_motion
-from skyrange.vehicle.ardupilot.options import Options
+from skyrange.vehicle.ardupilot.options import ProcessOptions
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS, START_S, WARM_UP_NS, Instance, ProcessFleet
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
@@ -44,7 +44,9 @@ class LockstepFleet(ProcessFleet):
     repeatable: Literal["bytes", "outcome"] = "bytes"
     preroll_ns: Time = WARM_UP_NS
 
-    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
+    def __init__(
+        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: ProcessOptions
+    ) -> None:
         """As `ProcessFleet`."""
         super().__init__(name, specs, origin, epoch, options)
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])

@@ -13,21 +13,9 @@ PORT_STEP: Final = 10
 """Difference between the open ports of two processes, as between two instances of SITL."""
 
 
-class Options(Params):
-    """Options of the ArduPilot processes of a scenario."""
+class ProcessOptions(Params):
+    """Options that all fleets of ArduPilot processes have."""
 
-    physics: Literal["shared", "native"] = Field(
-        default="shared",
-        description="Physics that moves the aircraft. shared: the physics of the range, in lockstep; native: "
-        "ArduPilot's own simulation, on the machine's clock.",
-    )
-    speedup: Number = Field(
-        default=1.0,
-        gt=0,
-        le=100,
-        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine does "
-        "not reach a high speedup.",
-    )
     rates: Literal["full", "single", "reduced"] = Field(
         default="full",
         description="Rate of the main loop, and gyro readings per iteration. full: 400 Hz and two; single: 400 Hz and "
@@ -47,6 +35,23 @@ class Options(Params):
     def opened(self, count: int) -> list[int]:
         """The TCP ports on which `count` processes accept ground stations; none unless `open_port` is set."""
         return [self.open_port + PORT_STEP * place for place in range(count)] if self.open_port else []
+
+
+class Options(ProcessOptions):
+    """Options of the ArduPilot processes of a scenario."""
+
+    physics: Literal["shared", "native"] = Field(
+        default="shared",
+        description="Physics that moves the aircraft. shared: the physics of the range, in lockstep; native: "
+        "ArduPilot's own simulation, on the machine's clock.",
+    )
+    speedup: Number = Field(
+        default=1.0,
+        gt=0,
+        le=100,
+        description="Simulated seconds per second of the machine's clock, with native physics; a slow machine does "
+        "not reach a high speedup.",
+    )
 
     @model_validator(mode="after")
     def _check_speedup(self) -> Options:

@@ -29,7 +29,7 @@ from skyrange.io.processes.program import raise_file_limit
 from skyrange.vehicle.ardupilot import parameters
 from skyrange.vehicle.ardupilot.clock_offsets import ClockOffsets
 from skyrange.vehicle.ardupilot.gps_input import GnssReceivers
-from skyrange.vehicle.ardupilot.options import Options
+from skyrange.vehicle.ardupilot.options import ProcessOptions
 from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 from skyrange.vehicle.ardupilot.program.parameter_list import list_parameters
 from skyrange.vehicle.contract import VehicleSpec
@@ -102,7 +102,9 @@ class ProcessFleet(EngineBase, ABC):
     reports: Mapping[int, float] = REPORTS
     """The reports requested on the private port, in Hz."""
 
-    def __init__(self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: Options) -> None:
+    def __init__(
+        self, name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, options: ProcessOptions
+    ) -> None:
         """Find the binary and check all parameters against its list; no process is left running.
 
         Raises `InputError` if there is no binary or a parameter is wrong.
@@ -112,7 +114,7 @@ class ProcessFleet(EngineBase, ABC):
         self.binary = find_binary()
         self._options = options
         self._listed = list_parameters(self.binary.path, self.binary.sha256)
-        check_free(options.opened(len(specs)), "options.ardupilot.open_port")
+        check_free(options.opened(len(specs)), f"options.{name}.open_port")
         if options.open_port:
             self.repeatable = "outcome"  # no seed determines who connects, and when
         self._specs = tuple(specs)

@@ -82,10 +82,10 @@ class ContactTracker:
             travelled, step_s, self._pairs, self._pair_due, self._order, walls, self._wall_due, bodies
         )
         self._travelled += push
-        return self._new_contacts(now, hits) if len(hits) else _NO_NOTES
+        return self.note_contacts(now, hits) if len(hits) else _NO_NOTES
 
-    def _new_contacts(self, now: Time, hits: Floats) -> Sequence[Note]:
-        """Notes of the touches that begin a contact."""
+    def note_contacts(self, now: Time, hits: Floats) -> Sequence[Note]:
+        """Notes of the touches, rows of `hits` (k, 7), that begin a contact."""
         notes = []
         for hit in hits.tolist():
             who, other = int(hit[WHO]), int(hit[WITH])

@@ -14,7 +14,8 @@ these are the one nearest to the contact and all within 60 degrees of it, from a
 below none; and all of them if the impulse changes the aircraft's speed by more than `DESTRUCTION_MPS`.
 
 A body whose pose is imposed by an engine does not yield: it is treated as infinitely heavy, and flies on marked as
-crashed.
+crashed. One that a simulator moves yields and breaks like any other: the impulse goes to the simulator. Its contacts
+with buildings and with others of its kind are the simulator's (`reported_contacts`).
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from skyrange.world.collision.broad_phase import (
     cylinder_gap,
     floor_and_clearance,
 )
-from skyrange.world.multirotor import CRASHED
+from skyrange.world.multirotor import CRASHED, IMPOSED, SIMULATED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,7 +55,8 @@ DESTRUCTION_MPS = 10.0
 MAX_RADPS = 100.0
 """Limit about each axis: faster than 16 turns a second an aircraft would break, and a tick could not follow the
 rotation."""
-_GENTLE_MPS = 0.05  # a slower touch causes neither bounce nor damage
+GENTLE_MPS = 0.05
+"""A slower touch causes neither bounce nor damage."""
 _SIDE_COS = 0.5
 
 WHO, WITH, SPEED, EAST, NORTH, UP, ENERGY = range(7)
@@ -83,8 +85,10 @@ class CollisionState(NamedTuple):
     """(airframes, numbers): `shape_row`."""
     airframe: Ints
     is_imposed: NDArray[np.uint8]
-    """(n,) 1 if an engine imposes the pose: nothing pushes such a body."""
+    """(n,) `multirotor.IMPOSED` if an engine imposes the pose: nothing pushes such a body; or `SIMULATED`."""
     flags: NDArray[np.uint8]
+    impulse: Floats
+    """(n, 6) impulses for the simulator, in the local frame: linear, and angular about the centre of gravity."""
 
 
 @compiled
@@ -110,7 +114,15 @@ def _contact_response(i: int, state: Any, r: Any, n: Any) -> tuple[float, float]
 @compiled
 def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: float) -> None:
     """Apply an impulse along `n` at a point `r` from the centre of gravity; the accelerometer measures it."""
-    if state.is_imposed[i]:
+    if state.is_imposed[i] == IMPOSED:
+        return
+    if state.is_imposed[i] == SIMULATED:
+        state.impulse[i, 0] += impulse * n[0]
+        state.impulse[i, 1] += impulse * n[1]
+        state.impulse[i, 2] += impulse * n[2]
+        state.impulse[i, 3] += impulse * (r[1] * n[2] - r[2] * n[1])
+        state.impulse[i, 4] += impulse * (r[2] * n[0] - r[0] * n[2])
+        state.impulse[i, 5] += impulse * (r[0] * n[1] - r[1] * n[0])
         return
     attitude, p = state.attitude[i], state.shape[state.airframe[i]]
     nx, ny, nz = _into_body(attitude, n[0], n[1], n[2])
@@ -134,9 +146,9 @@ def _apply_impulse(i: int, state: Any, r: Any, n: Any, impulse: float, step_s: f
 def _break_motors(i: int, state: Any, n: Any, east_m: float, north_m: float, reach_m: float, change: float) -> None:
     """Stop the motors that a contact breaks: `n` points away from it; the last arguments locate the other's disc.
 
-    A body whose pose is imposed is marked as crashed instead, because its motors are outside the world.
+    A body that is `IMPOSED` is marked as crashed instead, because its motors are outside the world.
     """
-    if state.is_imposed[i]:
+    if state.is_imposed[i] == IMPOSED:
         state.flags[i, CRASHED] = 1
         return
     p = state.shape[state.airframe[i]]
@@ -220,7 +232,10 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
     else:
         n[2] = 1.0 if d[2] + a[HEIGHT] > b[HEIGHT] - d[2] else -1.0
         apart = b[HEIGHT] - d[2] if n[2] > 0.0 else d[2] + a[HEIGHT]
+    if state.is_imposed[i] == SIMULATED and state.is_imposed[j] == SIMULATED:
+        return 0.0, False
     led_a, led_b = state.is_imposed[i] != 0, state.is_imposed[j] != 0
+    fixed_a, fixed_b = state.is_imposed[i] == IMPOSED, state.is_imposed[j] == IMPOSED
     share = b[MASS] / (a[MASS] + b[MASS])
     if led_a != led_b:
         share = 0.0 if led_a else 1.0
@@ -249,15 +264,15 @@ def _collide_pair(i: int, j: int, state: Any, step_s: float, hit: Floats) -> tup
     relative = 0.0
     for axis in range(3):
         relative += (state.velocity[i, axis] - state.velocity[j, axis]) ** 2
-    bounce = RESTITUTION if closing > _GENTLE_MPS else 0.0
+    bounce = RESTITUTION if closing > GENTLE_MPS else 0.0
     impulse = 0.0
-    if not (led_a and led_b):
-        impulse = (1.0 + bounce) * closing / ((0.0 if led_a else yield_a) + (0.0 if led_b else yield_b))
+    if not (fixed_a and fixed_b):
+        impulse = (1.0 + bounce) * closing / ((0.0 if fixed_a else yield_a) + (0.0 if fixed_b else yield_b))
     _apply_impulse(i, state, ra, n, impulse, step_s)
     _apply_impulse(j, state, rb, n, -impulse, step_s)
     apart = 0.0 if led_a and led_b else apart
     hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j, math.sqrt(relative), NO_DAMAGE
-    if closing <= _GENTLE_MPS:
+    if closing <= GENTLE_MPS:
         return apart, True
     _break_motors(i, state, n, pb[0], pb[1], b[RADIUS], impulse / a[MASS])
     _break_motors(j, state, -n, pa[0], pa[1], a[RADIUS], impulse / b[MASS])
@@ -318,10 +333,10 @@ def _collide_building(i: int, walls: WallIndex, state: Any, step_s: float, hit: 
                 return depth, False
             v = state.velocity[i]
             total = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
-            impulse = -(1.0 + (RESTITUTION if speed < -_GENTLE_MPS else 0.0)) * speed / yields
+            impulse = -(1.0 + (RESTITUTION if speed < -GENTLE_MPS else 0.0)) * speed / yields
             _apply_impulse(i, state, r, n, impulse, step_s)
             hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, -1 - b, math.sqrt(total), NO_DAMAGE
-            if speed >= -_GENTLE_MPS:
+            if speed >= -GENTLE_MPS:
                 return depth, True
             _break_motors(i, state, n, place[0], place[1], math.inf, impulse / p[MASS])
             hit[ENERGY] = 0.5 * p[MASS] * total
@@ -369,7 +384,9 @@ def resolve_collisions(
             i = order[k]
             if state.odometer_m[i] <= wall_due[i]:
                 continue
-            push, met = _collide_building(i, walls, state, step_s, hits[count])
+            push, met = 0.0, False
+            if state.is_imposed[i] != SIMULATED:
+                push, met = _collide_building(i, walls, state, step_s, hits[count])
             longest = max(longest, push)
             if met:
                 count += 1
