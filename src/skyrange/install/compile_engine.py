@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from skyrange.core.engine_sources import engine_folder, source_digest
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.io.processes.single_run import run_once
-from skyrange.radio.external.engine_sources import engine_folder, source_digest
 from skyrange.radio.external.engine_trial import try_engine
 
 COMPILE_S: Final = 1_800.0
