@@ -108,8 +108,11 @@ class Program:
         *,
         slack_s: float | None = None,
         stdin: int = subprocess.DEVNULL,
+        is_wrapper: bool = False,
     ) -> None:
         """Start `command` in `folder`, which exists, with the file descriptor `stdin` as its standard input.
+
+        What a program that `is_wrapper` has started in its process group is killed with it.
 
         Raises `ComponentError` if it cannot be started.
 
@@ -134,7 +137,9 @@ class Program:
                 )  # fmt: skip
         except OSError as error:
             raise ComponentError(name, f"cannot start {command[0]}: {error.strerror or error}") from error
-        self._end = weakref.finalize(self, _kill, self._process)  # at the latest when it is collected, or at exit
+        self._end = weakref.finalize(
+            self, _kill, self._process, is_wrapper
+        )  # at the latest when it is collected, or at exit
 
     @property
     def pid(self) -> int:
@@ -229,7 +234,10 @@ class Watchdog:
                         program.set_stopped(True)
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def _kill(process: subprocess.Popen[bytes], is_wrapper: bool) -> None:
     if process.poll() is None:
-        process.kill()
+        if is_wrapper:
+            os.killpg(process.pid, signal.SIGKILL)  # it leads a session of its own
+        else:
+            process.kill()
     process.wait()
