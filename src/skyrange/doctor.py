@@ -36,7 +36,7 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Examine the installation. Runs a small scenario for one second, which fills the cache of compiled functions."""
-    return [_python(), *_packages(), *_plugins(), _ardupilot(), _ns3(), _writable(), _flight()]
+    return [_python(), *_packages(), *_plugins(), _ardupilot(), _ns3(), *_gazebo(), _writable(), _flight()]
 
 
 def _python() -> Finding:
@@ -148,6 +148,37 @@ def _ns3() -> Finding:
         hint = f"Optional. {error}. Compile it again: {INSTALL}"
         return Finding("radio engine ns3", f"{program}; does not run correctly", False, hint, optional=True)
     return Finding("radio engine ns3", f"{name} {release}, {program}; runs", optional=True)
+
+
+def _gazebo() -> list[Finding]:
+    """The Gazebo that a run would use, whether it loads the plugin, and its window."""
+    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window
+    from skyrange.vehicle.gazebo.program.plugin_library import INSTALL, find_plugin
+    from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
+
+    try:
+        gazebo = find_gazebo()
+    except InputError as error:
+        found = "; ".join(f"{fault.value} ({fault.where})" for fault in error.problems)
+        return [Finding("gazebo", found, False, f"Optional. {error.problems[0].hint}", optional=True)]
+    what = f"{gazebo.title} ({gazebo.source}: {gazebo.path})"
+    try:
+        library = find_plugin(gazebo)
+        try_plugin("plugin", gazebo, library)
+        findings = [Finding("gazebo", f"{what}; loads the plugin {library}", optional=True)]
+    except InputError as error:
+        fault = error.problems[0]
+        hint = f"Optional. {fault.hint}"
+        findings = [Finding("gazebo", f"{what}; plugin: {fault.value}", False, hint, optional=True)]
+    except ComponentError as error:
+        hint = f"Optional. {error}. Compile it again: {INSTALL}"
+        findings = [Finding("gazebo", f"{what}; does not load the plugin {library}", False, hint, optional=True)]
+    try:
+        findings.append(Finding("gazebo window", find_window(gazebo), optional=True))
+    except InputError as error:
+        fault = error.problems[0]
+        findings.append(Finding("gazebo window", fault.value, False, f"Optional. {fault.hint}", optional=True))
+    return findings
 
 
 def _writable() -> Finding:

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from skyrange.core.engine_sources import source_files
 from skyrange.core.errors import InputError
 from skyrange.install import omnetpp as installing
 from skyrange.install.omnetpp import FEATURES, LIBRARIES, find_installation, install
-from skyrange.radio.external.engine_sources import source_files
 from skyrange.radio.external.omnetpp import VARIABLE, find_command
 
 DEFINES = "#define INET_VERSION        0x0405\n#define INET_PATCH_LEVEL    0x04\n"

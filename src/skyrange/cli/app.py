@@ -42,7 +42,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Install autopilots and radio engines in your data folder.\n\nExample: skyrange install ardupilot",
+    help="Install autopilots, radio engines and Gazebo's plugin in your data folder.\n\nExample: skyrange install ardupilot",
     no_args_is_help=True,
 )
 app.add_typer(live_app.commands)
@@ -395,7 +395,7 @@ def doctor(as_json: AsJson = False) -> None:
 
 @install_app.callback()
 def _install() -> None:
-    """Install autopilots and radio engines in your data folder."""
+    """Install autopilots, radio engines and Gazebo's plugin in your data folder."""
 
 
 @install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
@@ -415,6 +415,22 @@ def ardupilot(
 ) -> None:
     """Install ArduPilot's official SITL binary of ArduCopter in your data folder, and check that it runs."""
     installation.install_ardupilot(version, source, as_json)
+
+
+@install_app.command(epilog="Example: skyrange install gazebo --prefix /opt/gazebo")
+def gazebo(
+    prefix: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder in which Gazebo is installed, with bin/gz or bin/gzserver. Default: that of the variable "
+            "SKYRANGE_GAZEBO, else that on PATH.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compile the plugin for Gazebo in your data folder, and check that Gazebo loads it."""
+    installation.install_gazebo(prefix, as_json)
 
 
 @install_app.command(epilog="Example: skyrange install ns3")

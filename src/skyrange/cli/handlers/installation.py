@@ -96,3 +96,33 @@ def install_omnetpp(omnetpp: Path | None, inet: Path | None, as_json: bool) -> N
     print_notice(LICENCE)
     for line in found.untested:
         print_notice(line)
+
+
+def install_gazebo(prefix: Path | None, as_json: bool) -> None:
+    """`skyrange install gazebo`."""
+    from skyrange.install.gazebo import TESTED, find_installed, install
+    from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo
+    from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
+
+    folder = expand_user(prefix) if prefix is not None else None
+    if not as_json:
+        found = find_installed(folder)
+        print_text(f"compiling the plugin for {found.title}, {found.path}")
+    made, gazebo = install(folder)
+    facts = {"flavour": gazebo.flavour, "version": gazebo.version, "gazebo": str(gazebo.path), "path": str(made.path)}
+    if as_json:
+        print_json(facts)
+    else:
+        print_text(f"{'compiled' if made.compiled_now else 'was compiled already'}: {made.path}")
+        print_text('use it in a scenario with autopilot = "gazebo"')
+    if not gazebo.version.startswith(tuple(f"{release}." for release in TESTED)):
+        print_notice(f"{gazebo.title} is not a tested release; tested: {', '.join(TESTED)}")
+    try:
+        first = find_gazebo()
+    except InputError as error:
+        print_notice(f"without --prefix skyrange does not find it: {error}")
+        return
+    if first.path != gazebo.path:
+        print_notice(f"skyrange runs a different Gazebo: {first.title}, {first.path} ({first.source})")
+    elif (plugin := find_plugin(first)) != made.path:
+        print_notice(f"skyrange loads a different plugin: {plugin}")

@@ -27,14 +27,14 @@ def run_once(program: Path, *arguments: str, deadline_s: float, who: str = "") -
     """Run `program` with `arguments` in an empty folder, which is removed afterwards; its output.
 
     Raises `ComponentError` in the name of `who` (the program, if not given) if it cannot be started, or has not ended
-    after `deadline_s` of wall time; it is killed then.
+    after `deadline_s` of wall time; it is killed then, with what it has started.
     """
     who = who or str(program)
     until = time.monotonic() + deadline_s
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         try:
-            child = Program(who, [str(program), *arguments], folder)
+            child = Program(who, [str(program), *arguments], folder, is_wrapper=True)
         except ComponentError as error:
             raise ComponentError(who, *_why(program, error.__cause__)) from None
         try:

@@ -11,7 +11,7 @@ from skyrange.contracts.medium import Medium
 from skyrange.contracts.params import Number, Params
 from skyrange.radio.contract import MediumContext, MediumPlugin
 from skyrange.radio.external.engine_params import encode_params
-from skyrange.radio.external.engine_sources import find_engine
+from skyrange.radio.external.engine_program import find_engine
 from skyrange.radio.external.medium import ExternalMedium
 
 VARIABLE: Final = "SKYRANGE_NS3_ENGINE"

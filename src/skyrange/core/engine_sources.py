@@ -7,10 +7,9 @@ import os
 from pathlib import Path
 from typing import Final
 
-from skyrange.core.errors import ComponentError, InputError
-from skyrange.core.input_files import expand_user
+from skyrange.core.errors import ComponentError
 
-_PACKAGE: Final = Path(__file__).resolve().parents[2]
+_PACKAGE: Final = Path(__file__).resolve().parents[1]
 _SUFFIXES: Final = (".h", ".cc", ".ned", ".ini", ".msg")
 
 
@@ -46,25 +45,3 @@ def engine_folder(name: str) -> Path:
     """The user's folder of compiled programs of an engine."""
     user = os.environ.get("XDG_DATA_HOME") or os.path.expanduser("~/.local/share")
     return Path(user) / "skyrange" / "engines" / name
-
-
-def find_engine(name: str, title: str, variable: str, install: str) -> Path:
-    """The compiled program of an engine: the file that `variable` names, else the one compiled last from these sources.
-
-    Raises `InputError` in the name of `title`, with the command `install`, if there is none.
-    """
-    hint = f"Compile it: {install}"
-    named = os.environ.get(variable)
-    if named:
-        path = expand_user(named)
-        if not os.access(path, os.X_OK) or path.is_dir():
-            raise InputError.one(variable, "path", named, "an executable file", hint)
-        return path
-    folder = engine_folder(name)
-    digest = source_digest(name)[:16]
-    programs = [path for path in folder.glob(f"{digest}-*/engine") if os.access(path, os.X_OK)]
-    if programs:
-        return max(programs, key=lambda path: path.stat().st_mtime_ns)
-    older = any(folder.glob("*/engine"))
-    value = "compiled from sources of another version of skyrange" if older else "not compiled yet"
-    raise InputError.one(title, "radio.engine", value, "its engine program", hint)

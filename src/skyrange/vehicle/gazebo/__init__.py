@@ -1,0 +1,1 @@
+"""Gazebo: vehicles whose bodies a Gazebo simulates, in a process of its own."""
