@@ -1,0 +1,1 @@
+"""ArduPilots whose bodies Gazebo moves: the world made from a scenario, and the exchange with Gazebo's process."""
