@@ -1,1 +1,1 @@
-"""Gazebo: vehicles whose bodies a Gazebo simulates, in a process of its own."""
+"""ArduPilots whose bodies Gazebo moves: the world made from a scenario, and the exchange with the Gazebo process."""

@@ -1,0 +1,139 @@
+"""A Gazebo process with skyrange's plugin: its start, and one exchange for each tick of the range's world."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from skyrange.codec.gazebo_protocol import (
+    HEADER,
+    Floats,
+    MessageType,
+    Stepped,
+    decode_failed,
+    decode_ready,
+    decode_stepped,
+    encode_step,
+    pack,
+    unpack_header,
+)
+from skyrange.core.errors import ComponentError, DecodeError
+from skyrange.io.gazebo.loading import find_load_failure
+from skyrange.io.processes.program import Program
+from skyrange.io.processes.program_socket import ProgramSocket, start_with_socket
+
+START_S: Final = 120.0
+"""Wall seconds in which Gazebo has to load its world: a city of thousands of meshes takes half a minute."""
+_CLOSE_S: Final = 1.0
+_LOOK_S: Final = 0.25
+_LINES: Final = 100
+_WINDOW: Final = "gazebo window"
+
+
+class GazeboSimulator(ProgramSocket):
+    """One Gazebo: `begin_step` and `end_step` in turn, then `close`."""
+
+    slow_hint = "Gazebo computes too slowly, or hangs; `--wall-deadline` sets the time that it has"
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        hello: bytes,
+        sizes: tuple[int, int],
+        window: Sequence[str] = (),
+    ) -> None:
+        """Start `command`, and wait until it has loaded the world and answered `hello`; `sizes` are the numbers of
+        aircraft and of buildings. `window` is the command of its window, if it is to have one.
+
+        Raises `ComponentError` in the name of `name` if it does not start, does not load the plugin, or does not find
+        what `hello` names in the world.
+        """
+        self.name = name
+        self.deadline_s = START_S
+        self._aircraft, self._buildings = sizes
+        self._number = 0
+        self._tick = 0
+        self._folders = [tempfile.TemporaryDirectory(prefix="skyrange-gazebo-")]
+        self._window: Program | None = None
+        self._shared: Any = None
+        try:
+            folder = Path(self._folders[0].name)
+            self._shared, program = start_with_socket(name, command, folder, is_wrapper=True)
+            self.use(self._shared, program)
+            self.release, self.physics = self._open(hello)
+            if window:
+                self._folders.append(tempfile.TemporaryDirectory(prefix="skyrange-gazebo-"))
+                shown_in = Path(self._folders[1].name)
+                self._window = Program(_WINDOW, list(window), shown_in, is_wrapper=True)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, hello: bytes) -> tuple[str, str]:
+        """Gazebo's version, and its physics engine."""
+        until = time.monotonic() + self.deadline_s
+        self.send(pack(MessageType.HELLO, self._number, hello), until)
+        while not self._ready.poll(_LOOK_S * 1000.0):
+            words = self._program.last_words(_LINES)
+            failure = find_load_failure(words)
+            if failure:
+                hint = "If it is skyrange's plugin, compile it for this Gazebo: skyrange install gazebo"
+                raise ComponentError(self.name, f"cannot load what it needs: {failure}", hint)
+            if time.monotonic() > until:
+                hint = f"Its last output was: {words}" if words else "It printed nothing"
+                raise ComponentError(self.name, f"did not start its world within {START_S:g} s of wall time", hint)
+        try:
+            return decode_ready(self._receive(MessageType.READY, until))
+        except DecodeError as error:
+            hint = "Compile its plugin again: skyrange install gazebo"
+            raise ComponentError(self.name, f"sent {error}", hint) from None
+
+    def begin_step(self, tick_ns: int, inputs: Floats, shown: Floats) -> None:
+        """Let Gazebo compute the tick from `tick_ns` to the next; arguments as of `encode_step`."""
+        self._number += 1
+        self._tick = tick_ns
+        body = encode_step(tick_ns, inputs, shown)
+        self.send(pack(MessageType.STEP, self._number, body), time.monotonic() + self.deadline_s)
+
+    def end_step(self, deadline_s: float) -> Stepped:
+        """The states after the tick and the contacts in it. Raises `ComponentError` if they do not come within
+        `deadline_s` of wall time.
+        """
+        self.deadline_s = deadline_s
+        try:
+            body = self._receive(MessageType.STEPPED, time.monotonic() + deadline_s)
+            return decode_stepped(body, self._tick, self._aircraft, self._buildings)
+        except DecodeError as error:
+            raise ComponentError(self.name, f"sent {error}") from None
+
+    def _receive(self, expected: MessageType, until: float) -> bytes:
+        length, kind, number = unpack_header(self.read(HEADER.size, until))
+        body = self.read(length, until)
+        if kind is MessageType.FAILED:
+            raise ComponentError(self.name, f"failed: {decode_failed(body)}")
+        if kind is not expected or number != self._number:
+            raise DecodeError(f"the answer {kind.name} {number} to request {self._number}")
+        return body
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time that Gazebo has used so far, in seconds."""
+        return self._program.cpu_s
+
+    def close(self) -> None:
+        """End Gazebo, which ends by itself when its socket closes, and its window. A second call does nothing."""
+        if self._window is not None:
+            self._window.kill()
+        if self._shared is not None:
+            self._shared.close()
+            until = time.monotonic() + _CLOSE_S
+            while self._program.running and time.monotonic() < until:
+                time.sleep(0.005)
+            self._program.kill()
+            self._shared = None
+        for folder in self._folders:
+            folder.cleanup()

@@ -1,0 +1,50 @@
+"""Names in Gazebo's world: models, links and collisions, by which the plugin in Gazebo finds them."""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+WORLD: Final = "skyrange"
+"""The world."""
+BODY: Final = "body"
+"""The one link of an aircraft; its collisions are `FRAME` and those of `rotor_name`."""
+FRAME: Final = "frame"
+"""Collision of an aircraft without its rotors."""
+CITY: Final = "city"
+"""Model of all buildings; its links, and the collision of each, have the names that `building_name` gives."""
+GROUND: Final = "ground"
+"""Model of the ground, its link and its collision."""
+
+_NOT_FREE: Final = re.compile(r"[^A-Za-z0-9_/-]")
+_RESERVED: Final = (CITY, GROUND, "world")  # the last one by SDFormat
+_ESCAPE: Final = "~"
+
+
+def model_name(vehicle: str) -> str:
+    """Name of a vehicle's model: `blue.1` for `blue/1`.
+
+    Different vehicles have different names. Characters that an id has not are escaped, because SDFormat forbids some
+    of them (`::`); so is the first letter of a name that another model has. Raises `ValueError` for an empty id.
+    """
+    if not vehicle:
+        raise ValueError("a vehicle needs an id")
+    name = _NOT_FREE.sub(_escape, vehicle).replace("/", ".")
+    if name in _RESERVED or name.startswith("_"):  # SDFormat reserves names such as __model__
+        return _escape(name[0]) + name[1:]
+    return name
+
+
+def rotor_name(rotor: int) -> str:
+    """Name of the collision and of the visual of a rotor, counted from 0 in ArduCopter's motor order."""
+    return f"rotor_{rotor}"
+
+
+def building_name(index: int) -> str:
+    """Name of the link and of the collision of `city.buildings[index]`."""
+    return f"building_{index}"
+
+
+def _escape(found: re.Match[str] | str) -> str:
+    character = found if isinstance(found, str) else found.group()
+    return f"{_ESCAPE}{ord(character):x}{_ESCAPE}"

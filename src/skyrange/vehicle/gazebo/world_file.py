@@ -1,0 +1,148 @@
+"""World file for Gazebo 11 and Gazebo Sim, made from a scenario's aircraft, city, place and wind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, Literal
+from xml.etree.ElementTree import Element, ElementTree, indent
+
+from skyrange.city.city import City
+from skyrange.core.geodesy import Origin
+from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
+from skyrange.vehicle.gazebo.building_models import HARD_MU, make_city_model
+from skyrange.vehicle.gazebo.names import GROUND, WORLD
+from skyrange.vehicle.gazebo.sdf_elements import (
+    VERSION,
+    Colour,
+    add,
+    add_friction,
+    add_material,
+    add_plane,
+    add_pose,
+)
+from skyrange.vehicle.gazebo.world_view import add_view
+from skyrange.world.airframes import GRAVITY_MPS2
+
+Flavour = Literal["sim", "classic"]
+"""Gazebo Sim (Harmonic and newer), or Gazebo 11."""
+
+FILE: Final = "world.sdf"
+"""Name of the world's file in its folder."""
+PLUGINS: Final[dict[Flavour, str]] = {"sim": "skyrange::gazebo::Aircraft", "classic": "skyrange"}
+"""Name of our plugin in the world."""
+_SIM_SYSTEMS: Final = (
+    ("gz-sim-physics-system", "gz::sim::systems::Physics"),
+    ("gz-sim-user-commands-system", "gz::sim::systems::UserCommands"),
+    ("gz-sim-scene-broadcaster-system", "gz::sim::systems::SceneBroadcaster"),
+)
+_MARGIN_M: Final = 200.0
+"""By which the ground that is drawn extends beyond everything else."""
+_COLOURS: Final[tuple[Colour, ...]] = (
+    (0.0, 0.447, 0.698),
+    (0.0, 0.620, 0.451),
+    (0.835, 0.369, 0.0),
+    (0.8, 0.475, 0.655),
+    (0.337, 0.706, 0.914),
+    (0.902, 0.624, 0.0),
+    (0.941, 0.894, 0.259),
+)
+"""Okabe and Ito's palette, as in reports: the operators in their order."""
+
+
+def write_world(
+    folder: Path,
+    aircraft: Sequence[PlacedAircraft],
+    mirrored: Sequence[PlacedAircraft],
+    city: City | None,
+    origin: Origin,
+    wind_enu_mps: tuple[float, float, float],
+    step_s: float,
+    flavour: Flavour,
+    plugin: Path | None,
+) -> Path:
+    """Write the world's file and the meshes of its buildings into `folder`, and return the file's path.
+
+    Gazebo moves `aircraft`; it only shows `mirrored` ones. `wind_enu_mps` is for information: the plugin applies the
+    drag. The same arguments give the same bytes. Raises `ValueError` if two aircraft have one name or a number is not
+    finite, `KeyError` for an unknown airframe, and what `make_city_model` raises.
+    """
+    everyone = [*aircraft, *mirrored]
+    if len({one.vehicle for one in everyone}) < len(everyone):
+        raise ValueError("each aircraft needs an id of its own")
+    folder.mkdir(parents=True, exist_ok=True)
+    sdf = Element("sdf", version=VERSION)
+    world = add(sdf, "world", name=WORLD)
+    _add_physics(world, step_s, flavour)
+    _add_place(world, origin, wind_enu_mps)
+    _add_plugins(world, flavour, plugin)
+    add_view(world, everyone, flavour == "sim")
+    world.append(_make_ground(everyone, city))
+    if city is not None:
+        world.append(make_city_model(city, folder))
+    operators = list(dict.fromkeys(one.operator for one in everyone))
+    for row, one in enumerate(everyone):
+        colour = _COLOURS[operators.index(one.operator) % len(_COLOURS)]
+        world.append(make_aircraft_model(one, colour, mirrored=row >= len(aircraft)))
+    indent(sdf)
+    file = folder / FILE
+    ElementTree(sdf).write(file, encoding="utf-8", xml_declaration=True)
+    return file
+
+
+def _add_physics(world: Element, step_s: float, flavour: Flavour) -> None:
+    """Steps of one length, as fast as possible: skyrange says when to step."""
+    physics = add(world, "physics", name="default", type="ode" if flavour == "classic" else "dart")
+    add(physics, "max_step_size", step_s)
+    add(physics, "real_time_factor", 0.0)
+    add(physics, "real_time_update_rate", 0.0)
+    if flavour == "classic":
+        ode = add(physics, "ode")
+        solver = add(ode, "solver")
+        add(solver, "type", "quick")
+        add(solver, "iters", "50")
+        constraints = add(ode, "constraints")
+        add(constraints, "cfm", 0.0)
+        add(constraints, "erp", 0.2)
+        add(constraints, "contact_max_correcting_vel", 100.0)
+        add(constraints, "contact_surface_layer", 0.0)
+
+
+def _add_place(world: Element, origin: Origin, wind_enu_mps: tuple[float, float, float]) -> None:
+    add(world, "gravity", 0.0, 0.0, -GRAVITY_MPS2)
+    add(add(world, "wind"), "linear_velocity", *wind_enu_mps)
+    add(world, "atmosphere", type="adiabatic")  # its values by default are those of sea level
+    place = add(world, "spherical_coordinates")
+    add(place, "surface_model", "EARTH_WGS84")
+    add(place, "world_frame_orientation", "ENU")
+    add(place, "latitude_deg", origin.lat_deg)
+    add(place, "longitude_deg", origin.lon_deg)
+    add(place, "elevation", origin.ellipsoid_of(origin.alt_msl_m))
+    add(place, "heading_deg", 0.0)
+
+
+def _add_plugins(world: Element, flavour: Flavour, plugin: Path | None) -> None:
+    if flavour == "sim":
+        for file, name in _SIM_SYSTEMS:
+            add(world, "plugin", filename=file, name=name)
+    if plugin is not None:
+        add(world, "plugin", filename=str(plugin), name=PLUGINS[flavour])
+
+
+def _make_ground(aircraft: Sequence[PlacedAircraft], city: City | None) -> Element:
+    """The static `<model>` of the ground; what is drawn of it reaches beyond city and aircraft."""
+    corners = [(one.east_m, one.north_m) for one in aircraft]
+    if city is not None:
+        corners += [city.bounds[:2], city.bounds[2:]]
+    reach_m = _MARGIN_M + max((abs(part) for corner in corners for part in corner), default=0.0)
+    model = Element("model", name=GROUND)
+    add(model, "static", True)
+    link = add(model, "link", name=GROUND)
+    collision = add(link, "collision", name=GROUND)
+    add_plane(collision, 2.0 * reach_m, 2.0 * reach_m)
+    add_friction(collision, HARD_MU)
+    visual = add(link, "visual", name=GROUND)
+    add_pose(visual, (0.0, 0.0, 0.0))
+    add_plane(visual, 2.0 * reach_m, 2.0 * reach_m)
+    add_material(visual, (0.42, 0.47, 0.40))
+    return model
