@@ -44,10 +44,11 @@ class ClassicPlugin : public gazebo::WorldPlugin
         }
         for (const auto &name : hello.shown)
             shown.push_back(Find(name));
-        if (const auto city = world->ModelByName("city"))
-            for (const auto &link : city->GetLinks())
+        for (const auto &model : world->Models())
+            for (const auto &link : model->GetLinks())
                 for (const auto &collision : link->GetCollisions())
-                    parts[collision->GetId()] = {false, NumberOf(link->GetName(), "building_"), kFrame};
+                    if (NumberOf(collision->GetName(), "building_") >= 0)
+                        parts[collision->GetId()] = {false, NumberOf(collision->GetName(), "building_"), kFrame};
         const auto physics = world->Physics();
         if (std::abs(physics->GetMaxStepSize() - hello.step) > 1e-9)
             throw std::runtime_error("the world's max_step_size is " + std::to_string(physics->GetMaxStepSize()));

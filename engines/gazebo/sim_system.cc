@@ -123,15 +123,13 @@ class Aircraft : public sim::System,
         }
         for (const auto &name : hello.shown)
             shown.push_back(Find(ecm, name));
-        const sim::Model city(world.ModelByName(ecm, "city"));
-        if (city.Valid(ecm))
-            for (const auto entity : city.Links(ecm))
+        ecm.Each<sim::components::Collision, sim::components::Name>(
+            [this](const sim::Entity &collision, const sim::components::Collision *, const sim::components::Name *name)
             {
-                const sim::Link link(entity);
-                const auto name = link.Name(ecm);
-                for (const auto collision : link.Collisions(ecm))
-                    parts[collision] = {false, NumberOf(name ? *name : "", "building_"), kFrame};
-            }
+                if (NumberOf(name->Data(), "building_") >= 0)
+                    parts[collision] = {false, NumberOf(name->Data(), "building_"), kFrame};
+                return true;
+            });
         ReadStates(ecm);
         exchange->connection.SendReady(GZ_SIM_VERSION_FULL, Physics(ecm));
     }

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +39,6 @@ class GazeboFleet(LockstepFleet):
     """A fleet moved by one Gazebo (contract: `contracts.components.SimulatorEngine`)."""
 
     source = Source.SIMULATOR
-    repeatable: Literal["bytes", "outcome"] = "outcome"
 
     def __init__(self, context: AutopilotContext, options: GazeboOptions) -> None:
         """Find ArduCopter, Gazebo and the plugin; none of them is left running.
@@ -53,6 +52,7 @@ class GazeboFleet(LockstepFleet):
         self._gazebo_options = options
         if options.window:
             find_window(self._gazebo)
+            self.repeatable = "outcome"  # who uses the window may move things
         if options.master_port:
             take_port(options.master_port, MASTER_PORT)
         own = set(self.vehicles)
@@ -155,7 +155,7 @@ class GazeboFleet(LockstepFleet):
             self._plugin,
         )
         hello = encode_hello(
-            [_described(spec) for spec in self._specs],
+            [describe_aircraft(spec) for spec in self._specs],
             [model_name(spec.vehicle) for spec in self._shown_specs],
             step_s,
             steps,
@@ -182,7 +182,8 @@ def _placed(spec: VehicleSpec) -> PlacedAircraft:
     return PlacedAircraft(spec.vehicle, operator, spec.airframe, *spec.home_enu_m, spec.heading_deg)
 
 
-def _described(spec: VehicleSpec) -> Aircraft:
+def describe_aircraft(spec: VehicleSpec) -> Aircraft:
+    """What the plugin is told of an aircraft."""
     airframe = AIRFRAMES[spec.airframe]
     drag = 0.5 * AIR_DENSITY_KGM3 * airframe.drag_area_m2
     return Aircraft(
