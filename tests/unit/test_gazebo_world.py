@@ -23,8 +23,8 @@ from skyrange.city.downtown import downtown_grid
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
-from skyrange.vehicle.gazebo.building_models import box_of, make_city_model, prism_of, stl_bytes
-from skyrange.vehicle.gazebo.names import CITY, GROUND, building_name, model_name
+from skyrange.vehicle.gazebo.building_models import box_of, make_city_models, prism_of, stl_bytes
+from skyrange.vehicle.gazebo.names import GROUND, building_name, city_name, model_name
 from skyrange.vehicle.gazebo.sdf_elements import bar_between, format_numbers
 from skyrange.vehicle.gazebo.world_file import FILE, write_world
 from skyrange.vehicle.gazebo.world_view import add_view, camera_place
@@ -97,10 +97,10 @@ def test_a_model_has_the_vehicles_name():
 
 @given(st.lists(st.one_of(st.text("ab/._~:6", min_size=1), st.text(min_size=1)), unique=True, min_size=2, max_size=8))
 def test_names_are_unique_and_valid(vehicles: list[str]):
-    names = [model_name(vehicle) for vehicle in [*vehicles, CITY, GROUND, "world"]]
+    names = [model_name(vehicle) for vehicle in [*vehicles, city_name(0), GROUND, "world"]]
     assert len(set(names)) >= len(vehicles)
     assert len({model_name(vehicle) for vehicle in vehicles}) == len(vehicles)
-    assert not {CITY, GROUND, "world"}.intersection(names)
+    assert not {city_name(0), GROUND, "world"}.intersection(names)
     assert all("::" not in name and name.isascii() and name.isprintable() for name in names)
     assert not any(name.startswith("_") or " " in name for name in names)
 
@@ -261,8 +261,10 @@ def test_a_mesh_file_is_the_prism():
 def test_buildings_stand_where_the_city_says(tmp_path: Path):
     far = shapely.affinity.translate(L_SHAPE, 800.123, -400.5)
     city = City([Building("a", 30.0, shapely.box(5, 5, 15, 25), base_m=20.0), Building("b", 12.5, far)], "by hand")
-    model = make_city_model(city, tmp_path)
-    box, mesh = model.findall("link")
+    models = make_city_models(city, tmp_path)
+    assert [one.get("name") for one in models] == [city_name(0), city_name(1)]  # far apart
+    assert [one.findtext("static") for one in models] == ["true", "true"]
+    box, mesh = (link for one in models for link in one.findall("link"))
     assert [one.get("name") for one in (box, mesh)] == [building_name(0), building_name(1)]
     assert numbers(box, "pose")[:3] == [10.0, 15.0, 25.0]
     assert sorted(numbers(box, "collision/geometry/box/size")) == [10.0, 10.0, 20.0]
@@ -321,9 +323,10 @@ def test_the_ground_reaches_beyond_the_city(tmp_path: Path):
     world = world_of(make_world(tmp_path, city))
     east_m, north_m = numbers(world, "model[@name='ground']/link/visual/geometry/plane/size")
     assert 0.5 * min(east_m, north_m) > max(map(abs, city.bounds))
-    links = world.findall("model[@name='city']/link")
-    assert len(links) == len(city)
-    for building, link in zip(city.buildings, links, strict=True):
+    links = {link.get("name"): link for link in world.iterfind("model/link")}
+    assert len(world.findall("model")) > 1 + len(FLEET) + len(SHADOW) + 1  # several tiles
+    for index, building in enumerate(city.buildings):
+        link = links[building_name(index)]
         east, north, up, *_ = numbers(link, "pose")
         assert city.inside(east, north, up) is building
 

@@ -1,4 +1,8 @@
-"""Model of a city for Gazebo: one link per building, a box or a mesh, and the files of the meshes."""
+"""Models of a city for Gazebo: one link per building, a box or a mesh, and the files of the meshes.
+
+Gazebo 11 looks for contacts model by model, so the buildings of each tile are a model of their own: an aircraft is only
+compared with the buildings of its tile.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from numpy.typing import NDArray
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.names import CITY, building_name
+from skyrange.vehicle.gazebo.names import building_name, city_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     Colour,
     Point,
@@ -31,6 +35,8 @@ HARD_MU: Final = 100.0
 _RECTANGLE_M: Final = 0.03
 """How far the walls of a building may be within its enclosing rectangle for it to be a box."""
 _SHADES: Final[tuple[Colour, ...]] = ((0.72, 0.68, 0.62), (0.65, 0.63, 0.62), (0.76, 0.73, 0.70), (0.60, 0.58, 0.55))
+_TILE_M: Final = 100.0
+"""Side of a tile."""
 _STL_HEADER: Final = b"skyrange building, metres".ljust(80, b" ")
 _FACET: Final = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -49,13 +55,14 @@ class Box(NamedTuple):
     """Radians counter-clockwise from east."""
 
 
-def make_city_model(city: City, folder: Path) -> Element:
-    """The static `<model>` of a city; meshes of buildings that are not boxes are written into `folder`.
+def make_city_models(city: City, folder: Path) -> list[Element]:
+    """The static `<model>` of each tile of a city, with the buildings whose middle lies in it.
+
+    Meshes of buildings that are not boxes are written into `folder`.
 
     Raises `InputError` for such a building if the installed shapely cannot triangulate, and `OSError`.
     """
-    model = Element("model", name=CITY)
-    add(model, "static", True)
+    models: dict[tuple[int, int], Element] = {}
     for index, building in enumerate(city.buildings):
         box = box_of(building.shape)
         mesh = None if box is not None else folder.resolve() / f"{building_name(index)}.stl"
@@ -65,7 +72,11 @@ def make_city_model(city: City, folder: Path) -> Element:
             assert mesh is not None
             place = _anchor(building)
             mesh.write_bytes(stl_bytes(prism_of(building) - place))
-        link = add(model, "link", name=building_name(index))
+        tile = (math.floor(place[0] / _TILE_M), math.floor(place[1] / _TILE_M))
+        if tile not in models:
+            models[tile] = Element("model", name=city_name(len(models)))
+            add(models[tile], "static", True)
+        link = add(models[tile], "link", name=building_name(index))
         add_pose(link, place, yaw=0.0 if box is None else box.yaw)
         for tag in ("collision", "visual"):
             part = add(link, tag, name=building_name(index))
@@ -77,7 +88,7 @@ def make_city_model(city: City, folder: Path) -> Element:
                 add_friction(part, HARD_MU)
             else:
                 add_material(part, _SHADES[index % len(_SHADES)])
-    return model
+    return list(models.values())
 
 
 def box_of(shape: Any) -> Box | None:

@@ -11,13 +11,12 @@ BODY: Final = "body"
 """The one link of an aircraft; its collisions are `FRAME` and those of `rotor_name`."""
 FRAME: Final = "frame"
 """Collision of an aircraft without its rotors."""
-CITY: Final = "city"
-"""Model of all buildings; its links, and the collision of each, have the names that `building_name` gives."""
 GROUND: Final = "ground"
 """Model of the ground, its link and its collision."""
 
 _NOT_FREE: Final = re.compile(r"[^A-Za-z0-9_/-]")
-_RESERVED: Final = (CITY, GROUND, "world")  # the last one by SDFormat
+_RESERVED: Final = re.compile(rf"city_\d+|{GROUND}|world|_.*")
+"""Names of other models, and those that SDFormat keeps for itself (`world`, `__model__`)."""
 _ESCAPE: Final = "~"
 
 
@@ -30,7 +29,7 @@ def model_name(vehicle: str) -> str:
     if not vehicle:
         raise ValueError("a vehicle needs an id")
     name = _NOT_FREE.sub(_escape, vehicle).replace("/", ".")
-    if name in _RESERVED or name.startswith("_"):  # SDFormat reserves names such as __model__
+    if _RESERVED.fullmatch(name):
         return _escape(name[0]) + name[1:]
     return name
 
@@ -40,8 +39,13 @@ def rotor_name(rotor: int) -> str:
     return f"rotor_{rotor}"
 
 
+def city_name(tile: int) -> str:
+    """Name of the model of the buildings of one tile, counted from 0."""
+    return f"city_{tile}"
+
+
 def building_name(index: int) -> str:
-    """Name of the link and of the collision of `city.buildings[index]`."""
+    """Name of the link and of the collision of `city.buildings[index]`, unique in the world whatever its tile."""
     return f"building_{index}"
 
 

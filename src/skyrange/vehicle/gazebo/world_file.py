@@ -10,7 +10,7 @@ from xml.etree.ElementTree import Element, ElementTree, indent
 from skyrange.city.city import City
 from skyrange.core.geodesy import Origin
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
-from skyrange.vehicle.gazebo.building_models import HARD_MU, make_city_model
+from skyrange.vehicle.gazebo.building_models import HARD_MU, make_city_models
 from skyrange.vehicle.gazebo.names import GROUND, WORLD
 from skyrange.vehicle.gazebo.sdf_elements import (
     VERSION,
@@ -65,7 +65,7 @@ def write_world(
 
     Gazebo moves `aircraft`; it only shows `mirrored` ones. `wind_enu_mps` is for information: the plugin applies the
     drag. The same arguments give the same bytes. Raises `ValueError` if two aircraft have one name or a number is not
-    finite, `KeyError` for an unknown airframe, and what `make_city_model` raises.
+    finite, `KeyError` for an unknown airframe, and what `make_city_models` raises.
     """
     everyone = [*aircraft, *mirrored]
     if len({one.vehicle for one in everyone}) < len(everyone):
@@ -79,7 +79,7 @@ def write_world(
     add_view(world, everyone, flavour == "sim")
     world.append(_make_ground(everyone, city))
     if city is not None:
-        world.append(make_city_model(city, folder))
+        world.extend(make_city_models(city, folder))
     operators = list(dict.fromkeys(one.operator for one in everyone))
     for row, one in enumerate(everyone):
         colour = _COLOURS[operators.index(one.operator) % len(_COLOURS)]
