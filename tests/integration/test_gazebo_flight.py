@@ -101,14 +101,16 @@ def test_all_kinds_fly_their_missions_in_one_run(flown: RunRecord) -> None:
     }  # fmt: skip
 
 
-def test_in_gazebo_it_flies_as_in_the_physics_of_the_range(flown: RunRecord) -> None:
-    truth = flown.table("truth").to_pandas()
-    one = truth[truth["vehicle"] == "op/g0"][["east_m", "north_m", "up_m"]].to_numpy()
-    other = truth[truth["vehicle"] == "op/a1"][["east_m", "north_m", "up_m"]].to_numpy() - (20.0, 0.0, 0.0)
-    # each has its own turbulence
-    assert np.linalg.norm(one - other, axis=1).max() < 1.5
-    assert one[:, 2].max() == pytest.approx(other[:, 2].max(), abs=0.3)
-    assert one[-1, 2] == pytest.approx(0.0, abs=0.01)
+def test_in_gazebo_it_flies_as_in_the_physics_of_the_range(tmp_path: Path) -> None:
+    air = {"speed_mps": 4.0, "from_deg": 270.0, "turbulence": "light"}
+    tracks = []
+    for kind in ("gazebo", "ardupilot"):
+        one = vehicle("one", kind, [0.0, 0.0], [[0.0, 10.0], [10.0, 0.0]], alt_m=8.0)
+        truth = fly(scenario([one], 35.0, wind=air), tmp_path / kind).table("truth").to_pandas()
+        tracks.append(truth[["east_m", "north_m", "up_m"]].to_numpy())
+    # same turbulence: what remains is one tick of delay, and how the gear grips the ground
+    assert np.linalg.norm(tracks[0] - tracks[1], axis=1).max() < 0.25
+    assert np.ptp(tracks[0], axis=0).min() > 7.0
 
 
 def test_the_same_twice_to_the_byte(flown: RunRecord, tmp_path: Path) -> None:
