@@ -1,11 +1,11 @@
 // A system plugin of Gazebo Sim (Harmonic or newer) that moves skyrange's aircraft, in lockstep with skyrange.
 // SPDX-License-Identifier: MIT
+#include <iostream>
 #include <memory>
 #include <string>
 #include <unordered_map>
 #include <vector>
 
-#include <gz/common/Console.hh>
 #include <gz/math/Pose3.hh>
 #include <gz/msgs/contact.pb.h>
 #include <gz/msgs/contacts.pb.h>
@@ -20,7 +20,7 @@
 #include <gz/sim/components/Link.hh>
 #include <gz/sim/components/Name.hh>
 #include <gz/sim/components/ParentEntity.hh>
-#include <gz/sim/components/Physics.hh>
+#include <gz/sim/components/PhysicsEnginePlugin.hh>
 #include <gz/sim/config.hh>
 
 #include "exchange.h"
@@ -44,7 +44,7 @@ class Aircraft : public sim::System,
         world = sim::World(entity);
         started = Connection::IsThere();
         if (!started)
-            gzwarn << "skyrange: it has not started this Gazebo, so its aircraft stay at rest" << std::endl;
+            std::cerr << "skyrange: it has not started this Gazebo, so its aircraft stay at rest" << std::endl;
     }
 
     void PreUpdate(const sim::UpdateInfo &info, sim::EntityComponentManager &ecm) override
@@ -201,7 +201,7 @@ class Aircraft : public sim::System,
 
     [[noreturn]] void Fail(const std::exception &error)
     {
-        gzerr << "skyrange: " << error.what() << std::endl;
+        std::cerr << "skyrange: " << error.what() << std::endl;
         if (exchange)
             exchange->connection.SendFailed(error.what());
         else
