@@ -42,7 +42,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Install autopilots, radio engines and Gazebo's plugin in your data folder.\n\nExample: skyrange install ardupilot",
+    help="Install autopilots, radio engines and Gazebo's plugin in your data folder.\n\n"
+    "Example: skyrange install ardupilot",
     no_args_is_help=True,
 )
 app.add_typer(live_app.commands)
