@@ -221,6 +221,19 @@ def test_flags_are_looked_for_beside_the_program(
     assert Path(f"{root}/bin/pkg-config.path").read_text().strip() == str(root / "lib" / "pkgconfig")
 
 
+def test_what_the_headers_of_sim_use_besides_is_added_where_it_is_known(
+    sources: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pkg_config = server().path.with_name("pkg-config")
+    monkeypatch.setenv("PKG_CONFIG", str(pkg_config))
+    cases = '"--modversion gz-sim8") echo 8.9.0;;\n"--cflags --libs gz-sim8") echo -lgz-sim8;;\n'
+    pkg_config.write_text(PKG_CONFIG.format(cases=cases))
+    assert find_headers(SIM).flags == ("-lgz-sim8",)
+    cases += '"--exists spdlog") exit 0;;\n"--cflags --libs gz-sim8 spdlog") echo -lgz-sim8 -lspdlog;;\n'
+    pkg_config.write_text(PKG_CONFIG.format(cases=cases))
+    assert find_headers(SIM).flags == ("-lgz-sim8", "-lspdlog")
+
+
 def test_a_prefix_without_a_gazebo_is_refused(sources: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"--prefix.*bin/gz or bin/gzserver"):
         find_installed(tmp_path)
@@ -232,6 +245,7 @@ def test_a_prefix_without_a_gazebo_is_refused(sources: Path, tmp_path: Path) -> 
         ("echo '\033[1;31m[Err] \033[0mFailed to load plugin a: no file'; sleep 300", "Failed to load plugin a"),
         ("echo 'Failed to load system plugin: (Reason: No plugins detected in library)'; sleep 300", "No plugins"),
         ("echo nonsense; exit 3", r"ended \(exit 3\).*nonsense"),
+        ("echo gz: error while loading shared libraries: a.so; exit 1", "Set LD_LIBRARY_PATH to the folder"),
         ("exit 0", r"ended \(exit 0\).*printed nothing"),
         ("echo busy; sleep 300", r"not loaded it within 1 s.*busy"),
     ],

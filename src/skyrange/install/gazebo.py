@@ -17,10 +17,12 @@ from skyrange.vehicle.gazebo.program.plugin_library import LIBRARY, NAME, plugin
 from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
 
 WHO: Final = "Gazebo plugin"
-TESTED: Final = ("11.1",)
+TESTED: Final = ("11.1", "10.4")
 """Releases (major and minor) with which the plugin is tested."""
 ANSWER_S: Final = 30.0
 """Wall time within which pkg-config must answer."""
+_BESIDE: Final = "spdlog"
+"""What the headers of Gazebo Sim 9 and newer use besides, without that its package in pkg-config says so."""
 _FOLDERS: Final = ("lib/pkgconfig", "lib64/pkgconfig", "lib/*-linux-gnu*/pkgconfig", "share/pkgconfig")
 
 
@@ -86,7 +88,10 @@ def find_headers(gazebo: Gazebo, prefix: Path | None = None) -> GazeboHeaders:
         if version.partition(".")[0] != str(gazebo.major):
             others.append(f"headers of {version}")
             continue
-        return GazeboHeaders(package, version, _flags(program, search, package))
+        names = [package]
+        if gazebo.flavour == Flavour.SIM and _ask(program, search, "--exists", _BESIDE).ended == "exit 0":
+            names.append(_BESIDE)
+        return GazeboHeaders(package, version, _flags(program, search, *names))
     value = ", ".join(others) or f"pkg-config does not know {' or '.join(packages)}"
     expected = f"headers and libraries for {gazebo.title} ({gazebo.path})"
     raise InputError.one(WHO, "headers", value, expected, _how_to_get_headers(gazebo))
@@ -109,13 +114,13 @@ def _ask(program: Path, search: str, *arguments: str) -> ProgramOutput:
         raise InputError.one(WHO, "pkg-config", problem, "an answer", "The variable PKG_CONFIG names it") from None
 
 
-def _flags(program: Path, search: str, package: str) -> tuple[str, ...]:
-    """The flags of a package; libraries outside of the system's folders are found at run time too."""
-    answer = _ask(program, search, "--cflags", "--libs", package)
+def _flags(program: Path, search: str, *packages: str) -> tuple[str, ...]:
+    """The flags of packages; libraries outside of the system's folders are found at run time too."""
+    answer = _ask(program, search, "--cflags", "--libs", *packages)
     if answer.ended != "exit 0":
         problem = " | ".join(line for line in answer.text.splitlines() if line.strip())
         hint = "Install the missing package; on Debian, those named -dev"
-        raise InputError.one(WHO, "headers", problem, f"{package} with all that it requires", hint)
+        raise InputError.one(WHO, "headers", problem, f"{packages[0]} with all that it requires", hint)
     flags = shlex.split(answer.text)
     return (*flags, *dict.fromkeys(f"-Wl,-rpath,{flag[2:]}" for flag in flags if flag.startswith("-L/")))
 

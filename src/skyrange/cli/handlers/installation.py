@@ -119,8 +119,8 @@ def install_gazebo(prefix: Path | None, as_json: bool) -> None:
         print_notice(f"{gazebo.title} is not a tested release; tested: {', '.join(TESTED)}")
     try:
         first = find_gazebo()
-    except InputError as error:
-        print_notice(f"without --prefix skyrange does not find it: {error}")
+    except InputError:
+        print_notice(f"for runs in it set SKYRANGE_GAZEBO={gazebo.path}")
         return
     if first.path != gazebo.path:
         print_notice(f"skyrange runs a different Gazebo: {first.title}, {first.path} ({first.source})")

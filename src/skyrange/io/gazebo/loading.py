@@ -16,6 +16,7 @@ WORLD: Final = "world.sdf"
 _LOOK_S: Final = 0.05
 _LINES: Final = 100
 _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
+_NO_LIBRARY: Final = "error while loading shared libraries"
 _FAILURE: Final = re.compile(
     r"^.*(?:Failed to load (?:system )?plugin|Error while loading the library|Error parsing XML"
     r"|Unable to read .*file|Unable to start server).*$",
@@ -62,7 +63,8 @@ def _wait(who: str, title: str, program: Program, loaded: str, deadline_s: float
             raise ComponentError(who, f"{title} does not load it: {failure}")
         last = " | ".join(said.splitlines()[-3:]) or "it printed nothing"
         if ended:
-            raise ComponentError(who, f"{title} ended ({ended}) before it had loaded it: {last}")
+            hint = "Set LD_LIBRARY_PATH to the folder of its libraries" if _NO_LIBRARY in said else ""
+            raise ComponentError(who, f"{title} ended ({ended}) before it had loaded it: {last}", hint)
         if time.monotonic() > until:
             raise ComponentError(who, f"{title} has not loaded it within {deadline_s:g} s of wall time: {last}")
         time.sleep(_LOOK_S)
