@@ -9,6 +9,7 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.vehicle.ardupilot.program.arducopter_binary import VARIABLE, Binary, find_binary
+from tests.own_processes import find_own
 
 
 def _look() -> tuple[Binary | None, str]:
@@ -30,23 +31,7 @@ NAMED = bool(os.environ.get(VARIABLE))
 
 def programs() -> set[int]:
     """The process ids of all ArduPilots that descend from us, and of orphans."""
-    parents, found = {}, set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                command = (entry / "cmdline").read_bytes().split(b"\0")
-                state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
-            except OSError:
-                continue
-            parents[int(entry.name)] = int(parent)
-            if command[1:2] == [b"--model"] and state != "Z":
-                found.add(int(entry.name))
-
-    def ours(pid: int) -> bool:
-        above = parents.get(pid, 0)
-        return above == os.getpid() or (above > 1 and ours(above))
-
-    return {pid for pid in found if parents[pid] == 1 or ours(pid)}
+    return find_own(lambda command: command[1:2] == [b"--model"])
 
 
 def listening(pids: set[int]) -> set[str]:

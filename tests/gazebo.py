@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import pytest
 
 from skyrange.core.errors import InputError
@@ -12,6 +9,7 @@ from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
 from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo
 from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
 from tests.ardupilot import WHY_NOT as NO_ARDUCOPTER
+from tests.own_processes import find_own
 
 
 def _look() -> tuple[Gazebo | None, str]:
@@ -32,16 +30,5 @@ needs_gazebo = pytest.mark.external(missing=_MISSING)
 
 
 def simulators() -> set[int]:
-    """The process ids of all Gazebos of this user that a world of skyrange was given."""
-    found = set()
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                words = (entry / "cmdline").read_bytes().split(b"\0")
-                state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
-                own = entry.stat().st_uid == os.getuid()
-            except OSError:
-                continue
-            if own and state != "Z" and any(b"skyrange-gazebo-world-" in word for word in words):
-                found.add(int(entry.name))
-    return found
+    """The process ids of all Gazebos with a world of skyrange that descend from us, and of orphans."""
+    return find_own(lambda command: any(b"skyrange-gazebo-world-" in word for word in command))

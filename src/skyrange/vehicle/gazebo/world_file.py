@@ -72,6 +72,8 @@ def write_world(
         raise ValueError("each aircraft needs an id of its own")
     folder.mkdir(parents=True, exist_ok=True)
     sdf = Element("sdf", version=VERSION)
+    if flavour == "sim":
+        sdf.set("xmlns:gz", "http://gazebosim.org/schema")
     world = add(sdf, "world", name=WORLD)
     _add_physics(world, step_s, flavour)
     _add_place(world, origin, wind_enu_mps)
@@ -123,6 +125,7 @@ def _add_place(world: Element, origin: Origin, wind_enu_mps: tuple[float, float,
 
 def _add_plugins(world: Element, flavour: Flavour, plugin: Path | None) -> None:
     if flavour == "sim":
+        add(add(world, "gz:policies"), "include_server_config_plugins", False)  # the user's own would be added
         for file, name in _SIM_SYSTEMS:
             add(world, "plugin", filename=file, name=name)
     if plugin is not None:
