@@ -156,7 +156,7 @@ def test_collisions_stand_on_the_gear_and_enclose_the_rotors(airframe):
         assert math.hypot(x, y) + airframe.propeller_m <= airframe.radius_m + 1e-12
     assert tops == pytest.approx([airframe.height_m] * 4)
     assert {one.text for one in link.iter("mu")} == {one.text for one in link.iter("mu2")} == {str(airframe.friction)}
-    assert [one.get("name") for one in link.findall("visual")].count("rotor_0") == 1
+    assert [one.get("name") for one in link.findall("visual")].count("rotor_0_visual") == 1
 
 
 def test_a_mirrored_aircraft_only_shows():
@@ -177,7 +177,8 @@ def test_the_nose_is_drawn_in_another_colour():
         for one in model.iter("visual")
         if one.get("name", "").startswith("rotor")
     }
-    assert colours["rotor_0"] == colours["rotor_2"] != colours["rotor_1"] == colours["rotor_3"]
+    front, rear, left, right = (colours[f"rotor_{k}_visual"] for k in range(4))
+    assert front == left != rear == right
 
 
 @given(st.tuples(metres, metres, metres), st.tuples(metres, metres, metres))
@@ -331,6 +332,16 @@ def test_the_ground_reaches_beyond_the_city(tmp_path: Path):
         assert city.inside(east, north, up) is building
 
 
+@pytest.mark.parametrize("flavour", ["classic", "sim"])
+def test_the_names_of_siblings_differ(tmp_path: Path, flavour: str):
+    city = City([*downtown_grid((2, 2)).buildings, Building("court", 20.0, COURT)], "both")
+    for parent in world_of(make_world(tmp_path, city, flavour)).iter():
+        if parent.tag in ("world", "model", "link"):
+            names = [child.get("name") for child in parent if child.tag not in ("plugin", "physics")]
+            names = [name for name in names if name is not None]
+            assert len(set(names)) == len(names), parent.get("name")
+
+
 def test_aircraft_of_one_name_are_refused(tmp_path: Path):
     with pytest.raises(ValueError, match="id of its own"):
         make_world(tmp_path, mirrored=FLEET[:1])
@@ -356,8 +367,8 @@ def test_the_window_of_gazebo_sim_starts_at_the_camera(tmp_path: Path):
 
 # ---------------------------------------------------------------- Gazebo itself
 
-GZ = os.environ.get("SKYRANGE_GAZEBO") or shutil.which("gz")
-"""The program `gz`, or the folder that has it."""
+NAMED = Path(os.environ.get("SKYRANGE_GAZEBO", ""))
+GZ = str(NAMED) if NAMED.name == "gz" else shutil.which("gz")
 NO_GAZEBO = "" if GZ else "gz is not on the PATH, and SKYRANGE_GAZEBO does not name it"
 
 
@@ -366,8 +377,7 @@ NO_GAZEBO = "" if GZ else "gz is not on the PATH, and SKYRANGE_GAZEBO does not n
 def test_gazebos_own_parser_accepts_the_world(tmp_path: Path, flavour: str):
     city = City([*downtown_grid((2, 2)).buildings, Building("court", 20.0, COURT)], "both")
     file = make_world(tmp_path, city, flavour)
-    program = Path(str(GZ)) / "gz" if Path(str(GZ)).is_dir() else Path(str(GZ))
-    answer = subprocess.run([program, "sdf", "-k", file], capture_output=True, text=True, timeout=60, check=False)
+    answer = subprocess.run([str(GZ), "sdf", "-k", file], capture_output=True, text=True, timeout=60, check=False)
     said = answer.stdout + answer.stderr
     assert answer.returncode == 0, said
     assert "Valid" in said or "Check complete" in said

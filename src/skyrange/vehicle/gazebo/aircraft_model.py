@@ -10,7 +10,7 @@ import math
 from typing import Final, NamedTuple
 from xml.etree.ElementTree import Element
 
-from skyrange.vehicle.gazebo.names import BODY, FRAME, model_name, rotor_name
+from skyrange.vehicle.gazebo.names import BODY, FRAME, model_name, rotor_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     Colour,
     Point,
@@ -117,7 +117,7 @@ def _add_visuals(link: Element, airframe: Airframe, colour: Colour) -> None:
     add_material(hull, colour)
     for rotor, place in enumerate(_rotor_places(airframe)):
         ahead = airframe.rotors[rotor].forward_m > 0.0
-        disc = add(link, "visual", name=rotor_name(rotor))
+        disc = add(link, "visual", name=visual_name(rotor_name(rotor)))
         add_pose(disc, place)
         add_cylinder(disc, airframe.propeller_m, 0.25 * ROTOR_M)
         add(disc, "transparency", 0.35)

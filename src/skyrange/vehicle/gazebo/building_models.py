@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.errors import InputError
-from skyrange.vehicle.gazebo.names import building_name, city_name
+from skyrange.vehicle.gazebo.names import building_name, city_name, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     Colour,
     Point,
@@ -79,7 +79,8 @@ def make_city_models(city: City, folder: Path) -> list[Element]:
         link = add(models[tile], "link", name=building_name(index))
         add_pose(link, place, yaw=0.0 if box is None else box.yaw)
         for tag in ("collision", "visual"):
-            part = add(link, tag, name=building_name(index))
+            name = building_name(index)
+            part = add(link, tag, name=name if tag == "collision" else visual_name(name))
             if box is not None:
                 add_box(part, (box.length_m, box.width_m, building.height_m - building.base_m))
             else:

@@ -52,3 +52,8 @@ def building_name(index: int) -> str:
 def _escape(found: re.Match[str] | str) -> str:
     character = found if isinstance(found, str) else found.group()
     return f"{_ESCAPE}{ord(character):x}{_ESCAPE}"
+
+
+def visual_name(part: str) -> str:
+    """Name of what is drawn of a collision: SDFormat wants the names of siblings to differ."""
+    return f"{part}_visual"

@@ -11,7 +11,7 @@ from skyrange.city.city import City
 from skyrange.core.geodesy import Origin
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft, make_aircraft_model
 from skyrange.vehicle.gazebo.building_models import HARD_MU, make_city_models
-from skyrange.vehicle.gazebo.names import GROUND, WORLD
+from skyrange.vehicle.gazebo.names import GROUND, WORLD, visual_name
 from skyrange.vehicle.gazebo.sdf_elements import (
     VERSION,
     Colour,
@@ -144,7 +144,7 @@ def _make_ground(aircraft: Sequence[PlacedAircraft], city: City | None) -> Eleme
     collision = add(link, "collision", name=GROUND)
     add_plane(collision, 2.0 * reach_m, 2.0 * reach_m)
     add_friction(collision, HARD_MU)
-    visual = add(link, "visual", name=GROUND)
+    visual = add(link, "visual", name=visual_name(GROUND))
     add_pose(visual, (0.0, 0.0, 0.0))
     add_plane(visual, 2.0 * reach_m, 2.0 * reach_m)
     add_material(visual, (0.42, 0.47, 0.40))
