@@ -8,9 +8,11 @@ range's; forces are those of `world.multirotor`; motion and contacts are Gazebo'
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,20 +20,24 @@ from skyrange.city.city import City
 from skyrange.codec.gazebo_protocol import INPUT_NUMBERS, POSE_NUMBERS, Aircraft, Stepped, encode_hello
 from skyrange.contracts.components import BodyInputs, Contacts, Finished, Poses, Sensors, Source
 from skyrange.contracts.mailboxes import Inbox
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.io.gazebo.master_port import take_port
 from skyrange.io.gazebo.simulator import GazeboSimulator
 from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS
+from skyrange.vehicle.ardupilot.program.arducopter_binary import find_binary
 from skyrange.vehicle.contract import AutopilotContext, VehicleSpec
 from skyrange.vehicle.gazebo.aircraft_model import PlacedAircraft
 from skyrange.vehicle.gazebo.names import model_name
 from skyrange.vehicle.gazebo.options import GazeboOptions
+from skyrange.vehicle.gazebo.program.gazebo_commands import Gazebo
 from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window, window_command
 from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
 from skyrange.vehicle.gazebo.world_file import write_world
 from skyrange.world.airframes import AIR_DENSITY_KGM3, AIRFRAMES, MOTORS
 
+T = TypeVar("T")
 MASTER_PORT = "options.gazebo.master_port"
 
 
@@ -45,16 +51,12 @@ class GazeboFleet(LockstepFleet):
 
         Raises `InputError` if one of them is missing or too old, a port is in use, or a parameter is wrong.
         """
+        self._gazebo, self._plugin = _find_programs(options)
         super().__init__(context.name, context.specs, context.origin, context.epoch, options)
         self.moves = self.vehicles
-        self._gazebo = find_gazebo()
-        self._plugin = find_plugin(self._gazebo)
         self._gazebo_options = options
         if options.window:
-            find_window(self._gazebo)
             self.repeatable = "outcome"  # who uses the window may move things
-        if options.master_port:
-            take_port(options.master_port, MASTER_PORT)
         own = set(self.vehicles)
         self._shown = [row for row, spec in enumerate(context.fleet) if spec.vehicle not in own]
         """World rows of the aircraft that Gazebo shows and others move."""
@@ -175,6 +177,29 @@ class GazeboFleet(LockstepFleet):
             self._gazebo_folder.cleanup()
             self._gazebo_folder = None
         super().close()
+
+
+def _find_programs(options: GazeboOptions) -> tuple[Gazebo, Path]:
+    """Gazebo and the plugin for it. Raises `InputError` with all that is missing, of ArduCopter too."""
+    problems: list[Problem] = []
+
+    def seek(find: Callable[[], T]) -> T | None:
+        try:
+            return find()
+        except InputError as error:
+            problems.extend(replace(fault, where=f"{error.who}: {fault.where}") for fault in error.problems)
+            return None
+
+    seek(find_binary)
+    gazebo = seek(find_gazebo)
+    plugin = None if gazebo is None else seek(lambda: find_plugin(gazebo))
+    if gazebo is not None and options.window:
+        seek(lambda: find_window(gazebo))
+    if options.master_port:
+        seek(lambda: take_port(options.master_port, MASTER_PORT))
+    if gazebo is None or plugin is None or problems:
+        raise InputError("autopilot gazebo", problems)
+    return gazebo, plugin
 
 
 def _placed(spec: VehicleSpec) -> PlacedAircraft:

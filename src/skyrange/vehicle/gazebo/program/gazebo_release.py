@@ -30,7 +30,7 @@ ANSWER_S: Final = 20.0
 """Wall time within which a program must tell its version; `gz` starts Ruby, on a busy machine in seconds."""
 EXPECTED: Final = f"Gazebo Sim {OLDEST['sim']} (Harmonic) or newer, or Gazebo {OLDEST['classic']}"
 HOW_TO_GET: Final = (
-    "On Ubuntu or Debian with the packages of packages.osrfoundation.org: sudo apt-get install gz-harmonic; "
+    "On Ubuntu or Debian with the packages of gazebosim.org: sudo apt-get install gz-harmonic; "
     "on Debian 11 or Ubuntu 22.04: sudo apt-get install gazebo libgazebo-dev. "
     f"For one elsewhere set {VARIABLE} to the path of its gz or gzserver"
 )
