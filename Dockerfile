@@ -158,17 +158,17 @@ RUN apt-get update; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log
 ENV PATH=/opt/gazebo/bin:$PATH \
     LD_LIBRARY_PATH=/opt/gazebo/lib \
-    CMAKE_PREFIX_PATH=/opt/gazebo
+    PKG_CONFIG_PATH=/opt/gazebo/lib/pkgconfig
 USER 10001:10001
 
 FROM gazebo-packages AS gazebo-builder
 # hadolint ignore=DL3002
 USER 0:0
-# Packages with the headers, beside those that a folder has.
+# Packages with Gazebo's headers, which a built folder has.
 ARG GAZEBO_BUILD_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
 RUN apt-get update; \
-    apt-get install --yes --no-install-recommends cmake g++ make pkg-config $GAZEBO_BUILD_PACKAGES; \
+    apt-get install --yes --no-install-recommends g++ pkg-config $GAZEBO_BUILD_PACKAGES; \
     rm -rf /var/lib/apt/lists/*; \
     mkdir --parents /opt/skyrange/share
 
