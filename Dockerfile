@@ -14,17 +14,16 @@ FROM scratch AS gazebo-tree
 
 # --- skyrange in a virtual environment, with pip, which the images do not have ---------------------------------------
 FROM ${BASE} AS builder
-SHELL ["/bin/sh", "-euxc"]
 ENV PIP_DISABLE_PIP_VERSION_CHECK=1 \
     PIP_NO_CACHE_DIR=1
 # Debian's stable release pins these packages by itself, and mends their security.
 # hadolint ignore=DL3008
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends python3 python3-pip python3-venv; \
     rm -rf /var/lib/apt/lists/*
 WORKDIR /build
 COPY requirements-image.txt requirements-build.txt ./
-RUN python3 -m venv --without-pip /opt/skyrange; \
+RUN set -eux; python3 -m venv --without-pip /opt/skyrange; \
     python3 -m pip --python /opt/skyrange/bin/python install --no-compile --only-binary :all: --require-hashes \
         -r requirements-image.txt; \
     python3 -m venv /build/tools; \
@@ -34,7 +33,7 @@ COPY engines engines
 COPY src src
 # All files get one whole second as their time: layers round times, and both Python's and numba's caches compare them.
 ARG SOURCE_DATE_EPOCH=1767225600
-RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheels .; \
+RUN set -eux; /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheels .; \
     python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-deps --no-index /build/wheels/skyrange-*.whl; \
     find /opt/skyrange/lib/python3*/site-packages -type d -name tests -prune -exec rm -r {} +; \
     find /opt/skyrange -exec touch --no-dereference --date "@$SOURCE_DATE_EPOCH" {} +; \
@@ -43,9 +42,8 @@ RUN /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build
 
 # --- base: skyrange and its report -----------------------------------------------------------------------------------
 FROM ${BASE} AS base
-SHELL ["/bin/sh", "-euxc"]
 # hadolint ignore=DL3008
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends python3; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/cache/debconf/*-old /var/log/apt /var/log/dpkg.log /var/log/alternatives.log; \
     groupadd --gid 10001 skyrange; \
@@ -64,7 +62,7 @@ ENV PATH=/opt/skyrange/bin:$PATH \
 USER 10001:10001
 WORKDIR /work
 # Compiles the numeric functions into /var/cache/skyrange, and tries the image.
-RUN skyrange run squares --out /tmp/squares; \
+RUN set -eux; skyrange run squares --out /tmp/squares; \
     skyrange pair rid-spoofing --out /tmp/pair; \
     rm -r /tmp/squares /tmp/pair; \
     chmod -R a+rwX /var/cache/skyrange /work/runs
@@ -90,11 +88,11 @@ LABEL org.opencontainers.image.title="skyrange with ArduPilot"
 # --- ns3: ns-3 from the package index, and skyrange's engine compiled against it ---------------------------------------
 FROM builder AS ns3-builder
 # hadolint ignore=DL3008
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends g++; \
     rm -rf /var/lib/apt/lists/*
 COPY requirements-engines.txt ./
-RUN python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-deps --only-binary :all: --require-hashes \
+RUN set -eux; python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-deps --only-binary :all: --require-hashes \
         -r requirements-engines.txt; \
     XDG_DATA_HOME=/opt/skyrange/share /opt/skyrange/bin/skyrange install ns3; \
     mkdir /build/ns3; \
@@ -104,7 +102,7 @@ RUN python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-d
 FROM base AS ns3
 COPY --from=ns3-builder /build/ns3/package /opt/skyrange/lib/python3.11/site-packages/ns3
 COPY --from=ns3-builder /opt/skyrange/share /opt/skyrange/share
-RUN skyrange run rid-spoofing --set 'radio.engine="ns3"' --set duration_s=5 --out /tmp/ns3; \
+RUN set -eux; skyrange run rid-spoofing --set 'radio.engine="ns3"' --set duration_s=5 --out /tmp/ns3; \
     rm -r /tmp/ns3
 LABEL org.opencontainers.image.title="skyrange with ns-3" \
       org.opencontainers.image.licenses="Apache-2.0 AND MIT AND GPL-2.0-only"
@@ -113,7 +111,7 @@ LABEL org.opencontainers.image.title="skyrange with ns-3" \
 # --- omnetpp: given the contexts omnetpp-tree and inet-tree, built on the same BASE -----------------------------------
 FROM builder AS omnetpp-builder
 # hadolint ignore=DL3008
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends g++; \
     rm -rf /var/lib/apt/lists/*
 COPY --from=omnetpp-tree . /opt/omnetpp
@@ -121,7 +119,7 @@ COPY --from=inet-tree . /opt/inet
 # Packages whose libraries the given OMNeT++ is linked with.
 ARG OMNETPP_PACKAGES="libxml2"
 # hadolint ignore=DL3008,SC2086
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $OMNETPP_PACKAGES; \
     rm -rf /var/lib/apt/lists/*; \
     XDG_DATA_HOME=/opt/skyrange/share /opt/skyrange/bin/skyrange install omnetpp --omnetpp /opt/omnetpp --inet /opt/inet; \
@@ -132,14 +130,14 @@ FROM base AS omnetpp
 USER 0:0
 ARG OMNETPP_PACKAGES="libxml2"
 # hadolint ignore=DL3008,SC2086
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $OMNETPP_PACKAGES; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log
 COPY --from=omnetpp-builder /opt/omnetpp/lib /opt/omnetpp/lib
 COPY --from=omnetpp-builder /opt/inet /opt/inet
 COPY --from=omnetpp-builder /opt/skyrange/share /opt/skyrange/share
 USER 10001:10001
-RUN skyrange run rid-spoofing --set 'radio.engine="omnetpp"' --set duration_s=5 --out /tmp/omnetpp; \
+RUN set -eux; skyrange run rid-spoofing --set 'radio.engine="omnetpp"' --set duration_s=5 --out /tmp/omnetpp; \
     rm -r /tmp/omnetpp
 LABEL org.opencontainers.image.title="skyrange with OMNeT++ and INET" \
       org.opencontainers.image.licenses="Apache-2.0 AND MIT AND LGPL-3.0-or-later AND LicenseRef-Academic-Public-License"
@@ -153,7 +151,7 @@ COPY --from=gazebo-apt . /etc/apt/
 COPY --from=gazebo-tree . /opt/gazebo/
 ARG GAZEBO_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $GAZEBO_PACKAGES; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log
 ENV PATH=/opt/gazebo/bin:$PATH \
@@ -167,7 +165,7 @@ USER 0:0
 # Packages with Gazebo's headers, which a built folder has.
 ARG GAZEBO_BUILD_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
-RUN apt-get update; \
+RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends g++ pkg-config $GAZEBO_BUILD_PACKAGES; \
     rm -rf /var/lib/apt/lists/*; \
     mkdir --parents /opt/skyrange/share

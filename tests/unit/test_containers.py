@@ -119,6 +119,14 @@ def test_what_images_install_is_what_is_tested() -> None:
     assert "hatchling" in _pins("requirements-build.txt")
 
 
+def test_a_command_that_fails_ends_the_build() -> None:
+    """`SHELL` is no instruction of images in the OCI format, which Podman builds by default."""
+    assert not re.search(r"^SHELL ", DOCKERFILE, re.MULTILINE)
+    runs = re.findall(r"^RUN (.*)$", DOCKERFILE.replace("\\\n", " "), re.MULTILINE)
+    assert len(runs) > 5
+    assert [text for text in runs if ";" in text and not text.startswith("set -eux;")] == []
+
+
 def test_nothing_but_what_is_copied_reaches_the_builder() -> None:
     ignored = (ROOT / ".dockerignore").read_text().splitlines()
     kept = {line[1:] for line in ignored if line.startswith("!")}
