@@ -89,6 +89,27 @@ def test_supervisor_and_node_receive_from_each_other() -> None:
     assert strange == 1
 
 
+@pytest.mark.parametrize("size", [CHUNK_BYTES - 1, CHUNK_BYTES])
+def test_a_whole_chunk_of_a_file_arrives_at_both_sides(size: int) -> None:
+    (public, secret), credentials = (pair := zmq.curve_keypair()), issue_credentials(pair[0])
+
+    async def talk() -> tuple[int, int]:
+        server = ZmqControlServer(Keys(public, secret, frozenset({credentials.control.public})))
+        server.open()
+        client = ZmqControlClient("blue.gcs", server.address, credentials.control)
+        client.open()
+        try:
+            await client.send("chunk", bytes(size))
+            who, _, up = await server.receive()
+            await server.send(who, "file", bytes(size))
+            return len(up), len((await client.receive())[1])
+        finally:
+            client.close()
+            server.close()
+
+    assert within(10.0, talk) == (size, size)
+
+
 @pytest.mark.parametrize("system", [RealSystem(), VirtualSystem()], ids=["real", "virtual"])
 def test_a_peer_with_another_key_is_refused_and_counted(system: System) -> None:
     (public, secret), credentials = (pair := zmq.curve_keypair()), issue_credentials(pair[0])

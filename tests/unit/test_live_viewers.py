@@ -14,6 +14,7 @@ from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
 from skyrange.runtime.live.range import prepare_range
+from skyrange.runtime.viewers import Address
 from skyrange.scenario.shipped import load
 from tests.ports import OFFSET
 
@@ -62,7 +63,10 @@ def test_a_taken_viewers_port_ends_it_before_anything_is_written(tmp_path: Path)
 def test_addresses_are_printed_when_every_process_is_up(capsys: pytest.CaptureFixture[str]) -> None:
     """Before, a process may compile for a minute, and nobody listens."""
     flown = SimpleNamespace(
-        built=SimpleNamespace(scenario=load("squares")), watched=(("blue/b1", 5763),), zero_ns=0, now_s=0.0
+        built=SimpleNamespace(scenario=load("squares")),
+        watched=(Address("blue/b1", "127.0.0.1", 5763),),
+        zero_ns=0,
+        now_s=0.0,
     )
     updates: list[int] = []
     update = tell_when_up(flown, lambda now: updates.append(now.zero_ns))  # type: ignore[arg-type]

@@ -25,6 +25,7 @@ from skyrange.cli.options import (
     RunOut,
     ScenarioName,
     Seed,
+    ViewerHost,
     ViewerPort,
     complete_scenario,
 )
@@ -91,6 +92,7 @@ def run(
     changes: Changes = None,
     qgc: Qgc = False,
     viewer_port: ViewerPort = None,
+    viewer_host: ViewerHost = "127.0.0.1",
     allow_motion: Motion = False,
     cores: Annotated[
         int,
@@ -105,7 +107,8 @@ def run(
 ) -> None:
     """Run a scenario and write a run folder with a report."""
     runs.load_plugins(plugin)
-    runs.run(scenario, out, seed, speed, buildings, changes or [], qgc, viewer_port, allow_motion, cores, as_json)
+    given = changes or []
+    runs.run(scenario, out, seed, speed, buildings, given, qgc, viewer_port, viewer_host, allow_motion, cores, as_json)
 
 
 @app.command(epilog="Example: skyrange pair attacked.toml --seeds 5 --out runs/study")

@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import live, runs
+from skyrange.cli.addresses import parse_ip_address
+from skyrange.cli.handlers import live, relay, runs
 from skyrange.cli.handlers import tap as tapping
 from skyrange.cli.options import (
     AsJson,
@@ -23,6 +24,7 @@ from skyrange.cli.options import (
     RunOut,
     ScenarioName,
     Seed,
+    ViewerHost,
     ViewerPort,
 )
 from skyrange.cli.output import live_viewer_notices
@@ -72,6 +74,7 @@ def live_(
     ] = None,
     qgc: Qgc = False,
     viewer_port: ViewerPort = None,
+    viewer_host: ViewerHost = "127.0.0.1",
     keys: Annotated[
         Path | None,
         typer.Option(
@@ -98,6 +101,7 @@ def live_(
         "netns": netns,
         "motion": allow_motion,
         "viewer_port": live_viewer_notices.first_port(qgc, viewer_port, port_offset),
+        "viewer_host": parse_ip_address("viewers", "--viewer-host", viewer_host),
     }
     live.live(scenario, out, seed, buildings, changes or [], external or [], port_offset, keys, options, as_json)
 
@@ -128,6 +132,29 @@ def node(
 ) -> None:
     """Join this machine to a live range, and run the components that `hosts` in the scenario assigns to it."""
     live.node(range_, key, address, wait)
+
+
+@commands.command("relay", epilog="Example: skyrange relay --from 10.0.0.1 --vehicles 5 --listen 0.0.0.0")
+def relay_(
+    run: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            metavar="ADDRESS",
+            help="IP address of the run's --viewer-host, with :PORT of its first aircraft if that is not 5763.",
+        ),
+    ],
+    vehicles: Annotated[int, typer.Option(metavar="N", min=1, max=500, help="Number of aircraft of the run.")],
+    listen: Annotated[
+        str,
+        typer.Option(metavar="ADDRESS", help="IP address of this machine for viewers, with :PORT if not 5763."),
+    ] = "127.0.0.1",
+    wait: Annotated[
+        float, typer.Option(metavar="SECONDS", min=1, max=86_400, help="Longest time to wait for the run.")
+    ] = 60.0,
+) -> None:
+    """Relay the viewers' ports of a run to another network until the run ends. Nothing passes the other way."""
+    relay.relay(run, vehicles, listen, wait)
 
 
 @commands.command(epilog="Example: skyrange keys lab-keys lab2 lab3")

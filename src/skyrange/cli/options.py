@@ -86,6 +86,14 @@ ViewerPort = Annotated[
         "Implies --qgc. Default: 5763, plus --port-offset if there is one.",
     ),
 ]
+ViewerHost = Annotated[
+    str,
+    typer.Option(
+        metavar="ADDRESS",
+        help="IP address of this machine at which the viewers' ports listen. Whoever reaches it can watch; viewers "
+        "command nothing.",
+    ),
+]
 Motion = Annotated[
     bool,
     typer.Option(

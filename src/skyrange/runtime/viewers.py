@@ -46,19 +46,21 @@ class Viewers:
 
     truth_period_ns: Time = NEVER
 
-    def __init__(self, vehicles: Sequence[str], first_port: int | Sequence[int] = FIRST_PORT) -> None:
+    def __init__(
+        self, vehicles: Sequence[str], first_port: int | Sequence[int] = FIRST_PORT, host: str = LOOPBACK
+    ) -> None:
         """Listen for each of `vehicles`: the first at `first_port`, each next one at a port 10 higher.
 
-        With `first_port` 0 any free ports are taken; a sequence has a port for each. Raises `InputError` if a port
-        cannot be had.
+        With `first_port` 0 any free ports are taken; a sequence has a port for each. `host` is the IP address to listen
+        at; whoever reaches it can watch. Raises `InputError` if a port cannot be had.
         """
         if isinstance(first_port, int):
             step = PORT_STEP if first_port else 0
             first_port = [first_port + step * place for place in range(len(vehicles))]
-        self._ports = ViewerPorts(first_port)
+        self._ports = ViewerPorts(first_port, host)
         self._places = {link_name("autopilot", vehicle): place for place, vehicle in enumerate(vehicles)}
         self.addresses = [
-            Address(vehicle, LOOPBACK, port) for vehicle, port in zip(vehicles, self._ports.numbers, strict=True)
+            Address(vehicle, host, port) for vehicle, port in zip(vehicles, self._ports.numbers, strict=True)
         ]
 
     def __enter__(self) -> Self:

@@ -5,15 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from ipaddress import ip_address
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skyrange.cli.addresses import parse_address, parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
 from skyrange.cli.output.interlock_notice import print_interlock_notice
 from skyrange.cli.output.live_viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.run_summary import print_summary
-from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, to_seconds
 
 if TYPE_CHECKING:
@@ -93,19 +92,9 @@ def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:
     from skyrange.runtime.live.node.host_agent import join_range
     from skyrange.runtime.live.range import CONTROL_PORT
 
-    own = None if address is None else _host("--address", address)
-    host, separator, port = remote.rpartition(":") if remote.count(":") == 1 or "]:" in remote else (remote, "", "")
-    if separator and not (port.isdigit() and 0 < int(port) < 65_536):
-        raise InputError.one("node", "--join", remote, "ADDRESS or ADDRESS:PORT")
-    at = (_host("--join", host.strip("[]")), int(port) if separator else CONTROL_PORT)
+    own = None if address is None else parse_ip_address("node", "--address", address)
+    at = parse_address("node", "--join", remote, CONTROL_PORT)
     join_range(at, load_member(key), own, wait_s=wait_s, on_word=print_notice)
-
-
-def _host(option: str, text: str) -> str:
-    try:
-        return str(ip_address(text))
-    except ValueError:
-        raise InputError.one("node", option, text, "an IP address") from None
 
 
 def keys(folder: Path, names: Sequence[str]) -> None:

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from skyrange.cli.addresses import parse_ip_address
 from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.input_files import expand_user
@@ -29,6 +30,7 @@ def run(
     changes: Sequence[str],
     qgc: bool,
     viewer_port: int | None,
+    viewer_host: str,
     motion: bool,
     cores: int,
     as_json: bool,
@@ -46,7 +48,9 @@ def run(
     shortfall: ShortfallError | None = None
     tell_if_cold(quiet=as_json)
     watched = qgc or viewer_port is not None
-    with open_viewers(scenario, watched, viewer_port) as viewers, progress(scenario.name, quiet=as_json) as on_progress:
+    viewer_host = parse_ip_address("viewers", "--viewer-host", viewer_host)
+    opened = open_viewers(scenario, watched, viewer_port, viewer_host)
+    with opened as viewers, progress(scenario.name, quiet=as_json) as on_progress:
         try:
             record = fly(
                 scenario,

@@ -47,14 +47,11 @@ def print_open_ports(flown: LiveRange) -> None:
 
 def print_viewer_addresses(flown: LiveRange) -> None:
     """Print the address of each aircraft for viewers, if viewers were requested."""
-    from skyrange.io.mavlink.viewer_ports import LOOPBACK
-    from skyrange.runtime.viewers import Address
-
     lines: list[str] = []
     if flown.watched:
         fleet = flown.built.scenario.fleet
         systems = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in fleet}
-        lines = viewer_address_lines([Address(vehicle, LOOPBACK, port) for vehicle, port in flown.watched], systems)
+        lines = viewer_address_lines(flown.watched, systems)
     for line in lines:
         print_notice(line)
 

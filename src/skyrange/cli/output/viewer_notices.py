@@ -19,8 +19,8 @@ MAX_LINES = 60
 
 
 @contextmanager
-def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> Iterator[Viewers | None]:
-    """Open the viewers' ports for `fly`, if `wanted`. Messages go to standard error, like progress."""
+def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None, host: str) -> Iterator[Viewers | None]:
+    """Open the viewers' ports for `fly` at the address `host`, if `wanted`. Messages go to standard error."""
     for line in open_port_warning(scenario):
         print_notice(line)
     if not wanted:
@@ -29,7 +29,7 @@ def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None) -> It
     from skyrange.runtime.viewers import FIRST_PORT, Viewers
 
     system_ids = {vehicle_id(operator.id, vehicle.id): vehicle.system_id for operator, vehicle in scenario.fleet}
-    with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port) as viewers:
+    with Viewers(list(system_ids), FIRST_PORT if first_port is None else first_port, host) as viewers:
         for line in viewer_address_lines(viewers.addresses, system_ids):
             print_notice(line)
         yield viewers

@@ -49,10 +49,13 @@ class _Viewer:
 
 
 class ViewerPorts:
-    """One listening port per place 0, 1, 2 …, on the loopback alone."""
+    """One listening port per place 0, 1, 2 …, at one address of this machine."""
 
-    def __init__(self, ports: Sequence[int]) -> None:
-        """Listen at `ports`, 0 for any that is free. Raises `InputError` if one cannot be had; then none is held."""
+    def __init__(self, ports: Sequence[int], host: str = LOOPBACK) -> None:
+        """Listen at `ports` of the IP address `host`, 0 for any that is free.
+
+        Raises `InputError` if one cannot be had; then none is held.
+        """
         self._most = len(ports) + MAX_MORE_VIEWERS
         raise_file_limit(len(ports) + self._most, "viewers")  # the listeners, and a viewer for each beside those
         self.counts = ViewerCounts()
@@ -61,10 +64,10 @@ class ViewerPorts:
         self._viewers: list[list[_Viewer]] = [[] for _ in ports]
         for place, port in enumerate(ports):
             try:
-                listener = _listening(port)
+                listener = _listening(host, port)
             except (OSError, OverflowError) as error:
                 self.close()
-                raise InputError("viewers", [_why(port, error)]) from error
+                raise InputError("viewers", [_why(host, port, error)]) from error
             self._listeners.append(listener)
             self._selector.register(listener, selectors.EVENT_READ, place)
         self.numbers = [int(listener.getsockname()[1]) for listener in self._listeners]
@@ -150,13 +153,13 @@ class ViewerPorts:
         viewer.connection.close()
 
 
-def _listening(port: int) -> socket.socket:
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+def _listening(host: str, port: int) -> socket.socket:
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
     try:
         # without it a port is unavailable for a minute after viewers used it; it does not allow two listeners
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, WAITING_BYTES)  # those that are accepted inherit it
-        listener.bind((LOOPBACK, port))
+        listener.bind((host, port))
         listener.listen(MAX_VIEWERS)
         listener.setblocking(False)
     except BaseException:
@@ -165,11 +168,13 @@ def _listening(port: int) -> socket.socket:
     return listener
 
 
-def _why(port: int, error: Exception) -> Problem:
+def _why(host: str, port: int, error: Exception) -> Problem:
     hint = "--viewer-port moves all of them"
     if isinstance(error, OverflowError):
         return Problem("port", str(port), f"at most {HIGHEST_PORT}, for the last aircraft too", hint)
     assert isinstance(error, OSError)
     if error.errno == errno.EADDRINUSE:
         return Problem("port", f"{port} is taken", "one that is free", hint)
+    if error.errno == errno.EADDRNOTAVAIL:
+        return Problem("address", host, "an address of this machine", "--viewer-host selects it")
     return Problem("port", f"{port}: {error.strerror or error}", "one that can be listened at", hint)

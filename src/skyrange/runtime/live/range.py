@@ -17,7 +17,7 @@ from skyrange.io.zeromq.curve_keys import Keys
 from skyrange.record import Recorder
 from skyrange.record.levels import FULL
 from skyrange.runtime.live.boot_telemetry import set_boot_rates
-from skyrange.runtime.live.deployment import Deployment, Group, assign_components, component_of
+from skyrange.runtime.live.deployment import LOOPBACK, Deployment, Group, assign_components, component_of
 from skyrange.runtime.live.node.viewers import Watched, assign_viewer_ports
 from skyrange.runtime.live.supervisor.namespaces import Namespaces, namespaces
 from skyrange.runtime.live.system import Process, RealSystem, System
@@ -126,12 +126,13 @@ def prepare_range(
     netns: bool = False,
     motion: bool = False,
     viewer_port: int | None = None,
+    viewer_host: str = LOOPBACK,
     system: System | None = None,
 ) -> LiveRange:
     """Plan and check everything, and open the run folder `out`, or one that is free; nothing is started.
 
-    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, as `runtime.viewers`
-    has it; no offset moves that. `system` is this machine unless another is given.
+    `on_death` stands over the scenario's. With a `viewer_port` ground stations can watch there, at the address
+    `viewer_host`, as `runtime.viewers` has it; no offset moves that. `system` is this machine unless another is given.
     Raises `InputError` with all that is wrong, before anything is written.
     """
     machine = system or RealSystem()
@@ -160,7 +161,7 @@ def prepare_range(
     machine.check_free([one for one in here if spaces is None])  # in networks that are not there yet nothing is taken
     control_port = CONTROL_PORT + port_offset if planned.others else 0
     fleet = [vehicle_id(operator.id, vehicle.id) for operator, vehicle in built.scenario.fleet]
-    seen = assign_viewer_ports(fleet, viewer_port) if viewer_port is not None else ()
+    seen = assign_viewer_ports(fleet, viewer_port, viewer_host) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
     return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)

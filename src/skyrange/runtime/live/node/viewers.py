@@ -11,18 +11,22 @@ from dataclasses import asdict
 from typing import Final
 
 from skyrange.contracts.frames.frame import Fate, Frame
-from skyrange.runtime.viewers import Viewers
+from skyrange.io.mavlink.viewer_ports import LOOPBACK
+from skyrange.runtime.viewers import Address, Viewers
 
 SERVED_S: Final = 0.02
 """Interval at which the viewers' sockets are served."""
-Watched = tuple[tuple[str, int], ...]
-"""Each aircraft that is watched, and its TCP port."""
+Watched = tuple[Address, ...]
+"""The TCP port of each aircraft that is watched."""
 
 
-def assign_viewer_ports(vehicles: Sequence[str], first_port: int) -> Watched:
-    """A port for each aircraft from `first_port` on, 0 for any. Raises `InputError` with the ports that are taken."""
-    with Viewers(vehicles, first_port) as tried:
-        return tuple((vehicle, port) for vehicle, _, port in tried.addresses)
+def assign_viewer_ports(vehicles: Sequence[str], first_port: int, host: str = LOOPBACK) -> Watched:
+    """A port of `host` for each aircraft from `first_port` on, 0 for any.
+
+    Raises `InputError` with the ports that are taken.
+    """
+    with Viewers(vehicles, first_port, host) as tried:
+        return tuple(tried.addresses)
 
 
 class LiveViewers(Viewers):
@@ -34,7 +38,7 @@ class LiveViewers(Viewers):
 
     def __init__(self, where: Watched) -> None:
         """Listen. Raises `InputError` if a port cannot be had."""
-        super().__init__([vehicle for vehicle, _ in where], [port for _, port in where])
+        super().__init__([one.vehicle for one in where], [one.port for one in where], where[0].host)
         self._serving: asyncio.Task[None] | None = None
 
     def show_outgoing(self, frame: Frame) -> None:

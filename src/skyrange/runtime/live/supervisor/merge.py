@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NS_PER_S, to_seconds
+from skyrange.io.addresses import format_address
 from skyrange.record.folder import PARTS
 from skyrange.record.live_merge.merge import gather
-from skyrange.runtime.live.deployment import LOOPBACK
 from skyrange.runtime.live.range import LiveRange
 from skyrange.runtime.live.supervisor.launch import part_of
 
@@ -63,7 +63,7 @@ def _live(live_range: LiveRange) -> dict[str, Any]:
         "namespaces": dict(live_range.spaces.names) if live_range.spaces is not None else {},
         "clocks": live_range.clocks,
         "refused": live_range.refused,
-        "viewers": {vehicle: f"tcp://{LOOPBACK}:{port}" for vehicle, port in live_range.watched},
+        "viewers": {vehicle: f"tcp://{format_address((host, port))}" for vehicle, host, port in live_range.watched},
         "late_max_s": {name: round(to_seconds(ns), 3) for name, ns in late.items()},
         "fell_behind": sorted(name for name, ns in late.items() if ns > FELL_BEHIND_NS),
         "ended": {member.name: member.ended for member in live_range.members.values() if member.ended},

@@ -29,6 +29,8 @@ Message = dict[str, Any]
 MAX_MESSAGE_BYTES: Final = 65_536
 CHUNK_BYTES: Final = 1 << 19
 """Longest part of a file that goes with one message."""
+_SEALED_BYTES: Final = 33
+"""By so much CURVE makes a part of a message longer; ZeroMQ measures what arrives with it."""
 _LINGER_MS: Final = 2_000
 _HEARTBEAT_MS: Final = 2_000
 _HANDSHAKE_MS: Final = 5_000
@@ -237,7 +239,7 @@ class ZmqControlClient:
 def _configure(socket: Any, keys: Keys, address: Address) -> None:
     socket.linger = _LINGER_MS
     socket.ipv6 = ":" in address[0]
-    socket.set(zmq.MAXMSGSIZE, max(MAX_MESSAGE_BYTES, CHUNK_BYTES))
+    socket.set(zmq.MAXMSGSIZE, max(MAX_MESSAGE_BYTES, CHUNK_BYTES) + _SEALED_BYTES)
     socket.set(zmq.HEARTBEAT_IVL, _HEARTBEAT_MS)
     socket.set(zmq.HANDSHAKE_IVL, _HANDSHAKE_MS)
     socket.curve_publickey, socket.curve_secretkey = keys.public, keys.secret
