@@ -51,7 +51,7 @@ TOPICS: dict[str, dict[str, str]] = {
             Waveform TxBatch EmitterTable OnAir Sent Heard TransmissionFate ReceptionOutcome
             ProgramStatus RadioEnvironment ANY_CHANNEL""",
         "Autopilots": """AutopilotPlugin AutopilotContext VehicleSpec Engine EngineBase WallEngine Sensors Finished
-            Poses InstanceStatus Source Airframe AIRFRAMES""",
+            Poses BodyInputs Contacts SimulatorEngine InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
         "Links and taps": """LinkSpec Channel VariableChannel OpenChannel Route Tap TapPlacement Frame Fate
             Verdict Pass Drop Delay Replace Inject""",

@@ -62,7 +62,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
             "source",
             NAME,
             "",
-            "what moves the body: dynamic (the world), kinematic (its engine) or external (its own reports)",
+            "what moves the body: dynamic (the world), kinematic (its engine), external (its own reports) or simulator "
+            "(a physics simulator, under the world's forces)",
         ),
         Column("east_m", _F64, "m", "position east of the origin"),
         Column("north_m", _F64, "m", "position north of the origin"),
