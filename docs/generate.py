@@ -381,6 +381,15 @@ def benchmark_results() -> str:
     return make_markdown(read_results(DOCS / "data" / "benchmarks.json"))
 
 
+def gazebo_benchmark() -> str:
+    """The shipped results of the benchmark of Gazebo."""
+    import json
+
+    from skyrange.bench.gazebo_page import make_markdown
+
+    return make_markdown(json.loads((DOCS / "data" / "gazebo.json").read_text()), "../images")
+
+
 def benchmark_sizes() -> str:
     """Every benchmark with its cases, those of `--quick` beside them."""
     from skyrange.bench.suite.cases import BENCHMARKS
@@ -530,6 +539,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "packages": packages,
     "benchmark-results": benchmark_results,
     "benchmark-sizes": benchmark_sizes,
+    "gazebo-benchmark": gazebo_benchmark,
     "benchmark-format": benchmark_format,
     "study-file": study_file,
     "study-measures": study_measures,

@@ -139,7 +139,7 @@ def test_a_reported_contact_is_noted_and_breaks_the_propeller_that_touched(rotor
     assert notes[0].data["speed_mps"] == pytest.approx(3.0)
     assert notes[0].data["energy_j"] == pytest.approx(0.25 * IRIS.mass_kg * 9.0)
     assert (notes[0].data["east_m"], notes[0].data["north_m"], notes[0].data["up_m"]) == (1.0, 2.0, 3.0)
-    assert np.flatnonzero(world._alive[0] == 0).tolist() == lost
+    assert world.lost_motors(world.vehicles[0]) == lost
     assert world._alive[1].all()
 
 

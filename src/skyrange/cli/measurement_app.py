@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from skyrange.cli.handlers import benchmark_suite, benchmarks, live_benchmark, parity
+from skyrange.cli.handlers import benchmark_suite, benchmarks, gazebo, live_benchmark, parity
 from skyrange.cli.options import AsJson, Changes, Grouping, PortOffset, ScenarioName
 
 bench_app = typer.Typer(
@@ -16,7 +16,7 @@ bench_app = typer.Typer(
     no_args_is_help=True,
 )
 parity_app = typer.Typer(
-    help="Compare the builtin autopilot and radio medium with other engines.\n\n"
+    help="Compare the builtin autopilot, physics and radio medium with other engines.\n\n"
     "Example: skyrange parity gnss --out runs/gnss",
     no_args_is_help=True,
 )
@@ -134,6 +134,39 @@ def ardupilots(
     benchmarks.bench_ardupilot(
         vehicles or [1, 5, 20], seconds, load.value, rates.value, physics.value, speedup, remote_id, as_json
     )
+
+
+@bench_app.command("gazebo", epilog="Example: skyrange bench gazebo --vehicles 5 --vehicles 10 --output gazebo.json")
+def gazebo_bench(
+    vehicles: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="N",
+            min=1,
+            help="Number of aircraft. May be repeated. Default: 1, 2, 5, 10, 20, 40 and 80. A number at which Gazebo "
+            "is far slower than real time is the last.",
+        ),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(metavar="S", min=1.0, help="Simulated seconds of each measurement, after 30 s of warm-up.")
+    ] = 5.0,
+    repeat: Annotated[
+        int, typer.Option(metavar="K", min=1, help="Measure both K times in a flight, in turn, and take the medians.")
+    ] = 3,
+    load: Telemetry = Load.LIGHT,
+    rates: Annotated[
+        Rates, typer.Option(metavar="RATES", help="Loop rate of ArduPilot: full, single or reduced.")
+    ] = Rates.FULL,
+    window: Annotated[bool, typer.Option("--window", help="Open Gazebo's window.")] = False,
+    collision: Annotated[
+        bool, typer.Option("--collision/--no-collision", help="Also let two aircraft collide, in both.")
+    ] = True,
+    output: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results to this file as JSON.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure N ArduPilots in Gazebo beside the range's own physics: real-time factor, CPU time, and a collision."""
+    counts = vehicles or [1, 2, 5, 10, 20, 40, 80]
+    gazebo.bench_gazebo(counts, seconds, repeat, load.value, rates.value, window, collision, output, as_json)
 
 
 @bench_app.command("cores", epilog="Example: skyrange bench cores --vehicles 1000 --cores 2 --remote-id")
@@ -363,6 +396,29 @@ def attack_reactions(
 ) -> None:
     """Fly the examples of attacks with both autopilots, attacked and muted, and compare reactions, times and places."""
     parity.attacks(kinds or [], out, rates.value, page, as_json)
+
+
+@parity_app.command("gazebo", epilog="Example: skyrange parity gazebo squares --out runs/gazebo")
+def gazebo_physics(
+    scenarios: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[SCENARIO]...", help="Scenarios or files. Default: squares, head-on and wind."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder for the runs. Default: runs/gazebo-parity, then -2 …"),
+    ] = None,
+    changes: Changes = None,
+    page: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write this Markdown page, whatever it was before.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fly scenarios with ArduPilot in skyrange's own physics and in Gazebo's, and compare truth and collisions.
+
+    The first one is flown twice more in Gazebo: again, and with finer steps of its physics.
+    """
+    gazebo.parity_gazebo(scenarios or [], out, changes or [], page, as_json)
 
 
 @parity_app.command(epilog="Example: skyrange parity missions --count 60 --out runs/missions")

@@ -289,6 +289,10 @@ class World:
         moved = self._commands, self._odometer_m, self._max_step2_m2
         return self._arguments, moved, self._power, self._sensing.arguments
 
+    def lost_motors(self, vehicle: str) -> list[int]:
+        """The motors of an aircraft that turn no more, counted from 0. Raises `ValueError` for an unknown aircraft."""
+        return np.flatnonzero(self._alive[self.vehicles.index(vehicle)] == 0).tolist()
+
     @property
     def discharged_ns(self) -> Time:
         """When the batteries were discharged last."""

@@ -124,6 +124,11 @@ class GazeboSimulator(ProgramSocket):
         """Processor time that Gazebo has used so far, in seconds."""
         return self._program.cpu_s
 
+    @property
+    def window_cpu_s(self) -> float:
+        """Processor time that its window has used so far, in seconds; 0 without one."""
+        return 0.0 if self._window is None else self._window.cpu_s
+
     def close(self) -> None:
         """End Gazebo, which ends by itself when its socket closes, and its window. A second call does nothing."""
         if self._window is not None:

@@ -115,7 +115,7 @@ def compare(
     """
     if len(set(autopilots)) < len(autopilots):
         raise ValueError(f"expected two kinds of autopilot that differ, got {autopilots[0]} twice")
-    return _run_both({kind: _with_autopilot(scenario, kind) for kind in autopilots}, folder, taps, on_progress)
+    return _run_both({kind: with_autopilot(scenario, kind) for kind in autopilots}, folder, taps, on_progress)
 
 
 def compare_rates(
@@ -133,8 +133,20 @@ def compare_rates(
     """
     if rates == "full":
         raise ValueError("full rates are the reference; expected the rates to compare with them, single or reduced")
-    under = _with_autopilot(scenario, "ardupilot")
+    under = with_autopilot(scenario, "ardupilot")
     return _run_both({each: _with_rates(under, each) for each in ("full", rates)}, folder, taps, on_progress)
+
+
+def with_autopilot(scenario: Scenario, kind: str) -> Scenario:
+    """`scenario` with all aircraft under autopilot `kind`, and with truth recorded at `TRUTH_HZ`."""
+    operators = tuple(
+        operator.model_copy(
+            update={"vehicles": tuple(one.model_copy(update={"autopilot": kind}) for one in operator.vehicles)}
+        )
+        for operator in scenario.operators
+    )
+    record = scenario.record.model_copy(update={"truth_hz": TRUTH_HZ})
+    return scenario.model_copy(update={"operators": operators, "record": record})
 
 
 def _run_both(
@@ -152,17 +164,6 @@ def _run_both(
 def _with_rates(scenario: Scenario, rates: str) -> Scenario:
     autopilots = scenario.autopilots.with_options("ardupilot", {"rates": rates}, f"{scenario.name} at rates {rates}")
     return scenario.model_copy(update={"autopilots": autopilots})
-
-
-def _with_autopilot(scenario: Scenario, kind: str) -> Scenario:
-    operators = tuple(
-        operator.model_copy(
-            update={"vehicles": tuple(one.model_copy(update={"autopilot": kind}) for one in operator.vehicles)}
-        )
-        for operator in scenario.operators
-    )
-    record = scenario.record.model_copy(update={"truth_hz": TRUTH_HZ})
-    return scenario.model_copy(update={"operators": operators, "record": record})
 
 
 def measured(record: RunRecord) -> dict[str, FlightMeasures]:

@@ -87,7 +87,17 @@ class GazeboFleet(LockstepFleet):
     @property
     def cpu_s(self) -> float:
         """Processor time that ArduPilots and Gazebo have used so far, in seconds."""
-        return super().cpu_s + (self._simulator.cpu_s if self._simulator is not None else 0.0)
+        return super().cpu_s + self.simulator_cpu_s
+
+    @property
+    def simulator_cpu_s(self) -> float:
+        """Processor time that Gazebo has used so far, in seconds, without its window."""
+        return self._simulator.cpu_s if self._simulator is not None else 0.0
+
+    @property
+    def window_cpu_s(self) -> float:
+        """Processor time that Gazebo's window has used so far, in seconds; 0 without one."""
+        return self._simulator.window_cpu_s if self._simulator is not None else 0.0
 
     def set_body_inputs(self, tick: Time, inputs: BodyInputs) -> None:
         """Contract: `contracts.components.SimulatorEngine`."""
