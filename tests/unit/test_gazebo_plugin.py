@@ -16,6 +16,7 @@ from skyrange.install.gazebo import find_headers, find_installed, install
 from skyrange.vehicle.gazebo.program import gazebo_release, plugin_trial
 from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
 from skyrange.vehicle.gazebo.program.gazebo_release import VARIABLE as GAZEBO_VARIABLE
+from skyrange.vehicle.gazebo.program.gazebo_release import WINDOW_VARIABLE
 from skyrange.vehicle.gazebo.program.plugin_library import LIBRARY, LOADED, VARIABLE, find_plugin, plugin_sources
 from skyrange.vehicle.gazebo.program.plugin_trial import try_plugin
 
@@ -49,7 +50,7 @@ def sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(engine_sources, "engine_sources", lambda name: folder.parent / name)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "user data"))
     monkeypatch.setattr(gazebo_release, "_seen", {})
-    for name in (VARIABLE, GAZEBO_VARIABLE, "PKG_CONFIG", "PKG_CONFIG_PATH", "CXX"):
+    for name in (VARIABLE, GAZEBO_VARIABLE, WINDOW_VARIABLE, "PKG_CONFIG", "PKG_CONFIG_PATH", "CXX"):
         monkeypatch.delenv(name, raising=False)
     return folder
 

@@ -103,6 +103,7 @@ def _add_physics(world: Element, step_s: float, flavour: Flavour) -> None:
         solver = add(ode, "solver")
         add(solver, "type", "quick")
         add(solver, "iters", "50")
+        add(solver, "friction_model", "cone_model")  # along the direction of sliding, as in the range
         constraints = add(ode, "constraints")
         add(constraints, "cfm", 0.0)
         add(constraints, "erp", 0.2)

@@ -47,9 +47,9 @@ and drag as the range does. By construction they differ in this:
   tick unless `steps_per_tick` is larger.
 - **Ground.** In the range a plane stops the landing gear, brakes it by friction and brings the aircraft level. In
   Gazebo the box of the frame rests on the ground by contacts with friction. An aircraft that touches down with a lean
-  touches with an edge first, and hops and slides before it stands. Gazebo 11's engine, ODE, limits friction along two
-  axes, each by itself; the range limits it along the direction of sliding. In wind aircraft slide at take-off and
-  landing, so they part there.
+  touches with an edge first, and hops and slides before it stands. The range limits friction along the direction of
+  sliding, and so does Gazebo 11's engine, ODE, as the world asks it to; Gazebo Sim's, DART, limits it along two axes,
+  each by itself. In wind aircraft slide at take-off and landing, so they part there.
 - **Collisions.** In the range an aircraft is an upright cylinder as wide as its propeller tips reach, with a
   restitution of 0.3. In Gazebo it is the box of its frame and the discs of its four rotors, which tilt with it, with
   friction and without bounce. So aircraft that meet nose to nose touch later in Gazebo, with the discs of their front
