@@ -382,12 +382,18 @@ def benchmark_results() -> str:
 
 
 def gazebo_benchmark() -> str:
-    """The shipped results of the benchmark of Gazebo."""
+    """The shipped results of the benchmark of Gazebo, of each set-up that was measured."""
     import json
 
     from skyrange.bench.gazebo_page import make_markdown
 
-    return make_markdown(json.loads((DOCS / "data" / "gazebo.json").read_text()), "../images")
+    parts = []
+    for file in sorted((DOCS / "data" / "gazebo").glob("*.json")):
+        data = json.loads(file.read_text())
+        first = data["rows"][0]
+        title = f"### {first['versions']['gazebo']}{', with its window' if first['window'] else ''}"
+        parts += [title, "", make_markdown(data, f"../images/gazebo-{file.stem}.svg"), ""]
+    return "\n".join(parts)
 
 
 def benchmark_sizes() -> str:

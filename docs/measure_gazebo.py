@@ -1,8 +1,9 @@
-"""Measured speed of aircraft in Gazebo, a collision there, the comparison of its physics, and the pictures of them.
+"""Measured speed of aircraft in Gazebo, a collision there, the comparison of its physics, and the figures of them.
 
-`python docs/measure_gazebo.py measure` runs `skyrange bench gazebo`, whose results are `docs/data/gazebo.json`, and
-`skyrange parity gazebo`, which writes `docs/explanation/gazebo-parity.md`; it takes half an hour on two quiet cores.
-`python docs/measure_gazebo.py draw` rewrites the figure `docs/images/gazebo.svg` from the file, as `measure` does too.
+`python docs/measure_gazebo.py speed NAME [OPTION…]` runs `skyrange bench gazebo` with these options, whose results are
+`docs/data/gazebo/NAME.json`, and draws `docs/images/gazebo-NAME.svg`; the names are `sim` and `classic`, for the two
+flavours of Gazebo, and `window`. It takes some five minutes on two quiet cores. `parity` runs `skyrange parity gazebo`,
+which writes `docs/explanation/gazebo-parity.md`, in some ten minutes. `draw` draws all figures again.
 `docs/generate.py` puts the tables into the reference, and `docs/photograph_gazebo.py` makes the picture of Gazebo's
 window. All but `draw` need Gazebo and ArduCopter.
 """
@@ -17,22 +18,38 @@ from typing import Final
 
 from skyrange.bench.gazebo_page import draw
 
-ROOT: Final = Path(__file__).parents[1]
-DATA: Final = ROOT / "docs" / "data" / "gazebo.json"
-PAGE: Final = ROOT / "docs" / "explanation" / "gazebo-parity.md"
-IMAGE: Final = ROOT / "docs" / "images" / "gazebo.svg"
+DOCS: Final = Path(__file__).parent
+DATA: Final = DOCS / "data" / "gazebo"
 
 
-def measure(more: list[str]) -> None:
-    """Run both commands; `more` are options of the benchmark."""
-    for command in (
-        ["bench", "gazebo", "--output", str(DATA), *more],
-        ["parity", "gazebo", "--page", str(PAGE)],
-    ):
-        subprocess.run(["skyrange", *command], check=True)  # noqa: S603, S607
+def measure_speed(name: str, options: list[str]) -> None:
+    """Run the benchmark with these options."""
+    _run("bench", "gazebo", "--output", str(DATA / f"{name}.json"), *options)
+
+
+def compare_physics() -> None:
+    """Run the comparison."""
+    _run("parity", "gazebo", "--page", str(DOCS / "explanation" / "gazebo-parity.md"))
+
+
+def draw_all() -> None:
+    """Draw the figure of each file of results."""
+    for file in sorted(DATA.glob("*.json")):
+        draw(json.loads(file.read_text())).save(DOCS / "images" / f"gazebo-{file.stem}.svg")
+
+
+def _run(*arguments: str) -> None:
+    subprocess.run(["skyrange", *arguments], check=True)  # noqa: S603, S607
 
 
 if __name__ == "__main__":
-    if sys.argv[1:2] == ["measure"]:
-        measure(sys.argv[2:])
-    draw(json.loads(DATA.read_text())).save(IMAGE)
+    match sys.argv[1:]:
+        case ["speed", name, *options]:
+            measure_speed(name, options)
+        case ["parity"]:
+            compare_physics()
+        case ["draw"]:
+            pass
+        case _:
+            sys.exit(__doc__)
+    draw_all()

@@ -94,7 +94,7 @@ def document() -> dict[str, Any]:
 
 
 def test_tables_of_the_document() -> None:
-    text = make_markdown(json.loads(json.dumps(document())), "../images")
+    text = make_markdown(json.loads(json.dumps(document())), "../images/gazebo.svg")
     assert "| 10 | 0.62 | 1.60 | 0.20 | 0.30 | 0.10 | 8.00 | 12.80 |" in text
     assert "In Gazebo, 5 aircraft run in real time, the largest such number measured; by interpolation" in text
     assert "In the range's own physics, at least 10 aircraft run in real time" in text

@@ -16,14 +16,12 @@ _MOTORS: Final = ("front right", "rear left", "front left", "rear right")
 """ArduCopter's order of the motors of an X frame."""
 
 
-def make_markdown(data: Mapping[str, Any], pictures: str = "") -> str:
-    """The tables of the document `bench.gazebo.measure_all`; `pictures` is the folder of the figures as links name it,
-    "" for none.
-    """
-    return "\n".join(_lines(data, pictures))
+def make_markdown(data: Mapping[str, Any], picture: str = "") -> str:
+    """The tables of the document `bench.gazebo.measure_all`; `picture` is its figure as links name it, "" for none."""
+    return "\n".join(_lines(data, picture))
 
 
-def _lines(data: Mapping[str, Any], pictures: str) -> Iterator[str]:
+def _lines(data: Mapping[str, Any], picture: str) -> Iterator[str]:
     rows, machine = data["rows"], data["machine"]
     first = rows[0]
     versions = first["versions"]
@@ -62,8 +60,8 @@ def _lines(data: Mapping[str, Any], pictures: str) -> Iterator[str]:
         f"{published['source']}."
     )
     yield ""
-    if pictures:
-        yield f"![Inverse real-time factor in Gazebo, against the number of aircraft]({pictures}/gazebo.svg)"
+    if picture:
+        yield f"![Inverse real-time factor in Gazebo, against the number of aircraft]({picture})"
         yield ""
     if data["collisions"]:
         yield from _collisions(data["collisions"])
