@@ -245,8 +245,10 @@ class World:
         if len(self._imposed.rows):
             self._present[:] = self._soon_present
             touched = self._take_contacts(end)
-            events += self._imposed.follow(*self._followed)
-            self._stop_crashed_motors()
+            followed = self._imposed.follow(*self._followed)
+            if followed:
+                self._stop_crashed_motors()
+            events += followed
         if end // battery.BATTERY_NS > self._discharged_ns // battery.BATTERY_NS:
             battery.discharge((end - self._discharged_ns) / NS_PER_S, *self._power)
             self._discharged_ns = end

@@ -36,7 +36,7 @@ _WINDOW: Final = "gazebo window"
 class GazeboSimulator(ProgramSocket):
     """One Gazebo: `begin_step` and `end_step` in turn, then `close`."""
 
-    slow_hint = "Gazebo computes too slowly, or hangs; `--wall-deadline` sets the time that it has"
+    slow_hint = "Gazebo computes too slowly, or hangs; `[autopilots] deadline_s` sets the time that it has"
 
     def __init__(
         self,

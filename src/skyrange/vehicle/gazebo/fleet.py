@@ -101,8 +101,6 @@ class GazeboFleet(LockstepFleet):
 
     def set_body_inputs(self, tick: Time, inputs: BodyInputs) -> None:
         """Contract: `contracts.components.SimulatorEngine`."""
-        if tick < 0:  # before time 0 all stand at their start
-            return
         if self._simulator is None:
             self._simulator = self._start_gazebo()
         self._inputs[:, :MOTORS] = inputs.rotor_radps
@@ -116,13 +114,13 @@ class GazeboFleet(LockstepFleet):
     def begin(self, tick: Time, sensors: Sensors, inbox: Inbox) -> None:
         """As `LockstepFleet`, and let Gazebo compute the tick's motion beside it."""
         super().begin(tick, sensors, inbox)
-        if self._simulator is not None:
+        if self._simulator is not None and tick >= 0:  # before time 0 all stand at their start
             self._simulator.begin_step(tick, self._inputs, self._shown_poses)
 
     def finish(self, tick: Time, wall_deadline_s: float) -> Finished:
         """As `LockstepFleet`, with the poses at the next tick."""
         finished = super().finish(tick, wall_deadline_s)
-        if self._simulator is not None:
+        if self._simulator is not None and tick >= 0:
             finished.poses = self._to_poses(self._simulator.end_step(wall_deadline_s))
         return finished
 
