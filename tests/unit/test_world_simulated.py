@@ -155,10 +155,20 @@ def _pair(contacts: Contacts) -> Poses:
     )  # fmt: skip
 
 
+def test_rims_that_meet_break_although_the_normal_points_up() -> None:
+    world = _world(Body("blue/1", "iris", 0.0, 0.0, 10.0), Body("blue/2", "iris", 9.0, 0.0, 10.0), led=[0, 1])
+    world.impose(FIRST, _pose((0.0, 0.0, 10.0), (3.0, 0.0, 0.0)))
+    world.advance(QUANTUM_NS)
+    world.impose(np.array([0, 1]), _pair(_contact(1, (0.0, 0.0, 1.0), 0)))
+    notes = world.advance(2 * QUANTUM_NS)
+    assert [note.data["speed_mps"] for note in notes] == pytest.approx([3.0, 3.0])
+    assert np.flatnonzero(world._alive[0] == 0).tolist() == [0]
+
+
 def test_a_touch_that_parts_or_lands_breaks_nothing() -> None:
-    for contact in (_contact(1, (1.0, 0.0, 0.0), 0), _contact(-1, (0.0, 0.0, 1.0))):
+    for contact in (_contact(1, (-1.0, 0.0, 0.0), 0), _contact(-1, (0.0, 0.0, 1.0))):
         world = _world(Body("blue/1", "iris", 0.0, 0.0, 10.0), Body("blue/2", "iris", 9.0, 0.0, 10.0), led=[0, 1])
-        world.impose(FIRST, _pose((0.0, 0.0, 10.0), (3.0, 0.0, -2.0)))
+        world.impose(FIRST, _pose((0.0, 0.0, 10.0), (-3.0, 0.0, -2.0)))
         world.advance(QUANTUM_NS)
         world.impose(np.array([0, 1]), _pair(contact))
         assert world.advance(2 * QUANTUM_NS) == []

@@ -1,8 +1,9 @@
 """Contacts that a simulator reports: the damage that they do, and their rows for the contact tracker.
 
-A touch faster than `GENTLE_MPS` along its normal breaks the propellers that touched, and all of an aircraft whose
-speed it changes by more than `DESTRUCTION_MPS`; the energy is that of the relative motion, as in `response`. The frame
-that comes down on a building has landed there: `imposed_poses` notes that touchdown.
+A touch faster than `GENTLE_MPS` breaks the propellers that touched, and all of an aircraft whose speed it changes by
+more than `DESTRUCTION_MPS`; the energy is that of the relative motion, as in `response`. How fast a touch is, is how
+fast the bodies close along its normal, or along the line between them: the normal of flat propellers that overlap at
+their rims may point up. The frame that comes down on a building has landed there: `imposed_poses` notes that touchdown.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import Contacts
-from skyrange.world.collision.broad_phase import MASS
+from skyrange.world.collision.broad_phase import CG, MASS
 from skyrange.world.collision.response import (
     DESTRUCTION_MPS,
     EAST,
@@ -29,6 +30,7 @@ from skyrange.world.collision.response import (
     Floats,
 )
 
+_NEAR_M = 1e-6
 _LANDED_COS = 0.7
 """A normal that points up more than this is that of a roof: the friction of gear on it holds up to 45 degrees."""
 
@@ -49,7 +51,11 @@ def apply_contacts(rows: NDArray[np.int64], contacts: Contacts, after_mps: Float
         speed = math.sqrt(float(apart @ apart))
         hit = [0.0] * 7
         hit[WHO], hit[WITH], hit[SPEED], hit[ENERGY] = i, j if other >= 0 else other, speed, NO_DAMAGE
-        if -float(apart @ normal) > GENTLE_MPS:
+        between = state.position[i] - (state.position[j] if other >= 0 else contacts.position_enu_m[k])
+        if other < 0:
+            between[2] += state.shape[state.airframe[i], CG]
+        along = float(apart @ between) / max(math.sqrt(float(between @ between)), _NEAR_M)
+        if max(-float(apart @ normal), -along) > GENTLE_MPS:
             mass = float(state.shape[state.airframe[i], MASS])
             if other >= 0:
                 second = float(state.shape[state.airframe[j], MASS])
