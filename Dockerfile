@@ -2,8 +2,10 @@
 # docs/how-to/run-in-containers.md. No target downloads or compiles ArduPilot, OMNeT++, INET or Gazebo: they come from named
 # build contexts, and the empty stages of the same names below stand for those that are not given.
 
-# Debian 12 or another image with apt and Python 3.11, by tag and date. Without a registry: a file system that mmdebstrap made.
+# Debian 12 or another image with apt and Python 3.11 or newer, by tag and date. Without a registry: a file system that mmdebstrap made.
 ARG BASE=docker.io/library/debian:bookworm-20250520-slim
+# A built Gazebo runs only in the folder that it was configured for, its CMAKE_INSTALL_PREFIX.
+ARG GAZEBO_PREFIX=/opt/gazebo
 
 FROM scratch AS arducopter
 FROM scratch AS omnetpp-tree
@@ -95,12 +97,14 @@ COPY requirements-engines.txt ./
 RUN set -eux; python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-deps --only-binary :all: --require-hashes \
         -r requirements-engines.txt; \
     XDG_DATA_HOME=/opt/skyrange/share /opt/skyrange/bin/skyrange install ns3; \
-    mkdir /build/ns3; \
-    mv /opt/skyrange/lib/python3*/site-packages/ns3 /build/ns3/package; \
-    rm -r /build/ns3/package/include
+    for packages in /opt/skyrange/lib/python3*/site-packages; do \
+        mkdir --parents "/build/ns3/${packages#/opt/skyrange/}"; \
+        mv "$packages/ns3" "/build/ns3/${packages#/opt/skyrange/}/"; \
+    done; \
+    rm -r /build/ns3/lib/python3*/site-packages/ns3/include
 
 FROM base AS ns3
-COPY --from=ns3-builder /build/ns3/package /opt/skyrange/lib/python3.11/site-packages/ns3
+COPY --from=ns3-builder /build/ns3/lib /opt/skyrange/lib
 COPY --from=ns3-builder /opt/skyrange/share /opt/skyrange/share
 RUN set -eux; skyrange run rid-spoofing --set 'radio.engine="ns3"' --set duration_s=5 --out /tmp/ns3; \
     rm -r /tmp/ns3
@@ -148,29 +152,35 @@ FROM ardupilot AS gazebo-packages
 USER 0:0
 # The context gazebo-apt has what is added to /etc/apt, such as sources.list.d/gazebo.sources and keyrings/gazebo.gpg.
 COPY --from=gazebo-apt . /etc/apt/
-COPY --from=gazebo-tree . /opt/gazebo/
+# Gazebo itself, or the packages whose libraries a built Gazebo is linked with.
 ARG GAZEBO_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
 RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $GAZEBO_PACKAGES; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log
-ENV PATH=/opt/gazebo/bin:$PATH \
-    LD_LIBRARY_PATH=/opt/gazebo/lib \
-    PKG_CONFIG_PATH=/opt/gazebo/lib/pkgconfig
+ARG GAZEBO_PREFIX
+ENV PATH=${GAZEBO_PREFIX}/bin:$PATH \
+    LD_LIBRARY_PATH=${GAZEBO_PREFIX}/lib
 USER 10001:10001
 
 FROM gazebo-packages AS gazebo-builder
 # hadolint ignore=DL3002
 USER 0:0
-# Packages with Gazebo's headers, which a built folder has.
+# Packages with Gazebo's headers, or with those that the headers of a built Gazebo include.
 ARG GAZEBO_BUILD_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
 RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends g++ pkg-config $GAZEBO_BUILD_PACKAGES; \
-    rm -rf /var/lib/apt/lists/*; \
-    XDG_DATA_HOME=/opt/skyrange/share skyrange install gazebo
+    rm -rf /var/lib/apt/lists/*
+ARG GAZEBO_PREFIX
+COPY --from=gazebo-tree . ${GAZEBO_PREFIX}/
+RUN set -eux; XDG_DATA_HOME=/opt/skyrange/share skyrange install gazebo; \
+    mkdir --parents "$GAZEBO_PREFIX"; \
+    rm -rf "$GAZEBO_PREFIX/include" "$GAZEBO_PREFIX/lib/cmake" "$GAZEBO_PREFIX/lib/pkgconfig"
 
 FROM gazebo-packages AS gazebo
+ARG GAZEBO_PREFIX
+COPY --from=gazebo-builder ${GAZEBO_PREFIX} ${GAZEBO_PREFIX}
 COPY --from=gazebo-builder /opt/skyrange/share /opt/skyrange/share
 RUN set -eux; skyrange run squares --set 'operators.*.vehicles.*.autopilot="gazebo"' --set duration_s=1 --out /tmp/gazebo; \
     rm -r /tmp/gazebo

@@ -182,12 +182,15 @@ def _gazebo() -> list[Finding]:
 
 
 def _writable() -> Finding:
+    """Whether runs can be recorded where they land without `--out`: in the folder `runs`, made if it is not there."""
+    runs = Path.cwd() / "runs"
+    folder = runs if runs.is_dir() else runs.parent
     try:
-        with tempfile.TemporaryDirectory(dir=Path.cwd()):
-            return Finding("working folder", f"{Path.cwd()} is writable")
+        with tempfile.TemporaryDirectory(dir=folder):
+            return Finding("folder of runs", f"{folder} is writable")
     except OSError as error:
         hint = "Change to a writable folder, or set a writable folder with --out DIR of `skyrange run`."
-        return Finding("working folder", f"{Path.cwd()}: {error.strerror}", False, hint)
+        return Finding("folder of runs", f"{folder}: {error.strerror}", False, hint)
 
 
 def _flight() -> Finding:

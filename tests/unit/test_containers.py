@@ -103,6 +103,23 @@ def test_no_final_image_has_a_compiler_or_pip_or_lists_of_packages() -> None:
             assert found is None, stage
 
 
+def test_no_stage_names_the_release_of_the_bases_python() -> None:
+    assert re.findall(r"python3\.\d+", "".join(map(_stage, _parents()))) == []
+
+
+def test_a_built_gazebo_is_in_the_folder_that_is_given_and_nowhere_else() -> None:
+    """It does not run elsewhere, and its headers are in no final image."""
+    assert re.findall(r"^ARG GAZEBO_PREFIX=(.*)$", DOCKERFILE, re.MULTILINE) == ["/opt/gazebo"]
+    assert DOCKERFILE.count("/opt/gazebo") == 1
+    for stage in ("gazebo-packages", "gazebo-builder", "gazebo"):
+        declared, used = _stage(stage).find("ARG GAZEBO_PREFIX\n"), _stage(stage).find("GAZEBO_PREFIX}")
+        assert 0 <= declared < used, stage
+    builder = _stage("gazebo-builder")
+    assert "COPY --from=gazebo-tree . ${GAZEBO_PREFIX}/\n" in builder
+    assert builder.find("install gazebo") < builder.find('rm -rf "$GAZEBO_PREFIX/include"')
+    assert "COPY --from=gazebo-builder ${GAZEBO_PREFIX} ${GAZEBO_PREFIX}\n" in _stage("gazebo")
+
+
 def test_every_package_from_the_index_is_one_of_a_file_with_hashes() -> None:
     commands = re.sub(r"#.*|\\\n", "", DOCKERFILE).replace("\n", ";").split(";")
     installs = [text for text in commands if re.search(r"\bpip\b.* install ", text) and "apt-get" not in text]

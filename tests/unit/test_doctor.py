@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import tempfile
+from contextlib import AbstractContextManager, nullcontext
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as real_version
 from pathlib import Path
@@ -71,3 +75,25 @@ def test_a_compiled_engine_needs_no_wheel(tmp_path: Path, monkeypatch: pytest.Mo
         media = next(one for one in doctor._plugins() if one.subject == "skyrange.media")
         assert media.ok == ok
         assert ("needs ns3" in media.found) != ok
+
+
+def test_runs_are_recorded_in_their_folder_where_nothing_else_is_writable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a container: the working folder is read-only, and a volume is mounted at `runs`."""
+    writable = {tmp_path / "runs"}
+
+    def make(dir: Path) -> AbstractContextManager[str]:
+        if dir not in writable:
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return nullcontext(str(dir))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tempfile, "TemporaryDirectory", make)
+    without = doctor._writable()
+    assert (without.found, without.ok) == (f"{tmp_path}: Read-only file system", False)
+    assert "--out DIR" in without.hint
+    (tmp_path / "runs").mkdir()
+    assert doctor._writable() == doctor.Finding("folder of runs", f"{tmp_path / 'runs'} is writable")
+    writable.clear()
+    assert not doctor._writable().ok

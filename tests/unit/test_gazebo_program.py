@@ -17,6 +17,7 @@ from skyrange.vehicle.gazebo.program.gazebo_release import window_command as com
 
 CLASSIC = "Gazebo multi-robot simulator, version {}\nCopyright (C) 2012 Open Source Robotics Foundation.\n"
 USAGE = "The 'gz' command provides a command line interface to the Gazebo Tools.\n\n  gz <command> [options]\n"
+MOVED = "I cannot find any available 'gz' command:\n\t* Did you install any Gazebo library?\n"
 
 Make = Callable[..., Path]
 
@@ -113,6 +114,7 @@ def test_all_that_is_wrong_with_those_on_path_is_told(make: Make) -> None:
         ("", "says nothing of its version"),
         ("usage: ls [FILE]\nmore", "'usage: ls [FILE]'"),
         (USAGE, "gz without the command sim"),
+        (MOVED, "it looks for them in the folder that it was built for"),
         ("Invalid arguments", "gz of Gazebo 11 or older, not its gzserver"),
         ("Gazebo Sim 8", "'Gazebo Sim 8'"),
     ],

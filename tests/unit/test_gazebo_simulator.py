@@ -84,6 +84,11 @@ def test_each_tick_is_answered_by_its_own_state(tmp_path: Path) -> None:
     [
         ("print('no such file'); sys.exit(3)", r"ended \(exit 3\).*no such file"),
         ("print('[Err] Failed to load plugin libskyrange.so: undefined symbol'); time.sleep(60)", "undefined symbol"),
+        (
+            "print('Error while loading the library [dartsim.so]: libdart.so.6: no such file', flush=True);"
+            "k, n, b = receive(); ready(n); time.sleep(60)",
+            "cannot load what it needs: .*libdart.so.6.*install the package",
+        ),
         ("k, n, b = receive(); ready(n, 2)", "version 2 of the protocol.*skyrange install gazebo"),
         ("k, n, b = receive(); ready(n + 1)", "READY 1 to request 0"),
         ("k, n, b = receive(); send(255, n, text('the world has no model named blue.1'))", "no model named blue.1"),

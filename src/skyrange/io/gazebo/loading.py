@@ -19,10 +19,11 @@ _COLOURS: Final = re.compile(r"\x1b\[[0-9;]*m")
 _NO_LIBRARY: Final = "error while loading shared libraries"
 _FAILURE: Final = re.compile(
     r"^.*(?:Failed to load (?:system )?plugin|Error while loading the library|Error parsing XML"
+    r"|Failed to find plugin \[|Unable to load the \[.*\] library|No physics plugins|Failed to load .*physics engine"
     r"|Unable to read .*file|Unable to start server).*$",
     re.MULTILINE,
 )
-"""What Gazebo says of a plugin, of a world, or of a port that it cannot use; without the plugin it goes on."""
+"""What Gazebo says of a plugin, physics engine, world, or port that it cannot use; without the first two it goes on."""
 
 
 def find_load_failure(text: str) -> str:

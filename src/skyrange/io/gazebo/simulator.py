@@ -78,19 +78,27 @@ class GazeboSimulator(ProgramSocket):
         until = time.monotonic() + self.deadline_s
         self.send(pack(MessageType.HELLO, self._number, hello), until)
         while not self._ready.poll(_LOOK_S * 1000.0):
-            words = self._program.last_words(_LINES)
-            failure = find_load_failure(words)
-            if failure:
-                hint = "If it is skyrange's plugin, compile it for this Gazebo: skyrange install gazebo"
-                raise ComponentError(self.name, f"cannot load what it needs: {failure}", hint)
+            self._check_loaded()
             if time.monotonic() > until:
+                words = self._program.last_words(_LINES)
                 hint = f"Its last output was: {words}" if words else "It printed nothing"
                 raise ComponentError(self.name, f"did not start its world within {START_S:g} s of wall time", hint)
         try:
-            return decode_ready(self._receive(MessageType.READY, until))
+            ready = decode_ready(self._receive(MessageType.READY, until))
         except DecodeError as error:
             hint = "Compile its plugin again: skyrange install gazebo"
             raise ComponentError(self.name, f"sent {error}", hint) from None
+        self._check_loaded()  # without its physics engine it answers, and moves nothing
+        return ready
+
+    def _check_loaded(self) -> None:
+        failure = find_load_failure(self._program.last_words(_LINES))
+        if failure:
+            hint = (
+                "If it is skyrange's plugin, compile it for this Gazebo: skyrange install gazebo. "
+                "If it is Gazebo's, install the package that has it, or that has the library it needs"
+            )
+            raise ComponentError(self.name, f"cannot load what it needs: {failure}", hint)
 
     def begin_step(self, tick_ns: int, inputs: Floats, shown: Floats) -> None:
         """Let Gazebo compute the tick from `tick_ns` to the next; arguments as of `encode_step`."""

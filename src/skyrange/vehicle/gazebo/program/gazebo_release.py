@@ -34,6 +34,9 @@ HOW_TO_GET: Final = (
     "on Debian 11 or Ubuntu 22.04: sudo apt-get install gazebo libgazebo-dev. "
     f"For one elsewhere set {VARIABLE} to the path of its gz or gzserver"
 )
+_NO_COMMANDS: Final = "cannot find any available 'gz' command"
+"""What `gz` says whose folder of commands is not where it was compiled to be."""
+_MOVED: Final = "Move Gazebo to the folder that it was built for, its CMAKE_INSTALL_PREFIX, or build it for this one"
 
 _seen: dict[tuple[str, int, int], Gazebo] = {}
 """Programs that have told their version, by path, size and time of change."""
@@ -98,6 +101,9 @@ def _ask(path: Path, who: str) -> Gazebo:
         text = _answer(path, who, "sim", "--versions")
         flavour, version = Flavour.SIM, parse_sim_version(text)
     if version is None:
+        if _NO_COMMANDS in text:
+            value = "gz without any command: it looks for them in the folder that it was built for"
+            raise InputError.one(who, where, value, EXPECTED, _MOVED)
         if "'gz' command" in text:
             raise InputError.one(who, where, "gz without the command sim", EXPECTED, HOW_TO_GET)
         if "Invalid arguments" in text:
