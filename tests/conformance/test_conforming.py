@@ -61,7 +61,8 @@ def test_what_is_checked_here_is_all_that_is_installed(monkeypatch: pytest.Monke
         "ardupilot",
         "builtin",
         "external",
-    }  # test_ardupilot_conforms, test_external_conforms
+        "gazebo",
+    }  # test_ardupilot_conforms, test_external_conforms, test_gazebo_conforms
 
 
 # ---------------------------------------------------------------- what is shipped
