@@ -120,24 +120,27 @@ RUN set -eux; apt-get update; \
     rm -rf /var/lib/apt/lists/*
 COPY --from=omnetpp-tree . /opt/omnetpp
 COPY --from=inet-tree . /opt/inet
-# Packages whose libraries the given OMNeT++ is linked with.
-ARG OMNETPP_PACKAGES="libxml2"
+# Packages whose libraries the given OMNeT++ is linked with: libxml2 if it was configured WITH_LIBXML=yes.
+ARG OMNETPP_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
 RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $OMNETPP_PACKAGES; \
     rm -rf /var/lib/apt/lists/*; \
     XDG_DATA_HOME=/opt/skyrange/share /opt/skyrange/bin/skyrange install omnetpp --omnetpp /opt/omnetpp --inet /opt/inet; \
-    find /opt/inet ! -type d ! -name '*.ned' ! -name libINET.so -delete; \
-    find /opt/inet -type d -empty -delete
+    find /opt/inet -mindepth 1 -maxdepth 1 ! -name src ! -name LICENSE.md -exec rm -r {} +; \
+    find /opt/inet/src ! -type d ! -name '*.ned' ! -name libINET.so -delete; \
+    find /opt/inet -type d -empty -delete; \
+    strip --strip-debug /opt/inet/src/libINET.so /opt/omnetpp/lib/*.so
 
 FROM base AS omnetpp
 USER 0:0
-ARG OMNETPP_PACKAGES="libxml2"
+ARG OMNETPP_PACKAGES=""
 # hadolint ignore=DL3008,SC2086
 RUN set -eux; apt-get update; \
     apt-get install --yes --no-install-recommends $OMNETPP_PACKAGES; \
     rm -rf /var/lib/apt/lists/* /var/cache/apt/* /var/log/apt /var/log/dpkg.log
-COPY --from=omnetpp-builder /opt/omnetpp/lib /opt/omnetpp/lib
+COPY --from=omnetpp-builder /opt/omnetpp/lib/*.so /opt/omnetpp/lib/
+COPY --from=omnetpp-builder /opt/omnetpp/doc/License /opt/omnetpp/doc/License
 COPY --from=omnetpp-builder /opt/inet /opt/inet
 COPY --from=omnetpp-builder /opt/skyrange/share /opt/skyrange/share
 USER 10001:10001

@@ -28,7 +28,7 @@ FEATURES: Final = ("Ieee80211", "Mobility", "PhysicalEnvironment", "WirelessNois
 """INET's features that the engine uses."""
 _INET_ENVIRONMENT: Final = ("INET_ROOT",)
 _OMNETPP_ENVIRONMENT: Final = ("__omnetpp_root_dir", "OMNETPP_ROOT")
-_CONFIGURE: Final = "./configure WITH_QTENV=no WITH_OSG=no"
+_CONFIGURE: Final = "./configure WITH_QTENV=no WITH_OSG=no WITH_SCAVE_PYTHON_BINDINGS=no"
 
 
 class OmnetppInstallation(NamedTuple):
