@@ -3,7 +3,7 @@
 #ifndef SKYRANGE_GAZEBO_EXCHANGE_H
 #define SKYRANGE_GAZEBO_EXCHANGE_H
 
-#include <map>
+#include <set>
 #include <string>
 #include <tuple>
 #include <vector>
@@ -87,7 +87,7 @@ class Exchange
             return;
         }
         const int32_t other = two.isAircraft ? two.number : -1 - two.number;
-        if (!found.emplace(std::make_tuple(one.number, one.rotor, other, two.rotor), true).second)
+        if (!found.emplace(one.number, one.rotor, other, two.rotor).second)
             return;
         contacts.push_back(
             {static_cast<uint32_t>(one.number), other, one.rotor, two.rotor, position, normal, depth});
@@ -117,7 +117,7 @@ class Exchange
     }
 
     std::vector<Contact> contacts;
-    std::map<std::tuple<int32_t, int32_t, int32_t, int32_t>, bool> found;
+    std::set<std::tuple<int32_t, int32_t, int32_t, int32_t>> found;
     int64_t tick = 0;
     uint32_t done = 0;
 };

@@ -3,6 +3,7 @@
 #ifndef SKYRANGE_GAZEBO_PROTOCOL_H
 #define SKYRANGE_GAZEBO_PROTOCOL_H
 
+#include <algorithm>
 #include <cerrno>
 #include <cstdint>
 #include <cstring>

@@ -83,7 +83,7 @@ def test_a_fleet_far_slower_than_real_time_is_the_last_one() -> None:
 
 
 def test_versions_of_a_run() -> None:
-    gazebo_facts = {"flavour": "sim", "version": "8.9.0", "physics": "dartsim"}
+    gazebo_facts = {"program": "/usr/bin/gz", "flavour": "sim", "version": "8.9.0", "physics": "dartsim"}
     manifest = {"engines": [{"kind": "gazebo", "version": "4.6.3", "gazebo": gazebo_facts}]}
     assert versions(manifest) == {"gazebo": "Gazebo Sim 8.9.0", "physics": "dartsim", "arducopter": "4.6.3"}
 

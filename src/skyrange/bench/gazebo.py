@@ -17,6 +17,7 @@ from skyrange.bench.isolation import run_in_process
 from skyrange.bench.suite.machine import describe_machine
 from skyrange.record import load as load_record
 from skyrange.runtime.run import Run
+from skyrange.vehicle.gazebo.program.gazebo_commands import Flavour, Gazebo
 from skyrange.vehicle.gazebo.program.gazebo_release import find_gazebo, find_window
 from skyrange.vehicle.gazebo.program.plugin_library import find_plugin
 
@@ -121,8 +122,8 @@ def versions(manifest: Mapping[str, Any]) -> dict[str, str]:
     """The programs of a run in Gazebo: Gazebo with its version, its physics engine, and ArduCopter's version."""
     (engine,) = manifest["engines"]
     gazebo = engine["gazebo"]
-    title = f"Gazebo {'Sim ' if gazebo['flavour'] == 'sim' else ''}{gazebo['version']}"
-    return {"gazebo": title, "physics": gazebo["physics"], "arducopter": engine["version"]}
+    found = Gazebo(Flavour(gazebo["flavour"]), gazebo["version"], Path(gazebo["program"]))
+    return {"gazebo": found.title, "physics": gazebo["physics"], "arducopter": engine["version"]}
 
 
 def summarise(rows: Sequence[Mapping[str, float]]) -> Row:
