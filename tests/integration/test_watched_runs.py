@@ -284,9 +284,9 @@ def test_watched_runs_are_paced_at_real_time_unless_told(
     asked: dict[str, Any] = {}
 
     class Ports(Viewers):
-        def __init__(self, vehicles: Sequence[str], first_port: int) -> None:
-            asked["first"] = first_port
-            super().__init__(vehicles, 0)
+        def __init__(self, vehicles: Sequence[str], first_port: int, host: str) -> None:
+            asked["first"], asked["host"] = first_port, host
+            super().__init__(vehicles, 0, host)
 
     def flown(*_: object, **how: Any) -> None:
         asked.update(how)
@@ -297,6 +297,7 @@ def test_watched_runs_are_paced_at_real_time_unless_told(
     CliRunner().invoke(app, ["run", "squares", *options])
     assert asked["speed"] == speed
     assert asked.get("first") == first
+    assert asked.get("host") == (None if first is None else "127.0.0.1")  # unless --viewer-host says otherwise
     assert (asked["viewers"] is None) == (first is None)
 
 
