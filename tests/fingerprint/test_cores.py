@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.record import RunRecord, load
 from skyrange.record.levels import RECORDED
 from skyrange.record.verification import verify_run
@@ -321,6 +321,26 @@ def test_a_failure_on_another_core_ends_the_run(tmp_path: Path, monkeypatch: pyt
     assert record.status == "failed"
     assert "a fault" in record.manifest["error"]
     assert record.table("truth").num_rows > 0
+
+
+@pytest.mark.parametrize("full", ["a", "b"])
+def test_a_file_that_cannot_be_written_leaves_nothing(
+    full: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whichever core meets it: the first has operator a, the second b."""
+    from skyrange.record.write import recorder
+
+    put = recorder.put_file
+
+    def fail(folder: Path, name: str, data: bytes) -> None:
+        if name.startswith(f"missions/{full}-"):
+            raise InputError.one("output", name, "No space left on device", "a disk with free space")
+        put(folder, name, data)
+
+    monkeypatch.setattr(recorder, "put_file", fail)
+    with pytest.raises(SkyrangeError, match="No space left on device"):
+        run_on_cores(_meeting(), Division((("a",), ("b",))), 2, tmp_path / "run")
+    assert list(tmp_path.iterdir()) == []
 
 
 CHILD = """

@@ -22,7 +22,7 @@ from skyrange.assembly.placement.route_planning import plan_routes
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
 from skyrange.assembly.radio_checks import check_radios
-from skyrange.assembly.run_header import make_attachments, make_header
+from skyrange.assembly.run_header import make_attachments, make_header, make_mission_files
 from skyrange.assembly.signing import check_signing, derive_keys
 from skyrange.city.city import City
 from skyrange.contracts.components import Agent
@@ -60,7 +60,9 @@ class BuiltScenario:
     header: dict[str, Any]
     """The manifest's part that is known before the run."""
     attachments: dict[str, bytes]
-    """Files of the run folder by name: the scenario, the missions and the city as flown."""
+    """Files of the run folder by name: the scenario and what it names, and the city as flown."""
+    missions: dict[str, bytes]
+    """The missions as flown of the vehicles that are built, as further files."""
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
 
@@ -190,7 +192,8 @@ def build(
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"defences": defences.rows} if defences.rows else {})
         | ({"detectors": rows} if rows else {}),
-        make_attachments(scenario, plans, city),
+        make_attachments(scenario, city),
+        make_mission_files({name: plan for name, plan in plans.items() if flown is None or name in flown}),
         air.oracle,
     )
 

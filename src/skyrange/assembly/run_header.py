@@ -91,9 +91,9 @@ def _name_copy(file: Path) -> str:
     return "city.geojson" if suffix == ".json" else f"city{suffix}"
 
 
-def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: City | None) -> dict[str, bytes]:
-    """The scenario with all files it names, so that the folder alone repeats the run, what was flown of them, and the
-    plugin files that were loaded.
+def make_attachments(scenario: Scenario, city: City | None) -> dict[str, bytes]:
+    """The scenario with all files it names, so that the folder alone repeats the run, the city, and the plugin files
+    that were loaded.
     """
     copies: dict[str, str] = {}
     files: dict[str, bytes] = {}
@@ -116,7 +116,13 @@ def make_attachments(scenario: Scenario, plans: Mapping[str, FlightPlan], city: 
     files["scenario.toml"] = to_toml(scenario, copies).encode()
     if city is not None:
         files["city.json"] = json.dumps(city.to_json_rows(), separators=(",", ":")).encode()
-    for name, plan in plans.items():
-        if plan.mission is not None:
-            files[f"missions/{name.replace('/', '-')}.waypoints"] = format_waypoints(plan.mission).encode()
     return files
+
+
+def make_mission_files(plans: Mapping[str, FlightPlan]) -> dict[str, bytes]:
+    """The missions of vehicles as they fly them."""
+    return {
+        f"missions/{name.replace('/', '-')}.waypoints": format_waypoints(plan.mission).encode()
+        for name, plan in plans.items()
+        if plan.mission is not None
+    }

@@ -82,6 +82,8 @@ class Run:
             built.header |= more
             kernel = Kernel(replace(built.wiring, fuse=fuse))
             recorder = open_record(built, out)
+            for name, data in (built.attachments | built.missions).items():
+                recorder.attach_file(name, data)
         recorder.record_receptions(built.oracle)
         kernel.set_observers([recorder, *observers])
         return cls(kernel, recorder, built, time.perf_counter() - began)
@@ -230,14 +232,14 @@ def summarise_timings(
 
 
 def open_record(built: BuiltScenario, out: Path | None, *, flush_s: float = 1.0) -> Recorder:
-    """Open the record of a run in `out`, or in a free folder, with the scenario as flown in it; `flush_s` is that of
-    `Recorder.open`.
+    """Open the record of a run in `out`, or in a free folder; its files are for the caller to attach. `flush_s` is that
+    of `Recorder.open`.
     """
     scenario, record = built.scenario, built.scenario.record
     while True:
         folder = out if out is not None else free_folder(scenario.name)
         try:
-            recorder = Recorder.open(
+            return Recorder.open(
                 folder,
                 built.header,
                 truth_hz=record.truth_hz,
@@ -247,13 +249,9 @@ def open_record(built: BuiltScenario, out: Path | None, *, flush_s: float = 1.0)
                 csv=record.csv,
                 flush_s=flush_s,
             )
-            break
         except InputError:
             if out is not None or free_folder(scenario.name) == folder:
                 raise  # else another run has taken the folder meanwhile
-    for name, data in built.attachments.items():
-        recorder.attach_file(name, data)
-    return recorder
 
 
 def free_folder(name: str, parent: Path = Path("runs")) -> Path:

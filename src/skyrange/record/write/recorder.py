@@ -103,6 +103,8 @@ class Recorder:
         self._frames: list[Frame | FrameBlock] = []
         self._singles = 0
         self._frame_rows = 0
+        self.block_rows = _BLOCK_ROWS
+        """So many frames of blocks are written as soon as they are there, without `flush`."""
         self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
         self._labels: list[Label] = []
         self._alerts: list[AlertRow] = []
@@ -218,7 +220,8 @@ class Recorder:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
 
         `name` is a relative path of plain names. Raises `InputError` for a path that leaves the folder or that the
-        record uses itself, and if writing fails; the record is then abandoned and nothing is left behind.
+        record uses itself, and if writing fails; the record is then abandoned and nothing is left behind, but for what
+        other shards have written.
         """
         if self._state.counts:
             raise ValueError(f"{name}: files must be attached before the first rows are written")
@@ -226,7 +229,8 @@ class Recorder:
             put_file(self.path, name, data)
         except InputError:
             self._write_failed = self._closed = True
-            remove_folder(self.path, self._made)
+            if not self._shard:
+                remove_folder(self.path, self._made)
             raise
 
     def keep_file(self, name: str, path: Path) -> None:
@@ -256,7 +260,7 @@ class Recorder:
         self._frame_rows += len(block)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._frame_rows >= _BLOCK_ROWS:
+        elif self._frame_rows >= self.block_rows:
             self._write_frames()
             self._write_receptions()
 
@@ -318,6 +322,11 @@ class Recorder:
             self._leave_out(table, batch.num_rows)
 
     # ---------------------------------------------------------------- writing
+
+    @property
+    def waiting_rows(self) -> int:
+        """Frames of blocks that are not written yet."""
+        return self._frame_rows
 
     def flush(self, *, last: bool = False) -> None:
         """Write all rows now, and with `last` those that wait for others to come; `ComponentError` if writing fails."""

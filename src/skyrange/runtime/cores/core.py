@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
 from skyrange.contracts.links import LinkSpec
+from skyrange.core.errors import InputError
 from skyrange.core.ids import Port, endpoint, vehicle_id
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring
@@ -23,11 +25,11 @@ from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.runtime.cores.acts import keep_own_acts
-from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barrier_period
-from skyrange.runtime.cores.exchange import Member
+from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barriers
+from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
 from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
-from skyrange.runtime.cores.oracle_replica import OracleReplica
+from skyrange.runtime.cores.oracle_replica import OracleReplica, arrive_ahead
 from skyrange.runtime.cores.separation import Approach, Separation
 from skyrange.runtime.memory import peak_memory_mb
 from skyrange.scenario.model.scenario import Scenario
@@ -36,9 +38,11 @@ from skyrange.world.airframes import AIRFRAMES
 LONGEST_PERIOD_NS: Final[Time] = 100 * NS_PER_MS
 """Longest time between two barriers: so often Ctrl-C is looked for, and the distances between aircraft."""
 FLUSH_S: Final = 1.0
-"""All cores write what they recorded together, so often in wall time: what one does alone all others wait for."""
-_START, _BARRIER, _END = 0, 1, 3
-"""Purposes of rounds of the exchange; `oracle_replica.PURPOSE` is another."""
+"""So often in wall time all cores write what they recorded, and when one of them has many frames: together, because all
+others wait for what one does alone.
+"""
+_STOP, _FLUSH = 1, 2
+"""What a core orders at a barrier: to stop, as the first one does, and to write."""
 
 
 class ApproachError(Exception):
@@ -70,7 +74,10 @@ class Core:
         self._operators = division.operators[member.number]
         self._vehicles = mine
         self._inbound: list[Transit] = []
+        self._posted: deque[Time] = deque()
+        """Barriers at which this core has posted, and what others posted is not collected yet."""
         self._flush_due_s = time.monotonic()
+        self._flush_ordered = False
         self.wall_s = 0.0
         self.setup_s = 0.0
 
@@ -83,16 +90,21 @@ class Core:
         told = {
             "preroll_ns": max(mount.engine.preroll_ns for mount in self.built.wiring.engines),
             "crossings": sorted(set(_list_crossings(self.built.wiring, self._here))),
+            "ahead": arrive_ahead(self.built.wiring, self._here),
         }
-        parts = [json.loads(part) for part in self._gather(_START, 0, told)]
+        parts = [json.loads(part) for part in self._gather(Topic.START, 0, told)]
         crossings = [Crossing(*link) for part in parts for link in part["crossings"]]
-        self.period_ns = find_barrier_period(crossings, world.quantum_ns, LONGEST_PERIOD_NS)
+        self.period_ns, self.lag = find_barriers(crossings, world.quantum_ns, LONGEST_PERIOD_NS)
         airframes = {vehicle_id(operator.id, one.id): one.airframe for operator, one in self._scenario.fleet}
         self._separation = Separation(
-            self._motion, [AIRFRAMES[airframes[vehicle]] for vehicle in self._motion.vehicles], self.period_ns
+            self._motion,
+            [AIRFRAMES[airframes[vehicle]] for vehicle in self._motion.vehicles],
+            self.period_ns,
+            (1 + self.lag) * self.period_ns,
         )
         oracle = self.built.oracle
-        replica = None if oracle is None else self._replicate(oracle)
+        ahead = all(part["ahead"] for part in parts)
+        replica = None if oracle is None else self._replicate(oracle, ahead)
         wiring = self.built.wiring
         if self.member.number:
             wiring = keep_own_acts(wiring, self._division.binding.divisible)
@@ -105,9 +117,11 @@ class Core:
         record = self.built.scenario.record
         if open_record is not None:
             self.recorder = open_record(self.built)
-            self._gather(_START, 1, str(self.recorder.path.resolve()))
+            files = self.built.attachments | self.built.missions
+            self._gather(Topic.START, 1, str(self.recorder.path.resolve()))
         else:
-            folder = Path(json.loads(self._gather(_START, 1, "")[0]))
+            folder = Path(json.loads(self._gather(Topic.START, 1, "")[0]))
+            files = self.built.missions
             self.recorder = Recorder.join(
                 folder,
                 self.built.header,
@@ -118,9 +132,31 @@ class Core:
                 level=record.level,
                 features_hz=record.features_hz,
             )
+        self._attach_files(files)
         self.recorder.record_receptions(replica)
+        self._full_rows = self.recorder.block_rows
+        self.recorder.block_rows *= 4  # it is told to write before
         self.kernel.set_observers([self.recorder])
         self.setup_s = time.perf_counter() - self._began
+
+    def _attach_files(self, files: Mapping[str, bytes]) -> None:
+        """Put this core's files into the folder. Where one of all cannot be written, the first core removes the folder
+        once nobody writes to it.
+        """
+        problem = None
+        try:
+            for name, data in files.items():
+                self.recorder.attach_file(name, data)
+        except InputError as error:
+            problem = error
+        reasons = [json.loads(part) for part in self._gather(Topic.START, 2, str(problem or ""))]
+        if any(reasons) and not self.member.number:
+            self.recorder.abandon()
+        if problem is not None:
+            raise problem
+        for core, reason in enumerate(reasons):
+            if reason:
+                raise CoreFailedError(f"core {core}", reason)
 
     def advance(self, until: Time, stop: bool) -> bool:
         """Run to the next barrier, no later than `until`; returns whether the first core has asked to stop there.
@@ -132,12 +168,18 @@ class Core:
             kernel = self.kernel
             barrier = min((kernel.now // self.period_ns + 1) * self.period_ns, until)
             outbound = kernel.advance(barrier, self._inbound)
-            return self._exchange(barrier, outbound, stop)
+            self._inbound = []
+            self._post(barrier, outbound, stop)
+            order = 0
+            # at the end all of it, because of the frames that are under way
+            while len(self._posted) > (0 if barrier == until or order & _STOP else self.lag):
+                order |= self._collect()
+            return bool(order & _STOP)
         finally:
             self.wall_s += time.perf_counter() - began
 
-    def _exchange(self, now: Time, outbound: list[Transit], stop: bool) -> bool:
-        """Exchange frames and positions at a barrier; returns whether to stop."""
+    def _post(self, now: Time, outbound: list[Transit], stop: bool) -> None:
+        """Give the other cores frames and positions at a barrier."""
         member = self.member
         world = self.built.wiring.world
         assert world is not None
@@ -146,11 +188,21 @@ class Core:
             sent[self._here.core_of(transit.frame.dst)].append(transit)
         motion = self._motion.pack(*world.motion())
         packed = [pack_transits(part) for part in sent]
-        due = self.member.number == 0 and time.monotonic() >= self._flush_due_s
-        head = np.array([stop + 2 * due, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
-        parts = member.gather(_BARRIER, now, b"".join([head, motion, *packed]))
+        order = _STOP if stop else 0
+        due = member.number == 0 and time.monotonic() >= self._flush_due_s
+        if not self._flush_ordered and (due or self.recorder.waiting_rows >= self._full_rows):
+            self._flush_ordered = True
+            order |= _FLUSH
+        head = np.array([order, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
+        member.post(Topic.BARRIER, now, b"".join([head, motion, *packed]))
+        self._posted.append(now)
+
+    def _collect(self) -> int:
+        """Take over what all cores posted at the earliest barrier that is left; returns what they order."""
+        member = self.member
+        now = self._posted.popleft()
+        parts = member.collect(Topic.BARRIER, now)
         heads = [np.frombuffer(part, dtype=np.int64, count=2 + member.count) for part in parts]
-        self._inbound = []
         motions = []
         for part, sizes in zip(parts, heads, strict=True):
             at = sizes.nbytes + int(sizes[1])
@@ -161,11 +213,12 @@ class Core:
         approach = self._separation.check()
         if approach is not None:
             raise ApproachError(now, approach)
-        order = int(heads[0][0])
-        if order & 2:
+        order = int(np.bitwise_or.reduce([head[0] for head in heads]))
+        if order & _FLUSH:
             self._flush_due_s = time.monotonic() + FLUSH_S
+            self._flush_ordered = False
             self.recorder.flush()
-        return bool(order & 1)
+        return order
 
     def leave(self) -> list[Mapping[str, Any]]:
         """End this core's part of the run, and exchange what the first core needs to close the record: one entry for
@@ -187,12 +240,12 @@ class Core:
             "cpu_s": round(time.process_time(), 3),
             "peak_memory_mb": round(peak_memory_mb(), 1),
         }
-        return [json.loads(part) for part in self._gather(_END, 0, told)]
+        return [json.loads(part) for part in self._gather(Topic.END, 0, told)]
 
-    def _gather(self, purpose: int, now: Time, value: Any) -> list[bytes]:
-        return self.member.gather(purpose, now, json.dumps(value).encode())
+    def _gather(self, topic: Topic, now: Time, value: Any) -> list[bytes]:
+        return self.member.gather(topic, now, json.dumps(value).encode())
 
-    def _replicate(self, oracle: Oracle) -> OracleReplica:
+    def _replicate(self, oracle: Oracle, ahead: bool) -> OracleReplica:
         radio = self._scenario.radio
         operators = {} if radio is None else {one.id: one.operator for one in radio.receivers}
         radios = [
@@ -201,7 +254,8 @@ class Core:
             if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
-        return OracleReplica(oracle, self.member, self._motion, table, radios)
+        motion = FleetMotion([self._division.vehicles(self._scenario, core) for core in range(self.member.count)])
+        return OracleReplica(oracle, self.member, motion, table, radios, ahead)
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""

@@ -6,7 +6,6 @@ import multiprocessing
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import gcd
 from typing import NamedTuple
 
 from skyrange.assembly.build import list_acts
@@ -170,22 +169,33 @@ class Crossing(NamedTuple):
     service_ns: Time
 
 
-def find_barrier_period(crossings: Iterable[Crossing], quantum_ns: Time, at_most_ns: Time) -> Time:
+class Barriers(NamedTuple):
+    """When cores exchange what crosses between them."""
+
+    period_ns: Time
+    lag: int
+    """How many barriers later a core needs what others posted at one: 0, then all wait for the slowest at every
+    barrier, or 1, then none waits for one that is less than a period behind.
+    """
+
+
+def find_barriers(crossings: Iterable[Crossing], quantum_ns: Time, at_most_ns: Time) -> Barriers:
     """The longest time between two barriers, in whole ticks, at which no frame arrives late on another core.
 
-    A frame may be sent at any multiple of its sender's service time. It is passed on at the next barrier, at or after
-    it was sent, and arrives at least a latency after it was sent. It is in time if no barrier is later than its
-    arrival: either the period is at most the latency, or the sender is served only at barriers.
+    A frame may be sent at any multiple of its sender's service time. It is posted at the next barrier, at or after it
+    was sent, passed on `lag` barriers later, and arrives at least a latency after it was sent. It is in time if its
+    arrival is later than that: either `lag + 1` periods are at most the latency, or the sender is served only at
+    barriers, and `lag` periods are less than the latency. The lag is 1, unless that would need barriers more than
+    twice as often as 0.
     """
     links = list(crossings)
-    steps = {link.latency_ns - link.latency_ns % quantum_ns for link in links} | {at_most_ns}
-    for latency in sorted({link.latency_ns for link in links}):
-        steps.add(gcd(*(link.service_ns for link in links if link.latency_ns <= latency)))
-    fitting = [
-        step
-        for step in steps
-        if 0 < step <= at_most_ns
-        and step % quantum_ns == 0
-        and all(link.latency_ns >= step or (link.service_ns and link.service_ns % step == 0) for link in links)
-    ]
-    return max(fitting, default=quantum_ns)
+    steps = range(at_most_ns - at_most_ns % quantum_ns, 0, -quantum_ns)
+    at_once, lagging = (
+        next((step for step in steps if all(_is_in_time(link, step, lag) for link in links)), 0) for lag in (0, 1)
+    )
+    return Barriers(lagging, 1) if 2 * lagging >= max(at_once, 1) else Barriers(at_once or quantum_ns, 0)
+
+
+def _is_in_time(link: Crossing, step: Time, lag: int) -> bool:
+    served_at_barriers = link.service_ns > 0 and link.service_ns % step == 0
+    return link.latency_ns >= (lag + 1) * step or (served_at_barriers and link.latency_ns > lag * step)

@@ -1,8 +1,10 @@
 """Exchange of bytes among the processes of a run through shared memory, in rounds in which all take part.
 
-Every process writes its part of a round, and reads the parts of all others when all have written. Each has two areas,
-used in turn: it writes to one again only after all have begun the next round, that is, have read the last. A byte in a
-pipe for each pair of processes says that a part is written; if a process ends, its pipes close, and the others notice.
+Rounds have topics, each with an order of its own. In a round every process posts its part, and collects the
+parts of all when it needs them, at the latest before it posts the second part after it: so a process may be a round
+ahead of the others, and need not wait for each of them each time. An area of a topic is written to again when all have
+read it. A byte in a pipe for each pair of processes says on which topic a part was posted; if a process ends,
+its pipes close, and the others notice.
 """
 
 from __future__ import annotations
@@ -11,16 +13,35 @@ import mmap
 import os
 import struct
 import time
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
+from enum import IntEnum
 from typing import Final
 
 from skyrange.core.errors import ComponentError
 
-_HEADER: Final = struct.Struct("<qqq")  # what the round is for, simulated time, size of the whole part
-_FAILED: Final = -1
+_HEADER: Final = struct.Struct("<qq")  # simulated time, size of the whole part
 AREA_BYTES: Final = 1 << 20
 """Size of one area; a longer part is exchanged in pieces."""
+MAX_AHEAD: Final = 1
+"""Rounds of a topic that a process may have posted beside the one that it is to collect next."""
+_AREAS: Final = 2 * (MAX_AHEAD + 1)
+"""Areas of a process for a topic. One that posts round p has collected p - 1 - MAX_AHEAD, for which the others posted
+it, so they had collected p - 2 - 2 MAX_AHEAD: what they have not read yet is in the areas after that one."""
+_FAILED: Final = 255
+_READ_BYTES: Final = 256
+
+
+class Topic(IntEnum):
+    """What rounds are for."""
+
+    START = 0
+    BARRIER = 1
+    RADIO = 2
+    END = 3
+    PIECES = 4
+    """The rest of parts that are longer than an area; used by the exchange itself."""
 
 
 class CoreFailedError(ComponentError):
@@ -33,7 +54,8 @@ class Exchange:
     def __init__(self, count: int, area_bytes: int = AREA_BYTES) -> None:
         self.count = count
         self.area_bytes = area_bytes
-        self._memory = mmap.mmap(-1, count * 2 * (_HEADER.size + area_bytes))
+        areas = len(Topic) * _AREAS + 1  # the last for the reason of a failure
+        self._memory = mmap.mmap(-1, count * areas * (_HEADER.size + area_bytes))  # pages are there once written to
         self._pipes = {(a, b): os.pipe() for a in range(count) for b in range(count) if a != b}
 
     def join(self, member: int) -> Member:
@@ -65,34 +87,67 @@ class Member:
         self._memory = memory
         self._readers = readers
         self._writers = writers
-        self._round = 0
+        self._posted: list[deque[bytes]] = [deque() for _ in Topic]
+        """Own parts that are not collected yet, by topic."""
+        self._collected = [0] * len(Topic)
+        self._arrived = {source: [0] * len(Topic) for source in readers}
+        """Rounds of each topic that other processes have posted."""
+        self._failed: set[int] = set()
         self.waited_s = 0.0
         """Wall seconds for which it has waited for others."""
 
-    def gather(self, purpose: int, now: int, part: bytes) -> list[bytes]:
-        """Exchange `part` for those of all others; returns all in order of their processes, the own among them.
+    def post(self, topic: Topic, now: int, part: bytes) -> None:
+        """Give `part` to all others in the next round of a topic, without waiting for theirs."""
+        waiting = self._posted[topic]
+        if len(waiting) > MAX_AHEAD:
+            raise ValueError(f"{len(waiting)} rounds of topic {topic.name} were posted and not collected")
+        at = self._place(self.number, topic, self._collected[topic] + len(waiting))
+        start = at + _HEADER.size
+        piece = part[: self._area_bytes]
+        self._memory[start : start + len(piece)] = piece
+        self._memory[at:start] = _HEADER.pack(now, len(part))
+        waiting.append(part)
+        self._signal(topic)
 
-        `purpose` and `now` are equal in all processes in a round, or they are out of step. Raises `CoreFailedError`
-        if another process has failed or ended.
+    def collect(self, topic: Topic, now: int) -> list[bytes]:
+        """The parts of the oldest round that was not collected yet, in order of the processes, the own among them.
+
+        Waits until all have posted it. `now` is what it was posted with, and equal in all processes, or they are out of
+        step: `ComponentError`. Raises `CoreFailedError` if another process has failed or ended.
         """
-        sizes = self._write_and_read(purpose, now, len(part), part[: self._area_bytes])
-        whole = [bytearray() for _ in range(self.count)]
-        for begin in range(0, max(*sizes, 1), self._area_bytes):
-            if begin:
-                self._write_and_read(purpose, now, len(part), part[begin : begin + self._area_bytes])
-            for member, size in enumerate(sizes):
-                piece = min(max(size - begin, 0), self._area_bytes)
-                if piece and member != self.number:
-                    at = self._place(member, self._round - 1) + _HEADER.size
-                    whole[member] += self._memory[at : at + piece]
-        return [part if member == self.number else bytes(got) for member, got in enumerate(whole)]
+        number = self._collected[topic]
+        self._wait(topic, number + 1)
+        own = self._posted[topic].popleft()
+        self._collected[topic] += 1
+        parts: list[bytes] = []
+        sizes = []
+        for member in range(self.count):
+            at = self._place(member, topic, number)
+            start = at + _HEADER.size
+            then, size = _HEADER.unpack(self._memory[at:start])
+            if then != now:
+                raise ComponentError(
+                    "cores",
+                    f"out of step at topic {topic.name}: core {self.number} is at {now} ns, core {member} at {then} ns",
+                )
+            sizes.append(size)
+            mine = member == self.number
+            parts.append(own if mine else bytes(self._memory[start : start + min(size, self._area_bytes)]))
+        return self._collect_rest(now, parts, sizes) if max(sizes) > self._area_bytes else parts
+
+    def gather(self, topic: Topic, now: int, part: bytes) -> list[bytes]:
+        """Post a part and collect those of all at once."""
+        self.post(topic, now, part)
+        return self.collect(topic, now)
 
     def fail(self, reason: str) -> None:
         """Tell all others, in place of the next round, that this process has failed."""
         data = reason.encode()[: self._area_bytes]
-        self._write(_FAILED, 0, len(data), data)
-        for target in self._writers:
-            self._post(target)
+        at = self._place_of_reason(self.number)
+        start = at + _HEADER.size
+        self._memory[start : start + len(data)] = data
+        self._memory[at:start] = _HEADER.pack(0, len(data))
+        self._signal(_FAILED)
 
     def close(self) -> None:
         """Leave: close the pipes. Again does nothing."""
@@ -100,42 +155,49 @@ class Member:
             os.close(end)
         self._readers, self._writers = {}, {}
 
-    def _write_and_read(self, purpose: int, now: int, size: int, piece: bytes) -> Sequence[int]:
-        """One round: write a piece, wait for all others, and return the sizes of all parts."""
-        self._write(purpose, now, size, piece)
-        for target in self._writers:
-            self._post(target)
+    def _collect_rest(self, now: int, parts: list[bytes], sizes: Sequence[int]) -> list[bytes]:
+        """Whole parts, of which the first areas are there; all know the sizes, so all do this in the same round."""
+        own = parts[self.number]
+        whole = [bytearray(part) for part in parts]
+        for begin in range(self._area_bytes, max(sizes), self._area_bytes):
+            pieces = self.gather(Topic.PIECES, now, own[begin : begin + self._area_bytes])
+            for member, piece in enumerate(pieces):
+                if member != self.number:
+                    whole[member] += piece
+        return [own if member == self.number else bytes(part) for member, part in enumerate(whole)]
+
+    def _wait(self, topic: Topic, rounds: int) -> None:
+        """Wait until all others have posted so many rounds of a topic."""
         began = time.perf_counter()
-        for source, reader in self._readers.items():
-            if not os.read(reader, 1):
-                raise CoreFailedError(f"core {source}", "its process ended unexpectedly")
+        for source, arrived in self._arrived.items():
+            while arrived[topic] < rounds:
+                if source in self._failed:
+                    self._raise_failure(source)
+                signals = os.read(self._readers[source], _READ_BYTES)
+                if not signals:
+                    raise CoreFailedError(f"core {source}", "its process ended unexpectedly")
+                for signal in signals:
+                    if signal == _FAILED:
+                        self._failed.add(source)
+                    else:
+                        arrived[signal] += 1
         self.waited_s += time.perf_counter() - began
-        sizes = []
-        for member in range(self.count):
-            at = self._place(member, self._round)
-            theirs, then, found = _HEADER.unpack(self._memory[at : at + _HEADER.size])
-            if theirs == _FAILED:
-                start = at + _HEADER.size
-                raise CoreFailedError(f"core {member}", bytes(self._memory[start : start + found]).decode())
-            if (theirs, then) != (purpose, now):
-                raise ComponentError(
-                    "cores",
-                    f"out of step: core {self.number} is at {(purpose, now)}, core {member} at {(theirs, then)}",
-                )
-            sizes.append(found)
-        self._round += 1
-        return sizes
 
-    def _write(self, purpose: int, now: int, size: int, piece: bytes) -> None:
-        at = self._place(self.number, self._round)
+    def _raise_failure(self, source: int) -> None:
+        at = self._place_of_reason(source)
         start = at + _HEADER.size
-        self._memory[start : start + len(piece)] = piece
-        self._memory[at:start] = _HEADER.pack(purpose, now, size)
+        _, size = _HEADER.unpack(self._memory[at:start])
+        raise CoreFailedError(f"core {source}", bytes(self._memory[start : start + size]).decode(errors="replace"))
 
-    def _post(self, target: int) -> None:
-        with suppress(BrokenPipeError):  # what was left in the other pipe tells why it ended
-            os.write(self._writers[target], b"\0")
+    def _signal(self, signal: int) -> None:
+        for writer in self._writers.values():
+            with suppress(BrokenPipeError):  # what was left in the other pipe tells why it ended
+                os.write(writer, bytes((signal,)))
 
-    def _place(self, member: int, number: int) -> int:
-        """Where the area of a process for a round begins."""
-        return (2 * member + number % 2) * (_HEADER.size + self._area_bytes)
+    def _place(self, member: int, topic: Topic, number: int) -> int:
+        """Where the area of a process for a round of a topic begins."""
+        area = (member * len(Topic) + topic) * _AREAS + number % _AREAS
+        return area * (_HEADER.size + self._area_bytes)
+
+    def _place_of_reason(self, member: int) -> int:
+        return (self.count * len(Topic) * _AREAS + member) * (_HEADER.size + self._area_bytes)

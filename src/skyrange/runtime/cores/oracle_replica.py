@@ -3,12 +3,16 @@
 At each step the replicas exchange where the aircraft are, and what arrived from the companions. The medium is a
 function of these, so all replicas of it agree to the bit, and each delivers and records what the radios on its own core
 receive. What the oracle notes is recorded by the first core.
+
+A step comes last in its instant, after the autopilots, companions and ground stations. Where nothing arrives in the
+second half of the time between two steps, a replica posts its part as soon as the world has advanced, and collects
+those of the others when its own core comes to the step: it need not wait for a core that is a little behind.
 """
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from typing import Final, cast
 
 import numpy as np
@@ -16,57 +20,97 @@ import pyarrow as pa
 
 from skyrange.contracts.components import Floats, World
 from skyrange.contracts.frames.blocks import LinkTable
+from skyrange.contracts.links import Channel
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.medium import Receptions
+from skyrange.core.errors import ComponentError
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
-from skyrange.radio.oracle import Oracle
-from skyrange.runtime.cores.exchange import Member
+from skyrange.kernel import Wiring
+from skyrange.radio.oracle import ENDPOINT, STEP_NS, Oracle
+from skyrange.runtime.cores.exchange import Member, Topic
 from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import list_transmissions, merge_inboxes, pack_inbox, unpack_inbox
 
-PURPOSE: Final = 2
-"""Of its rounds of the exchange."""
 _SIZE: Final = struct.Struct("<q")
+
+
+def arrive_ahead(wiring: Wiring, here: Container[str]) -> bool:
+    """Whether all that endpoints in `here` send to the oracle arrives in the first half of the time between two steps:
+    they are served at steps alone, and no tap, chance or limit delays what they send.
+    """
+    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
+    service = {port: agent.service_ns for agent in agents for port in agent.ports}
+    for spec in wiring.links:
+        if ENDPOINT not in (spec.a, spec.b):
+            continue
+        sender = spec.b if spec.a == ENDPOINT else spec.a
+        if sender not in here:
+            continue
+        channel = spec.channel
+        if (
+            not isinstance(channel, Channel)
+            or channel.random
+            or channel.rate_bps > 0.0
+            or not 0 < channel.latency_ns % STEP_NS <= STEP_NS // 2
+            or service.get(Port(sender, spec.name), 1) % STEP_NS
+            or any(tap.find_ends(spec) for tap in wiring.taps)
+        ):
+            return False
+    return not any(limit.endpoint == ENDPOINT for limit in wiring.processing)
 
 
 class OracleReplica:
     """An oracle as a truth subscriber of one core's kernel (contract: `contracts.components.TruthSubscriber`)."""
 
     def __init__(
-        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, radios: Sequence[str]
+        self, oracle: Oracle, member: Member, motion: FleetMotion, links: LinkTable, radios: Sequence[str], ahead: bool
     ) -> None:
-        """`links` are those of every kernel; `radios` those here, ground receivers of the operators here included."""
+        """`links` are those of every kernel; `radios` those here, ground receivers of the operators here included.
+        `motion` is for this replica alone. `ahead` is whether on all cores all `arrive_ahead`.
+        """
         self.name = oracle.name
-        self.service_ns: Time = oracle.service_ns
+        self.service_ns: Time = oracle.service_ns // 2 if ahead else oracle.service_ns
         self.observe_period_ns: Time = oracle.observe_period_ns
         self.ports: Sequence[Port] = oracle.ports
         self._oracle = oracle
         self._member = member
         self._motion = motion
         self._links = links
+        self._ahead = ahead
         here = frozenset(radios)
         oracle.hears = np.array([radio.name in here for radio in oracle.medium.radios], dtype=np.bool_)
+        self._arrived: list[Inbox] = []
+        """What arrived on this core since the last step."""
         self._foreign: list[Inbox] = []
         """What arrived on other cores since it was asked for."""
         self._own: tuple[Floats, Floats] | None = None
-        self._next: Time | None = None
+        self._next: Time = 0
+        """The next step: at each, because others may have something for it."""
 
     def observe(self, now: Time, world: World) -> None:
-        """Keep where the aircraft of this core are."""
+        """Keep where the aircraft of this core are; before a step that needs nothing more, post it."""
         position, velocity = world.motion()
         self._own = position.copy(), velocity.copy()
+        if self._ahead and now == self._next:
+            self._post(now)
 
     def next_wakeup(self) -> Time:
-        """At each step: others may have something for it."""
-        return 0 if self._next is None else self._next
+        """The next step."""
+        return self._next
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         """Exchange positions and broadcasts, step the oracle if anything is due, and keep what this core delivers."""
-        self._next = now + self.service_ns
-        assert self._own is not None
-        own = self._motion.pack(*self._own)
-        parts = self._member.gather(PURPOSE, now, _SIZE.pack(len(own)) + own + pack_inbox(inbox))
+        if len(inbox):
+            if self._ahead and now >= self._next:
+                raise ComponentError(self.name, f"a frame arrived for the step at {now} ns after its exchange began")
+            self._arrived.append(inbox)
+        if now < self._next:
+            return Outbox()
+        if not self._ahead:
+            self._post(now)
+        self._next = now + self._oracle.service_ns
+        parts = self._member.collect(Topic.RADIO, now)
         sizes = [_SIZE.unpack_from(part)[0] for part in parts]
         self._motion.update([part[_SIZE.size : _SIZE.size + size] for part, size in zip(parts, sizes, strict=True)])
         inboxes = [
@@ -82,6 +126,13 @@ class OracleReplica:
         if self._member.number:
             outbox.notes = []
         return outbox
+
+    def _post(self, now: Time) -> None:
+        assert self._own is not None
+        own = self._motion.pack(*self._own)
+        arrived, self._arrived = self._arrived, []
+        inbox = arrived[0] if len(arrived) == 1 else merge_inboxes(arrived)
+        self._member.post(Topic.RADIO, now, _SIZE.pack(len(own)) + own + pack_inbox(inbox))
 
     def close(self) -> None:
         """End the medium; again does nothing."""

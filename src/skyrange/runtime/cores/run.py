@@ -120,9 +120,10 @@ def _lead(
 def _begin(scenario: Scenario, division: Division, asked: int, member: Member, out: Path | None) -> Core:
     """Build the first core's part, and open the record with all others; they end where that is refused."""
     try:
-        core = Core(scenario, division, member)
-        core.built.header["cores"] = {"asked": asked, "used": division.cores, "reason": division.reason}
-        core.open(lambda built: open_record(built, out, flush_s=math.inf))
+        with collect_seldom():  # a collection would touch, and so copy, what the processes share
+            core = Core(scenario, division, member)
+            core.built.header["cores"] = {"asked": asked, "used": division.cores, "reason": division.reason}
+            core.open(lambda built: open_record(built, out, flush_s=math.inf))
     except Exception as error:
         if not isinstance(error, CoreFailedError):
             member.fail(str(error))
@@ -147,6 +148,7 @@ def _summarise(core: Core, parts: Sequence[Mapping[str, Any]], lag_s: float, fin
         "cores": {
             **core.built.header["cores"],
             "barrier_s": to_seconds(core.period_ns),
+            "lag": core.lag,
             "parts": [{key: part[key] for key in shown} for part in parts],
         },
     }
@@ -171,8 +173,9 @@ def _work(exchange: Exchange, number: int, scenario: Scenario, division: Divisio
         signal.signal(one, signal.SIG_IGN)  # the first core stops the run at a barrier
     member = exchange.join(number)
     try:
-        core = Core(scenario, division, member)
-        core.open(None)
+        with collect_seldom():
+            core = Core(scenario, division, member)
+            core.open(None)
         _fly(core)
     except (CoreFailedError, ApproachError):
         pass  # the first core reports it

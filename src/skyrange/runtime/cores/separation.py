@@ -1,8 +1,9 @@
 """Separation of aircraft on different cores: no core sees those of another, so none may come near enough to touch.
 
-Between two barriers an aircraft of speed v moves at most (v + a·T)·T, where T is the time between them and a no less
-than any acceleration that an airframe can have. Two aircraft that are farther apart than both can move cannot collide
-before the next barrier. All cores decide this from the same numbers, so all decide alike.
+In a time T an aircraft of speed v moves at most (v + a·T)·T, with a no less than any acceleration that an airframe can
+have. Two aircraft that are farther apart than both can move until the next check cannot collide before it. Where they
+were is known up to a barrier later, so T is the time between two barriers and this delay. All cores decide this from
+the same numbers, so all decide alike.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ TUMBLING_MPS: Final = 10.0
 
 
 class Approach(NamedTuple):
-    """Two aircraft on different cores that may touch before the next barrier, and the gap between them."""
+    """Two aircraft on different cores that may touch before the next check, and the gap between them."""
 
     vehicle: str
     other: str
@@ -60,8 +61,10 @@ def _find_close(
 class Separation:
     """Watches the gaps between aircraft on different cores, barrier by barrier."""
 
-    def __init__(self, motion: FleetMotion, airframes: Sequence[Airframe], period_ns: Time) -> None:
-        """`airframes` in the order of `motion.vehicles`; `period_ns` is the longest time between two barriers."""
+    def __init__(self, motion: FleetMotion, airframes: Sequence[Airframe], period_ns: Time, horizon_ns: Time) -> None:
+        """`airframes` in the order of `motion.vehicles`. `period_ns` is the longest time between what two checks see;
+        `horizon_ns` the longest from what a check sees to the next check.
+        """
         kinds = {airframe.name: airframe for airframe in airframes}
         names = sorted(kinds)
         self._motion = motion
@@ -70,23 +73,24 @@ class Separation:
         vehicles = motion.vehicles
         self._order = np.array(sorted(range(len(vehicles)), key=vehicles.__getitem__), dtype=np.int64)
         self._period_s = period_ns / NS_PER_S
+        self._horizon_s = horizon_ns / NS_PER_S
         self._pairs = np.empty((0, 2), dtype=np.int64)
         self._listed_m = 0.0
         """How far any aircraft may have moved since the near pairs were listed."""
         self._census_due = True
 
     def check(self) -> Approach | None:
-        """Two aircraft that may touch before the next barrier; `None` if there are none."""
+        """Two aircraft that may touch before the next check; `None` if there are none."""
         position, velocity = self._motion.motion()
         speed = np.sqrt((velocity * velocity).sum(axis=1)) + TUMBLING_MPS
-        reach = (speed + ACCELERATION_MPS2 * self._period_s) * self._period_s
+        reach = (speed + ACCELERATION_MPS2 * self._horizon_s) * self._horizon_s
         longest = float(reach.max())
         # a pair that is not listed is at least NEAR_M apart, less what both have moved since, and will before the next
         if self._census_due or 2.0 * (self._listed_m + longest) >= NEAR_M:
             self._census_due, self._listed_m = False, 0.0
             pairs, _ = list_near_pairs(self._order, self._shape, self._airframe, position, 0.0)
             self._pairs = pairs[self._motion.core[pairs[:, 0]] != self._motion.core[pairs[:, 1]]]
-        self._listed_m += longest
+        self._listed_m += (float(speed.max()) + ACCELERATION_MPS2 * self._period_s) * self._period_s
         if not len(self._pairs):
             return None
         at, gap = _find_close(self._pairs, self._motion.core, position, reach, self._shape, self._airframe)
