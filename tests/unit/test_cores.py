@@ -7,8 +7,10 @@ import signal
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -16,16 +18,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.bench import cores as bench_cores
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.links import Channel, LinkSpec, ProcessingLimit
+from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.errors import ComponentError
-from skyrange.core.ids import FrameId
+from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, ceil_to
-from skyrange.kernel import Transit
+from skyrange.kernel import Transit, Wiring
+from skyrange.radio.oracle import STEP_NS
 from skyrange.runtime.cores import division
 from skyrange.runtime.cores.division import Barriers, Crossing, Division, divide, find_barriers
 from skyrange.runtime.cores.exchange import MAX_AHEAD, CoreFailedError, Exchange, Member, Topic
 from skyrange.runtime.cores.fleet_motion import FleetMotion
-from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
+from skyrange.runtime.cores.frame_messages import (
+    list_transmissions,
+    pack_inbox,
+    pack_transits,
+    unpack_inbox,
+    unpack_transits,
+)
+from skyrange.runtime.cores.oracle_replica import AHEAD_NS, arrive_ahead
 from skyrange.runtime.cores.separation import ACCELERATION_MPS2, TUMBLING_MPS, Separation
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
@@ -167,6 +181,56 @@ def test_frames_under_way_survive_packing() -> None:
     for mine, theirs in zip(got, sent, strict=True):
         assert all(getattr(mine.frame, name) == getattr(theirs.frame, name) for name in Frame.__slots__)
     assert list(unpack_transits(pack_transits([]))) == []
+
+
+def test_transmissions_of_other_cores_are_listed_as_they_were_sent() -> None:
+    links = LinkTable([DirectedLinkName(f"rid_up:{v}", "fwd", f"{v}.companion", "oracle") for v in "abc"], np.arange(3))
+    bodies = [b"one", b"", b"three", b"\0\xff"]
+    blocks = [
+        FrameBlock(links, np.array([2, 0]), np.array([7, 9]), 50, 60, Fate.DELIVERED, Payloads.of(bodies[:2])),
+        FrameBlock(links, np.array([2]), np.array([8]), 70, 80, Fate.DELIVERED, Payloads.of(bodies), np.array([3])),
+    ]
+    single = Arrival(Port("oracle", "rid_up:x"), 65, b"single", "x.companion", FrameId("rid_up:x", "fwd", "x", 4))
+    first = unpack_inbox(pack_inbox(Inbox([single], blocks[:1])), links)
+    table = list_transmissions([first, Inbox([], blocks[1:])])
+    assert table is not None
+    found = sorted(tuple(row.values()) for row in table.to_pylist())
+    assert found == [
+        ("rid_up:a", "fwd", "a.companion", 9, 50, 60, b""),
+        ("rid_up:c", "fwd", "c.companion", 7, 50, 60, b"one"),
+        ("rid_up:c", "fwd", "c.companion", 8, 70, 80, b"\0\xff"),
+        ("rid_up:x", "fwd", "x", 4, 65, 65, b"single"),
+    ]
+    assert list_transmissions([Inbox([], [])]) is None
+
+
+def _wire(channel: Channel, served_ns: int, tapped: bool) -> Wiring:
+    agent = Mock(ports=[Port("a.companion", "rid_up:a")], service_ns=served_ns)
+    tap = Mock(find_ends=lambda spec: ["a.companion"] if tapped else [])
+    return Wiring(0, [LinkSpec("rid_up:a", "a.companion", "oracle", channel)], agents=[agent], taps=[tap])
+
+
+at_any_time = st.integers(0, 40).map(lambda halves: 500_000 * halves)
+
+
+@given(st.sampled_from([1_000, 20_000_000, 30_000_000, 50_000_000, 5_000_000]), at_any_time, st.integers(0, 500))
+def test_what_arrives_ahead_is_there_before_the_exchange_begins(served_ns: int, latency_ns: int, nth: int) -> None:
+    channel = Channel(latency_ns=max(latency_ns, 1_000))
+    if arrive_ahead(_wire(channel, served_ns, False), ["a.companion"]):
+        late_ns = (served_ns * nth + channel.latency_ns) % STEP_NS
+        assert 0 < late_ns <= STEP_NS - AHEAD_NS
+
+
+def test_only_what_is_certain_arrives_ahead() -> None:
+    steady, here = Channel(latency_ns=100_000), ["a.companion"]
+    assert arrive_ahead(_wire(steady, 50 * NS_PER_MS, False), here)
+    assert not arrive_ahead(_wire(steady, 50 * NS_PER_MS, True), here)
+    assert arrive_ahead(_wire(steady, 1_000, True), [])  # those of other cores are for these to tell
+    assert not arrive_ahead(_wire(steady, 1_000, False), here)
+    assert not arrive_ahead(_wire(replace(steady, jitter_ns=1), 50 * NS_PER_MS, False), here)
+    assert not arrive_ahead(_wire(replace(steady, rate_bps=1e6), 50 * NS_PER_MS, False), here)
+    limited = replace(_wire(steady, 50 * NS_PER_MS, False), processing=[ProcessingLimit("oracle", 10.0, 5)])
+    assert not arrive_ahead(limited, here)
 
 
 # ------------------------------------------------------------------ barriers

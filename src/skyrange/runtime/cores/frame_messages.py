@@ -18,6 +18,11 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.kernel import Transit
 
 _SIZE: Final = struct.Struct("<q")
+_TRANSMISSIONS: Final = pa.schema(
+    [(name, pa.string()) for name in ("link", "direction", "sender")]
+    + [(name, pa.int64()) for name in ("serial", "sent_ns", "arrived_ns")]
+    + [("payload", pa.binary())]
+)
 
 
 def pack_transits(transits: Iterable[Transit]) -> bytes:
@@ -46,7 +51,7 @@ def unpack_transits(data: bytes) -> Iterator[Transit]:
 def pack_inbox(inbox: Inbox) -> bytes:
     """What arrived: single frames, then the rows of all blocks."""
     rows = [[*arrival.port, arrival.at, len(arrival.payload), arrival.src, arrival.ref] for arrival in inbox.singles]
-    singles = _pack_rows(rows, [arrival.payload for arrival in inbox.singles])
+    singles = _pack_rows(rows, [arrival.payload for arrival in inbox.singles]) if rows else b""
     blocks = inbox.blocks
     if not blocks:
         return _SIZE.pack(len(singles)) + singles
@@ -71,7 +76,7 @@ def unpack_inbox(data: bytes, links: LinkTable) -> Inbox:
     at = _SIZE.size + size
     singles = [
         Arrival(Port(endpoint, link), when, payload, src, FrameId(*ref))
-        for (endpoint, link, when, _, src, ref), payload in _unpack_rows(data[_SIZE.size : at], 3)
+        for (endpoint, link, when, _, src, ref), payload in (_unpack_rows(data[_SIZE.size : at], 3) if size else ())
     ]
     return Inbox(singles, list(_unpack_blocks(data, at, links)) if at < len(data) else [])
 
@@ -86,20 +91,43 @@ def list_transmissions(inboxes: Iterable[Inbox]) -> pa.Table | None:
     """The frames in some inboxes as `frames` has them: link, direction, sender, serial, times and payload; None without
     any. Of a single frame the time of sending is not known, and that of its arrival taken.
     """
-    rows: list[tuple[str, str, str, int, int, int, bytes]] = []
-    for inbox in inboxes:
-        rows += [(*arrival.ref, arrival.at, arrival.at, arrival.payload) for arrival in inbox.singles]
-        for block in inbox.blocks:
-            for row in range(len(block)):
-                rows.append((*block.id(row), block.sent_ns, block.arrived_ns, block.payload(row)))
-    if not rows:
+    singles = [arrival for inbox in inboxes for arrival in inbox.singles]
+    blocks = [block for inbox in inboxes for block in inbox.blocks]
+    parts = []
+    if singles:
+        rows = [(*arrival.ref, arrival.at, arrival.at, arrival.payload) for arrival in singles]
+        columns = [
+            pa.array(column, field.type) for column, field in zip(zip(*rows, strict=True), _TRANSMISSIONS, strict=True)
+        ]
+        parts.append(pa.Table.from_arrays(columns, schema=_TRANSMISSIONS))
+    if blocks:
+        parts.append(_list_rows(blocks))
+    if not parts:
         return None
-    names = ("link", "direction", "sender", "serial", "sent_ns", "arrived_ns", "payload")
-    kinds = (*[pa.string()] * 3, *[pa.int64()] * 3, pa.binary())
-    columns = [pa.array(column, kind) for column, kind in zip(zip(*rows, strict=True), kinds, strict=True)]
-    table = pa.table(dict(zip(names, columns, strict=True)))
-    link = table.column("link").dictionary_encode()
-    return table.set_column(0, "link", link)
+    table = pa.concat_tables(parts).combine_chunks()
+    return table.set_column(0, "link", table.column("link").dictionary_encode())
+
+
+def _list_rows(blocks: Sequence[FrameBlock]) -> pa.Table:
+    """The frames of blocks of one table of links."""
+    names = blocks[0].link_table.names
+    numbers = np.concatenate([block.link_numbers for block in blocks])
+    used, place = np.unique(numbers, return_inverse=True)
+    ends = [names[number] for number in used.tolist()]
+    sizes = [len(block) for block in blocks]
+    payloads = Payloads.join(block.carried() for block in blocks)
+    offsets = np.zeros(len(numbers) + 1, dtype=np.int32)
+    np.cumsum(payloads.sizes, out=offsets[1:])
+    columns = [
+        *(pa.array([end[field] for end in ends], pa.string()).take(pa.array(place)) for field in range(3)),
+        pa.array(np.concatenate([block.serial for block in blocks])),
+        pa.array(np.repeat([block.sent_ns for block in blocks], sizes)),
+        pa.array(np.repeat([block.arrived_ns for block in blocks], sizes)),
+        pa.BinaryArray.from_buffers(
+            pa.binary(), len(numbers), [None, pa.py_buffer(offsets), pa.py_buffer(payloads.data)]
+        ),
+    ]
+    return pa.Table.from_arrays(columns, schema=_TRANSMISSIONS)
 
 
 def _unpack_blocks(data: bytes, at: int, links: LinkTable) -> Iterator[FrameBlock]:

@@ -4,15 +4,17 @@ At each step the replicas exchange where the aircraft are, and what arrived from
 function of these, so all replicas of it agree to the bit, and each delivers and records what the radios on its own core
 receive. What the oracle notes is recorded by the first core.
 
-A step comes last in its instant, after the autopilots, companions and ground stations. Where nothing arrives in the
-second half of the time between two steps, a replica posts its part as soon as the world has advanced, and collects
-those of the others when its own core comes to the step: it need not wait for a core that is a little behind.
+A step comes last in its instant, after the autopilots, companions and ground stations. Where nothing arrives shortly
+before a step, a replica posts its part as soon as the world has advanced, and collects those of the others when its own
+core comes to the step: it need not wait for a core that is a little behind.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Container, Sequence
+from functools import cache
+from math import gcd
 from typing import Final, cast
 
 import numpy as np
@@ -35,9 +37,13 @@ from skyrange.runtime.cores.frame_messages import list_transmissions, merge_inbo
 _SIZE: Final = struct.Struct("<q")
 
 
+AHEAD_NS: Final[Time] = STEP_NS // 4
+"""How long before a step everything has to be there that a replica posts early."""
+
+
 def arrive_ahead(wiring: Wiring, here: Container[str]) -> bool:
-    """Whether all that endpoints in `here` send to the oracle arrives in the first half of the time between two steps:
-    they are served at steps alone, and no tap, chance or limit delays what they send.
+    """Whether all that endpoints in `here` send to the oracle arrives `AHEAD_NS` or more before a step, as follows from
+    when they are served, and no tap, chance or limit delays what they send.
     """
     agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
     service = {port: agent.service_ns for agent in agents for port in agent.ports}
@@ -52,12 +58,20 @@ def arrive_ahead(wiring: Wiring, here: Container[str]) -> bool:
             not isinstance(channel, Channel)
             or channel.random
             or channel.rate_bps > 0.0
-            or not 0 < channel.latency_ns % STEP_NS <= STEP_NS // 2
-            or service.get(Port(sender, spec.name), 1) % STEP_NS
+            or not _is_ahead(service.get(Port(sender, spec.name), 1), channel.latency_ns)
             or any(tap.find_ends(spec) for tap in wiring.taps)
         ):
             return False
     return not any(limit.endpoint == ENDPOINT for limit in wiring.processing)
+
+
+@cache
+def _is_ahead(service_ns: Time, latency_ns: Time) -> bool:
+    """Whether what is sent at multiples of a service time arrives ahead of each step."""
+    apart = gcd(service_ns, STEP_NS)
+    return apart >= AHEAD_NS and all(
+        0 < (sent + latency_ns) % STEP_NS <= STEP_NS - AHEAD_NS for sent in range(0, STEP_NS, apart)
+    )
 
 
 class OracleReplica:
@@ -70,7 +84,7 @@ class OracleReplica:
         `motion` is for this replica alone. `ahead` is whether on all cores all `arrive_ahead`.
         """
         self.name = oracle.name
-        self.service_ns: Time = oracle.service_ns // 2 if ahead else oracle.service_ns
+        self.service_ns: Time = AHEAD_NS if ahead else oracle.service_ns
         self.observe_period_ns: Time = oracle.observe_period_ns
         self.ports: Sequence[Port] = oracle.ports
         self._oracle = oracle
