@@ -212,8 +212,7 @@ class ScriptedSystem(VirtualSystem):
 
 
 def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path) -> None:
-    built = build(load_data(SCENARIO, "test"))
-    for name, data in (built.attachments | built.missions).items():
+    for name, data in build(load_data(SCENARIO, "test")).files.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(data)
     (tmp_path / "part.program").mkdir()

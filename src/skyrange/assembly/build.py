@@ -66,6 +66,11 @@ class BuiltScenario:
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
 
+    @property
+    def files(self) -> dict[str, bytes]:
+        """All files of the run folder by name."""
+        return self.attachments | self.missions
+
     def close(self) -> None:
         """End the medium's program, if it is one; the kernel ends those of the engines. Again does nothing."""
         if self.oracle is not None:

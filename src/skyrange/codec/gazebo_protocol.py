@@ -15,14 +15,15 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.codec import message_header
+from skyrange.codec.message_header import HEADER as HEADER
+from skyrange.codec.message_header import pack as pack
 from skyrange.core.errors import DecodeError
 
 VERSION: Final = 1
 MAGIC: Final = b"SKYGAZEB"
 MAX_BODY_BYTES: Final = 1 << 26
 """The longest body of a message."""
-HEADER: Final = struct.Struct("<IHHI")
-"""Length of the body in bytes, type, zero, number of the request."""
 MAX_TEXT_BYTES: Final = 4096
 
 CONTACT: Final = np.dtype(
@@ -87,20 +88,9 @@ class Stepped(NamedTuple):
     """(k,) of `CONTACT`."""
 
 
-def pack(kind: MessageType, number: int, body: bytes = b"") -> bytes:
-    """A whole message."""
-    return HEADER.pack(len(body), kind, 0, number) + body
-
-
 def unpack_header(data: bytes) -> tuple[int, MessageType, int]:
     """Length of the body, type and number of a message. Raises `DecodeError`."""
-    length, kind, zero, number = HEADER.unpack(data)
-    if length > MAX_BODY_BYTES or zero:
-        raise DecodeError(f"a header of {data.hex()}")
-    try:
-        return length, MessageType(kind), number
-    except ValueError:
-        raise DecodeError(f"a message of type {kind}") from None
+    return message_header.unpack(data, MessageType, MAX_BODY_BYTES)
 
 
 def encode_hello(aircraft: Sequence[Aircraft], shown: Sequence[str], step_s: float, steps: int, motors: int) -> bytes:

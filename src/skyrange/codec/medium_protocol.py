@@ -15,14 +15,15 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from skyrange.codec import message_header
+from skyrange.codec.message_header import HEADER as HEADER
+from skyrange.codec.message_header import pack as pack
 from skyrange.core.errors import DecodeError
 
 VERSION: Final = 1
 MAGIC: Final = b"SKYMEDIA"
 MAX_BODY_BYTES: Final = 1 << 28
 """The longest body of a message."""
-HEADER: Final = struct.Struct("<IHHI")
-"""Length of the body in bytes, type, zero, number of the request."""
 ORIGIN_NS: Final = -(1 << 42)
 """No message has an earlier time (−73 minutes): a simulator without negative times counts from here."""
 NO_RADIO: Final = 0xFFFF_FFFF
@@ -166,20 +167,9 @@ class Done(NamedTuple):
     """`HEARD`"""
 
 
-def pack(kind: MessageType, number: int, body: bytes = b"") -> bytes:
-    """A whole message."""
-    return HEADER.pack(len(body), kind, 0, number & 0xFFFF_FFFF) + body
-
-
 def unpack_header(header: bytes) -> tuple[int, MessageType, int]:
-    """Length of the body, type and number of a message whose 12 first bytes are `header`."""
-    length, kind, zero, number = HEADER.unpack(header)
-    if length > MAX_BODY_BYTES or zero:
-        raise DecodeError(f"a header of {header.hex()}, which is none of this protocol")
-    try:
-        return length, MessageType(kind), number
-    except ValueError:
-        raise DecodeError(f"a message of the unknown type {kind}") from None
+    """Length of the body, type and number of a message whose 12 first bytes are `header`. Raises `DecodeError`."""
+    return message_header.unpack(header, MessageType, MAX_BODY_BYTES)
 
 
 class _Reader:

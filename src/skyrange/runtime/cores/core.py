@@ -117,7 +117,7 @@ class Core:
         record = self.built.scenario.record
         if open_record is not None:
             self.recorder = open_record(self.built)
-            files = self.built.attachments | self.built.missions
+            files = self.built.files
             self._gather(Topic.START, 1, str(self.recorder.path.resolve()))
         else:
             folder = Path(json.loads(self._gather(Topic.START, 1, "")[0]))
@@ -170,10 +170,10 @@ class Core:
             outbound = kernel.advance(barrier, self._inbound)
             self._inbound = []
             self._post(barrier, outbound, stop)
-            order = 0
+            order, last = 0, barrier == until
             # at the end all of it, because of the frames that are under way
-            while len(self._posted) > (0 if barrier == until or order & _STOP else self.lag):
-                order |= self._collect()
+            while len(self._posted) > (0 if last or order & _STOP else self.lag):
+                order |= self._collect(last)
             return bool(order & _STOP)
         finally:
             self.wall_s += time.perf_counter() - began
@@ -197,8 +197,10 @@ class Core:
         member.post(Topic.BARRIER, now, b"".join([head, motion, *packed]))
         self._posted.append(now)
 
-    def _collect(self) -> int:
-        """Take over what all cores posted at the earliest barrier that is left; returns what they order."""
+    def _collect(self, last: bool) -> int:
+        """Take over what all cores posted at the earliest barrier that is left; returns what they order. After the last
+        barrier nobody flies on, so no aircraft can come too near.
+        """
         member = self.member
         now = self._posted.popleft()
         parts = member.collect(Topic.BARRIER, now)
@@ -210,7 +212,7 @@ class Core:
             at += int(sizes[2 : 2 + member.number].sum())
             self._inbound += unpack_transits(part[at : at + int(sizes[2 + member.number])])
         self._motion.update(motions)
-        approach = self._separation.check()
+        approach = None if last else self._separation.check()
         if approach is not None:
             raise ApproachError(now, approach)
         order = int(np.bitwise_or.reduce([head[0] for head in heads]))

@@ -170,7 +170,7 @@ class _Supervisor:
             live_range.members[node.name] = SupervisedNode(node.name, node.host)
         for address in self._hosts.members:
             configs = [self._config_of(node.name) for node in live_range.deployment.nodes if node.host == address]
-            await self._hosts.send_nodes(address, live_range.built.attachments | live_range.built.missions, configs)
+            await self._hosts.send_nodes(address, live_range.built.files, configs)
         for node in live_range.deployment.nodes:
             if node.host not in self._hosts.members:
                 self._launch(live_range.members[node.name])
