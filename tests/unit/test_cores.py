@@ -17,7 +17,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skyrange.assembly.build import build
 from skyrange.bench import cores as bench_cores
+from skyrange.bench.fleet import fleet_scenario
 from skyrange.contracts.frames.blocks import DirectedLinkName, FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
@@ -94,23 +96,30 @@ def test_all_get_the_parts_of_all(count: int) -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3, 4])
-def test_rounds_of_two_topics_may_be_posted_ahead(count: int) -> None:
-    """Each process is late now and then, so that every order of who is ahead occurs."""
+def test_rounds_may_be_posted_ahead(count: int) -> None:
+    """One process after the other stops between what it posts and what it collects, while all others run ahead."""
 
     def work(member: Member) -> None:
-        posted: dict[Topic, int] = {Topic.RADIO: 0, Topic.BARRIER: 0}
-        for round_ in range(120):
-            if (round_ * 7 + member.number * 5) % 11 == 0:
-                time.sleep(0.002)
-            for topic, lag in ((Topic.RADIO, 0), (Topic.BARRIER, MAX_AHEAD)):
-                member.post(topic, round_, _part(member.number + topic, round_))
-                posted[topic] += 1
-                if posted[topic] <= lag:
-                    continue
-                parts = member.collect(topic, round_ - lag)
-                assert parts == [_part(other + topic, round_ - lag) for other in range(count)]
+        for round_ in range(60):
+            member.post(Topic.BARRIER, round_, _part(member.number, round_))
+            if round_ % 20 == 10 + member.number:
+                time.sleep(0.02)
+            if round_ < MAX_AHEAD:
+                continue
+            then = round_ - MAX_AHEAD
+            assert member.collect(Topic.BARRIER, then) == [_part(other, then) for other in range(count)]
 
-    assert _in_processes(count, work) == [0] * count
+    assert _in_processes(count, work, area_bytes=512) == [0] * count
+
+
+def test_topics_have_rounds_of_their_own() -> None:
+    def work(member: Member) -> None:
+        for round_ in range(30):
+            member.post(Topic.BARRIER, round_, _part(member.number, round_))
+            assert member.gather(Topic.RADIO, round_, b"%d" % member.number) == [b"0", b"1"]
+            assert member.collect(Topic.BARRIER, round_) == [_part(other, round_) for other in range(2)]
+
+    assert _in_processes(2, work) == [0, 0]
 
 
 def test_a_process_cannot_post_more_than_the_areas_hold() -> None:
@@ -219,6 +228,13 @@ def test_what_arrives_ahead_is_there_before_the_exchange_begins(served_ns: int, 
     if arrive_ahead(_wire(channel, served_ns, False), ["a.companion"]):
         late_ns = (served_ns * nth + channel.latency_ns) % STEP_NS
         assert 0 < late_ns <= STEP_NS - AHEAD_NS
+
+
+def test_broadcasts_of_a_scenario_arrive_ahead() -> None:
+    wiring = build(fleet_scenario(2, 1.0, remote_id=True, operators=2)).wiring
+    everywhere = {end for spec in wiring.links for end in (spec.a, spec.b)}
+    assert "oracle" in everywhere
+    assert arrive_ahead(wiring, everywhere - {"oracle"})
 
 
 def test_only_what_is_certain_arrives_ahead() -> None:

@@ -82,8 +82,7 @@ class Run:
             built.header |= more
             kernel = Kernel(replace(built.wiring, fuse=fuse))
             recorder = open_record(built, out)
-            for name, data in built.files.items():
-                recorder.attach_file(name, data)
+            recorder.attach_files(built.files)
         recorder.record_receptions(built.oracle)
         kernel.set_observers([recorder, *observers])
         return cls(kernel, recorder, built, time.perf_counter() - began)

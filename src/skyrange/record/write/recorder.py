@@ -216,6 +216,11 @@ class Recorder:
         """Record the receptions of `source`, fetched at each flush from now on."""
         self._reception_source = source
 
+    def attach_files(self, files: Mapping[str, bytes]) -> None:
+        """Put files into the folder before the run starts, as `attach_file` does."""
+        for name, data in files.items():
+            self.attach_file(name, data)
+
     def attach_file(self, name: str, data: bytes) -> None:
         """Put a file into the folder before the run starts: `scenario.toml`, `missions/survey.plan`, `city.json`.
 

@@ -25,7 +25,7 @@ from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.radio.oracle import Oracle
 from skyrange.record import Recorder
 from skyrange.runtime.cores.acts import keep_own_acts
-from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barriers
+from skyrange.runtime.cores.division import Crossing, Division, Endpoints, find_barriers, find_service_times
 from skyrange.runtime.cores.exchange import CoreFailedError, Member, Topic
 from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import pack_transits, unpack_transits
@@ -68,9 +68,10 @@ class Core:
         self._division = division
         here = division.endpoints(scenario, member.number)
         self._here = here
-        mine = division.vehicles(scenario, member.number)
+        self._fleet = [division.vehicles(scenario, core) for core in range(member.count)]
+        mine = self._fleet[member.number]
         self.built: BuiltScenario = build(scenario, local=here, flown=frozenset(mine))
-        self._motion = FleetMotion([division.vehicles(scenario, core) for core in range(member.count)])
+        self._motion = FleetMotion(self._fleet)
         self._operators = division.operators[member.number]
         self._vehicles = mine
         self._inbound: list[Transit] = []
@@ -145,8 +146,7 @@ class Core:
         """
         problem = None
         try:
-            for name, data in files.items():
-                self.recorder.attach_file(name, data)
+            self.recorder.attach_files(files)
         except InputError as error:
             problem = error
         reasons = [json.loads(part) for part in self._gather(Topic.START, 2, str(problem or ""))]
@@ -256,8 +256,7 @@ class Core:
             if self._is_own(endpoint(operators[one.name], "gcs") if one.name in operators else f"{one.name}.companion")
         ]
         table = _number_links(self.built.wiring.links, {port: place for place, port in enumerate(oracle.ports)})
-        motion = FleetMotion([self._division.vehicles(self._scenario, core) for core in range(self.member.count)])
-        return OracleReplica(oracle, self.member, motion, table, radios, ahead)
+        return OracleReplica(oracle, self.member, FleetMotion(self._fleet), table, radios, ahead)
 
     def _is_own(self, end: str) -> bool:
         """Whether an endpoint is on this core and on no other."""
@@ -276,8 +275,7 @@ def _number_links(links: Iterable[LinkSpec], places: Mapping[Port, int]) -> Link
 
 def _list_crossings(wiring: Wiring, here: Endpoints) -> Iterator[Crossing]:
     """The links on which this core sends to others, those of the oracle aside, of which each core has a replica."""
-    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
-    service = {port: agent.service_ns for agent in agents for port in agent.ports}
+    service = find_service_times(wiring)
     for spec in wiring.links:
         if ORACLE in (spec.a, spec.b) or here.core_of(spec.a) == here.core_of(spec.b):
             continue

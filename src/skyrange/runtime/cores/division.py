@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from skyrange.assembly.build import list_acts
-from skyrange.core.ids import endpoint, vehicle_id
+from skyrange.core.ids import Port, endpoint, vehicle_id
 from skyrange.core.time import Time
+from skyrange.kernel import Wiring
 from skyrange.radio.contract import BUILTIN
 from skyrange.radio.oracle import ENDPOINT as ORACLE
 from skyrange.runtime.cores.acts import UNBOUND, Binding, bind_operators
@@ -160,6 +161,12 @@ def _find_obstacles(scenario: Scenario) -> Iterator[str]:
         yield "all aircraft belong to one operator, whose ground station is one program"
     if "fork" not in multiprocessing.get_all_start_methods():
         yield "this system cannot fork processes"
+
+
+def find_service_times(wiring: Wiring) -> dict[Port, Time]:
+    """How often the owner of each agent's port is served."""
+    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
+    return {port: agent.service_ns for agent in agents for port in agent.ports}
 
 
 class Crossing(NamedTuple):

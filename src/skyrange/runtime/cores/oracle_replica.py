@@ -30,6 +30,7 @@ from skyrange.core.ids import Port
 from skyrange.core.time import Time
 from skyrange.kernel import Wiring
 from skyrange.radio.oracle import ENDPOINT, STEP_NS, Oracle
+from skyrange.runtime.cores.division import find_service_times
 from skyrange.runtime.cores.exchange import Member, Topic
 from skyrange.runtime.cores.fleet_motion import FleetMotion
 from skyrange.runtime.cores.frame_messages import list_transmissions, merge_inboxes, pack_inbox, unpack_inbox
@@ -45,8 +46,7 @@ def arrive_ahead(wiring: Wiring, here: Container[str]) -> bool:
     """Whether all that endpoints in `here` send to the oracle arrives `AHEAD_NS` or more before a step, as follows from
     when they are served, and no tap, chance or limit delays what they send.
     """
-    agents = [*wiring.agents, *(agent for plan in wiring.attacks for agent in plan.agents)]
-    service = {port: agent.service_ns for agent in agents for port in agent.ports}
+    service = find_service_times(wiring)
     for spec in wiring.links:
         if ENDPOINT not in (spec.a, spec.b):
             continue

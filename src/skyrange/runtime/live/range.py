@@ -164,8 +164,7 @@ def prepare_range(
     seen = assign_viewer_ports(fleet, viewer_port, viewer_host) if viewer_port is not None else ()
     death = on_death or scenario.live.on_death
     record = open_record(built, out)
-    for name, data in built.files.items():
-        record.attach_file(name, data)
+    record.attach_files(built.files)
     return LiveRange(built, planned, places, record, death, keys, control_port, spaces, motion, seen, machine)
 
 
