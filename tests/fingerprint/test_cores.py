@@ -9,13 +9,16 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from skyrange.assembly.build import build
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 from skyrange.record import RunRecord, load
 from skyrange.record.levels import RECORDED
@@ -264,13 +267,14 @@ def test_any_division_of_any_scenario(
 # ------------------------------------------------------------------ what cannot be divided, and what fails
 
 
-def _meeting() -> Scenario:
-    """Two operators whose aircraft fly into each other."""
+def _meeting(missions: Mapping[str, Path] = MappingProxyType({})) -> Scenario:
+    """Two operators whose aircraft fly into each other, but for those that fly a mission file of `missions`."""
     plan = 'plan = { path = { points = [[0, 0], [0, %d]], alt_m = 12 }, speed_mps = 5, end = "land" }'
     both = ""
     for name, north_m, way_m in (("a", 0, 60), ("b", 60, -60)):
         both += f'[[operators]]\nid = "{name}"\napproval = "approve-all"\n  [[operators.vehicles]]\n  id = "1"\n'
-        both += f"  start = [0, {north_m}]\n  {plan % way_m}\n"
+        flown = f'plan = {{ file = "{missions[name]}" }}' if name in missions else plan % way_m
+        both += f"  start = [0, {north_m}]\n  {flown}\n"
     return load_text(text(both, "[sensors]\nnoise = 0\n", duration_s=40))
 
 
@@ -302,6 +306,21 @@ def test_a_folder_that_is_taken_is_refused_before_anything_flies(tmp_path: Path)
     with pytest.raises(InputError, match="empty"):
         run_on_cores(_meeting(), Division((("a",), ("b",))), 2, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize("faulty", [("a",), ("b",), ("a", "b")])
+def test_all_that_is_wrong_is_reported_whichever_core_checks_it(faulty: tuple[str, ...], tmp_path: Path) -> None:
+    for name in faulty:
+        (tmp_path / f"{name}.waypoints").write_text("QGC WPL 110\n0\tx\n")
+    scenario = _meeting({name: tmp_path / f"{name}.waypoints" for name in faulty})
+    with pytest.raises(InputError) as one:
+        build(scenario)
+    with pytest.raises(InputError) as two:
+        run_on_cores(scenario, Division((("a",), ("b",))), 2, tmp_path / "run")
+    assert len(one.value.problems) == len(faulty)
+    assert two.value.who == one.value.who
+    assert two.value.problems == one.value.problems
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_failure_on_another_core_ends_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

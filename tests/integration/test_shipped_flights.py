@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import MARGIN_M, apply_placing
-from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.flight_plans import make_flight_plan, make_flight_plans
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.cli.app import app
 from skyrange.gcs.plan.routes import enu_points
@@ -145,7 +145,7 @@ def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> No
     city = build_city(scenario)
     after = apply_placing(scenario, city)
     assert len(list(after.fleet)) == (500 if changes else 48)
-    assert check_starts(after, city) == []
+    assert check_starts(after, city, make_flight_plans(after)) == []
     for _, vehicle in after.fleet:
         path = enu_points(make_flight_plan(after.origin.datum, vehicle))
         assert city.is_clear(path, MARGIN_M - 0.01), vehicle.id

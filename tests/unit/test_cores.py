@@ -369,6 +369,11 @@ def test_attacks_keep_operators_on_the_first_core_or_leave_them_free() -> None:
 kinds = st.sampled_from(sorted(AIRFRAMES))
 
 
+def _pack(rows: Any, sizes: Any) -> list[bytes]:
+    """Positions and velocities, (n, 6), as each core packs its own; they begin at these rows."""
+    return [FleetMotion.pack(rows[a:b, :3], rows[a:b, 3:]) for a, b in pairwise(sizes)]
+
+
 def _watch(rows: Any, core: list[int], kind: str, lag: int) -> Any:
     """A separation of aircraft with these positions and velocities, whose names order them as given."""
     order = np.argsort(core, kind="stable")
@@ -376,7 +381,7 @@ def _watch(rows: Any, core: list[int], kind: str, lag: int) -> Any:
     motion = FleetMotion(parts)
     sizes = np.cumsum([0, *map(len, parts)])
     ordered = rows[order]
-    motion.update([ordered[a:b].tobytes() for a, b in pairwise(sizes)])
+    motion.update(_pack(ordered, sizes))
     return Separation(motion, [AIRFRAMES[kind]] * len(core), PERIOD_NS, (1 + lag) * PERIOD_NS), motion, parts, order
 
 
@@ -404,7 +409,7 @@ def test_aircraft_that_touch_were_announced_at_the_barrier_before(
     sizes = np.cumsum([0, *map(len, parts)])
     seen = [state] * (1 + lag)
     for _ in range(24):
-        motion.update([seen[-1 - lag][a:b].tobytes() for a, b in pairwise(sizes)])
+        motion.update(_pack(seen[-1 - lag], sizes))
         announced = separation.check()
         if announced is not None:
             assert core[int(announced.vehicle[1:])] != core[int(announced.other[1:])]

@@ -9,7 +9,7 @@ import pytest
 from skyrange.assembly.build import build
 from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import MARGIN_M, apply_placing
-from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.flight_plans import make_flight_plan, make_flight_plans
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.codec.mission import read_mission
 from skyrange.core.errors import InputError
@@ -41,7 +41,7 @@ def test_squares_is_the_published_demonstration():
     assert {v.plan.square.alt_m for v in fleet.values()} == {5}
     assert {v.depart_s for v in fleet.values()} == {10}
     assert scenario.duration_s == 180
-    assert check_starts(scenario, None) == []
+    assert check_starts(scenario, None, make_flight_plans(scenario)) == []
 
 
 def test_survey_flies_files_of_both_kinds_in_its_downtown():
@@ -77,7 +77,7 @@ def test_survey_finds_room_in_manhattan():
 def _flies(scenario):
     city = build_city(scenario)
     after = apply_placing(scenario, city)
-    assert check_starts(after, city) == []
+    assert check_starts(after, city, make_flight_plans(after)) == []
     for _, vehicle in after.fleet:
         plan = make_flight_plan(after.origin.datum, vehicle)
         assert city.is_clear(enu_points(plan), MARGIN_M - 0.01), vehicle.id

@@ -9,11 +9,11 @@ import shapely
 
 from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import MARGIN_M, STEP_M, apply_placing, find_clear_shift
-from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.flight_plans import make_flight_plan, make_flight_plans
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
-from skyrange.core.errors import InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.routes import enu_points
 from skyrange.scenario.model.scenario import Operator, Scenario, Vehicle, mission_file, path, square
@@ -36,17 +36,21 @@ def mission(tmp_path: Path, *rows: str) -> str:
     return str(file)
 
 
+def find_faults(placed: Scenario, city: City | None) -> list[Problem]:
+    return check_starts(placed, city, make_flight_plans(placed))
+
+
 def test_a_sound_scenario_has_no_faults():
     sound = scenario(
         Vehicle(start=(0, 0), plan=square(5, 5)), Vehicle(start=(9, 0), plan=path([(3, 4, 5)], mode="guided"))
     )
-    assert check_starts(sound, None) == []
-    assert check_starts(sound, City([block(50, 50, 5, 30)], "one")) == []
+    assert find_faults(sound, None) == []
+    assert find_faults(sound, City([block(50, 50, 5, 30)], "one")) == []
 
 
 def test_a_start_inside_a_building_is_a_fault():
     city = City([block(0, 0, 5, 30)], "one")
-    [fault] = check_starts(scenario(Vehicle(start=(2, 2), plan=square(5, 50))), city)
+    [fault] = find_faults(scenario(Vehicle(start=(2, 2), plan=square(5, 50))), city)
     assert fault.where == "operators.blue.vehicles.b1.start"
     assert "30 m high" in fault.expected
     assert "placing" in fault.hint
@@ -54,28 +58,28 @@ def test_a_start_inside_a_building_is_a_fault():
 
 def test_two_starts_at_one_place_are_a_fault():
     near = [Vehicle(start=(0.49 * i, 0), plan=square(5, 5)) for i in range(2)]
-    [fault] = check_starts(scenario(*near), None)
+    [fault] = find_faults(scenario(*near), None)
     assert fault.where == "operators.blue.vehicles.b2.start"
     assert "blue/b1 stands there" in fault.expected
     apart = [Vehicle(start=(0.51 * i, -0.1), plan=square(5, 5)) for i in range(5)]
-    assert check_starts(scenario(*apart), None) == []
+    assert find_faults(scenario(*apart), None) == []
 
 
 def test_a_mission_below_the_ground_or_unreadable_is_a_fault(tmp_path):
     file = mission(tmp_path, "40.0001\t-74.0\t-30")
-    faults = check_starts(scenario(Vehicle(plan=mission_file(file))), None)
+    faults = find_faults(scenario(Vehicle(plan=mission_file(file))), None)
     assert any("below the ground" in fault.value for fault in faults)
     (tmp_path / "m.waypoints").write_text("QGC WPL 110\n0\tx\n")
-    faults = check_starts(scenario(Vehicle(plan=mission_file(file))), None)
+    faults = find_faults(scenario(Vehicle(plan=mission_file(file))), None)
     assert faults
     assert all(fault.where.startswith("operators.blue.vehicles.b1.plan.file") for fault in faults)
     (tmp_path / "m.waypoints").unlink()
-    assert check_starts(scenario(Vehicle(plan=mission_file(file))), None)
+    assert find_faults(scenario(Vehicle(plan=mission_file(file))), None)
 
 
 def test_a_nan_in_a_mission_is_a_fault(tmp_path):
     file = mission(tmp_path, "nan\t-74.0\t30")
-    assert check_starts(scenario(Vehicle(plan=mission_file(file))), None)
+    assert find_faults(scenario(Vehicle(plan=mission_file(file))), None)
 
 
 def test_an_anchored_mission_moves_with_its_start(tmp_path):

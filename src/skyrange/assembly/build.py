@@ -17,7 +17,7 @@ from skyrange.assembly.control_links import LinksOverAir, build_control_links, c
 from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
-from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.assembly.placement.flight_plans import make_flight_plans
 from skyrange.assembly.placement.route_planning import plan_routes
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
@@ -34,6 +34,7 @@ from skyrange.core.ids import APPROVAL, endpoint, vehicle_id
 from skyrange.core.time import NEVER, Time, from_seconds
 from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.flight.replanning import Replanning
+from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.gcs.plan.volumes import Margins
 from skyrange.gcs.station import GroundStation
 from skyrange.kernel import Wiring
@@ -62,7 +63,7 @@ class BuiltScenario:
     attachments: dict[str, bytes]
     """Files of the run folder by name: the scenario and what it names, and the city as flown."""
     missions: dict[str, bytes]
-    """The missions as flown of the vehicles that are built, as further files."""
+    """The missions of the vehicles that are built, as they fly them, as further files."""
     oracle: Oracle | None
     """The one that owns the radio medium, if there is one."""
 
@@ -90,6 +91,7 @@ def build(
     monitors: Sequence[MonitorPlacement] = (),
     local: Container[str] | None = None,
     flown: Container[str] | None = None,
+    attached: bool = True,
     motion: bool = False,
     live: LiveMedium | None = None,
 ) -> BuiltScenario:
@@ -97,9 +99,10 @@ def build(
 
     `taps`, `attacks` and `monitors` are placed on the scenario's links, by name or pattern, beside those that it
     declares. With `local` only what lives at these endpoints is built, as a process needs it that runs a part of the
-    range: world, oracle and autopilots where `oracle` is among them, with `flown` of these vehicles only. `motion` is
-    the command line's word that vehicles outside may be moved; the scenario's is needed too. `live` says what a live
-    range does about a dead radio engine.
+    range: world, oracle and autopilots where `oracle` is among them. With `flown` only these vehicles are built, and
+    their starts and plans checked, whose operators have to be the ones of `local`; other processes check the rest.
+    Without `attached` there are no `attachments`. `motion` is the command line's word that vehicles outside may be
+    moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
     """
     city = build_city(scenario)
     scenario = apply_placing(plan_routes(scenario, city), city)
@@ -109,8 +112,9 @@ def build(
     between = [spec for service in approvals for spec in service.links]
     own_sensors = list_own_sensors(scenario)
     made, defences = _make_acts(scenario, [*links, *between], city, over_air, own_sensors)
+    made_plans = make_flight_plans(scenario, flown)
     faults = [
-        *check_starts(scenario, city),
+        *check_starts(scenario, city, made_plans),
         *made.faults,
         *defences.problems,
         *check_signing(scenario),
@@ -128,10 +132,8 @@ def build(
     air = build_radio(
         scenario, city, Chance(scenario.seed), made.radios, here, live, over_air.spectrum if over_air else None
     )
-    origin, epoch, chance = scenario.origin.datum, scenario.epoch, Chance(scenario.seed)
-    plans = {
-        vehicle_id(operator.id, vehicle.id): make_flight_plan(origin, vehicle) for operator, vehicle in scenario.fleet
-    }
+    epoch, chance = scenario.epoch, Chance(scenario.seed)
+    plans = {vehicle: plan for vehicle, plan in made_plans.items() if isinstance(plan, FlightPlan)}
     world, engines = build_aircraft(scenario, city, chance, motion, made.aircraft, flown) if whole else (None, [])
     agents: list[Agent] = [a for service in approvals for a in service.agents] if APPROVAL in here else []
     for operator in scenario.operators:
@@ -190,15 +192,15 @@ def build(
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        make_header(scenario, city, links, plans)
+        make_header(scenario, city, links)
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
         | ({"processing": [asdict(limit) for limit in processing]} if processing else {})
         | ({"faults": made.fault_rows} if made.fault_rows else {})
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"defences": defences.rows} if defences.rows else {})
         | ({"detectors": rows} if rows else {}),
-        make_attachments(scenario, city),
-        make_mission_files({name: plan for name, plan in plans.items() if flown is None or name in flown}),
+        make_attachments(scenario, city) if attached else {},
+        make_mission_files(plans),
         air.oracle,
     )
 

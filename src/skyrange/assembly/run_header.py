@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from skyrange.assembly.placement.flight_plans import name_flight_plan
 from skyrange.assembly.radio import uas_id_of
 from skyrange.city.building_files import files_of
 from skyrange.city.city import City
@@ -25,10 +26,8 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_writer import to_toml
 
 
-def make_header(
-    scenario: Scenario, city: City | None, links: list[LinkSpec], plans: Mapping[str, FlightPlan]
-) -> dict[str, Any]:
-    """The manifest's part that follows from the scenario, its links and its flight plans."""
+def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) -> dict[str, Any]:
+    """The manifest's part that follows from the scenario and its links."""
     colors = {operator.id: operator.color for operator in scenario.operators}
     return {
         "name": scenario.name,
@@ -57,7 +56,7 @@ def make_header(
                 "network": vehicle.network,
                 "system_id": vehicle.system_id,
                 "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
-                "plan": plans[vehicle_id(operator.id, vehicle.id)].name,
+                "plan": name_flight_plan(vehicle),
             }
             for operator, vehicle in scenario.fleet
         ],

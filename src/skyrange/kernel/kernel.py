@@ -32,6 +32,7 @@ from skyrange.contracts.components import (
     TruthSubscriber,
     World,
 )
+from skyrange.contracts.links import Channel
 from skyrange.contracts.mailboxes import EMPTY_INBOX, Note, Outbox
 from skyrange.contracts.tick_batches import BatchingEngine, BatchStop, TickBatch
 from skyrange.core.chance import Chance
@@ -108,7 +109,8 @@ class Kernel:
         self._observers = ObserverList(observers)
         self._network = Network(links, self._observers, index_by_sender(links), originators)
         self._world = wiring.world
-        self._tunable = {spec.name: spec.channel for spec in wiring.links if isinstance(spec.channel, TunableChannel)}
+        variable = [(spec.name, spec.channel) for spec in wiring.links if not isinstance(spec.channel, Channel)]
+        self._tunable = {name: channel for name, channel in variable if isinstance(channel, TunableChannel)}
         self._truth_subscribers = sorted(truth_subscriber.name for truth_subscriber in wiring.truth_subscribers)
         self._sensor_faults = SensorFaultInjector(self._attacks.each, wiring.world)
         moved = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -28,10 +29,20 @@ def describe_files(
 
 
 def _names(folder: Path) -> Iterator[str]:
-    for path in sorted(folder.rglob("*")):
-        name = path.relative_to(folder)
-        if path.is_file() and name.parts[0] not in (SPOOL, PARTS) and str(name) not in (MANIFEST, REPORT):
-            yield name.as_posix()
+    for name in _list_files(folder):
+        if name.partition("/")[0] not in (SPOOL, PARTS) and name not in (MANIFEST, REPORT):
+            yield name
+
+
+def _list_files(folder: Path, start: str = "") -> Iterator[str]:
+    """The names of all files below a folder, in order, each beginning with `start`."""
+    with os.scandir(folder) as found:
+        entries = sorted(found, key=lambda entry: entry.name)
+    for entry in entries:
+        if entry.is_dir(follow_symlinks=False):
+            yield from _list_files(folder / entry.name, f"{start}{entry.name}/")
+        elif entry.is_file():
+            yield f"{start}{entry.name}"
 
 
 def describe_file(path: Path, who: str, name: str) -> dict[str, Any]:
@@ -39,6 +50,11 @@ def describe_file(path: Path, who: str, name: str) -> dict[str, Any]:
     with open_input(path, who, name) as file:
         digest = hashlib.file_digest(file, lambda: hashlib.blake2b(digest_size=16))
         return {"bytes": file.tell(), "blake2b": digest.hexdigest()}
+
+
+def describe_bytes(data: bytes) -> dict[str, Any]:
+    """The size and hash of a file with this content."""
+    return {"bytes": len(data), "blake2b": hashlib.blake2b(data, digest_size=16).hexdigest()}
 
 
 def check_file(folder: Path, name: str, entry: Any) -> Iterator[str]:

@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Container
+from pathlib import Path
+
+from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
+from skyrange.core.ids import vehicle_id
 from skyrange.gcs.plan import paths, plans
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.scenario.model.fleet import Vehicle
+from skyrange.scenario.model.scenario import Scenario
+
+
+def make_flight_plans(scenario: Scenario, of: Container[str] | None = None) -> dict[str, FlightPlan | InputError]:
+    """The flight plan of each vehicle by its id, or why it cannot be made; with `of` of these vehicles only."""
+    made: dict[str, FlightPlan | InputError] = {}
+    for operator, vehicle in scenario.fleet:
+        name = vehicle_id(operator.id, vehicle.id)
+        if of is None or name in of:
+            try:
+                made[name] = make_flight_plan(scenario.origin.datum, vehicle)
+            except InputError as error:
+                made[name] = error
+    return made
 
 
 def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
@@ -16,11 +35,9 @@ def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
         return plans.from_file(origin, home_enu_m, plan.file, anchor=plan.anchor == "start")
     if plan.square is not None:
         points = paths.square(plan.square.side_m, plan.square.alt_m)
-        name = "square"
     else:
         assert plan.path is not None  # the model allows exactly one of the three
         points = tuple(paths.Point(*point) for point in plan.path.points_enu_m)
-        name = "path"
     return plans.path(
         origin,
         home_enu_m,
@@ -28,5 +45,12 @@ def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
         kind=plan.mode,
         cruise_mps=plan.speed_mps or plans.CRUISE_MPS,
         end=plan.end or "rtl",
-        name=name,
+        name=name_flight_plan(vehicle),
     )
+
+
+def name_flight_plan(vehicle: Vehicle) -> str:
+    """The name of the flight plan of `vehicle`."""
+    if vehicle.plan.file is not None:
+        return Path(vehicle.plan.file).name
+    return "square" if vehicle.plan.square is not None else "path"

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.city.city import City
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.core.errors import InputError, Problem
@@ -23,8 +22,9 @@ APART_M = 0.5
 """Starts nearer than this are one place: an Iris is 0.5 m across."""
 
 
-def check_starts(scenario: Scenario, city: City | None) -> list[Problem]:
-    """All faults of a scenario that is placed, in its world; an empty list means that it can start.
+def check_starts(scenario: Scenario, city: City | None, plans: Mapping[str, FlightPlan | InputError]) -> list[Problem]:
+    """All faults in how the vehicles of `plans` start, in a scenario that is placed, and in what they are to fly; an
+    empty list means that they can start. `plans` are those of `make_flight_plans`.
 
     Found: starts inside buildings or on top of each other, mission files that cannot be read, and what
     `gcs.checks` finds in a plan (points below the ground, NaN, no take-off…), items that the autopilot will reject.
@@ -32,19 +32,19 @@ def check_starts(scenario: Scenario, city: City | None) -> list[Problem]:
     faults: list[Problem] = []
     for o, operator in enumerate(scenario.operators):
         for v, vehicle in enumerate(operator.vehicles):
+            plan = plans.get(vehicle_id(operator.id, vehicle.id))
+            if plan is None:
+                continue
             where = spell_path(("operators", o, "vehicles", v), scenario)
             if city is not None:
                 faults += _walls(vehicle, city, where)
-            try:
-                plan = make_flight_plan(scenario.origin.datum, vehicle)
-                found = check_plan(plan, f"{where}.plan")
-                faults += found
-                if not found and not vehicle.plan.rejection_expected:
-                    faults += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
-            except InputError as error:
-                faults += [
-                    Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in error.problems
-                ]
+            if isinstance(plan, InputError):
+                faults += [Problem(f"{where}.plan.file: {f.where}", f.value, f.expected, f.hint) for f in plan.problems]
+                continue
+            found = check_plan(plan, f"{where}.plan")
+            faults += found
+            if not found and not vehicle.plan.rejection_expected:
+                faults += _rejected_items(vehicle.autopilot, plan, f"{where}.plan")
     return [*faults, *_crowded(scenario)]
 
 

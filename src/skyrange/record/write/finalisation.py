@@ -54,16 +54,18 @@ def finish_shard(writer: PartWriter, number: int) -> Shard:
     return Shard(number, messages, derived, {path.name: known for path, known in writer.described.items()})
 
 
-def finalise(folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard]) -> Finished:
+def finalise(
+    folder: Path, manifest: Mapping[str, Any], shards: Sequence[Shard], described: Mapping[str, dict[str, Any]]
+) -> Finished:
     """Place all tables of the run in `folder`, which `shards` are of, and with `csv` in the manifest's `record` write
-    CSV files and tlogs.
+    CSV files and tlogs. `described` has the size and hash of other files that are known.
 
     Raises `ComponentError` if writing fails; the record then remains in its spool and in closed parts.
     """
     folder = folder.absolute()
     tables = Tables(folder, spooled=True, trusted=True)
     counts: dict[str, int] = {}
-    known: dict[str, dict[str, Any]] = {}
+    known = dict(described)
     spool = folder / SPOOL
     try:
         if (manifest.get("record") or {}).get("csv"):

@@ -27,6 +27,7 @@ from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.input_files import expand_user
 from skyrange.core.time import Time, to_seconds
 from skyrange.record.digests import Digests
+from skyrange.record.file_hashes import describe_bytes
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
 from skyrange.record.levels import FULL, LEVELS, RECORDED, SUMMARY
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
@@ -232,6 +233,7 @@ class Recorder:
             raise ValueError(f"{name}: files must be attached before the first rows are written")
         try:
             put_file(self.path, name, data)
+            self._state.files[name] = describe_bytes(data)
         except InputError:
             self._write_failed = self._closed = True
             if not self._shard:
@@ -256,8 +258,7 @@ class Recorder:
         if monotonic() >= self._due_s:
             self.flush()
         elif self._singles >= _BATCH_ROWS:
-            self._write_frames()
-            self._write_receptions()
+            self.write_frames()
 
     def on_block(self, block: FrameBlock) -> None:
         """A block of frames was finished."""
@@ -266,8 +267,7 @@ class Recorder:
         if monotonic() >= self._due_s:
             self.flush()
         elif self._frame_rows >= self.block_rows:
-            self._write_frames()
-            self._write_receptions()
+            self.write_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """A decision or an event was noted."""
@@ -341,6 +341,11 @@ class Recorder:
             self._write_other_rows()
             self._write_study_rows(last=last)
         self._clear()
+
+    def write_frames(self) -> None:
+        """Write the frames that wait, and the receptions of frames; `ComponentError` if writing fails."""
+        self._write_frames()
+        self._write_receptions()
 
     def _write_frames(self) -> None:
         frames = self._frames
@@ -509,7 +514,7 @@ class Recorder:
                     self._writer = PartWriter(self.path, self._manifest, self._spool)
                     self._writer.read_spool()
                 shards = [finish_shard(self._writer, self._shard), *self._shards]
-                finished = finalise(self.path, self._manifest, shards)._asdict()
+                finished = finalise(self.path, self._manifest, shards, self._state.files)._asdict()
                 self._manifest |= {key: found for key, found in finished.items() if found is not None}
             self._manifest |= self._final_entries(status, more())
             write_manifest(self.path, self._manifest)

@@ -34,6 +34,8 @@ class RecordingState:
     """Rows observed of tables that the level leaves out."""
     outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
     study_rows: StudyRows | None = None
+    files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Size and hash of the files that were attached, by name."""
 
     @classmethod
     def start(
@@ -59,6 +61,7 @@ class RecordingState:
             "counts": self.counts,
             "not_kept": self.not_kept,
             "outcomes": self.outcomes,
+            "files": self.files,
         }
 
     def add(self, shard: Mapping[str, Any]) -> None:
@@ -69,3 +72,4 @@ class RecordingState:
             for table, rows in theirs.items():
                 own[table] = own.get(table, 0) + rows
         self.outcomes |= shard["outcomes"]
+        self.files |= shard["files"]

@@ -6,8 +6,8 @@ import json
 import math
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ from skyrange.assembly.aircraft import describe_engines
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.contracts.frames.blocks import DirectedLinkName, LinkTable
 from skyrange.contracts.links import LinkSpec
-from skyrange.core.errors import InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import Port, endpoint, vehicle_id
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 from skyrange.kernel import Kernel, Transit, Wiring
@@ -38,11 +38,11 @@ from skyrange.world.airframes import AIRFRAMES
 LONGEST_PERIOD_NS: Final[Time] = 100 * NS_PER_MS
 """Longest time between two barriers: so often Ctrl-C is looked for, and the distances between aircraft."""
 FLUSH_S: Final = 1.0
-"""So often in wall time all cores write what they recorded, and when one of them has many frames: together, because all
-others wait for what one does alone.
+"""So often in wall time all cores write what they recorded, and their frames when one of them has many: together,
+because all others wait for what one does alone.
 """
-_STOP, _FLUSH = 1, 2
-"""What a core orders at a barrier: to stop, as the first one does, and to write."""
+_STOP, _FLUSH, _WRITE_FRAMES = 1, 2, 4
+"""What a core orders at a barrier: to stop, as the first one does, to write everything, or frames only."""
 
 
 class ApproachError(Exception):
@@ -61,7 +61,9 @@ class Core:
     """A core's part of a run. Call `open`, `advance` to the end, and `leave`, on all cores alike."""
 
     def __init__(self, scenario: Scenario, division: Division, member: Member) -> None:
-        """Build what is on this core. Raises `InputError` with everything that is wrong with the scenario."""
+        """Build what is on this core. Raises `InputError` on all cores alike, with everything that is wrong with the
+        scenario.
+        """
         self.member = member
         self._began = time.perf_counter()
         self._scenario = scenario
@@ -70,7 +72,7 @@ class Core:
         self._here = here
         self._fleet = [division.vehicles(scenario, core) for core in range(member.count)]
         mine = self._fleet[member.number]
-        self.built: BuiltScenario = build(scenario, local=here, flown=frozenset(mine))
+        self.built = self._build(frozenset(mine))
         self._motion = FleetMotion(self._fleet)
         self._operators = division.operators[member.number]
         self._vehicles = mine
@@ -78,9 +80,30 @@ class Core:
         self._posted: deque[Time] = deque()
         """Barriers at which this core has posted, and what others posted is not collected yet."""
         self._flush_due_s = time.monotonic()
-        self._flush_ordered = False
+        self._writing_ordered = False
         self.wall_s = 0.0
         self.setup_s = 0.0
+
+    def _build(self, mine: Container[str]) -> BuiltScenario:
+        """Build what is on this core, whose vehicles are `mine`; exchange what is wrong, because each checks its own.
+
+        The last core has the files that belong to no vehicle: the first one writes the manifest meanwhile.
+        """
+        built, error = None, None
+        try:
+            attached = self.member.number == self.member.count - 1
+            built = build(self._scenario, local=self._here, flown=mine, attached=attached)
+        except InputError as found:
+            error = found
+        told = [] if error is None else [error.who, *map(asdict, error.problems)]
+        parts = [json.loads(part) for part in self._gather(Topic.START, 0, told)]
+        problems = dict.fromkeys(Problem(**problem) for part in parts for problem in part[1:])
+        if problems:
+            if built is not None:
+                built.close()
+            raise InputError(next(part[0] for part in parts if part), list(problems)) from error
+        assert built is not None
+        return built
 
     def open(self, open_record: Callable[[BuiltScenario], Recorder] | None) -> None:
         """Agree with the other cores on the start and on the barriers, and open the record: on the first core, which
@@ -93,7 +116,7 @@ class Core:
             "crossings": sorted(set(_list_crossings(self.built.wiring, self._here))),
             "ahead": arrive_ahead(self.built.wiring, self._here),
         }
-        parts = [json.loads(part) for part in self._gather(Topic.START, 0, told)]
+        parts = [json.loads(part) for part in self._gather(Topic.START, 1, told)]
         crossings = [Crossing(*link) for part in parts for link in part["crossings"]]
         self.period_ns, self.lag = find_barriers(crossings, world.quantum_ns, LONGEST_PERIOD_NS)
         airframes = {vehicle_id(operator.id, one.id): one.airframe for operator, one in self._scenario.fleet}
@@ -118,11 +141,9 @@ class Core:
         record = self.built.scenario.record
         if open_record is not None:
             self.recorder = open_record(self.built)
-            files = self.built.files
-            self._gather(Topic.START, 1, str(self.recorder.path.resolve()))
+            self._gather(Topic.START, 2, str(self.recorder.path.resolve()))
         else:
-            folder = Path(json.loads(self._gather(Topic.START, 1, "")[0]))
-            files = self.built.missions
+            folder = Path(json.loads(self._gather(Topic.START, 2, "")[0]))
             self.recorder = Recorder.join(
                 folder,
                 self.built.header,
@@ -133,7 +154,7 @@ class Core:
                 level=record.level,
                 features_hz=record.features_hz,
             )
-        self._attach_files(files)
+        self._attach_files(self.built.files)
         self.recorder.record_receptions(replica)
         self._full_rows = self.recorder.block_rows
         self.recorder.block_rows *= 4  # it is told to write before
@@ -149,7 +170,7 @@ class Core:
             self.recorder.attach_files(files)
         except InputError as error:
             problem = error
-        reasons = [json.loads(part) for part in self._gather(Topic.START, 2, str(problem or ""))]
+        reasons = [json.loads(part) for part in self._gather(Topic.START, 3, str(problem or ""))]
         if any(reasons) and not self.member.number:
             self.recorder.abandon()
         if problem is not None:
@@ -189,10 +210,12 @@ class Core:
         motion = self._motion.pack(*world.motion())
         packed = [pack_transits(part) for part in sent]
         order = _STOP if stop else 0
-        due = member.number == 0 and time.monotonic() >= self._flush_due_s
-        if not self._flush_ordered and (due or self.recorder.waiting_rows >= self._full_rows):
-            self._flush_ordered = True
-            order |= _FLUSH
+        if not self._writing_ordered:
+            if member.number == 0 and time.monotonic() >= self._flush_due_s:
+                order |= _FLUSH
+            elif self.recorder.waiting_rows >= self._full_rows:
+                order |= _WRITE_FRAMES
+            self._writing_ordered = order > _STOP
         head = np.array([order, len(motion), *map(len, packed)], dtype=np.int64).tobytes()
         member.post(Topic.BARRIER, now, b"".join([head, motion, *packed]))
         self._posted.append(now)
@@ -216,10 +239,13 @@ class Core:
         if approach is not None:
             raise ApproachError(now, approach)
         order = int(np.bitwise_or.reduce([head[0] for head in heads]))
+        if order > _STOP:
+            self._writing_ordered = False
         if order & _FLUSH:
             self._flush_due_s = time.monotonic() + FLUSH_S
-            self._flush_ordered = False
             self.recorder.flush()
+        elif order & _WRITE_FRAMES:
+            self.recorder.write_frames()
         return order
 
     def leave(self) -> list[Mapping[str, Any]]:

@@ -24,15 +24,16 @@ class FleetMotion:
     @staticmethod
     def pack(position: Floats, velocity: Floats) -> bytes:
         """The motion of one core's aircraft, (n, 3) each, as bytes."""
-        return np.hstack((position, velocity)).tobytes()
+        return position.tobytes() + velocity.tobytes()
 
     def update(self, parts: Sequence[bytes]) -> None:
         """Take over what `pack` packed on each core."""
-        rows = np.concatenate(
-            [np.frombuffer(part).reshape(size, 6) for part, size in zip(parts, self._sizes, strict=True)]
-        )
-        self._position, self._velocity = np.ascontiguousarray(rows[:, :3]), np.ascontiguousarray(rows[:, 3:])
+        begin = 0
+        for part, size in zip(parts, self._sizes, strict=True):
+            end = begin + size
+            self._position[begin:end], self._velocity[begin:end] = np.frombuffer(part).reshape(2, size, 3)
+            begin = end
 
     def motion(self) -> tuple[Floats, Floats]:
-        """Position of the gear and velocity, (n, 3) each."""
+        """Position of the gear and velocity, (n, 3) each, which the next update refills."""
         return self._position, self._velocity

@@ -8,6 +8,7 @@ the same numbers, so all decide alike.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
@@ -43,17 +44,39 @@ class Approach(NamedTuple):
 
 
 @compiled
+def _speed_of(velocity: Floats) -> float:
+    """How fast any part of an aircraft moves."""
+    return math.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2) + TUMBLING_MPS
+
+
+@compiled
+def _find_fastest(velocity: Floats) -> float:
+    """The highest speed, or NaN if one is."""
+    fastest = 0.0
+    for i in range(velocity.shape[0]):
+        speed = _speed_of(velocity[i])
+        if not speed <= fastest:
+            fastest = speed
+    return fastest
+
+
+@compiled
+def _reach_m(speed: float, horizon_s: float) -> float:
+    """How far an aircraft moves at most."""
+    return (speed + ACCELERATION_MPS2 * horizon_s) * horizon_s
+
+
+@compiled
 def _find_close(
-    pairs: Ints, core: Ints, position: Floats, reach_m: Floats, shape: Floats, airframe: Ints
+    pairs: Ints, position: Floats, velocity: Floats, horizon_s: float, shape: Floats, airframe: Ints
 ) -> tuple[int, float]:
-    """The first pair on different cores with a gap smaller than both can move, -1 if there is none, and its gap."""
+    """The first pair with a gap smaller than both can move, -1 if there is none, and its gap."""
     for k in range(pairs.shape[0]):
         i, j = pairs[k, 0], pairs[k, 1]
-        if core[i] == core[j]:
-            continue
         a, b = shape[airframe[i]], shape[airframe[j]]
         gap = cylinder_gap(position[i], position[j], a[RADIUS] + b[RADIUS], a[HEIGHT], b[HEIGHT])
-        if not gap > reach_m[i] + reach_m[j]:
+        reach = _reach_m(_speed_of(velocity[i]), horizon_s) + _reach_m(_speed_of(velocity[j]), horizon_s)
+        if not gap > reach:
             return k, gap
     return -1, 0.0
 
@@ -82,18 +105,16 @@ class Separation:
     def check(self) -> Approach | None:
         """Two aircraft that may touch before the next check; `None` if there are none."""
         position, velocity = self._motion.motion()
-        speed = np.sqrt((velocity * velocity).sum(axis=1)) + TUMBLING_MPS
-        reach = (speed + ACCELERATION_MPS2 * self._horizon_s) * self._horizon_s
-        longest = float(reach.max())
+        fastest = _find_fastest(velocity)
         # a pair that is not listed is at least NEAR_M apart, less what both have moved since, and will before the next
-        if self._census_due or 2.0 * (self._listed_m + longest) >= NEAR_M:
+        if self._census_due or not 2.0 * (self._listed_m + _reach_m(fastest, self._horizon_s)) < NEAR_M:
             self._census_due, self._listed_m = False, 0.0
             pairs, _ = list_near_pairs(self._order, self._shape, self._airframe, position, 0.0)
             self._pairs = pairs[self._motion.core[pairs[:, 0]] != self._motion.core[pairs[:, 1]]]
-        self._listed_m += (float(speed.max()) + ACCELERATION_MPS2 * self._period_s) * self._period_s
+        self._listed_m += _reach_m(fastest, self._period_s)
         if not len(self._pairs):
             return None
-        at, gap = _find_close(self._pairs, self._motion.core, position, reach, self._shape, self._airframe)
+        at, gap = _find_close(self._pairs, position, velocity, self._horizon_s, self._shape, self._airframe)
         if at < 0:
             return None
         a, b = self._pairs[at].tolist()
