@@ -136,14 +136,12 @@ class Inbox(Sequence[Arrival]):
         singles, blocks = self._singles, self._blocks
         order = self._order
         parts = [block.carried() for block in blocks]
-        if singles:
-            parts.insert(0, Payloads.of([arrival.payload for arrival in singles]))
-        at = [np.full(len(block), block.arrived_ns, dtype=np.int64) for block in blocks]
-        at.insert(0, np.array([arrival.at for arrival in singles], dtype=np.int64))
         ports = [block.link_table.places[block.link_numbers] for block in blocks]
-        ports.insert(0, np.array([places[arrival.port] for arrival in singles], dtype=np.int64))
+        if singles or not blocks:
+            parts.insert(0, Payloads.of([arrival.payload for arrival in singles]))
+            ports.insert(0, np.array([places[arrival.port] for arrival in singles], dtype=np.int64))
         payloads = parts[0] if len(parts) == 1 else Payloads.join(parts)
-        return Columns(np.concatenate(ports)[order], np.concatenate(at)[order], payloads.take(order), order)
+        return Columns(_concatenate(ports)[order], self._at_ns[order], payloads.take(order), order)
 
     def arrival(self, number: int) -> Arrival:
         """One arrival by its number in `Columns.order`."""
@@ -180,6 +178,14 @@ class Inbox(Sequence[Arrival]):
         return self._singles if not self._blocks else self.arrivals(self._order)
 
     @cached_property
+    def _at_ns(self) -> Ints:
+        """When each arrived, by its number."""
+        times = [np.full(len(block), block.arrived_ns, dtype=np.int64) for block in self._blocks]
+        if self._singles or not times:
+            times.insert(0, np.array([arrival.at for arrival in self._singles], dtype=np.int64))
+        return _concatenate(times)
+
+    @cached_property
     def _order(self) -> Ints:
         """Numbers of the arrivals in their order; singles count first, then the blocks' rows."""
         if not self._blocks:
@@ -187,20 +193,23 @@ class Inbox(Sequence[Arrival]):
         block = self._blocks[0]
         numbers = [block.link_table.numbers.get(arrival.ref[:3], -1) for arrival in self._singles]
         if min(numbers, default=0) >= 0:  # directed links are numbered in order of their names
-            rows = np.array([(arrival.ref.serial, arrival.at) for arrival in self._singles], dtype=np.int64)
-            rows = rows.reshape(-1, 2)
-            link = np.concatenate([np.array(numbers, dtype=np.int64), *(block.link_numbers for block in self._blocks)])
-            serial = np.concatenate([rows[:, 0], *(block.serial for block in self._blocks)])
-            at = np.concatenate([rows[:, 1], *(np.full(len(block), block.arrived_ns) for block in self._blocks)])
-            return np.lexsort((link << _SERIAL_BITS | serial, at))
-        keys = [
-            _key(arrival) for arrival in self._singles
-        ]  # a tap's frames among them: their sender is no link's source
+            keys = [block.link_numbers << _SERIAL_BITS | block.serial for block in self._blocks]
+            if not self._singles and len(keys) == 1:  # of one time
+                return keys[0].argsort(kind="stable")
+            serials = np.array([arrival.ref.serial for arrival in self._singles], dtype=np.int64)
+            keys.insert(0, np.array(numbers, dtype=np.int64) << _SERIAL_BITS | serials)
+            return np.lexsort((np.concatenate(keys), self._at_ns))
+        # a tap's frames are among them, whose sender is no link's source
+        named = [_key(arrival) for arrival in self._singles]
         for block in self._blocks:
             for row in range(len(block)):
                 id_ = block.id(row)
-                keys.append((block.arrived_ns, f"{id_.link}:{id_.direction}", id_.sender, id_.serial))
-        return np.array(sorted(range(len(keys)), key=keys.__getitem__), dtype=np.int64)
+                named.append((block.arrived_ns, f"{id_.link}:{id_.direction}", id_.sender, id_.serial))
+        return np.array(sorted(range(len(named)), key=named.__getitem__), dtype=np.int64)
+
+
+def _concatenate(parts: Sequence[Ints]) -> Ints:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _arrivals_of(block: FrameBlock, rows: Ints) -> list[Arrival]:

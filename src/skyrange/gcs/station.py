@@ -175,7 +175,7 @@ class GroundStation:
         table = inbox.columns(self._places)
         if self._signed is not None:
             table = self._signed.verify_inbox(now, inbox, table, out)
-        reports = np.flatnonzero(table.places > len(self._sequencers))
+        (reports,) = (table.places > len(self._sequencers)).nonzero()
         if self.traffic_picture is not None and reports.size:
             self.traffic_picture.receive_reports(now, inbox, table.order[reports], out)
         rows = self._receiver.read(now, table.places, table.payloads)

@@ -26,7 +26,7 @@ from skyrange.kernel.event_heap import (
     schedule_mailbox,
     schedule_route,
 )
-from skyrange.kernel.fast_path import BlockDelivery, FastPath, PendingHop
+from skyrange.kernel.fast_path import BlockDelivery, FastPath, PendingHop, group_rows
 from skyrange.kernel.monitors import Monitors
 
 
@@ -87,10 +87,9 @@ class BlockForwarder:
             return
         block, fast = delivery.hops[-1], self._fast_path
         owners = fast.mailbox_of[block.link_numbers]
-        for owner in np.unique(owners).tolist():
-            rows = np.flatnonzero(owners == owner)
+        for owner, rows in group_rows(owners):
             box = fast.mailboxes[owner]
-            box.blocks.append(block if len(rows) == len(block) else block.take(rows))
+            box.blocks.append(block if rows is None else block.take(rows))
             schedule_mailbox(self._heap, now, box)
 
     def resume(self, now: Time, pending: PendingHop) -> None:

@@ -8,7 +8,8 @@ beside what is forwarded: there blocks wait until their time before they continu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -41,14 +42,14 @@ def _take_serials(links: Ints, sent_counts: Ints) -> Ints:
 class _Hop:
     """One hop of a path: which directed link it is for every link that begins the path."""
 
-    __slots__ = ("boxed", "latency_ns", "link_of", "next", "select", "service_ns", "staged")
+    __slots__ = ("boxed", "latency_ns", "link_of", "next", "select_rows", "service_ns", "staged")
 
     def __init__(
         self, latency_ns: Time, service_ns: Time, select: Select | None, boxed: bool, staged: bool, size: int
     ) -> None:
         self.latency_ns = latency_ns
         self.service_ns = service_ns
-        self.select = select
+        self.select_rows = None if select is None else _select_rows_by(select)
         self.boxed = boxed
         self.staged = staged
         """Whether the hops behind it begin only when the blocks have arrived here."""
@@ -195,8 +196,8 @@ def _follow(
         pending = []
         for onward in hop.next:
             chosen = np.arange(len(link))
-            if onward.select is not None:
-                chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
+            if onward.select_rows is not None:
+                (chosen,) = onward.select_rows(block.carried()).nonzero()
             if len(chosen):
                 sent = ceil_to(arrival, onward.service_ns)
                 pending.append(PendingHop(sent, onward, starts[chosen], block, chosen))
@@ -205,10 +206,10 @@ def _follow(
     branched = False
     for onward in hop.next:
         sent = ceil_to(arrival, onward.service_ns)
-        if onward.select is None:
+        if onward.select_rows is None:
             _follow(onward, table, sent, starts, payloads, rows, link, serial, None, hops, sent_counts, deliveries)
         else:
-            chosen = np.flatnonzero(_select_rows(onward.select, block.carried()))
+            (chosen,) = onward.select_rows(block.carried()).nonzero()
             if len(chosen) == 0:
                 continue
             _follow(
@@ -221,10 +222,24 @@ def _follow(
         deliveries.append(BlockDelivery(arrival, hops, hop.boxed, []))
 
 
-def _select_rows(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
+def _select_rows_by(select: Select) -> Callable[[Payloads], NDArray[np.bool_]]:
+    """The function that decides as `select` does, on many payloads at once."""
     if isinstance(select, RowFilter):
-        return select.rows(payloads)
+        return select.rows
+    return partial(_select_each, select)
+
+
+def _select_each(select: Select, payloads: Payloads) -> NDArray[np.bool_]:
     return np.fromiter(map(select, payloads), np.bool_, len(payloads))
+
+
+def group_rows(values: Ints) -> Iterator[tuple[int, Ints | None]]:
+    """Each of some values, in ascending order, and the rows that have it: None where all rows do."""
+    if len(values) and (values == values[0]).all():
+        yield values.item(0), None
+        return
+    for value in np.unique(values).tolist():
+        yield value, (values == value).nonzero()[0]
 
 
 def _path_shape(link: DirectedLink) -> Any:

@@ -45,6 +45,7 @@ from skyrange.kernel.event_heap import (
     schedule_mailbox,
     schedule_route,
 )
+from skyrange.kernel.fast_path import group_rows
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.observers import ObserverList
 from skyrange.kernel.processing_queue import Job, ProcessingQueue
@@ -363,20 +364,21 @@ class Network:
     def _transmit_block(self, now: Time, links: Ints, payloads: Payloads, parents: Parents | None) -> None:
         """Send `payloads[i]` from the source of directed link `links[i]`, on the fast path where there is one."""
         paths, parent_links = self._block_forwarder.choose_paths(links, parents)
-        for path in np.unique(paths).tolist():
-            rows = np.flatnonzero(paths == path)
-            whole = len(rows) == len(links)
+        for path, rows in group_rows(paths):
             if path < 0:
-                for row in rows.tolist():
+                for row in range(len(links)) if rows is None else rows.tolist():
                     link = self._by_number[links.item(row)]
                     parent = parents.id(row) if parents is not None else None
                     frame = link.make_frame(link.src, now, payloads[row], link.src, link.dst, parent)
                     self._transmit(now, link, frame, 0)
                 continue
-            part = (links, payloads) if whole else (links[rows], payloads.take(rows))
-            serials = parents.serials[rows] if parents is not None else None
-            above = parent_links[rows] if parent_links is not None else None
-            self._block_forwarder.send(now, path, *part, above, serials)
+            serials = None if parents is None else parents.serials
+            if rows is None:
+                self._block_forwarder.send(now, path, links, payloads, parent_links, serials)
+                continue
+            serials = None if serials is None else serials[rows]
+            above = None if parent_links is None else parent_links[rows]
+            self._block_forwarder.send(now, path, links[rows], payloads.take(rows), above, serials)
 
     def _duplicate(self, now: Time, arrival: Time, link: DirectedLink, frame: Frame) -> None:
         # the channel is the copy's true sender, so the original sender's serials do not shift

@@ -138,7 +138,7 @@ class TelemetryReceiver:
                 *KIND_TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
             )  # fmt: skip
             if done == len(payloads):
-                return np.flatnonzero(left)
+                return left.nonzero()[0]
             self._add_slot(payloads, done)
 
     def _add_slot(self, payloads: Payloads, row: int) -> None:

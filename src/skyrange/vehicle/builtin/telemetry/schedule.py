@@ -93,7 +93,7 @@ class Schedule:
         """Return the messages that are due, with contents and numbers; set their next times."""
         if fleet.now < self._next:
             return []
-        picked = np.flatnonzero(self.soonest <= fleet.now)
+        (picked,) = (self.soonest <= fleet.now).nonzero()
         rows = np.empty(len(picked) * _SENT, dtype=np.int64)
         ends = np.empty(_SENT, dtype=np.int64)
         _take_due(self.due, self.period, self.soonest, picked, fleet.now, rows, ends)
