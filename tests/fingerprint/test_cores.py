@@ -352,7 +352,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(
     put = recorder.put_file
 
     def fail(folder: Path, name: str, data: bytes) -> None:
-        if name.startswith(f"missions/{full}-"):
+        if name.startswith(f"missions/flown/{full}/"):
             raise InputError.one("output", name, "No space left on device", "a disk with free space")
         put(folder, name, data)
 

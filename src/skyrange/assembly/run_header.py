@@ -119,9 +119,9 @@ def make_attachments(scenario: Scenario, city: City | None) -> dict[str, bytes]:
 
 
 def make_mission_files(plans: Mapping[str, FlightPlan]) -> dict[str, bytes]:
-    """The missions of vehicles as they fly them."""
+    """The missions of vehicles as they fly them, in a folder for each operator."""
     return {
-        f"missions/{name.replace('/', '-')}.waypoints": format_waypoints(plan.mission).encode()
+        f"missions/flown/{name}.waypoints": format_waypoints(plan.mission).encode()
         for name, plan in plans.items()
         if plan.mission is not None
     }

@@ -112,7 +112,10 @@ def put_file(folder: Path, name: str, data: bytes) -> None:
         raise InputError.one("attachment", "name", name, "a name that the record does not use itself")
     target = folder.joinpath(*parts)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(data)
+        try:
+            target.write_bytes(data)
+        except FileNotFoundError:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
     except OSError as error:
         raise unwritable_error(target, error) from error

@@ -27,12 +27,9 @@ class OpenRequest:
     operator: str
     request: Request
     payload: bytes
+    digest: bytes
+    """What tells it from other requests for the same intent."""
     cause: FrameId
-
-    @property
-    def digest(self) -> bytes:
-        """What tells it from other requests for the same intent."""
-        return blake2b(self.payload, digest_size=16).digest()
 
 
 class RequestBook:
@@ -81,7 +78,8 @@ class RequestBook:
         if message:
             self._refuse(operator, arrival, Response.error(403, request.path, message), out)
             return None
-        asked = OpenRequest(operator, request, arrival.payload, arrival.ref)
+        digest = blake2b(arrival.payload, digest_size=16).digest()
+        asked = OpenRequest(operator, request, arrival.payload, digest, arrival.ref)
         known = self._answers[operator].get(body.id)
         if known is not None and known[0] == asked.digest:
             out.send(arrival.port, known[1], (arrival.ref,))
