@@ -78,7 +78,8 @@ def test_the_folder_holds_what_the_design_says(squares: Path) -> None:
     tables = {f"{t}.parquet" for t in (
         "truth", "sensors", "telemetry/ATTITUDE", "frames", "payloads", "decisions", "events", "labels")}  # fmt: skip
     assert tables | {"manifest.json", "scenario.toml", "report.html", "operators/blue.csv", "operators/green.csv",
-                     "operators/blue.tlog", "operators/green.tlog", "missions/flown/blue/b1.waypoints"} <= names  # fmt: skip
+                     "operators/blue.tlog", "operators/green.tlog",
+                     "missions/flown/blue/b1.waypoints"} <= names  # fmt: skip
     assert not [name for name in names if "spool" in name]
 
 
