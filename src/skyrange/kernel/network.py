@@ -153,14 +153,18 @@ class Network:
         if self._originators:
             own = [self._originators.get(departure.port) is None for departure in departures]
             paths = np.where(np.isin(numbers, numbers[np.logical_not(own)]), -1, paths)
-        for path in np.unique(paths[paths >= 0]).tolist():
-            rows = np.flatnonzero(paths == path)
-            chosen = [departures[row] for row in rows.tolist()]
+        singles: Sequence[Departure] = []
+        for path, rows in group_rows(paths):
+            chosen = departures if rows is None else [departures[row] for row in rows.tolist()]
+            if path < 0:
+                singles = chosen
+                continue
             causes = [departure.causes for departure in chosen]
             payloads = Payloads.of([departure.payload for departure in chosen])
             known = causes if any(causes) else None
-            self._block_forwarder.send(now, path, numbers[rows], payloads, None, None, known)
-        return [departures[row] for row in np.flatnonzero(paths < 0).tolist()]
+            of_path = numbers if rows is None else numbers[rows]
+            self._block_forwarder.send(now, path, of_path, payloads, None, None, known)
+        return singles
 
     def _find_link(self, sender: str, port: Port) -> DirectedLink:
         link = self._outgoing.get(port)
