@@ -213,7 +213,7 @@ class ScriptedSystem(VirtualSystem):
 
 def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path) -> None:
     for name, data in build(load_data(SCENARIO, "test")).files.items():
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_bytes(data)
     (tmp_path / "part.program").mkdir()
     credentials = issue_credentials(zmq.curve_keypair()[0])
