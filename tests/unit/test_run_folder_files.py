@@ -55,6 +55,17 @@ def test_attached_files_are_described_as_they_are_on_the_disk(tmp_path: Path) ->
     assert verify_run(load(tmp_path / "run")).problems
 
 
+def test_a_file_that_another_program_changes_during_the_run_is_found(tmp_path: Path) -> None:
+    """The manifest has the hash of what was attached; no file is read again at the end of the run."""
+    recorder = Recorder.open(tmp_path / "run", HEADER)
+    recorder.attach_file("city.json", b"[]")
+    tell(recorder, 3)
+    (tmp_path / "run" / "city.json").write_bytes(b"[1, 2]")
+    recorder.close()
+    (problem,) = verify_run(load(tmp_path / "run")).problems
+    assert "city.json" in problem
+
+
 def test_each_vehicle_has_a_mission_file_of_its_own() -> None:
     """Ids may have hyphens: a-b/c and a/b-c are two vehicles."""
     plan = square(5, 5)

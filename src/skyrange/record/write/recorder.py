@@ -15,7 +15,6 @@ from time import monotonic
 from typing import Any, Self
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import World
@@ -29,40 +28,18 @@ from skyrange.core.time import Time, to_seconds
 from skyrange.record.digests import Digests
 from skyrange.record.file_hashes import describe_bytes
 from skyrange.record.folder import make_folder, put_file, remove_folder, unwritable_error
-from skyrange.record.levels import FULL, LEVELS, RECORDED, SUMMARY
+from skyrange.record.levels import FULL, LEVELS, SUMMARY
 from skyrange.record.manifest import ENDINGS, MANIFEST, RUNNING, describe_platform, epoch_of, write_manifest
-from skyrange.record.notes import (
-    OUTCOME,
-    AlertRow,
-    NoteRow,
-    alert_batch,
-    alert_row,
-    label_batch,
-    note_batch,
-    note_row,
-    outcome,
-    outcomes,
-    table_of,
-    vehicle_ids,
-)
+from skyrange.record.notes import outcomes, vehicle_ids
 from skyrange.record.part_files import shard_folder
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
 from skyrange.record.write.finalisation import Shard, finalise, finish_shard
 from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.rates import check_rates, common_period_ns
-from skyrange.record.write.receptions import ForeignSource, ReceptionSource, reception_batch
+from skyrange.record.write.receptions import ForeignSource, ReceptionSource
 from skyrange.record.write.recording_state import RecordingState
-from skyrange.record.write.ticks import (
-    SensorTick,
-    TruthTick,
-    sensor_batch,
-    sensor_tick,
-    split_ticks,
-    truth_batch,
-    truth_tick,
-    truth_words,
-)
+from skyrange.record.write.waiting_rows import WaitingRows
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle
 _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three megabytes
@@ -71,9 +48,8 @@ _BLOCK_ROWS = 16_384  # the same for blocks, which are few objects: two or three
 class Recorder:
     """An `contracts.components.Observer` that writes the run's folder.
 
-    Frames are kept by reference until the next flush, because they do not change after they were observed. After a
-    failed write (`ComponentError`) further observations are dropped, and `close` leaves the record in its spool,
-    from which `load` reads it.
+    After a failed write (`ComponentError`) further observations are dropped, and `close` leaves the record in its
+    spool, from which `load` reads it.
     """
 
     def __init__(
@@ -101,17 +77,9 @@ class Recorder:
         self._made = made
         self._write_failed = False
         self._closed = False
-        self._frames: list[Frame | FrameBlock] = []
-        self._singles = 0
-        self._frame_rows = 0
+        self._rows = WaitingRows(state, self._append)
         self.block_rows = _BLOCK_ROWS
         """So many frames of blocks are written as soon as they are there, without `flush`."""
-        self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
-        self._labels: list[Label] = []
-        self._alerts: list[AlertRow] = []
-        self._truth: list[TruthTick] = []
-        self._sensors: list[SensorTick] = []
-        self._tick_bytes = 0
         self._reception_source: ReceptionSource | None = None
         self._shard = shard
         self._shards: list[Shard] = []
@@ -253,171 +221,87 @@ class Recorder:
 
     def on_frame(self, frame: Frame) -> None:
         """A frame was delivered, lost or otherwise finished."""
-        self._frames.append(frame)
-        self._singles += 1
+        self._rows.add_frame(frame)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._singles >= _BATCH_ROWS:
+        elif self._rows.single_frames >= _BATCH_ROWS:
             self.write_frames()
 
     def on_block(self, block: FrameBlock) -> None:
         """A block of frames was finished."""
-        self._frames.append(block)
-        self._frame_rows += len(block)
+        self._rows.add_block(block)
         if monotonic() >= self._due_s:
             self.flush()
-        elif self._frame_rows >= self.block_rows:
+        elif self._rows.block_frames >= self.block_rows:
             self.write_frames()
 
     def on_note(self, now: Time, source: str, note: Note) -> None:
         """A decision or an event was noted."""
-        row = note_row(now, source, note)
-        self._notes[table_of(note.kind)].append(row)
-        state = self._state
-        if note.kind.startswith("event."):
-            state.digests.add_event(note.about, now, source, note.kind)
-            if note.kind == OUTCOME:
-                state.outcomes[note.about] = outcome(now, note.data)
-        state.last_ns = max(state.last_ns, now)
+        self._rows.add_note(now, source, note)
         if monotonic() >= self._due_s:
             self.flush()
 
     def on_label(self, label: Label) -> None:
         """A hostile act was labelled."""
-        self._labels.append(label)
-        if len(self._labels) >= _BATCH_ROWS or monotonic() >= self._due_s:
+        if self._rows.add_label(label) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
 
     def on_alert(self, now: Time, detector: str, alert: Alert) -> None:
         """A monitor raised an alert."""
-        self._alerts.append(alert_row(now, detector, alert))
-        if len(self._alerts) >= _BATCH_ROWS or monotonic() >= self._due_s:
+        if self._rows.add_alert(now, detector, alert) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
 
     def on_truth(self, now: Time, world: World) -> None:
         """A tick ended; truth is recorded at the first tick at or after each multiple of its period, as are sensors."""
-        state = self._state
-        state.last_ns = max(state.last_ns, now)
-        vehicles = tuple(world.vehicles)
-        if now >= state.truth_due and vehicles:
-            state.truth_due = now - now % state.truth_ns + state.truth_ns
-            tick = truth_tick(now, world)
-            self._truth.append(tick)
-            self._tick_bytes += len(vehicles) * 8 * (len(tick.columns) + 2)
-        if now >= state.sensors_due and vehicles:
-            state.sensors_due = now - now % state.sensors_ns + state.sensors_ns
-            self._sensors.append(sensor_tick(now, world))
-            self._tick_bytes += self._sensors[-1].values.nbytes
-        if self._tick_bytes >= self._spool_bytes or monotonic() >= self._due_s:
+        if self._rows.add_tick(now, world) >= self._spool_bytes or monotonic() >= self._due_s:
             self.flush()
 
     def on_rows(self, table: str, batch: pa.RecordBatch) -> None:
         """Append rows of truth, sensors or receptions that another recorder wrote."""
-        state = self._state
         if self._write_failed or not batch.num_rows:
             return
-        if table == "truth":
-            state.digests.add_truth(truth_words(split_ticks(batch)))
-        elif table == "receptions" and self._writer is not None:
+        if table == "receptions" and self._writer is not None:
             self._writer.observe_at_end()
-        state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
-        if self._keeps(table):
-            self._append(table, batch)
-        else:
-            self._leave_out(table, batch.num_rows)
+        self._rows.write_rows(table, batch)
 
     # ---------------------------------------------------------------- writing
 
     @property
     def waiting_rows(self) -> int:
         """Frames of blocks that are not written yet."""
-        return self._frame_rows
+        return self._rows.block_frames
 
     def flush(self, *, last: bool = False) -> None:
         """Write all rows now, and with `last` those that wait for others to come; `ComponentError` if writing fails."""
         self._due_s = monotonic() + self._flush_s
         if not self._write_failed:
-            self._write_frames()
-            self._write_other_rows()
-            self._write_study_rows(last=last)
-        self._clear()
+            self._rows.write_frames()
+            self._rows.write_ticks()
+            self._write_receptions()
+            self._rows.write_notes()
+            self._rows.write_study_rows(last=last)
+        self._rows.clear()
 
     def write_frames(self) -> None:
         """Write the frames that wait, and the receptions of frames; `ComponentError` if writing fails."""
-        self._write_frames()
+        if self._write_failed:
+            self._rows.clear()
+            return
+        self._rows.write_frames()
         self._write_receptions()
-
-    def _write_frames(self) -> None:
-        frames = self._frames
-        self._frames = []
-        self._singles = self._frame_rows = 0
-        if not frames or self._write_failed:
-            return
-        state = self._state
-        gathered = state.encoder.gather(frames)
-        state.digests.add_frames(state.encoder.words(gathered))
-        state.last_ns = max(state.last_ns, gathered.last_ns)
-        if self._keeps("frames"):
-            payloads = state.encoder.take_payloads()
-            if payloads.num_rows:  # first, so that no frame's row is without its payload
-                self._append("payloads", payloads)
-            self._append("frames", state.encoder.table(gathered))
-            return
-        self._leave_out("frames", gathered.rows)
-        if state.study_rows is None:
-            state.encoder.forget_payloads()
-            return
-        state.study_rows.add_frames(state.encoder, gathered)
-        if state.study_rows.is_full:
-            self._write_study_rows()
-
-    def _write_study_rows(self, *, last: bool = False) -> None:
-        if self._state.study_rows is not None:
-            for table, batch in self._state.study_rows.take(last=last):
-                self._append(table, batch)
-
-    def _keeps(self, table: str) -> bool:
-        return table in RECORDED[self._state.level]
-
-    def _leave_out(self, table: str, rows: int) -> None:
-        self._state.not_kept[table] = self._state.not_kept.get(table, 0) + rows
-
-    def _write_other_rows(self) -> None:
-        if self._truth:
-            self._state.digests.add_truth(truth_words(self._truth))
-            if self._keeps("truth"):
-                self._append("truth", truth_batch(self._truth))
-            else:
-                self._leave_out("truth", sum(len(tick.vehicles) for tick in self._truth))
-        if self._sensors:
-            self._append("sensors", sensor_batch(self._sensors))
-        self._write_receptions()
-        for table, rows in self._notes.items():
-            if rows:
-                self._append(table, note_batch(table, rows))
-        if self._labels and self._keeps("labels"):
-            self._append("labels", label_batch(self._labels))
-        elif self._labels:
-            self._leave_out("labels", len(self._labels))
-        if self._alerts:
-            self._append("alerts", alert_batch(self._alerts))
 
     def _write_receptions(self) -> None:
         """Write receptions soon after the frames that they name."""
-        study_rows = self._state.study_rows
-        if self._writer is not None and isinstance(self._reception_source, ForeignSource):
-            foreign = self._reception_source.drain_foreign()
+        source = self._reception_source
+        if source is None:
+            return
+        if self._writer is not None and isinstance(source, ForeignSource):
+            foreign = source.drain_foreign()
             if foreign is not None:
-                (study_rows or self._writer).add_foreign(foreign)
-        receptions = self._reception_source.drain_receptions() if self._reception_source is not None else None
-        if receptions is None or self._write_failed:
-            return
-        if self._keeps("receptions"):
-            self._append("receptions", reception_batch(receptions))
-            return
-        self._leave_out("receptions", len(receptions.rows.time_ns))
-        if study_rows is not None:
-            study_rows.add_receptions(reception_batch(receptions))
+                (self._state.study_rows or self._writer).add_foreign(foreign)
+        receptions = source.drain_receptions()
+        if receptions is not None:
+            self._rows.write_receptions(receptions)
 
     def _append(self, table: str, batch: pa.RecordBatch) -> None:
         try:
@@ -425,19 +309,7 @@ class Recorder:
         except ComponentError:
             self._write_failed = True
             raise
-        counts = self._state.counts
-        counts[table] = counts.get(table, 0) + batch.num_rows
-
-    def _clear(self) -> None:
-        self._frames.clear()
-        self._singles = self._frame_rows = 0
-        for rows in self._notes.values():
-            rows.clear()
-        self._labels.clear()
-        self._alerts.clear()
-        self._truth.clear()
-        self._sensors.clear()
-        self._tick_bytes = 0
+        self._state.count(table, batch.num_rows)
 
     @property
     def digests(self) -> Digests:
@@ -529,7 +401,7 @@ class Recorder:
     def abandon(self) -> None:
         """End the record and remove its folder, if this recorder has made it, or else all that is in it."""
         self._closed = self._write_failed = True
-        self._clear()
+        self._rows.clear()
         self._abandon_writer()
         self._spool.end_segment()
         remove_folder(self.path, self._made)

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from skyrange.core.time import NEVER, Time
 from skyrange.record.digests import Digests
-from skyrange.record.levels import STUDY, SUMMARY
+from skyrange.record.levels import RECORDED, STUDY, SUMMARY
 from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.rates import period_ns
 from skyrange.record.write.study.study_rows import StudyRows
@@ -53,6 +53,18 @@ class RecordingState:
             study_rows=StudyRows(header, period_ns(features_hz)) if level == STUDY else None,
         )
 
+    def keeps(self, table: str) -> bool:
+        """Whether the level keeps the rows of a table."""
+        return table in RECORDED[self.level]
+
+    def count(self, table: str, rows: int) -> None:
+        """Count rows that were written."""
+        self.counts[table] = self.counts.get(table, 0) + rows
+
+    def leave_out(self, table: str, rows: int) -> None:
+        """Count rows that were observed and that the level leaves out."""
+        self.not_kept[table] = self.not_kept.get(table, 0) + rows
+
     def to_plain(self) -> dict[str, Any]:
         """What the first shard needs of another one that has ended, as plain data."""
         return {
@@ -68,8 +80,9 @@ class RecordingState:
         """Add what `to_plain` of another shard returned."""
         self.last_ns = max(self.last_ns, int(shard["last_ns"]))
         self.digests = self.digests + Digests.from_plain(shard["digests"])
-        for own, theirs in ((self.counts, shard["counts"]), (self.not_kept, shard["not_kept"])):
-            for table, rows in theirs.items():
-                own[table] = own.get(table, 0) + rows
+        for table, rows in shard["counts"].items():
+            self.count(table, rows)
+        for table, rows in shard["not_kept"].items():
+            self.leave_out(table, rows)
         self.outcomes |= shard["outcomes"]
         self.files |= shard["files"]

@@ -1,0 +1,203 @@
+"""Observations of a run that wait to be written, and the rows of the tables that they become.
+
+The level of the record decides which of them are kept. All of them count for the digests.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import World
+from skyrange.contracts.frames.blocks import FrameBlock
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.mailboxes import Note
+from skyrange.contracts.medium import Receptions
+from skyrange.contracts.verdicts import Label
+from skyrange.core.time import Time
+from skyrange.record.notes import (
+    OUTCOME,
+    AlertRow,
+    NoteRow,
+    alert_batch,
+    alert_row,
+    label_batch,
+    note_batch,
+    note_row,
+    outcome,
+    table_of,
+)
+from skyrange.record.write.receptions import reception_batch
+from skyrange.record.write.recording_state import RecordingState
+from skyrange.record.write.ticks import (
+    SensorTick,
+    TruthTick,
+    sensor_batch,
+    sensor_tick,
+    split_ticks,
+    truth_batch,
+    truth_tick,
+    truth_words,
+)
+
+
+class WaitingRows:
+    """Observations since the last write. Methods `add_…` take them; methods `write_…` hand their rows to `append`.
+
+    Frames are kept by reference until then, because they do not change after they were observed.
+    """
+
+    def __init__(self, state: RecordingState, append: Callable[[str, pa.RecordBatch], None]) -> None:
+        """`append` writes rows of a table, which it names."""
+        self._state = state
+        self._append = append
+        self._frames: list[Frame | FrameBlock] = []
+        self.single_frames = 0
+        self.block_frames = 0
+        """Frames of blocks."""
+        self._notes: dict[str, list[NoteRow]] = {"decisions": [], "events": []}
+        self._labels: list[Label] = []
+        self._alerts: list[AlertRow] = []
+        self._truth: list[TruthTick] = []
+        self._sensors: list[SensorTick] = []
+        self._tick_bytes = 0
+
+    # ---------------------------------------------------------------- observations
+
+    def add_frame(self, frame: Frame) -> None:
+        """Take a frame."""
+        self._frames.append(frame)
+        self.single_frames += 1
+
+    def add_block(self, block: FrameBlock) -> None:
+        """Take a block of frames."""
+        self._frames.append(block)
+        self.block_frames += len(block)
+
+    def add_note(self, now: Time, source: str, note: Note) -> None:
+        """Take a decision or an event."""
+        self._notes[table_of(note.kind)].append(note_row(now, source, note))
+        state = self._state
+        if note.kind.startswith("event."):
+            state.digests.add_event(note.about, now, source, note.kind)
+            if note.kind == OUTCOME:
+                state.outcomes[note.about] = outcome(now, note.data)
+        state.last_ns = max(state.last_ns, now)
+
+    def add_label(self, label: Label) -> int:
+        """Take a label; returns how many wait."""
+        self._labels.append(label)
+        return len(self._labels)
+
+    def add_alert(self, now: Time, detector: str, alert: Alert) -> int:
+        """Take an alert; returns how many wait."""
+        self._alerts.append(alert_row(now, detector, alert))
+        return len(self._alerts)
+
+    def add_tick(self, now: Time, world: World) -> int:
+        """Take the truth and the sensors at the end of a tick if they are due; returns the bytes of those that wait."""
+        state = self._state
+        state.last_ns = max(state.last_ns, now)
+        vehicles = tuple(world.vehicles)
+        if now >= state.truth_due and vehicles:
+            state.truth_due = now - now % state.truth_ns + state.truth_ns
+            tick = truth_tick(now, world)
+            self._truth.append(tick)
+            self._tick_bytes += len(vehicles) * 8 * (len(tick.columns) + 2)
+        if now >= state.sensors_due and vehicles:
+            state.sensors_due = now - now % state.sensors_ns + state.sensors_ns
+            self._sensors.append(sensor_tick(now, world))
+            self._tick_bytes += self._sensors[-1].values.nbytes
+        return self._tick_bytes
+
+    def clear(self) -> None:
+        """Drop what waits."""
+        self._frames.clear()
+        self.single_frames = self.block_frames = 0
+        for rows in self._notes.values():
+            rows.clear()
+        self._labels.clear()
+        self._alerts.clear()
+        self._truth.clear()
+        self._sensors.clear()
+        self._tick_bytes = 0
+
+    # ---------------------------------------------------------------- rows
+
+    def write_frames(self) -> None:
+        """Write the frames, or count them for the table `features`."""
+        frames = self._frames
+        self._frames = []
+        self.single_frames = self.block_frames = 0
+        if not frames:
+            return
+        state = self._state
+        gathered = state.encoder.gather(frames)
+        state.digests.add_frames(state.encoder.words(gathered))
+        state.last_ns = max(state.last_ns, gathered.last_ns)
+        if state.keeps("frames"):
+            payloads = state.encoder.take_payloads()
+            if payloads.num_rows:  # first, so that no frame's row is without its payload
+                self._append("payloads", payloads)
+            self._append("frames", state.encoder.table(gathered))
+            return
+        state.leave_out("frames", gathered.rows)
+        if state.study_rows is None:
+            state.encoder.forget_payloads()
+            return
+        state.study_rows.add_frames(state.encoder, gathered)
+        if state.study_rows.is_full:
+            self.write_study_rows()
+
+    def write_ticks(self) -> None:
+        """Write truth and sensors."""
+        if self._truth:
+            self._state.digests.add_truth(truth_words(self._truth))
+            if self._state.keeps("truth"):
+                self._append("truth", truth_batch(self._truth))
+            else:
+                self._state.leave_out("truth", sum(len(tick.vehicles) for tick in self._truth))
+        if self._sensors:
+            self._append("sensors", sensor_batch(self._sensors))
+
+    def write_receptions(self, receptions: Receptions) -> None:
+        """Write receptions of frames that were written before, or make observations of them."""
+        state = self._state
+        if state.keeps("receptions"):
+            self._append("receptions", reception_batch(receptions))
+            return
+        state.leave_out("receptions", len(receptions.rows.time_ns))
+        if state.study_rows is not None:
+            state.study_rows.add_receptions(reception_batch(receptions))
+
+    def write_notes(self) -> None:
+        """Write decisions, events, labels and alerts."""
+        for table, rows in self._notes.items():
+            if rows:
+                self._append(table, note_batch(table, rows))
+        if self._labels and self._state.keeps("labels"):
+            self._append("labels", label_batch(self._labels))
+        elif self._labels:
+            self._state.leave_out("labels", len(self._labels))
+        if self._alerts:
+            self._append("alerts", alert_batch(self._alerts))
+
+    def write_study_rows(self, *, last: bool = False) -> None:
+        """Write the rows of the level `study` that are whole, and with `last` all."""
+        if self._state.study_rows is not None:
+            for table, batch in self._state.study_rows.take(last=last):
+                self._append(table, batch)
+
+    def write_rows(self, table: str, batch: pa.RecordBatch) -> None:
+        """Write rows of truth, sensors or receptions that another recorder has made."""
+        state = self._state
+        if table == "truth":
+            state.digests.add_truth(truth_words(split_ticks(batch)))
+        state.last_ns = max(state.last_ns, pc.max(batch.column("time_ns")).as_py())
+        if state.keeps(table):
+            self._append(table, batch)
+        else:
+            state.leave_out(table, batch.num_rows)
