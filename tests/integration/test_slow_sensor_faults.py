@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.kernel import sensor_faults
+from skyrange.kernel.acts import sensor_faults
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.study.runs import fly

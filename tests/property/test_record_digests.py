@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.core.ids import FrameId
 from skyrange.record.digests import Digests, hash_rows
-from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.memory_observer import MemoryObserver
-from skyrange.record.write.ticks import TruthTick, truth_words
+from skyrange.record.write.rows.frame_encoder import FrameEncoder
+from skyrange.record.write.rows.ticks import TruthTick, truth_words
 
 MASK = (1 << 64) - 1
 names = st.sampled_from(["a", "b", "gcs:blue/b1", "blue/b1.proxy", ""])

@@ -9,7 +9,7 @@ import threading
 
 import pytest
 
-from skyrange.record.write.background import Background
+from skyrange.record.write.files.background import Background
 
 AT_END = """
 import atexit, gc

@@ -234,7 +234,8 @@ def test_all_reading_passes_one_place() -> None:
     """Nothing but `core.input_files` opens what a user names; the exceptions read what skyrange or the system wrote."""
     own: dict[str, Any] = {
         "core/input_files.py", "core/files.py", "core/compiled.py", "core/lazy_exports.py", "runtime/memory.py",
-        "record/spool.py", "record/write/operator_files.py", "io/processes/program.py", "io/processes/single_run.py",
+        "record/spool.py", "record/write/files/operator_files.py", "io/processes/program.py",
+        "io/processes/single_run.py",
         "runtime/live/node/process.py", "runtime/live/supervisor/launch.py", "runtime/live/supervisor/namespaces.py",
         "runtime/live/transport/file_chunks.py", "runtime/live/taps/tap_process.py", "install/ardupilot.py",
         "vehicle/ardupilot/program/arducopter_binary.py", "study/report/rendering.py", "bench/live.py",

@@ -162,7 +162,7 @@ def test_a_disk_that_fills_up_while_it_flies(tmp_path: Path, monkeypatch: pytest
 
 def test_a_disk_that_fills_up_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder = _spooled(tmp_path / "run", 3)
-    monkeypatch.setattr("skyrange.record.write.table_files.pq.ParquetWriter", _full)
+    monkeypatch.setattr("skyrange.record.write.files.table_files.pq.ParquetWriter", _full)
     with pytest.raises(ComponentError, match="ENOSPC"):
         recorder.close()
     run = load(tmp_path / "run")

@@ -25,9 +25,9 @@ from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.telemetry import count_messages
 from skyrange.record.schema import TABLES
 from skyrange.record.verification import verify_run
-from skyrange.record.write import derivation
-from skyrange.record.write.background import PENDING, Background
-from skyrange.record.write.table_files import TableFiles
+from skyrange.record.write.files import derivation
+from skyrange.record.write.files.background import PENDING, Background
+from skyrange.record.write.files.table_files import TableFiles
 from skyrange.study.summary import measure_disk
 from tests.unit.record_sample import HEADER, MS, StillWorld, tell, traffic
 

@@ -16,7 +16,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.chance import Chance
 from skyrange.core.ids import FrameId, Port, hash64
 from skyrange.core.time import Time
-from skyrange.kernel.attack_states import AttackState, takes_effect
+from skyrange.kernel.acts.attack_states import AttackState, takes_effect
 from skyrange.kernel.channel import NOT_RANDOM, open_channel
 from skyrange.kernel.processing_queue import ProcessingQueue
 

@@ -39,14 +39,14 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port, originator_id
 from skyrange.core.time import NEVER, Time, ceil_to, to_seconds
-from skyrange.kernel.attack_states import AttackState, AttackStates, note_withheld, takes_effect
-from skyrange.kernel.body_faults import BodyFaultInjector
+from skyrange.kernel.acts.attack_states import AttackState, AttackStates, note_withheld, takes_effect
+from skyrange.kernel.acts.body_faults import BodyFaultInjector
+from skyrange.kernel.acts.sensor_faults import SensorFaultInjector
 from skyrange.kernel.directed_link import Mailbox, Transit
 from skyrange.kernel.event_heap import STEP, WAKEUP, postpone_events
 from skyrange.kernel.monitors import Monitors
 from skyrange.kernel.network import Network, Sender
 from skyrange.kernel.observers import ObserverList
-from skyrange.kernel.sensor_faults import SensorFaultInjector
 from skyrange.kernel.wiring import (
     EngineMount,
     Wiring,

@@ -26,7 +26,7 @@ from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verd
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
 from skyrange.core.time import NEVER, Time, ceil_to
-from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
+from skyrange.kernel.acts.attack_states import AttackState, note_withheld, takes_effect
 from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
 from skyrange.kernel.event_heap import (

@@ -19,7 +19,7 @@ from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time, to_seconds
-from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.acts.attack_states import AttackState
 from skyrange.kernel.directed_link import TapSlot
 
 

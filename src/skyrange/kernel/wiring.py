@@ -21,7 +21,7 @@ from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import ID_PATTERN, Port
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.acts.attack_states import AttackState
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, TapSlot
 from skyrange.kernel.processing_queue import ProcessingQueue
 

@@ -21,8 +21,8 @@ from skyrange.record.digests import Digests, Words
 from skyrange.record.file_hashes import check_file
 from skyrange.record.read.run import RunRecord
 from skyrange.record.read.telemetry import FOLDER, count_messages
-from skyrange.record.write.payloads import PayloadDeduplicator
-from skyrange.record.write.ticks import split_ticks, truth_words
+from skyrange.record.write.rows.payloads import PayloadDeduplicator
+from skyrange.record.write.rows.ticks import split_ticks, truth_words
 
 _NEVER: Final = 0xFFFFFFFFFFFFFFFF
 _FLOW: Final = ("link", "direction", "sender", "src", "dst")

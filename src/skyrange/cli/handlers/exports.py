@@ -61,7 +61,7 @@ def export_files(folder: Path, kinds: Sequence[str], out: Path | None, as_json: 
 
 def _write(record: RunRecord, kinds: Sequence[str], target: Path) -> dict[str, Path]:
     """Write files of some kinds into the folder `target`; their paths by name."""
-    from skyrange.record.write.operator_files import OPERATORS, write_operator_files
+    from skyrange.record.write.files.operator_files import OPERATORS, write_operator_files
     from skyrange.study.exports import csv_tables, kml_file, mcap_file
 
     written: dict[str, Path] = {}

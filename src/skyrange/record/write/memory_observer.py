@@ -17,8 +17,8 @@ from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests
 from skyrange.record.notes import OUTCOME, outcome
-from skyrange.record.write.frame_encoder import FrameEncoder
-from skyrange.record.write.ticks import TruthTick, truth_tick, truth_words
+from skyrange.record.write.rows.frame_encoder import FrameEncoder
+from skyrange.record.write.rows.ticks import TruthTick, truth_tick, truth_words
 
 
 class TimedNote(NamedTuple):

@@ -34,11 +34,11 @@ from skyrange.record.notes import outcomes, vehicle_ids
 from skyrange.record.part_files import shard_folder
 from skyrange.record.schema import FORMAT
 from skyrange.record.spool import SPOOL, Spool, write_error
-from skyrange.record.write.finalisation import Shard, finalise, finish_shard
-from skyrange.record.write.part_writer import PART_ROWS, PartWriter, ignore_unfinished
+from skyrange.record.write.files.finalisation import Shard, finalise, finish_shard
+from skyrange.record.write.files.part_writer import PART_ROWS, PartWriter, ignore_unfinished
 from skyrange.record.write.rates import check_rates, common_period_ns
-from skyrange.record.write.receptions import ForeignSource, ReceptionSource
 from skyrange.record.write.recording_state import RecordingState
+from skyrange.record.write.rows.receptions import ForeignSource, ReceptionSource
 from skyrange.record.write.waiting_rows import WaitingRows
 
 _BATCH_ROWS = 4_096  # frames encoded together: enough to vectorise, few enough to keep the garbage collector idle

@@ -9,8 +9,8 @@ from typing import Any, Final
 from skyrange.core.time import NEVER, Time
 from skyrange.record.digests import Digests
 from skyrange.record.levels import RECORDED, STUDY, SUMMARY
-from skyrange.record.write.frame_encoder import FrameEncoder
 from skyrange.record.write.rates import period_ns
+from skyrange.record.write.rows.frame_encoder import FrameEncoder
 from skyrange.record.write.study.study_rows import StudyRows
 
 SHARD_PAYLOADS: Final = 1 << 48

@@ -30,9 +30,9 @@ from skyrange.record.notes import (
     outcome,
     table_of,
 )
-from skyrange.record.write.receptions import reception_batch
 from skyrange.record.write.recording_state import RecordingState
-from skyrange.record.write.ticks import (
+from skyrange.record.write.rows.receptions import reception_batch
+from skyrange.record.write.rows.ticks import (
     SensorTick,
     TruthTick,
     sensor_batch,

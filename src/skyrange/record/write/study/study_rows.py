@@ -11,7 +11,7 @@ import pyarrow as pa
 from skyrange.core.time import Time
 from skyrange.record.manifest import origin_of, start_unix_ns_of
 from skyrange.record.read.transmissions import RADIO_LINK
-from skyrange.record.write.frame_encoder import FrameEncoder, GatheredFrames
+from skyrange.record.write.rows.frame_encoder import FrameEncoder, GatheredFrames
 from skyrange.record.write.study.feature_counts import FeatureCounts
 from skyrange.record.write.study.observation_rows import ObservationRows
 

@@ -22,8 +22,8 @@ from skyrange.record.read.tables import Tables
 from skyrange.record.read.telemetry import FOLDER
 from skyrange.record.schema import TABLES
 from skyrange.record.spool import SPOOL, write_error
-from skyrange.record.write.operator_files import OPERATORS, write_operator_files
-from skyrange.record.write.part_writer import PartWriter
+from skyrange.record.write.files.operator_files import OPERATORS, write_operator_files
+from skyrange.record.write.files.part_writer import PartWriter
 
 
 class Finished(NamedTuple):

@@ -19,10 +19,10 @@ from skyrange.record.part_files import OPEN, spool_files
 from skyrange.record.read.tables import Tables, combine_batches
 from skyrange.record.schema import OPTIONAL, TABLES
 from skyrange.record.spool import Spool, read_stream, write_error
-from skyrange.record.write.background import Background
-from skyrange.record.write.derivation import Derivation
-from skyrange.record.write.study.feature_file import write_features
-from skyrange.record.write.table_files import GROUP_ROWS, WIDE_GROUP_ROWS, TableFiles
+from skyrange.record.write.files.background import Background
+from skyrange.record.write.files.derivation import Derivation
+from skyrange.record.write.files.feature_file import write_features
+from skyrange.record.write.files.table_files import GROUP_ROWS, WIDE_GROUP_ROWS, TableFiles
 
 PART_ROWS: Final = 1 << 21
 """Rows of a part, of every table; a multiple of the rows of a group."""

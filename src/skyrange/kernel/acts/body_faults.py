@@ -16,8 +16,8 @@ from skyrange.contracts.components import BodyFault, Disturbances, World
 from skyrange.core.errors import InputError, Problem, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
-from skyrange.kernel.attack_states import AttackState, takes_effect
-from skyrange.kernel.fault_acts import ActCounter, check_faults
+from skyrange.kernel.acts.attack_states import AttackState, takes_effect
+from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
 
 
 class BodyFaultInjector:

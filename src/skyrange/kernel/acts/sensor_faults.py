@@ -21,8 +21,8 @@ from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sens
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.kernel.attack_states import AttackState, note_withheld, takes_effect
-from skyrange.kernel.fault_acts import ActCounter, check_faults
+from skyrange.kernel.acts.attack_states import AttackState, note_withheld, takes_effect
+from skyrange.kernel.acts.fault_acts import ActCounter, check_faults
 
 _ARRAYS = tuple(field.name for field in fields(Sensors))
 _arrays_of = attrgetter(*_ARRAYS)

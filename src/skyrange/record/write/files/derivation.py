@@ -42,8 +42,8 @@ from skyrange.record.read.transmissions import (
 )
 from skyrange.record.schema import arrow_schema
 from skyrange.record.spool import SPOOL
-from skyrange.record.write.table_files import WIDE_GROUP_ROWS
-from skyrange.record.write.telemetry_files import TelemetryFiles
+from skyrange.record.write.files.table_files import WIDE_GROUP_ROWS
+from skyrange.record.write.files.telemetry_files import TelemetryFiles
 
 BLOCK_ROWS: Final = 65_536
 """Frames at ground stations that are decoded together."""

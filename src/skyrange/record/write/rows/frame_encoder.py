@@ -21,7 +21,7 @@ from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.core.ids import FrameId, hash64
 from skyrange.record.digests import Words
 from skyrange.record.message_groups import group_messages
-from skyrange.record.write.payloads import PayloadDeduplicator
+from skyrange.record.write.rows.payloads import PayloadDeduplicator
 
 _FATES = {fate: number for number, fate in enumerate(Fate)}
 _FLOW = attrgetter("link", "direction", "sender", "src", "dst")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from skyrange.contracts.components import BodyFault, SensorFault
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.ids import FrameId
-from skyrange.kernel.attack_states import AttackState
+from skyrange.kernel.acts.attack_states import AttackState
 
 
 class ActCounter:

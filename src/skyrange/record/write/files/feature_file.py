@@ -9,7 +9,7 @@ from skyrange.record.read.features import merge_features
 from skyrange.record.read.tables import Tables, combine_batches, encoded_schema, parquet_options
 from skyrange.record.schema import arrow_schema
 from skyrange.record.spool import SPOOL
-from skyrange.record.write.table_files import GROUP_ROWS
+from skyrange.record.write.files.table_files import GROUP_ROWS
 
 
 def write_features(tables: Tables) -> dict[str, int]:

@@ -14,7 +14,7 @@ from skyrange.record.dictionaries import unify_dictionaries
 from skyrange.record.read.station_frames import StationFrames
 from skyrange.record.read.tables import parquet_options
 from skyrange.record.read.telemetry import encoded_message_schema, received_messages
-from skyrange.record.write.table_files import GROUP_ROWS
+from skyrange.record.write.files.table_files import GROUP_ROWS
 
 HELD_ROWS: Final = 262_144
 """Rows of all messages that are held in memory; of what has most, a group is written then."""
