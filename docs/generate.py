@@ -385,7 +385,7 @@ def gazebo_benchmark() -> str:
     """The shipped results of the benchmark of Gazebo, of each set-up that was measured."""
     import json
 
-    from skyrange.bench.gazebo_page import make_markdown
+    from skyrange.bench.gazebo.page import make_markdown
 
     parts = []
     for file in sorted((DOCS / "data" / "gazebo").glob("*.json")):

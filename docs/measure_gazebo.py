@@ -16,7 +16,7 @@ import sys
 from pathlib import Path
 from typing import Final
 
-from skyrange.bench.gazebo_page import draw
+from skyrange.bench.gazebo.page import draw
 
 DOCS: Final = Path(__file__).parent
 DATA: Final = DOCS / "data" / "gazebo"

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from skyrange.bench.gazebo_collision import collision_scenario, measure
+from skyrange.bench.gazebo.collision import collision_scenario, measure
 from skyrange.core.time import to_seconds
 from skyrange.runtime.run import Run
 from skyrange.vehicle.gazebo import world_view

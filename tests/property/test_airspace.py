@@ -14,9 +14,9 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, ru
 
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Airspace, Query
+from skyrange.utm.airspace.cell_grid import CELL_DEG
+from skyrange.utm.airspace.claimed_airspace import Airspace, Query
 from skyrange.utm.alternatives import Limits, find_alternatives
-from skyrange.utm.cell_grid import CELL_DEG
 from tests.tiers import examples
 
 CORNERS = st.builds(lambda a, b: (40.0 + a * CELL_DEG, -74.0 + b * CELL_DEG), st.integers(0, 12), st.integers(0, 12))

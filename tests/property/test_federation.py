@@ -25,7 +25,7 @@ from skyrange.core.volumes import Volume4D
 from skyrange.kernel import Kernel, Wiring
 from skyrange.record import MemoryObserver
 from skyrange.testing.checks.approval_policies import EPOCH, box
-from skyrange.utm.airspace import Airspace
+from skyrange.utm.airspace.claimed_airspace import Airspace
 from skyrange.utm.contract import ApprovalContext, intent_id
 from skyrange.utm.federated.dss.intents import NOMINAL
 from skyrange.utm.federated.dss.service import Dss

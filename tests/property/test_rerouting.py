@@ -21,7 +21,7 @@ from skyrange.gcs.plan.plans import path
 from skyrange.gcs.plan.rerouting import MAX_HOLD_S, reroute, rest_legs
 from skyrange.gcs.plan.volumes import Margins, leg_volumes
 from skyrange.planning.limits import NoRouteError
-from skyrange.utm.airspace import Airspace
+from skyrange.utm.airspace.claimed_airspace import Airspace
 
 ORIGIN = Origin(40.778, -73.955)
 TO_ELLIPSOID_M = ORIGIN.ellipsoid_of(ORIGIN.alt_msl_m)

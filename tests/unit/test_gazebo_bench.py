@@ -10,9 +10,16 @@ from xml.etree import ElementTree
 import pytest
 from typer.testing import CliRunner
 
-from skyrange.bench import gazebo, gazebo_collision
-from skyrange.bench.gazebo import TOO_SLOW, largest_in_real_time, measure_all, measure_fleets, summarise, versions
-from skyrange.bench.gazebo_page import draw, make_markdown
+from skyrange.bench.gazebo import collision, fleets
+from skyrange.bench.gazebo.fleets import (
+    TOO_SLOW,
+    largest_in_real_time,
+    measure_all,
+    measure_fleets,
+    summarise,
+    versions,
+)
+from skyrange.bench.gazebo.page import draw, make_markdown
 from skyrange.cli.app import app
 
 VERSIONS = {"gazebo": "Gazebo 11.1.0", "physics": "ode", "arducopter": "4.7.0-dev"}
@@ -122,20 +129,20 @@ def test_figure_marks_real_time_and_the_published_number() -> None:
 
 
 def test_collision_scenario_has_both_aircraft_on_one_line_without_noise() -> None:
-    scenario = gazebo_collision.collision_scenario("range", window=True)
+    scenario = collision.collision_scenario("range", window=True)
     starts = [vehicle.start for _, vehicle in scenario.fleet]
     assert [start.east_m for start in starts] == [-30.0, 30.0]
     assert [start.north_m for start in starts] == [0.0, 0.0]
     assert scenario.sensors.noise == 0.0
     assert {vehicle.autopilot for _, vehicle in scenario.fleet} == {"ardupilot"}
-    shown = gazebo_collision.collision_scenario("gazebo", window=True)
+    shown = collision.collision_scenario("gazebo", window=True)
     assert shown.autopilots.options["gazebo"] == {"window": True}
 
 
 def test_command_without_gazebo_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.delenv("SKYRANGE_GAZEBO", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
-    monkeypatch.setattr(gazebo, "measure", lambda *_, **__: pytest.fail("it measured"))
+    monkeypatch.setattr(fleets, "measure", lambda *_, **__: pytest.fail("it measured"))
     said = CliRunner().invoke(app, ["bench", "gazebo"])
     assert said.exit_code != 0
     assert "neither gz nor gzserver" in str(said.exception or said.output)
@@ -148,9 +155,9 @@ def test_command_prints_and_writes_the_document(monkeypatch: pytest.MonkeyPatch,
         given.append((vehicles, more))
         return row(vehicles, 2.0 / vehicles)
 
-    monkeypatch.setattr(gazebo, "require_gazebo", lambda window: None)
-    monkeypatch.setattr(gazebo, "measure", measure)
-    monkeypatch.setattr(gazebo_collision, "measure", lambda physics, window: collided(physics))
+    monkeypatch.setattr(fleets, "require_gazebo", lambda window: None)
+    monkeypatch.setattr(fleets, "measure", measure)
+    monkeypatch.setattr(collision, "measure", lambda physics, window: collided(physics))
     output = tmp_path / "gazebo.json"
     asked = ["bench", "gazebo", "--vehicles", "1", "--vehicles", "4", "--repeat", "2", "--output", str(output)]
     said = CliRunner().invoke(app, asked)

@@ -20,7 +20,7 @@ from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
 from skyrange.testing.checks.approval_policies import EPOCH, box
-from skyrange.utm.airspace import Airspace
+from skyrange.utm.airspace.claimed_airspace import Airspace
 from skyrange.utm.contract import make_uuid
 from skyrange.utm.federated.dss.coverings import extent_of
 from skyrange.utm.federated.dss.service import Dss

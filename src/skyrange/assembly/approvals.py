@@ -14,8 +14,8 @@ from skyrange.core.ids import APPROVAL
 from skyrange.core.time import from_seconds
 from skyrange.core.volumes import Volume4D
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.utm.airspace.solids import find_invalid
 from skyrange.utm.contract import ApprovalContext, ApprovalPlugin, ApprovalService, Constraint
-from skyrange.utm.solids import find_invalid
 
 
 def build_approvals(scenario: Scenario, city: City | None) -> list[ApprovalService]:

@@ -15,7 +15,7 @@ import shapely
 
 from skyrange.core.time import Time, from_seconds, to_seconds
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import Query
+from skyrange.utm.airspace.claimed_airspace import Query
 from skyrange.utm.contract import Alternative
 
 Outline = tuple[tuple[float, float], ...]

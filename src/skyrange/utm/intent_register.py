@@ -9,11 +9,11 @@ from typing import Final
 
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.airspace import ANY_RANK, MAX_RANK, Airspace, Overlap, Query
+from skyrange.utm.airspace.claimed_airspace import ANY_RANK, MAX_RANK, Airspace, Overlap, Query
+from skyrange.utm.airspace.solids import find_invalid
 from skyrange.utm.alternatives import Limits, find_alternatives
 from skyrange.utm.contract import Alternative, OperationalIntent
 from skyrange.utm.intent_states import MAX_HORIZON_NS, MAX_VERTICES, OFF_NOMINAL, IntentState, may_follow
-from skyrange.utm.solids import find_invalid
 
 KEPT_NS: Final = 3_600 * NS_PER_S
 """How long an intent that nobody has ended is known after its last volume."""

@@ -16,8 +16,8 @@ def bench_gazebo(
     output: Path | None, as_json: bool,
 ) -> None:  # fmt: skip
     """`skyrange bench gazebo`."""
-    from skyrange.bench import gazebo_collision
-    from skyrange.bench.gazebo import PUBLISHED_VEHICLES, measure, measure_all, require_gazebo
+    from skyrange.bench.gazebo import collision as head_on
+    from skyrange.bench.gazebo.fleets import PUBLISHED_VEHICLES, measure, measure_all, require_gazebo
     from skyrange.core.errors import InputError
     from skyrange.core.files import atomic_write
 
@@ -37,7 +37,7 @@ def bench_gazebo(
         heads = f"{'aircraft':>8} {'× real time':>11} {'inverse':>7} {'Gazebo':>8} {'ArduPilots':>10} {'skyrange':>8}"
         print_text(f"{heads} {'in range':>9} {'range/Gazebo':>12}  (cores that real time needs)")
     one = partial(measure, seconds=seconds, windows=repeat, load=load, rates=rates, window=window)
-    collide = partial(gazebo_collision.measure, window=window) if collision else None
+    collide = partial(head_on.measure, window=window) if collision else None
     data = measure_all(vehicles, one, collide, None if as_json else show)
     if output is not None:
         with atomic_write(output) as file:

@@ -21,7 +21,7 @@ from skyrange.gcs.plan.volumes import Margins, leg_volumes
 from skyrange.planning.costs import Costs
 from skyrange.planning.limits import Limits, NoRouteError
 from skyrange.planning.routes import find_route
-from skyrange.utm.airspace import Airspace, Query
+from skyrange.utm.airspace.claimed_airspace import Airspace, Query
 
 CLIMB_M: Final = 60.0
 """By how much higher than its plan the rest may be flown, where buildings or closed volumes are in the way."""

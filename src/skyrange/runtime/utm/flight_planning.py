@@ -18,7 +18,7 @@ from skyrange.codec.f3548.values import volume_of, volumes_of
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Epoch, parse_rfc3339
 from skyrange.runtime.utm.operators import Notice, Operators
-from skyrange.utm.airspace import Airspace
+from skyrange.utm.airspace.claimed_airspace import Airspace
 from skyrange.utm.contract import OperationalIntent, make_uuid
 from skyrange.utm.intent_states import IntentState
 from skyrange.utm.messages import DecisionBody, Request, Response

@@ -17,7 +17,7 @@ _MOTORS: Final = ("front right", "rear left", "front left", "rear right")
 
 
 def make_markdown(data: Mapping[str, Any], picture: str = "") -> str:
-    """The tables of the document `bench.gazebo.measure_all`; `picture` is its figure as links name it, "" for none."""
+    """The tables of the document that `measure_all` makes; `picture` is its figure as links name it, "" for none."""
     return "\n".join(_lines(data, picture))
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from skyrange.bench.gazebo import PHYSICS, versions
+from skyrange.bench.gazebo.fleets import PHYSICS, versions
 from skyrange.bench.isolation import run_in_process
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S, to_seconds

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
-from skyrange.utm.convex import APART, UNDECIDED, compare
-from skyrange.utm.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of
+from skyrange.utm.airspace.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
+from skyrange.utm.airspace.convex import APART, UNDECIDED, compare
+from skyrange.utm.airspace.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
 from skyrange.core.volumes import Volume4D
-from skyrange.utm.convex import MAX_CORNERS, is_convex
+from skyrange.utm.airspace.convex import MAX_CORNERS, is_convex
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
