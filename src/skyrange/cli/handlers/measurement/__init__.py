@@ -1,0 +1,1 @@
+"""Handlers of the commands `skyrange bench` and `skyrange parity`."""
