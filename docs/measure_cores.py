@@ -43,7 +43,9 @@ def fly_fleets(cores: int, repeat: int) -> None:
     found = []
     for load, remote_id, vehicles, seconds in FLEETS:
         rows = [
-            measure(vehicles, seconds, OPERATORS, count, load, remote_id) for _ in range(repeat) for count in (1, cores)
+            measure(vehicles, seconds, OPERATORS, count, load, remote_id, turn=turn)
+            for turn in range(repeat)
+            for count in (1, cores)
         ]
         assert len({row["fingerprint"] for row in rows}) == 1
         one = {

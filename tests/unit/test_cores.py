@@ -451,3 +451,19 @@ def test_the_benchmark_is_divided_before_it_is_pinned(monkeypatch: pytest.Monkey
     monkeypatch.setattr(bench_cores, "divide", note)
     with pytest.raises(StopHere):
         bench_cores._flown(4, 1.0, 2, 2, "light", False, "builtin", {}, [0, 1])
+
+
+def test_each_repetition_of_the_benchmark_begins_with_another_cpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """CPUs may differ in speed, and the run on one core must not always have the quicker one."""
+    used: list[list[int]] = []
+
+    def note(*arguments: object) -> dict[str, float]:
+        used.append(arguments[-1])  # type: ignore[arg-type]
+        return {"evaluation_s": 0.0}
+
+    monkeypatch.setattr(bench_cores, "available_cpus", lambda: [2, 5, 7])
+    monkeypatch.setattr(bench_cores, "run_in_process", note)
+    for turn in range(4):
+        for cores in (1, 2):
+            bench_cores.measure(4, 1.0, 2, cores, turn=turn)
+    assert used == [[2], [2, 5], [5], [5, 7], [7], [7, 2], [2], [2, 5]]

@@ -39,22 +39,26 @@ def measure(
     remote_id: bool = False,
     autopilot: str = "builtin",
     options: Mapping[str, Any] | None = None,
+    turn: int = 0,
 ) -> Row:
     """One row: the fleet of `bench.fleet` with `operators` operators, flown on `cores` cores in a process of its own.
 
-    The processes are pinned: the first `cores` CPUs that this process may use, one each; with one core everything,
-    ArduPilots included, has one CPU. `total_factor` and `total_s` are those of `bench.fleet.measure`;
-    `real_time_factor` is that of the flight after the warm-up, `setup_s` and `finish_s` are wall seconds before and
-    after it; `waited_s` has for each core how long it waited for others, `cpu_s` its processor time without
-    ArduPilots, `memory_mb` its peak memory; `reason` says why fewer cores were `used`. Raises `InputError` for more
-    cores than CPUs.
+    The processes are pinned to `cores` of the CPUs that this process may use, one each; with one core everything,
+    ArduPilots included, has one CPU. The CPUs are counted from number `turn` on: with a turn for each repetition, the
+    run on one core has each of them once, because their speeds may differ.
+
+    `total_factor` and `total_s` are those of `bench.fleet.measure`; `real_time_factor` is that of the flight after the
+    warm-up, `setup_s` and `finish_s` are wall seconds before and after it; `waited_s` has for each core how long it
+    waited for others, `cpu_s` its processor time without ArduPilots, `memory_mb` its peak memory; `reason` says why
+    fewer cores were `used`. Raises `InputError` for more cores than CPUs.
     """
     cpus = available_cpus()
     check_cores([cores])
+    cpus = [cpus[(turn + number) % len(cpus)] for number in range(cores)]
     began = time.perf_counter()
     row = run_in_process(
         f"bench on {cores} cores", _flown, vehicles, seconds, operators, cores, load, remote_id, autopilot,
-        dict(options or {}), cpus[:cores],
+        dict(options or {}), cpus,
     )  # fmt: skip
     total_s = time.perf_counter() - began - row.pop("evaluation_s")
     return {**row, "total_s": round(total_s, 3), "total_factor": round((WARM_UP_S + seconds) / total_s, 3)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -55,8 +56,8 @@ def bench_cores(
     if not as_json:
         heads = f"{'cores':>5} {'× real time':>11} {'of flight':>9} {'set-up s':>8} {'flight s':>8} {'finish s':>8}"
         print_text(f"{heads} {'flying':>6}  waited s, of each core")
-    for count in cores * repeat:
-        row = measure(vehicles, seconds, operators, count, load, remote_id, autopilot, options)
+    for turn, count in product(range(repeat), cores):
+        row = measure(vehicles, seconds, operators, count, load, remote_id, autopilot, options, turn)
         rows.append(row)
         if not as_json:
             waited = " ".join(f"{one:.1f}" for one in row["waited_s"])
