@@ -23,7 +23,7 @@ from skyrange.record import MemoryObserver, Recorder, RunRecord, load
 from skyrange.record.read.telemetry import UNION
 from skyrange.record.schema import OPTIONAL, TABLES, TELEMETRY, arrow_schema
 from skyrange.record.verification import verify_run
-from skyrange.record.write import derivation, telemetry_files
+from skyrange.record.write.files import derivation, telemetry_files
 from tests.unit.record_sample import HEADER, LABELS, MS, VEHICLES, StillWorld, make_frame, tell, traffic
 
 ROUNDS = 20
