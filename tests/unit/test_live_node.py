@@ -16,6 +16,7 @@ from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.io.mavlink.transports import UdpTransport
 from skyrange.record import Recorder, load
+from skyrange.record.folder import put_file
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.deployment import assign_components
 from skyrange.runtime.live.node.node import PAUSE_NS, SLICE_NS, Node
@@ -213,8 +214,7 @@ class ScriptedSystem(VirtualSystem):
 
 def test_one_that_can_no_longer_obey_ends_and_keeps_its_record(tmp_path: Path) -> None:
     for name, data in build(load_data(SCENARIO, "test")).files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_bytes(data)
+        put_file(tmp_path, name, data)
     (tmp_path / "part.program").mkdir()
     credentials = issue_credentials(zmq.curve_keypair()[0])
     config = NodeConfig("blue.gcs", ("blue.gcs",), "part", "127.0.0.1", ("127.0.0.1", 1), (), credentials)
