@@ -7,6 +7,9 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
+# The tests of each kind of attack, defence, detector and fault that `make test` runs: a tenth of them, or all.
+KINDS ?= tenth
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
@@ -27,7 +30,7 @@ test-all: check engines ## the checks, and all tests
 	exit $$failed
 
 test-fast: $(VENV)/.tested ## the tests of `make test`, without the checks
-	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --hypothesis-profile quick
+	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --kinds $(KINDS) --hypothesis-profile quick
 
 test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
 	$(PYTEST) -n $(WORKERS) -m 'not realtime'

@@ -9,6 +9,8 @@ import pytest
 import tests.tiers  # noqa: F401  # registers the profiles of hypothesis before the command line chooses one
 from tests.registered_kinds import registered
 
+pytest_plugins = ["tests.catalogue", "tests.processor_time"]
+
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> None:

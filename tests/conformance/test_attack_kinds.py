@@ -39,6 +39,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
@@ -188,6 +189,7 @@ def make_lag(params: Lag, context: AttackContext) -> Attack:
 LAG = AttackPlugin(Lag, make_lag, "Delays commands to the aircraft.", technique="T0814")
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("start_s", "stop_s"), [(0.0, 3.0), (0.5, 2.0), (1.0, 9.0), (3.0, 7.0), (4.3, 12.0)])
 def test_an_attack_to_which_others_react_conforms_in_any_window(start_s: float, stop_s: float) -> None:
     """A delayed upload is repeated, so the attack has more to delay than its sham has."""

@@ -67,6 +67,7 @@ def with_approval(approval: str, duration_s: float) -> Scenario:
     )
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "approval", "act"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

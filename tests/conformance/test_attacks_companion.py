@@ -49,6 +49,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[fl
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts", "scenario", "start_s", "stop_s"),
     KINDS,

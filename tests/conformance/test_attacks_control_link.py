@@ -30,6 +30,7 @@ def over_wifi(duration_s: float) -> Scenario:
     return scenario.model_copy(update={"radio": Radio(), "links": (Link(match="gcs:*", channel="wifi"),)})
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("kind", "params", "acts"), KINDS)
 def test_kind_conforms(kind: AttackPlugin, params: Mapping[str, Any], acts: bool | Collection[str]) -> None:
     check_attack(kind, params, scenario=over_wifi, acts=acts)

@@ -31,6 +31,7 @@ def signing(duration_s: float) -> Scenario:
     return load_data(table(duration_s))
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

@@ -31,6 +31,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Any]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

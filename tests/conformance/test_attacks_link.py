@@ -39,6 +39,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool | Collection[str]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

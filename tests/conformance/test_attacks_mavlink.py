@@ -53,6 +53,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], set[str], Mapping[str, float]
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts", "times"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

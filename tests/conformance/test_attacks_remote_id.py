@@ -19,6 +19,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("kind", "params"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)])
 def test_attacks_on_channels_conform(kind: AttackPlugin, params: Mapping[str, Any]) -> None:
     check_attack(kind, params, acts={"send"})

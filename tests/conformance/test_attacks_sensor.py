@@ -24,6 +24,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("kind", "params"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)])
 def test_sensor_attacks_conform(kind: AttackPlugin, params: Mapping[str, Any]) -> None:
     check_attack(kind, {"vehicles": ["blue/b1"], **params}, acts={"sensor"})

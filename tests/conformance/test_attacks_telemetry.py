@@ -70,6 +70,7 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], Collection[str], Callable[[fl
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts", "scenario"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )

@@ -28,6 +28,7 @@ from skyrange.vehicle.avoidance.contract import (
 from skyrange.vehicle.avoidance.stop import Stop
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("kind", kinds(GROUP))
 def test_shipped_kinds_conform(kind: str) -> None:
     if kind == "orca" and importlib.util.find_spec("pyrvo") is None:

@@ -31,6 +31,7 @@ KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] =
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("name", "params", "attack", "acts"), KINDS, ids=[f"{k[0]}-{i}" for i, k in enumerate(KINDS)])
 def test_shipped_defences_conform(
     name: str, params: Mapping[str, Any], attack: Mapping[str, Any], acts: Collection[str]

@@ -35,6 +35,7 @@ def over_wifi(duration_s: float) -> Scenario:
     return scenario.model_copy(update={"radio": Radio(), "links": (Link(match="gcs:*", channel="wifi"),)})
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("params", "attack", "acts"), CASES, ids=["reactive", "short", "noise"])
 def test_kind_conforms(params: Mapping[str, Any], attack: Mapping[str, Any], acts: Collection[str]) -> None:
     check_defence(CHANGE, params, attack, scenario=over_wifi, acts=acts)

@@ -32,6 +32,7 @@ KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] =
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("name", "params", "attack", "acts"), KINDS, ids=[f"{k[0]}-{i}" for i, k in enumerate(KINDS)])
 def test_checks_of_gnss_conform(
     name: str, params: Mapping[str, Any], attack: Mapping[str, Any], acts: Collection[str]
@@ -54,6 +55,7 @@ vehicles = [
 """)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("action", ["alarm", "land"])
 def test_the_comparison_of_receivers_conforms(action: str) -> None:
     spoofer = {"transmitter_m": [30, -40, 2], "at": [30, 30, 10], "reacquire_s": 1.0}

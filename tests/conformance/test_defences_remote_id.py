@@ -49,6 +49,7 @@ KINDS: list[tuple[str, Mapping[str, Any], float, Mapping[str, Any], Collection[s
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("name", "params", "duration_s", "attack", "acts"), KINDS, ids=[kind[0] for kind in KINDS])
 def test_shipped_defences_conform(
     name: str, params: Mapping[str, Any], duration_s: float, attack: Mapping[str, Any], acts: Collection[str]
@@ -56,6 +57,7 @@ def test_shipped_defences_conform(
     check_defence(name, params, attack, scenario=squares_on_air, duration_s=duration_s, acts=acts)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("attack", [HOVER | {"start_s": 2.0}, ECHO], ids=["unsigned", "old"])
 def test_verification_of_signatures_conforms(attack: Mapping[str, Any]) -> None:
     """Drops are nominal: a sender is not believed before its first signature."""

@@ -30,11 +30,13 @@ KINDS = {
 }
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("kind", KINDS)
 def test_detector_of_mavlink(kind: str) -> None:
     check_monitor(KINDS[kind], payloads=list(forged())[::5], name=kind)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("plugin", [MAVLINK_RATE, MAVLINK_SOURCE, MAVLINK_TIMING], ids=["rate", "source", "timing"])
 def test_detector_that_has_learned(plugin: DetectorPlugin) -> None:
     """Most of the frames come after the time to learn, and the lowest score raises alerts."""

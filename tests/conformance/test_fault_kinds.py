@@ -42,6 +42,7 @@ KINDS: list[tuple[FaultPlugin, Mapping[str, Any], Collection[str]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "acts"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
@@ -69,6 +70,7 @@ signing = "on"
 """)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "acts"), [(GNSS_MULTIPATH, {"sensor"}), (OPERATOR_ERROR, {"inject"})], ids=["multipath", "signed"]
 )

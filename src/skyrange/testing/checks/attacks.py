@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 from skyrange.assembly.acts.attacks import make_attack_context
@@ -51,15 +52,22 @@ class Flight:
 
     def frames(self, own: bool = True) -> list[Row]:
         """Every frame in canonical order; without those on the attack's links where `own` is false."""
+        return self._frames if own else [row for row in self._frames if row[1] not in self.own]
+
+    @cached_property
+    def _frames(self) -> list[Row]:
         rows = [
             (f.sent_ns, *f.id, f.src, f.dst, f.arrived_ns, str(f.fate), f.payload, f.parent, f.causes)
             for f in self.seen.frames
-            if own or f.link not in self.own
         ]
         return sorted(rows, key=lambda row: row[:5])
 
     def truth(self) -> list[Row]:
         """Every tick with the bits of its columns."""
+        return self._truth
+
+    @cached_property
+    def _truth(self) -> list[Row]:
         return [(t.time_ns, *((name, values.tobytes()) for name, values in t.columns.items())) for t in self.seen.truth]
 
     def notes(self) -> list[Row]:
@@ -110,21 +118,18 @@ class AttackCase:
         need(isinstance(attack, Attack), f"made {short(attack)}", "an Attack")
         return attack, schedule
 
-    def kernel(self, present: bool = True, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
+    def kernel(self, muted: bool = False, sham: bool = False) -> tuple[Kernel, Flight]:
         """A run before its first instant."""
         wiring = build(self.scenario).wiring
-        own: frozenset[str] = frozenset()
-        if present:
-            attack, schedule = self.made(sham)
-            plan = AttackPlan(
-                ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
-                fault=isinstance(self.kind, FaultPlugin), body_faults=attack.body_faults,
-            )  # fmt: skip
-            taps = [replace(tap, attack=ID) for tap in attack.taps]
-            wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
-            own = frozenset(spec.name for spec in attack.links)
+        attack, schedule = self.made(sham)
+        plan = AttackPlan(
+            ID, self.start_ns, self.stop_ns, muted, sham, attack.agents, attack.faults, schedule=schedule,
+            fault=isinstance(self.kind, FaultPlugin), body_faults=attack.body_faults,
+        )  # fmt: skip
+        taps = [replace(tap, attack=ID) for tap in attack.taps]
+        wiring = replace(wiring, links=[*wiring.links, *attack.links], taps=taps, attacks=[plan])
         seen = MemoryObserver()
-        return Kernel(wiring, [seen]), Flight(seen, own)
+        return Kernel(wiring, [seen]), Flight(seen, frozenset(spec.name for spec in attack.links))
 
     def fly(self, **how: bool) -> Flight:
         """A whole run; each kind is flown once."""
@@ -135,6 +140,73 @@ class AttackCase:
             kernel.finish()
             self._flown[name] = flight
         return self._flown[name]
+
+    @property
+    def nominal(self) -> Flight:
+        """The run without it, which all cases on one scenario share."""
+        return fly_nominal(SharedScenario(self.scenario))
+
+    @cached_property
+    def trunk(self) -> Trunk:
+        """A fresh run, which is forked half way between start and stop."""
+        kernel, flight = self.kernel()
+        fork_ns = (self.start_ns + self.stop_ns) // 2 + NS_PER_S // 7
+        return Trunk.fly(kernel, flight, fork_ns, from_seconds(self.scenario.duration_s))
+
+
+@dataclass(frozen=True)
+class SharedScenario:
+    """A scenario, equal to those that are written alike."""
+
+    scenario: Scenario = field(compare=False)
+    text: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "text", self.scenario.model_dump_json())
+
+
+@lru_cache(maxsize=4)
+def fly_nominal(shared: SharedScenario) -> Flight:
+    """A whole run of a scenario as it is; the last few are kept."""
+    flight = Flight(MemoryObserver(), frozenset())
+    kernel = Kernel(build(shared.scenario).wiring, [flight.seen])
+    kernel.advance(from_seconds(shared.scenario.duration_s))
+    kernel.finish()
+    return flight
+
+
+@dataclass
+class Trunk:
+    """A run that was forked while it went on, and its fork, or the error of forking."""
+
+    flight: Flight
+    error: Exception | None
+    _twin: tuple[Kernel, MemoryObserver] | None
+    _until: Time
+
+    @classmethod
+    def fly(cls, kernel: Kernel, flight: Flight, fork_ns: Time, until: Time) -> Trunk:
+        """Fork a run at `fork_ns`, and fly it, but not the fork, until `until`."""
+        kernel.advance(fork_ns)
+        twin, problem = None, None
+        try:
+            seen = copy.deepcopy(flight.seen)
+            twin = kernel.fork([seen]), seen
+        except Exception as error:
+            problem = error
+        kernel.advance(until)
+        kernel.finish()
+        return cls(flight, problem, twin, until)
+
+    def fork(self) -> Flight:
+        """What the fork shows, flown after its trunk: state that they share has gone on by then. Raises `Broken`."""
+        if self._twin is None:
+            expected = "state without generators, closures and handles"
+            raise Broken(f"cannot be deep-copied: {self.error!r}", expected) from self.error
+        kernel, seen = self._twin
+        kernel.advance(self._until)
+        kernel.finish()
+        return Flight(seen, self.flight.own)
 
 
 def check_attack(
@@ -234,7 +306,7 @@ def _forces(case: AttackCase) -> None:
 
 @ATTACK.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")
 def _muted(case: AttackCase) -> None:
-    without, muted = case.fly(present=False), case.fly(muted=True)
+    without, muted = case.nominal, case.fly(muted=True)
     expected = "a run that is the same to the byte"
     same(without.frames(), muted.frames(own=False), "frames without it and with it muted", expected)
     same(without.truth(), muted.truth(), "truth without it and with it muted", expected)
@@ -267,30 +339,14 @@ def _acts(case: AttackCase) -> None:
         need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
 
 
-@ATTACK.rule("repeatable", "Does the same in two fresh runs.")
+@ATTACK.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")
 def _repeatable(case: AttackCase) -> None:
-    first = case.fly()
-    kernel, second = case.kernel()
-    kernel.advance(from_seconds(case.scenario.duration_s))
-    kernel.finish()
-    _alike(first, second, "two fresh runs")
+    _alike(case.fly(), case.trunk.flight, "two fresh runs")
 
 
 @ATTACK.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
 def _copies(case: AttackCase) -> None:
-    straight = case.fly()
-    kernel, trunk = case.kernel()
-    kernel.advance((case.start_ns + case.stop_ns) // 2 + NS_PER_S // 7)
-    try:
-        seen = copy.deepcopy(trunk.seen)
-        twin = kernel.fork([seen])
-    except Exception as error:
-        raise Broken(f"cannot be deep-copied: {error!r}", "state without generators, closures and handles") from error
-    for each in (twin, kernel):
-        each.advance(from_seconds(case.scenario.duration_s))
-        each.finish()
-    _alike(straight, Flight(seen, trunk.own), "the straight run and the fork")
-    _alike(straight, trunk, "the straight run and the one that was forked")
+    _alike(case.fly(), case.trunk.fork(), "the straight run and the fork")
 
 
 @ATTACK.rule(
@@ -316,7 +372,7 @@ def _silent(case: AttackCase) -> None:
     attack, _ = case.made()
     if case.kind.counterfactual != "mute" or not attack.faults or attack.taps or attack.agents or attack.radios:
         return
-    without, sham = case.fly(present=False), case.fly(sham=True)
+    without, sham = case.nominal, case.fly(sham=True)
     expected = "a run that is the same to the byte"
     same(without.frames(), sham.frames(), "frames without it and with its sham", expected)
     same(without.truth(), sham.truth(), "truth without it and with its sham", expected)
@@ -372,7 +428,7 @@ FAULT.rule("named", "Names its agents and links after its id, so that two faults
 FAULT.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")(_muted)
 FAULT.rule("onset", "Until it starts, leaves everything as its muted twin does.")(_onset)
 FAULT.rule("acts", "Acts between its start and its stop, and not outside.")(_acts)
-FAULT.rule("repeatable", "Does the same in two fresh runs.")(_repeatable)
+FAULT.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")(_repeatable)
 FAULT.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")(
     _copies
 )

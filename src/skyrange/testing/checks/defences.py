@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from skyrange.assembly.build import build
@@ -17,7 +17,7 @@ from skyrange.scenario.model.attacks import AttackTable
 from skyrange.scenario.model.defences import DefenceTable
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.testing.checks.attacks import Flight as AttackFlight
-from skyrange.testing.checks.attacks import Row, two_squares
+from skyrange.testing.checks.attacks import Row, SharedScenario, Trunk, fly_nominal, two_squares
 from skyrange.testing.rules import Broken, RuleBook, need, same
 
 ID = "checked"
@@ -79,6 +79,18 @@ class DefenceCase:
             raise Broken(f"raised {error!r} when it was made", "a Defence", "makes") from error
         return Kernel(wiring, [seen]), Flight(seen, frozenset())
 
+    @property
+    def nominal(self) -> Flight:
+        """The run without attack and defence, which all cases on one scenario share."""
+        return Flight(fly_nominal(SharedScenario(self.scenario)).seen, frozenset())
+
+    @cached_property
+    def trunk(self) -> Trunk:
+        """A fresh run under attack, which is forked half way."""
+        kernel, flight = self.kernel()
+        until = from_seconds(self.scenario.duration_s)
+        return Trunk.fly(kernel, flight, until // 2 + NS_PER_S // 7, until)
+
     def fly(self, **how: bool) -> Flight:
         """A whole run; each kind is flown once."""
         name = str(sorted(how.items()))
@@ -132,7 +144,7 @@ def _defaults(case: DefenceCase) -> None:
 @DEFENCE.rule("muted", "Muted, leaves every frame, note, truth and alert as without it, attacked or not.")
 def _muted(case: DefenceCase) -> None:
     for attacked in (False, True):
-        without = case.fly(attacked=attacked, present=False)
+        without = case.fly(present=False) if attacked else case.nominal
         without.same_as(case.fly(attacked=attacked, muted=True), "the run without it and of that with it muted")
 
 
@@ -143,7 +155,7 @@ def _nominal(case: DefenceCase) -> None:
     others = sorted(set(flight.acts()) - set(case.kind.nominal))
     need(not others, f"did {', '.join(others)} without an attack", "what its kind declares as nominal")
     if not flight.acts():
-        without = case.fly(attacked=False, present=False)
+        without = case.nominal
         same(without.frames(), flight.frames(), "frames without it and with it, nominal", "the same to the byte")
         same(without.truth(), flight.truth(), "truth without it and with it, nominal", "the same to the byte")
 
@@ -164,26 +176,11 @@ def _acts(case: DefenceCase) -> None:
     need(not labels, f"has {len(labels)} labels", "none: labels are of attacks and faults")
 
 
-@DEFENCE.rule("repeatable", "Does the same in two fresh runs.")
+@DEFENCE.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")
 def _repeatable(case: DefenceCase) -> None:
-    kernel, second = case.kernel()
-    kernel.advance(from_seconds(case.scenario.duration_s))
-    kernel.finish()
-    case.fly().same_as(second, "two fresh runs")
+    case.fly().same_as(Flight(case.trunk.flight.seen, frozenset()), "two fresh runs")
 
 
 @DEFENCE.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
 def _copies(case: DefenceCase) -> None:
-    straight = case.fly()
-    kernel, trunk = case.kernel()
-    kernel.advance(from_seconds(case.scenario.duration_s) // 2 + NS_PER_S // 7)
-    try:
-        seen = copy.deepcopy(trunk.seen)
-        twin = kernel.fork([seen])
-    except Exception as error:
-        raise Broken(f"cannot be deep-copied: {error!r}", "state without generators, closures and handles") from error
-    for each in (twin, kernel):
-        each.advance(from_seconds(case.scenario.duration_s))
-        each.finish()
-    straight.same_as(Flight(seen, frozenset()), "the straight run and the fork")
-    straight.same_as(trunk, "the straight run and the one that was forked")
+    case.fly().same_as(Flight(case.trunk.fork().seen, frozenset()), "the straight run and the fork")

@@ -1,0 +1,145 @@
+"""Choice of the catalogue tests that a run of the fast tier takes: a tenth of them, and those of kinds that changed.
+
+A catalogue test checks one kind of attack, defence, detector or fault by flights, and all of them together take half an
+hour. The tenth is chosen by the commit before HEAD, so that one commit is tested alike everywhere, and ten commits in a
+row see most kinds. Tests of kinds that have changed since then, committed or not, are taken too, unless there are many.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from skyrange.contracts import plugins
+from skyrange.contracts.plugins import Plugin
+
+ROOT = Path(__file__).parents[1]
+SHARE = 10
+"""One of so many is chosen."""
+MOST_CHANGED = 20
+"""So many tests of changed kinds are taken besides; of more, none."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What chooses: the commit, and the files that have changed since then, from the checkout's root."""
+
+    commit: str
+    changed: frozenset[str]
+
+    @classmethod
+    def of_checkout(cls, root: Path = ROOT) -> Choice:
+        """The commit before HEAD, or HEAD without history, or none without git; and what has changed since."""
+        for name in ("HEAD^", "HEAD"):
+            if commit := _git(root, "rev-parse", "--verify", "--quiet", f"{name}^{{commit}}"):
+                changed = _git(root, "diff", "--name-only", *commit)
+                changed += _git(root, "ls-files", "--others", "--exclude-standard")
+                return cls(*commit, frozenset(changed))
+        return cls("", frozenset())
+
+    def take(self, tests: Mapping[str, Iterable[str]]) -> Taken:
+        """Choose among tests, by id, each with the files that hold what it is about."""
+        changed = {test for test, files in tests.items() if not self.changed.isdisjoint(files)}
+        drawn = {test for test in tests if self._draw(test) % SHARE == 0}
+        few = len(changed - drawn) <= MOST_CHANGED
+        return Taken(frozenset(drawn | changed if few else drawn), 0 if few else len(changed - drawn))
+
+    def _draw(self, test: str) -> int:
+        return int.from_bytes(blake2b(f"{self.commit} {test}".encode(), digest_size=8).digest(), "big")
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The tests that run, and the number of tests of changed kinds that do not, because there are too many."""
+
+    tests: frozenset[str]
+    left: int
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--kinds",
+        choices=["all", "tenth"],
+        default="all",
+        help="tests marked `catalogue`: all (default), or a tenth and those of kinds that changed",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--kinds") == "tenth":
+        config.pluginmanager.register(Sample())
+
+
+class Sample:
+    """A plugin of pytest that deselects the catalogue tests that are not taken, and says which those are."""
+
+    def __init__(self) -> None:
+        self._choice = Choice.of_checkout()
+        self._left = 0
+
+    def pytest_collection_modifyitems(self, config: pytest.Config, items: list[pytest.Item]) -> None:
+        kinds = {item.nodeid: files_of(item) for item in items if item.get_closest_marker("catalogue")}
+        taken = self._choice.take(kinds)
+        config.hook.pytest_deselected(items=[one for one in items if one.nodeid in kinds.keys() - taken.tests])
+        items[:] = [one for one in items if one.nodeid not in kinds or one.nodeid in taken.tests]
+        self._left = taken.left
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if isinstance(output := getattr(session.config, "workeroutput", None), dict):
+            output["catalogue_left"] = self._left
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        """A worker of xdist has ended; all have chosen alike."""
+        self._left = node.workeroutput["catalogue_left"] if hasattr(node, "workeroutput") else self._left
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        commit = self._choice.commit[:12] or "none"
+        terminalreporter.write_line(
+            f"catalogue tests: one of {SHARE} ran, chosen by commit {commit}; KINDS=all runs all"
+        )
+        if self._left:
+            terminalreporter.write_line(
+                f"catalogue tests: {self._left} of kinds that have changed did not run, being more than {MOST_CHANGED}"
+            )
+
+
+def files_of(item: pytest.Item) -> set[str]:
+    """The files of the kinds that are a test's parameters, from the checkout's root."""
+    found: set[str] = set()
+    callspec = getattr(item, "callspec", None)
+    for value in callspec.params.values() if callspec else ():
+        for plugin in _plugins_of(value):
+            for part in (plugin.params, plugin.make):
+                found |= {f"src/{name.replace('.', '/')}.py" for name in _family(part.__module__)}
+    return found
+
+
+def _family(module: str) -> set[str]:
+    """A module, and those of its own package from which it imports."""
+    names = {str(getattr(value, "__module__", "")) for value in vars(sys.modules[module]).values()}
+    return {module} | {name for name in names if name.rpartition(".")[0] == module.rpartition(".")[0]}
+
+
+def _plugins_of(value: Any) -> list[Plugin[Any, Any]]:
+    """The plugins that a parameter is, or that are registered under its name."""
+    if isinstance(value, Plugin):
+        return [value]
+    if not isinstance(value, str):
+        return []
+    return [plugins.find(group, value) for group in plugins.GROUPS if value in plugins.kinds(group)]
+
+
+def _git(root: Path, *words: str) -> list[str]:
+    try:
+        done = subprocess.run(["git", *words], cwd=root, capture_output=True, text=True, check=False)
+    except OSError:
+        return []
+    return done.stdout.split("\n")[:-1] if done.returncode == 0 else []

@@ -1,0 +1,64 @@
+"""Which tests of a catalogue does a run of the fast tier take?"""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from skyrange.attack.mavlink.mode import MODE
+from tests.catalogue import MOST_CHANGED, SHARE, Choice, files_of
+
+CATALOGUE = {f"tests/test_kinds.py::test_kind[{number}]": [f"src/kind_{number}.py"] for number in range(1000)}
+FEW, MANY = (frozenset(f"src/kind_{number}.py" for number in range(count)) for count in (5, 10 * MOST_CHANGED))
+
+
+def test_one_of_ten_is_taken_and_another_one_after_another_commit() -> None:
+    taken = [Choice(commit, frozenset()).take(CATALOGUE).tests for commit in ("0a", "0a", "0b")]
+    assert taken[0] == taken[1]
+    assert all(len(CATALOGUE) / SHARE * 0.7 < len(one) < len(CATALOGUE) / SHARE * 1.3 for one in taken)
+    assert len(taken[0] & taken[2]) < len(taken[0]) / 3
+
+
+def test_ten_commits_see_most_kinds() -> None:
+    seen = frozenset().union(*(Choice(str(commit), frozenset()).take(CATALOGUE).tests for commit in range(10)))
+    assert len(seen) > 0.55 * len(CATALOGUE)  # 1 - 0.9**10 is 0.65
+
+
+def test_kinds_that_changed_are_taken_too_unless_there_are_many() -> None:
+    none, few, many = (Choice("0a", changed).take(CATALOGUE) for changed in (frozenset[str](), FEW, MANY))
+    changed = {test for test, files in CATALOGUE.items() if not FEW.isdisjoint(files)}
+    assert few.tests == none.tests | changed
+    assert few.left == 0
+    assert many.tests == none.tests
+    assert MOST_CHANGED < many.left <= 10 * MOST_CHANGED
+
+
+def test_what_changed_since_the_commit_before_head_counts_committed_or_not(tmp_path: Path) -> None:
+    def git(*words: str) -> str:
+        command = ["git", "-c", "user.name=n", "-c", "user.email=e", *words]
+        return subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True).stdout.strip()
+
+    assert Choice.of_checkout(tmp_path) == Choice("", frozenset())
+    git("init", "-q")
+    for name in ("old.py", "committed.py", "edited.py", "new.py"):
+        (tmp_path / name).write_text("1")
+        if name != "new.py":
+            git("add", ".")
+            git("commit", "-q", "-m", name)
+        if name == "old.py":
+            assert Choice.of_checkout(tmp_path) == Choice(git("rev-parse", "HEAD"), frozenset())
+    (tmp_path / "committed.py").write_text("2")
+    assert Choice.of_checkout(tmp_path) == Choice(
+        git("rev-parse", "HEAD^"), frozenset({"committed.py", "edited.py", "new.py"})
+    )
+
+
+@pytest.mark.parametrize("kind", [MODE, "mavlink.mode"])
+def test_a_kind_is_found_by_its_plugin_and_by_its_name(kind: object, request: pytest.FixtureRequest) -> None:
+    assert {f"src/skyrange/attack/mavlink/{name}.py" for name in ("mode", "injection")} <= files_of(request.node)
+
+
+def test_without_a_kind_nothing_is_found(request: pytest.FixtureRequest) -> None:
+    assert files_of(request.node) == set()
