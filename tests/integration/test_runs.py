@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 import pytest
 
 from skyrange.cli.app import app
+from skyrange.contracts.components import Finished
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.record.read.run import RunRecord
@@ -263,7 +264,7 @@ def test_engines_that_fail_leave_a_failed_record(tmp_path: Path, monkeypatch: py
     (mount,) = started.built.wiring.engines
     finish = mount.engine.finish
 
-    def faulty(tick: int, wall_deadline_s: float):
+    def faulty(tick: int, wall_deadline_s: float) -> Finished:
         if tick > 5_000_000_000:
             raise ComponentError("engine builtin", "fell over")
         return finish(tick, wall_deadline_s)

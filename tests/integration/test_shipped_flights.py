@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from skyrange.study.summary import summary
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
 
-def flown(folder: Path, name: str, *changes: str, **how) -> RunRecord:
+def flown(folder: Path, name: str, *changes: str, **how: Any) -> RunRecord:
     return fly(load(name, changes, **how), folder / "run", report=False)
 
 

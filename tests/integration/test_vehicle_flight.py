@@ -6,6 +6,7 @@ Tolerances are on true positions in metres, chosen about twice what the controll
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,7 +177,7 @@ def test_land_mode_lands_where_it_is() -> None:
     assert falls.min() == pytest.approx(-1.5, abs=0.25)  # WPNAV_SPEED_DN above LAND_ALT_LOW
 
 
-def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1):
+def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1) -> Any:
     return A.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, x, y, z, *v, 0, 0, 0, 0, 0)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import EngineMount, Kernel, Transit, Wiring
 from tests.probes.test_taps import Meddler
@@ -15,8 +15,9 @@ from tests.probes.toys import MS, ROUGH, Bodies, Climber, Fleet, Log, Station, o
 END = 3 * NS_PER_S
 
 
-def network(vehicles: Sequence[str], gcs: Channel | None):
-    links, routes = [], []
+def network(vehicles: Sequence[str], gcs: Channel | None) -> tuple[list[LinkSpec], list[Route]]:
+    links: list[LinkSpec] = []
+    routes: list[Route] = []
     for vehicle in vehicles:
         some_links, some_routes = onboard(vehicle, gcs)
         links += some_links

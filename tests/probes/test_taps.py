@@ -5,7 +5,7 @@ Probe (b): an attack muted equals the same attack removed, to the byte, on every
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import pytest
@@ -180,7 +180,7 @@ def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
 
     witnesses: dict[str, Witness] = {}
 
-    def witness(name: str):
+    def witness(name: str) -> Callable[[str], Witness]:
         def make(link: str) -> Witness:
             witnesses[name] = Witness(link)
             return witnesses[name]

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,12 +31,12 @@ def fleet(*ids: str) -> list[Vehicle]:
     return [Vehicle(id=name, start=(10.0 * i, 0.0), plan=square(5, 5)) for i, name in enumerate(ids)]
 
 
-def one(**keys) -> Scenario:
+def one(**keys: Any) -> Scenario:
     keys.setdefault("operators", [Operator(id="blue", vehicles=fleet("b1", "b2"))])
     return Scenario(**{"origin": ORIGIN, **keys})
 
 
-def test_little_is_enough_and_the_rest_is_filled_in():
+def test_little_is_enough_and_the_rest_is_filled_in() -> None:
     vehicles = [Vehicle(start=(5 * i, 5), plan=square(5, alt_m=5)) for i in range(5)]
     scenario = Scenario(
         origin=ORIGIN,
@@ -48,7 +50,7 @@ def test_little_is_enough_and_the_rest_is_filled_in():
     assert vehicles[0].id == ""  # the caller's own objects stay as they were
 
 
-def test_named_and_numbered_things_keep_their_names():
+def test_named_and_numbered_things_keep_their_names() -> None:
     vehicles = [
         Vehicle(id="b2", plan=square(1, 1)),
         Vehicle(plan=square(1, 1)),
@@ -61,7 +63,7 @@ def test_named_and_numbered_things_keep_their_names():
     assert [vehicle.system_id for vehicle in blue.vehicles] == [2, 3, 1]
 
 
-def test_a_dict_a_model_and_numpy_are_one_scenario():
+def test_a_dict_a_model_and_numpy_are_one_scenario() -> None:
     by_model = one(operators=[Operator(id="a", vehicles=[Vehicle(start=(1, 2, 90), plan=path([(1, 2), (3, 4)], 7))])])
     plan = {"path": {"points": [[1, 2], [3, 4]], "alt_m": 7}}
     start = {"east_m": 1, "north_m": 2, "heading_deg": 90}
@@ -71,7 +73,7 @@ def test_a_dict_a_model_and_numpy_are_one_scenario():
     assert by_model == by_dict == one(operators=[Operator(id="a", vehicles=[vehicle])])
 
 
-def test_times_are_utc():
+def test_times_are_utc() -> None:
     from datetime import timedelta, timezone
 
     east = timezone(timedelta(hours=2))
@@ -82,7 +84,7 @@ def test_times_are_utc():
             one(start_utc=datetime(year, 1, 1, tzinfo=east))
 
 
-def test_paths_have_heights():
+def test_paths_have_heights() -> None:
     assert Path(points=[(1, 2), (3, 4, 9)], alt_m=5).points_enu_m == ((1, 2, 5), (3, 4, 9))
     with pytest.raises(InputError, match=r"points\.1: \[3\.0, 4\.0\] — expected \[east_m, north_m, up_m\]"):
         Path(points=[(1, 2, 3), (3, 4)])
@@ -105,19 +107,19 @@ def test_paths_have_heights():
         ({"square": {"side_m": True, "alt_m": 1}}, "a number"),
     ],
 )
-def test_plans_that_make_no_sense_are_refused(keys, expected):
+def test_plans_that_make_no_sense_are_refused(keys: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         Plan(**keys)
 
 
-def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored():
+def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored() -> None:
     assert mission_file("m.waypoints").anchor == "file"
     assert mission_file("m.plan", anchor="start").anchor == "start"
     with pytest.raises(InputError, match="anchored at its own coordinates"):
         one(operators=[Operator(id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
 
 
-def test_cities_have_one_source():
+def test_cities_have_one_source() -> None:
     assert City(grid={}).grid is not None
     with pytest.raises(InputError, match="both — expected exactly one"):
         City(grid={}, buildings="x")
@@ -139,12 +141,12 @@ def test_cities_have_one_source():
         ([{"id": "a", "approval": "aprove-all", "vehicles": fleet("x")}], "Did you mean 'approve-all'"),
     ],
 )
-def test_fleets_that_make_no_sense_are_refused(operators, expected):
+def test_fleets_that_make_no_sense_are_refused(operators: list[Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         one(operators=operators)
 
 
-def test_vehicles_that_make_no_sense_are_refused():
+def test_vehicles_that_make_no_sense_are_refused() -> None:
     plan = square(1, 1)
     for keys, expected in [
         ({"autopilot": "bultin"}, "Did you mean 'builtin'"),
@@ -161,12 +163,12 @@ def test_vehicles_that_make_no_sense_are_refused():
         one(operators=[Operator(id="a", vehicles=[Vehicle(plan=plan, system_id=7), Vehicle(plan=plan, system_id=7)])])
 
 
-def test_two_hundred_and_fifty_aircraft_are_numbered():
+def test_two_hundred_and_fifty_aircraft_are_numbered() -> None:
     scenario = one(operators=[Operator(id="a", vehicles=[Vehicle(plan=square(1, 1)) for _ in range(250)])])
     assert [vehicle.system_id for _, vehicle in scenario.fleet] == list(range(1, 251))
 
 
-def test_link_rules_stack_in_order():
+def test_link_rules_stack_in_order() -> None:
     scenario = one(
         links=[
             Link(match="gcs:*", latency_ms=40, loss=0.1),
@@ -181,19 +183,19 @@ def test_link_rules_stack_in_order():
     )
 
 
-def test_a_rule_that_no_link_matches_is_refused():
+def test_a_rule_that_no_link_matches_is_refused() -> None:
     with pytest.raises(InputError, match=r"links\.0\.match: gsc:blue/b1.*Did you mean 'gcs:blue/b1'"):
         one(links=[Link(match="gsc:blue/b1", loss=0.5)])
 
 
-def test_a_scenario_is_frozen_data():
+def test_a_scenario_is_frozen_data() -> None:
     scenario = one()
     with pytest.raises(Exception, match="frozen"):
         scenario.seed = 3
     assert copy.deepcopy(scenario) == scenario
 
 
-def test_python_hears_all_faults_at_once_with_nearest_spellings():
+def test_python_hears_all_faults_at_once_with_nearest_spellings() -> None:
     with pytest.raises(InputError) as error:
         Vehicle(strt=(1, 2), plan=square(1, 1), depart_s="5 s")
     assert error.value.who == "Vehicle"
@@ -201,7 +203,7 @@ def test_python_hears_all_faults_at_once_with_nearest_spellings():
     assert "Write depart_s = 5 without quotes, in seconds." in str(error.value)
 
 
-def test_every_property_of_the_json_schema_is_described():
+def test_every_property_of_the_json_schema_is_described() -> None:
     schema = json_schema()
     undescribed = [
         f"{name}.{key}"
@@ -222,7 +224,7 @@ def test_every_property_of_the_json_schema_is_described():
     assert all("metre" in description.lower() for _, description in lengths)
 
 
-def test_half_a_character_is_refused():
+def test_half_a_character_is_refused() -> None:
     for keys in (
         {"name": "a\ud800"},
         {"city": {"grid": {"a\ud800": 1}}},
@@ -233,8 +235,8 @@ def test_half_a_character_is_refused():
         str(error.value).encode()  # what is said can be printed
 
 
-def test_the_json_schema_states_every_bound_in_its_own_words():
-    def numbers(part):
+def test_the_json_schema_states_every_bound_in_its_own_words() -> None:
+    def numbers(part: object) -> Iterator[dict[str, Any]]:
         if isinstance(part, dict):
             if part.get("type") in ("number", "integer"):
                 yield part
