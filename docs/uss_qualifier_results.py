@@ -85,7 +85,8 @@ def make_page(report: dict[str, Any], monitoring: Path) -> str:
     for role, participant in PARTICIPANTS.items():
         folder = monitoring / "monitoring/uss_qualifier/requirements/astm/f3548/v21"
         automatic, by_hand = requirements(folder / SETS[role])
-        rows, totals = [], defaultdict(int)
+        rows = []
+        totals: dict[str, int] = defaultdict(int)
         for name in automatic:
             passed, failed = results.get((participant, PREFIX + name), (0, 0))
             verdict = "failed" if failed else "passed" if passed else "not tested"

@@ -14,6 +14,7 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.scenario.model.scenario import Operator, Origin, Plan, Radio, Scenario, Start, Vehicle
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
+from skyrange.scenario.model.avoidance import Avoidance
 from tests.conformance.test_attacks_telemetry import signed_squares
 
 
@@ -22,7 +23,7 @@ def encounter(duration_s: float) -> Scenario:
     operators = tuple(
         Operator(
             id=name,
-            avoidance="geometric",
+            avoidance=Avoidance.model_validate("geometric"),
             signing="on",
             vehicles=(
                 Vehicle(

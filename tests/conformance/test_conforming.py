@@ -17,8 +17,9 @@ from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Epoch, Time
+from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.plan import paths, plans
-from skyrange.gcs.station import Flight, GroundStation
+from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.testing import InputMessage, MessageRecorder, check_agent, check_approval, check_engine, check_tap
 from skyrange.testing.checks.approval_policies import EPOCH, ordinary

@@ -69,7 +69,9 @@ class Everybody:
     due: Time = NS_PER_S
 
     def __post_init__(self) -> None:
-        self.ports = [Port("oracle", f"{kind}:{v}") for v in self.vehicles for kind in ("rid_up", "rid_down")]
+        self.ports: Sequence[Port] = [
+            Port("oracle", f"{kind}:{v}") for v in self.vehicles for kind in ("rid_up", "rid_down")
+        ]
 
     def next_wakeup(self) -> Time | None:
         return self.due if self.ghosts else None

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
+from skyrange.contracts.components import Agent
 from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import EngineMount, Kernel, Transit, Wiring
@@ -99,8 +100,8 @@ def test_registration_order_changes_no_byte() -> None:
     logs = []
     for turn in (1, -1):
         log = Log()
-        agents = [*stations(vehicles), Fleet("x", vehicles[:3]), Fleet("a", vehicles[3:])][::turn]
-        kernel = Kernel(Wiring(seed=3, links=links[::turn], routes=routes[::turn], agents=agents), [log])
+        agents: list[Agent] = [*stations(vehicles), Fleet("x", vehicles[:3]), Fleet("a", vehicles[3:])]
+        kernel = Kernel(Wiring(seed=3, links=links[::turn], routes=routes[::turn], agents=agents[::turn]), [log])
         kernel.advance(NS_PER_S)
         kernel.finish()
         logs.append(log)

@@ -35,9 +35,9 @@ class Rounds(EngineBase):
 
     def __init__(self, name: str, vehicles: Sequence[str], moves: Sequence[str] = ()) -> None:
         self.name = name
-        self.vehicles = list(vehicles)
-        self.moves = list(moves)
-        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
+        self.vehicles: Sequence[str] = list(vehicles)
+        self.moves: Sequence[str] = list(moves)
+        self.ports: Sequence[Port] = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
         self.dies_ns: Time | None = None
         self.spoils: dict[str, float] = {}
         self.seen: list[tuple[float, ...]] = []

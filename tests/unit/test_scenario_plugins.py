@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -111,7 +111,7 @@ class Gossip:
     """A service of two agents that have a link of their own."""
 
     name: str
-    ports: tuple[Port, ...]
+    ports: Sequence[Port]
     service_ns: Time = 20 * NS_PER_MS
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
