@@ -11,10 +11,10 @@ from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
 from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
 from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
+from skyrange.scenario.model.radio import Avoidance
 from skyrange.scenario.model.scenario import Operator, Origin, Plan, Radio, Scenario, Start, Vehicle
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
-from skyrange.scenario.model.avoidance import Avoidance
 from tests.conformance.test_attacks_telemetry import signed_squares
 
 

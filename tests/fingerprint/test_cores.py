@@ -348,7 +348,6 @@ def test_a_file_that_cannot_be_written_leaves_nothing(
 ) -> None:
     """Whichever core meets it: the first has operator a, the second b."""
     from skyrange.record.folder import put_file as put
-
     from skyrange.record.write import recorder
 
     def fail(folder: Path, name: str, data: bytes) -> None:

@@ -121,7 +121,7 @@ class Notes(MemoryObserver):
         truth = world.truth()
         self.track.append((now / NS_PER_S, np.stack([truth["east_m"], truth["north_m"], truth["up_m"]], axis=1)))
 
-    def kinds(self, about: str, *wanted: str) -> list[tuple[float, str]]:
+    def kinds_of(self, about: str, *wanted: str) -> list[tuple[float, str]]:
         return [(s.at_s, s.note.kind) for s in self.spoken if s.note.about == about and s.note.kind in wanted]
 
 

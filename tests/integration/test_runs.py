@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pyarrow.compute as pc
 import pytest
@@ -326,7 +327,7 @@ def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
 ) -> None:
     started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
     (mount,) = started.built.wiring.engines
-    monkeypatch.setattr(mount.engine, "begin", lambda *_: {}["nothing"])
+    monkeypatch.setattr(mount.engine, "begin", lambda *_: dict[str, Any]()["nothing"])
     with pytest.raises(ComponentError, match=r"engine builtin: raised KeyError\('nothing'\) at 0.000000 s"):
         started.execute()
     assert load(tmp_path / "run").status == "failed"

@@ -144,6 +144,7 @@ def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> No
         pytest.skip("the Upper East Side's buildings are not on this machine")
     scenario = load("city-fleet", changes, buildings=buildings)
     city = build_city(scenario)
+    assert city is not None
     after = apply_placing(scenario, city)
     assert len(list(after.fleet)) == (500 if changes else 48)
     assert check_starts(after, city, make_flight_plans(after)) == []

@@ -46,7 +46,7 @@ def away_from_square(points: np.ndarray, side: float) -> np.ndarray:
         np.maximum(np.maximum(-east, east - side), 0.0), np.maximum(np.maximum(-north, north - side), 0.0)
     )
     inside = np.minimum(np.minimum(east, side - east), np.minimum(north, side - north))
-    return np.where(outside > 0.0, outside, np.abs(inside))
+    return np.asarray(np.where(outside > 0.0, outside, np.abs(inside)))
 
 
 def test_square_mission_from_upload_to_disarmed() -> None:
@@ -75,7 +75,9 @@ def test_reached_items_quote_the_frames_that_wrote_them() -> None:
     start(r, V)
     r.run_until(r.has("event.item_reached", 3), 60.0)
     for note in r.events("event.item_reached"):
-        assert note.causes == slots[int(note.data["seq"])]
+        seq = note.data["seq"]
+        assert isinstance(seq, int)
+        assert note.causes == slots[seq]
 
 
 def test_home_is_where_it_was_armed_even_on_a_height() -> None:

@@ -23,7 +23,7 @@ class Load(Protocol):
     def __call__(self, features: list[Any], origin: Origin | None = None) -> tuple[City, Origin]: ...
 
 
-def _feature(coordinates: list[Any], kind: str = "Polygon", **tags: str) -> dict[str, Any]:
+def _feature(coordinates: object, kind: str = "Polygon", **tags: str) -> dict[str, Any]:
     tags = {"building": "yes"} | tags
     return {"type": "Feature", "properties": tags, "geometry": {"type": kind, "coordinates": coordinates}}
 
@@ -81,6 +81,7 @@ def test_ignores_and_counts_what_is_no_building(load: Load) -> None:
     ]
     city, _ = load(features)
     told = city.reading
+    assert told is not None
     assert (told.features, told.kept, told.repaired) == (7, 3, 0)
     assert told.dropped == {"with building=no": 1, "of type Point": 1, "of type LineString": 1, "without geometry": 1}
     assert told.heights == {"measured": 1, "derived": 1, "defaulted": 1}
@@ -91,7 +92,9 @@ def test_ignores_and_counts_what_is_no_building(load: Load) -> None:
 def test_crossing_ring_is_repaired_and_flat_one_left_out(load: Load) -> None:
     flat = [[0.0, 0.0], [0.001, 0.0], [0.0005, 0.0], [0.0, 0.0]]
     city, _ = load([_feature([BOW_TIE], height="10"), _feature([flat])])
-    assert (city.reading.repaired, city.reading.dropped["without area"], len(city)) == (2, 1, 1)
+    told = city.reading
+    assert told is not None
+    assert (told.repaired, told.dropped["without area"], len(city)) == (2, 1, 1)
     assert city.buildings[0].shape.is_valid
     assert city.buildings[0].shape.area == pytest.approx(0.5 * 111.32 * 110.574, rel=1e-3)
 
@@ -184,6 +187,7 @@ def test_manhattan() -> None:
     """Its 1,239 polygons are buildings, its 47 points are not; 1,228 have a height tag, as its own note says."""
     city, origin = load_buildings(MANHATTAN)
     told = city.reading
+    assert told is not None
     assert (told.features, told.kept, told.repaired, told.dropped) == (1286, 1239, 1, {"of type Point": 47})
     assert told.heights == {"measured": 1228, "derived": 2, "defaulted": 9}
     assert (origin.lat_deg, origin.lon_deg) == pytest.approx((40.77834, -73.95468), abs=1e-4)

@@ -9,6 +9,7 @@ import struct
 import subprocess
 from collections import Counter
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -62,7 +63,7 @@ def footprints(draw: st.DrawFn) -> shapely.Geometry:
 
 
 def make_world(folder: Path, city: City | None = None, flavour: str = "classic", **changes: object) -> Path:
-    arguments = {
+    arguments: dict[str, Any] = {
         "aircraft": FLEET,
         "mirrored": SHADOW,
         "city": city,
@@ -142,6 +143,7 @@ def test_an_aircraft_is_its_airframe(name: str, east_m: float, north_m: float, h
 @pytest.mark.parametrize("airframe", AIRFRAMES.values(), ids=AIRFRAMES)
 def test_collisions_stand_on_the_gear_and_enclose_the_rotors(airframe: Airframe) -> None:
     link = make_aircraft_model(FLEET[0]._replace(airframe=airframe.name), BLUE).find("link")
+    assert link is not None
     frame, *rotors = link.findall("collision")
     size, pose = numbers(frame, "geometry/box/size"), numbers(frame, "pose")
     assert pose[2] - 0.5 * size[2] == pytest.approx(0.0, abs=1e-12)
@@ -307,6 +309,7 @@ def test_the_world_is_the_scenarios(tmp_path: Path) -> None:
     assert numbers(world, "physics/max_step_size") == [0.0025]
     assert numbers(world, "wind/linear_velocity") == [3.0, -1.0, 0.0]
     place = world.find("spherical_coordinates")
+    assert place is not None
     assert [numbers(place, tag)[0] for tag in ("latitude_deg", "longitude_deg", "elevation")] == [
         ORIGIN.lat_deg,
         ORIGIN.lon_deg,

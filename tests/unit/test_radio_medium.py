@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ STILL = RadioEnvironment(chance=False)
 OFDM, BT4, BT5 = Waveform.OFDM_6M, Waveform.BLE_1M, Waveform.BLE_CODED
 
 
-def standing(name: str, east: float, north: float = 0.0, up: float = 30.0, **more: object) -> RadioSpec:
+def standing(name: str, east: float, north: float = 0.0, up: float = 30.0, **more: Any) -> RadioSpec:
     return RadioSpec(name, (east, north, up), **{"listening": COMPANION, **more})
 
 
@@ -58,22 +59,20 @@ def batch(*rows: tuple[int, int, int, int], channel: int = ANY_CHANNEL, size: in
 
 def noise(*rows: tuple[int, float, float, float, int, int]) -> EmitterTable:
     columns = [np.array(column) for column in zip(*rows, strict=True)] or [np.zeros(0)] * 6
-    return EmitterTable(
-        columns[0].astype(np.int64), *(columns[k].astype(np.float64) for k in (1, 2, 3)),
-        *(columns[k].astype(np.int64) for k in (4, 5)),
-    )  # fmt: skip
+    reals, whole = [column.astype(np.float64) for column in columns], [column.astype(np.int64) for column in columns]
+    return EmitterTable(whole[0], reals[1], reals[2], reals[3], whole[4], whole[5])
 
 
-def heard(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
+def heard(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[Any, ...]]:
+    rows: list[tuple[Any, ...]] = []
     for answer in answers:
         table = zip(*(column.tolist() for column in answer.heard), strict=True)
         rows += [(row[0], medium.radios[row[1]].name, *row[2:]) for row in table]
     return rows
 
 
-def sent(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
+def sent(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[Any, ...]]:
+    rows: list[tuple[Any, ...]] = []
     for answer in answers:
         table = zip(*(column.tolist() for column in answer.sent), strict=True)
         rows += [(row[0], medium.radios[row[1]].name, *row[2:]) for row in table]
@@ -118,7 +117,7 @@ def city() -> City:
 NAMES = [f"blue/b{k}" for k in range(12)]
 
 
-def town(extra: Sequence[RadioSpec] = (), **more: object) -> BuiltinMedium:
+def town(extra: Sequence[RadioSpec] = (), **more: Any) -> BuiltinMedium:
     moving = [RadioSpec(name, listening=COMPANION) for name in NAMES]
     grounds = [
         standing("mast", 17.0, 27.0, 2.0, listening=HOPPER),

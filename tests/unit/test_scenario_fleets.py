@@ -6,7 +6,17 @@ from typing import Any
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.model.scenario import Fleet, Operator, Scenario, Vehicle, mission_file, path, square
+from skyrange.scenario.model.scenario import (
+    Fleet,
+    Operator,
+    Origin,
+    Scenario,
+    Start,
+    Vehicle,
+    mission_file,
+    path,
+    square,
+)
 from skyrange.scenario.toml_reader import load_text
 from skyrange.scenario.toml_writer import to_toml
 
@@ -14,7 +24,7 @@ UP = path([(0, 0)], 5, end="land")
 
 
 def scenario(**keys: Any) -> Scenario:
-    return Scenario(origin=(47.0, 8.0), operators=[Operator(id="blue", **keys)])
+    return Scenario(origin=Origin(lat=47.0, lon=8.0), operators=(Operator(id="blue", **keys),))
 
 
 def flown(**keys: Any) -> list[Vehicle]:
@@ -29,9 +39,13 @@ def test_a_fleet_is_its_vehicles() -> None:
         "charge": 0.5,
         "params": {"RTL_ALT": 900},
     }
-    vehicles = flown(fleets=[Fleet(count=3, start=(7, 8, 90), plan=UP, depart_s=10, every_s=4, **keys)])
+    vehicles = flown(
+        fleets=[
+            Fleet(count=3, start=Start(east_m=7, north_m=8, heading_deg=90), plan=UP, depart_s=10, every_s=4, **keys)
+        ]
+    )
     by_hand = [
-        Vehicle(start=(7 + east, 8 + north, 90), plan=UP, depart_s=depart_s, **keys)
+        Vehicle(start=Start(east_m=7 + east, north_m=8 + north, heading_deg=90), plan=UP, depart_s=depart_s, **keys)
         for east, north, depart_s in ((0, 0, 10), (0, -20, 14), (20, 0, 18))
     ]
     assert scenario(vehicles=vehicles) == scenario(vehicles=by_hand)
@@ -128,13 +142,13 @@ def test_in_a_file_and_on_the_command_line() -> None:
 
 
 def test_telemetry_profiles_are_known() -> None:
-    assert Operator(vehicles=[Vehicle(plan=UP)], streams="light").streams == "light"
+    assert Operator(vehicles=(Vehicle(plan=UP),), streams="light").streams == "light"
     with pytest.raises(InputError, match="Did you mean 'light'"):
-        Operator(vehicles=[Vehicle(plan=UP)], streams="ligth")
+        Operator(vehicles=(Vehicle(plan=UP),), streams="ligth")
 
 
 def addresses(*given: tuple[int | None, int | None]) -> list[tuple[int, int]]:
-    keys = [
+    keys: list[dict[str, Any]] = [
         {name: number for name, number in zip(("network", "system_id"), one, strict=True) if number is not None}
         for one in given
     ]

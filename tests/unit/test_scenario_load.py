@@ -47,7 +47,9 @@ def faults(text: str, **how: Any) -> list[str]:
 def test_toml_becomes_a_scenario() -> None:
     scenario = load_text(SMALL)
     assert (scenario.origin.lat, scenario.origin.lon) == (1.0, 2.0)
-    assert scenario.operators[0].vehicles[0].plan.square.side_m == 5.0
+    flown = scenario.operators[0].vehicles[0].plan.square
+    assert flown is not None
+    assert flown.side_m == 5.0
 
 
 def test_a_file_without_a_name_is_called_after_its_file(tmp_path: Path) -> None:
@@ -152,6 +154,7 @@ def test_files_are_beside_the_scenario(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     scenario = load_file("deep/s.toml")
     assert scenario.operators[0].vehicles[0].plan.file == str(tmp_path / "deep" / "m.waypoints")
+    assert scenario.city is not None
     assert scenario.city.buildings == str(tmp_path / "deep" / "town.geojson")
     file.write_text(SMALL.replace(plan, 'plan = { file = "m.waypoint.txt" }') + '[city]\nbuildings = "."\n')
     with pytest.raises(InputError) as error:
@@ -192,6 +195,7 @@ def test_buildings_replace_the_city_and_move_the_origin(tmp_path: Path) -> None:
     assert scenario.origin.lat == pytest.approx(50.001, abs=1e-6)
     assert scenario.origin.lon == pytest.approx(10.0005, abs=1e-6)
     assert scenario.origin.alt_msl_m == 0.0
+    assert scenario.city is not None
     assert scenario.city.buildings == str(file)
     assert scenario.city.grid is None
     later = load_text(text, buildings=file, overrides=["origin.geoid_m=-33.5"])

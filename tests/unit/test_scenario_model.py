@@ -3,10 +3,11 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 
 from skyrange.contracts.links import Channel
 from skyrange.core.errors import InputError
@@ -27,20 +28,29 @@ from skyrange.scenario.model.scenario import (
 ORIGIN = (-35.3633280, 149.1652241)
 
 
+M = TypeVar("M", bound=BaseModel)
+
+
+def make(model: type[M], **data: Any) -> M:
+    """A model from data that it converts."""
+    return model(**data)
+
+
 def fleet(*ids: str) -> list[Vehicle]:
-    return [Vehicle(id=name, start=(10.0 * i, 0.0), plan=square(5, 5)) for i, name in enumerate(ids)]
+    return [make(Vehicle, id=name, start=(10.0 * i, 0.0), plan=square(5, 5)) for i, name in enumerate(ids)]
 
 
 def one(**keys: Any) -> Scenario:
-    keys.setdefault("operators", [Operator(id="blue", vehicles=fleet("b1", "b2"))])
+    keys.setdefault("operators", [make(Operator, id="blue", vehicles=fleet("b1", "b2"))])
     return Scenario(**{"origin": ORIGIN, **keys})
 
 
 def test_little_is_enough_and_the_rest_is_filled_in() -> None:
-    vehicles = [Vehicle(start=(5 * i, 5), plan=square(5, alt_m=5)) for i in range(5)]
-    scenario = Scenario(
+    vehicles = [make(Vehicle, start=(5 * i, 5), plan=square(5, alt_m=5)) for i in range(5)]
+    scenario = make(
+        Scenario,
         origin=ORIGIN,
-        operators=[Operator(id="blue", vehicles=vehicles[:2]), Operator(id="green", vehicles=vehicles[2:])],
+        operators=[make(Operator, id="blue", vehicles=vehicles[:2]), make(Operator, id="green", vehicles=vehicles[2:])],
     )
     assert [vehicle.id for _, vehicle in scenario.fleet] == ["b1", "b2", "g1", "g2", "g3"]
     assert [vehicle.system_id for _, vehicle in scenario.fleet] == [1, 2, 1, 2, 3]
@@ -56,7 +66,7 @@ def test_named_and_numbered_things_keep_their_names() -> None:
         Vehicle(plan=square(1, 1)),
         Vehicle(plan=square(1, 1), system_id=1),
     ]
-    scenario = one(operators=[Operator(color="blue", vehicles=vehicles), Operator(vehicles=fleet("x"))])
+    scenario = one(operators=[make(Operator, color="blue", vehicles=vehicles), make(Operator, vehicles=fleet("x"))])
     blue, other = scenario.operators
     assert (blue.id, other.id, other.color) == ("blue", "op2", "green")
     assert [vehicle.id for vehicle in blue.vehicles] == ["b2", "b3", "b4"]
@@ -64,13 +74,15 @@ def test_named_and_numbered_things_keep_their_names() -> None:
 
 
 def test_a_dict_a_model_and_numpy_are_one_scenario() -> None:
-    by_model = one(operators=[Operator(id="a", vehicles=[Vehicle(start=(1, 2, 90), plan=path([(1, 2), (3, 4)], 7))])])
+    by_model = one(
+        operators=[make(Operator, id="a", vehicles=[make(Vehicle, start=(1, 2, 90), plan=path([(1, 2), (3, 4)], 7))])]
+    )
     plan = {"path": {"points": [[1, 2], [3, 4]], "alt_m": 7}}
     start = {"east_m": 1, "north_m": 2, "heading_deg": 90}
     by_dict = one(operators=[{"id": "a", "vehicles": [{"start": start, "plan": plan}]}])
     points = np.array([[1, 2], [3, 4]], dtype=np.float32)
-    vehicle = Vehicle(start=np.array([1, 2, 90]), plan=path(points, np.float64(7)), depart_s=np.int64(0))
-    assert by_model == by_dict == one(operators=[Operator(id="a", vehicles=[vehicle])])
+    vehicle = make(Vehicle, start=np.array([1, 2, 90]), plan=path(points, np.float64(7)), depart_s=np.int64(0))
+    assert by_model == by_dict == one(operators=[make(Operator, id="a", vehicles=[vehicle])])
 
 
 def test_times_are_utc() -> None:
@@ -85,11 +97,11 @@ def test_times_are_utc() -> None:
 
 
 def test_paths_have_heights() -> None:
-    assert Path(points=[(1, 2), (3, 4, 9)], alt_m=5).points_enu_m == ((1, 2, 5), (3, 4, 9))
+    assert make(Path, points=[(1, 2), (3, 4, 9)], alt_m=5).points_enu_m == ((1, 2, 5), (3, 4, 9))
     with pytest.raises(InputError, match=r"points\.1: \[3\.0, 4\.0\] — expected \[east_m, north_m, up_m\]"):
-        Path(points=[(1, 2, 3), (3, 4)])
+        make(Path, points=[(1, 2, 3), (3, 4)])
     with pytest.raises(InputError, match=r"points\.0: \[1\.0, 2\.0, -3\.0\] — expected an up_m more than 0"):
-        Path(points=[(1, 2, -3)])
+        make(Path, points=[(1, 2, -3)])
 
 
 @pytest.mark.parametrize(
@@ -116,17 +128,17 @@ def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored() -> None:
     assert mission_file("m.waypoints").anchor == "file"
     assert mission_file("m.plan", anchor="start").anchor == "start"
     with pytest.raises(InputError, match="anchored at its own coordinates"):
-        one(operators=[Operator(id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
+        one(operators=[make(Operator, id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
 
 
 def test_cities_have_one_source() -> None:
-    assert City(grid={}).grid is not None
+    assert make(City, grid={}).grid is not None
     with pytest.raises(InputError, match="both — expected exactly one"):
-        City(grid={}, buildings="x")
+        make(City, grid={}, buildings="x")
     with pytest.raises(InputError, match="exactly one"):
         City()
     with pytest.raises(InputError, match="the lower height first"):
-        City(grid={"height_m": (30, 20)})
+        make(City, grid={"height_m": (30, 20)})
 
 
 @pytest.mark.parametrize(
@@ -148,7 +160,7 @@ def test_fleets_that_make_no_sense_are_refused(operators: list[Any], expected: s
 
 def test_vehicles_that_make_no_sense_are_refused() -> None:
     plan = square(1, 1)
-    for keys, expected in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"autopilot": "bultin"}, "Did you mean 'builtin'"),
         ({"airframe": "irys"}, "Did you mean 'iris'"),
         ({"system_id": 251}, "at most 250"),
@@ -156,15 +168,20 @@ def test_vehicles_that_make_no_sense_are_refused() -> None:
         ({"params": {"wpnav": 3}}, "wpnav"),
         ({"depart_s": -1}, "at least 0"),
         ({"placing": "clean"}, "Did you mean 'clear'"),
-    ]:
+    ]
+    for keys, expected in cases:
         with pytest.raises(InputError, match=expected):
             Vehicle(plan=plan, **keys)
     with pytest.raises(InputError, match="a system id that no other vehicle"):
-        one(operators=[Operator(id="a", vehicles=[Vehicle(plan=plan, system_id=7), Vehicle(plan=plan, system_id=7)])])
+        one(
+            operators=[
+                make(Operator, id="a", vehicles=[Vehicle(plan=plan, system_id=7), Vehicle(plan=plan, system_id=7)])
+            ]
+        )
 
 
 def test_two_hundred_and_fifty_aircraft_are_numbered() -> None:
-    scenario = one(operators=[Operator(id="a", vehicles=[Vehicle(plan=square(1, 1)) for _ in range(250)])])
+    scenario = one(operators=[make(Operator, id="a", vehicles=[Vehicle(plan=square(1, 1)) for _ in range(250)])])
     assert [vehicle.system_id for _, vehicle in scenario.fleet] == list(range(1, 251))
 
 
@@ -197,7 +214,7 @@ def test_a_scenario_is_frozen_data() -> None:
 
 def test_python_hears_all_faults_at_once_with_nearest_spellings() -> None:
     with pytest.raises(InputError) as error:
-        Vehicle(strt=(1, 2), plan=square(1, 1), depart_s="5 s")
+        make(Vehicle, strt=(1, 2), plan=square(1, 1), depart_s="5 s")
     assert error.value.who == "Vehicle"
     assert "Did you mean 'start'?" in str(error.value)
     assert "Write depart_s = 5 without quotes, in seconds." in str(error.value)

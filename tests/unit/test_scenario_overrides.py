@@ -50,13 +50,17 @@ def test_elements_go_by_id_by_index_and_by_the_id_they_will_get() -> None:
     assert [v.depart_s for v in vehicles("operators.0.vehicles.1.depart_s=3")] == [0, 3, 0]
     assert [v.depart_s for v in vehicles("operators.blue.vehicles.b1.depart_s=3")] == [3, 0, 0]
     assert [v.depart_s for v in vehicles("operators.green.vehicles.g1.depart_s=3")] == [0, 0, 3]
-    assert vehicles("operators.green.vehicles.0.plan.path.points.1.2=60")[2].plan.path.points[1] == (4, 5, 60)
+    flown = vehicles("operators.green.vehicles.0.plan.path.points.1.2=60")[2].plan.path
+    assert flown is not None
+    assert flown.points[1] == (4, 5, 60)
 
 
 def test_tables_are_made_on_the_way_and_later_assignments_win() -> None:
     scenario = load_data(apply_overrides(DATA, ["wind.speed_mps=3", "wind.from_deg=90", "wind.speed_mps=4"]))
     assert (scenario.wind.speed_mps, scenario.wind.from_deg) == (4, 90)
     scenario = load_data(apply_overrides(DATA, ["city.grid.blocks=[2, 2]"]))
+    assert scenario.city is not None
+    assert scenario.city.grid is not None
     assert scenario.city.grid.blocks == (2, 2)
     assert vehicles("operators.*.vehicles.*.params.WPNAV_SPEED=500")[0].params == {"WPNAV_SPEED": 500.0}
 

@@ -39,8 +39,9 @@ def test_squares_is_the_published_demonstration() -> None:
         "green/g2": (-15, 0),
         "green/g3": (0, -20),
     }
-    assert [v.plan.square.side_m for v in fleet.values()] == [5, 7, 4, 3, 2]
-    assert {v.plan.square.alt_m for v in fleet.values()} == {5}
+    squares = [v.plan.square for v in fleet.values()]
+    assert [one and one.side_m for one in squares] == [5, 7, 4, 3, 2]
+    assert {one and one.alt_m for one in squares} == {5}
     assert {v.depart_s for v in fleet.values()} == {10}
     assert scenario.duration_s == 180
     assert check_starts(scenario, None, make_flight_plans(scenario)) == []
@@ -50,7 +51,7 @@ def test_survey_flies_files_of_both_kinds_in_its_downtown() -> None:
     scenario = load("survey")
     assert len(list(scenario.fleet)) == 8
     assert len(scenario.operators) == 2
-    files = {Path(vehicle.plan.file) for _, vehicle in scenario.fleet}
+    files = {Path(vehicle.plan.file or "") for _, vehicle in scenario.fleet}
     assert {file.suffix for file in files} == {".plan", ".waypoints"}
     _flies(scenario)
 
@@ -78,6 +79,7 @@ def test_survey_finds_room_in_manhattan() -> None:
 
 def _flies(scenario: Scenario) -> None:
     city = build_city(scenario)
+    assert city is not None
     after = apply_placing(scenario, city)
     assert check_starts(after, city, make_flight_plans(after)) == []
     for _, vehicle in after.fleet:
@@ -93,6 +95,8 @@ def test_attacks_go_along_to_another_city(name: str) -> None:
         pytest.skip("the Upper East Side's buildings are not on this machine")
     for buildings in (None, STREETS):
         built = build(load(name, buildings=buildings))
+        assert built.city is not None
+        assert built.scenario.radio is not None
         for _, vehicle in built.scenario.fleet:
             path = enu_points(make_flight_plan(built.scenario.origin.datum, vehicle))
             assert built.city.is_clear(path, MARGIN_M - 0.01), vehicle.id
@@ -122,8 +126,11 @@ id = "o"
 """
     scenario = load_text(text)
     city = build_city(scenario)
+    assert city is not None
     assert city.inside(30, 30, 5) is not None
-    [receiver] = apply_placing(scenario, city).radio.receivers
+    radio = apply_placing(scenario, city).radio
+    assert radio is not None
+    [receiver] = radio.receivers
     assert receiver.placing == "exact"
     assert city.inside(*receiver.place) is None
     assert receiver.place[2] == 5
@@ -145,6 +152,8 @@ def test_overrides_reach_shipped_scenarios_and_blame_the_command_line() -> None:
     overrides = ["operators.*.vehicles.*.autopilot=builtin", "operators.green.vehicles.g2.plan.square.alt_m=7.5"]
     scenario = load("squares", overrides, seed=9)
     assert scenario.seed == 9
-    assert scenario.operators[1].vehicles[1].plan.square.alt_m == 7.5
+    flown = scenario.operators[1].vehicles[1].plan.square
+    assert flown is not None
+    assert flown.alt_m == 7.5
     with pytest.raises(InputError, match=r"^squares with --set"):
         load("squares", ["duration_s=-1"])

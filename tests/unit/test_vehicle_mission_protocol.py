@@ -39,7 +39,7 @@ def put(r: Range, seq: int, item: Item) -> None:
     r.run(0.01)
 
 
-def download(r: Range) -> list[object]:
+def download(r: Range) -> list[Any]:
     before = len(r.heard("MISSION_ITEM_INT"))
     r.send(V, A.MAVLink_mission_request_list_message(1, 1, 0))
     r.run(0.01)

@@ -41,7 +41,7 @@ def _collisions(notes: list[tuple[int, Note]]) -> list[Note]:
 
 def _momentum(world: World) -> np.ndarray:
     mass = np.array([airframe.mass_kg for airframe in world.airframes])
-    return (mass[:, None] * world._velocity).sum(axis=0)
+    return np.asarray((mass[:, None] * world._velocity).sum(axis=0))
 
 
 def _spin(world: World) -> np.ndarray:
@@ -74,7 +74,9 @@ def test_head_on_both_fall_and_are_noted() -> None:
     assert (second.about, second.data["with"]) == ("green/b", "blue/a")
     assert {k: v for k, v in first.data.items() if k != "with"} == {k: v for k, v in second.data.items() if k != "with"}
     assert first.data["speed_mps"] == pytest.approx(15.6, rel=0.02)  # 20 less what drag took
-    assert first.data["energy_j"] == pytest.approx(0.5 * 0.75 * first.data["speed_mps"] ** 2, rel=1e-9)
+    speed_mps = first.data["speed_mps"]
+    assert isinstance(speed_mps, float)
+    assert first.data["energy_j"] == pytest.approx(0.5 * 0.75 * speed_mps**2, rel=1e-9)
     assert first.data["east_m"] == pytest.approx(0.0, abs=0.1)
     assert first.data["north_m"] == pytest.approx(0.05, abs=0.02)
     assert first.data["up_m"] == pytest.approx(50.5, abs=0.2)  # half its height, and a full battery lifts
@@ -132,7 +134,7 @@ def test_momentum_and_angular_momentum_are_kept(
     """
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 0.5e3, 20.0),
-        Body("green/b", other, *np.add((0.0, 0.0, 0.5e3), offset).tolist(), 250.0),
+        Body("green/b", other, offset[0], offset[1], 0.5e3 + offset[2], 250.0),
         velocities=[(0.0, 0.0, 0.0), velocity],
         hover=False,
     )
@@ -147,7 +149,7 @@ def test_momentum_and_angular_momentum_are_kept(
         seen["before"] = (_momentum(world), world._velocity.copy(), world._rates.copy(), world._position.copy())
         return look(self, now, step_s, stride2_m2, bodies)
 
-    type(contacts).resolve_tick = watched
+    type(contacts).resolve_tick = watched  # type: ignore[method-assign]
     try:
         for tick in range(1, 400):
             if _collisions([(tick, note) for note in world.advance(tick * QUANTUM_NS)]):
@@ -155,7 +157,7 @@ def test_momentum_and_angular_momentum_are_kept(
         else:
             pytest.fail("they missed")
     finally:
-        type(contacts).resolve_tick = look
+        type(contacts).resolve_tick = look  # type: ignore[method-assign]
     momentum, velocities, rates, _ = seen["before"]
     assert _momentum(world) == pytest.approx(momentum, abs=1e-9)
     after = _spin(world)
@@ -167,7 +169,7 @@ def test_momentum_and_angular_momentum_are_kept(
     inertia = np.array([a.inertia_kgm2 for a in world.airframes])
 
     def energy(v: np.ndarray, w: np.ndarray) -> float:
-        return (0.5 * mass[:, None] * v**2 + 0.5 * inertia * w**2).sum()
+        return float((0.5 * mass[:, None] * v**2 + 0.5 * inertia * w**2).sum())
 
     assert energy(blown_v, blown_w) < energy(velocities, rates)
 
@@ -261,8 +263,8 @@ def test_order_and_company_change_no_bit() -> None:
         )
         worlds.append(world)
     assert len([note for note in said[0] if note[1] == "event.collision"]) >= 6
-    for cast, world, notes in zip(casts, worlds, said, strict=True):
-        assert notes == said[0]
+    for cast, world, told in zip(casts, worlds, said, strict=True):
+        assert told == said[0]
         rows = [[name for name, *_ in cast].index(name) for name, *_ in four]
         for column, values in world.truth().items():
             assert values[rows].tobytes() == worlds[0].truth()[column].tobytes(), column

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.world import AIRFRAMES, Body, Wind, World
 
@@ -79,7 +80,7 @@ def test_alone_or_among_a_thousand_to_the_bit() -> None:
 
 def test_several_quanta_at_once_equal_one_by_one() -> None:
     stepped, leapt = _fleet(3, up_m=0.4), _fleet(3, up_m=0.4)
-    notes = []
+    notes: list[Note] = []
     for tick in range(401):
         notes += stepped.advance(tick * QUANTUM_NS)
     leapt.advance(0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ def _world(up_m: float = 0.0, wind: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 def _fly(
     world: World, start_s: float, seconds: float, command: float | list[float] = 0.0
-) -> list[tuple[float, str, dict]]:
+) -> list[tuple[float, str, dict[str, Any]]]:
     """Tick a world; what it noted, with the time."""
     world.actuate(slice(None), np.broadcast_to(np.asarray(command, dtype=np.float64), (1, 4)))
     notes = []

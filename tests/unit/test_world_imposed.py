@@ -33,8 +33,8 @@ def _pose(
     rates: Sequence[float] = (0.0, 0.0, 0.0),
     fresh: bool = True,
 ) -> Poses:
-    given = [np.array([row], dtype=np.float64) for row in (position, velocity, attitude, rates)]
-    return Poses(np.array([fresh]), *given)
+    place, speed, turned, turning = (np.array([row], dtype=np.float64) for row in (position, velocity, attitude, rates))
+    return Poses(np.array([fresh]), place, speed, turned, turning)
 
 
 def _world(*bodies: Body, led: Sequence[int], **given: Any) -> World:
@@ -199,7 +199,9 @@ def test_a_collision_moves_only_who_can_be_moved(led: list[int]) -> None:
     hits = [note for note in notes if note.kind == "event.collision"]
     assert [(hit.about, hit.data["with"]) for hit in hits] == [("blue/a", "green/b"), ("green/b", "blue/a")]
     assert hits[0].data["speed_mps"] == pytest.approx(20.0, rel=0.05)  # less what drag took
-    assert hits[0].data["energy_j"] == pytest.approx(0.5 * 0.75 * hits[0].data["speed_mps"] ** 2, rel=1e-9)
+    speed_mps = hits[0].data["speed_mps"]
+    assert isinstance(speed_mps, float)
+    assert hits[0].data["energy_j"] == pytest.approx(0.5 * 0.75 * speed_mps**2, rel=1e-9)
     assert world.truth()["crashed"].tolist() == [1.0, 1.0]
     assert {note.about for note in notes if note.kind == "event.crash"} == {
         world.vehicles[row] for row in range(2) if row not in led
@@ -301,7 +303,8 @@ def test_a_jump_is_told_and_hits_nothing_on_its_way() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 50.0), Body("green/b", "iris", 5_000.0, 0.0, 50.0), led=[0])
     world.impose(np.array([0]), _pose((10_000.0, 0.0, 50.0)))
     (note,) = world.advance(QUANTUM_NS)
-    assert (note.kind, note.about, note.data["distance_m"]) == ("event.jump", "blue/a", pytest.approx(10_000.0))
+    assert (note.kind, note.about) == ("event.jump", "blue/a")
+    assert note.data["distance_m"] == pytest.approx(10_000.0)
     assert world._position[0].tolist() == [10_000.0, 0.0, 50.0]
     # and it is a body there: what flies into it collides
     world._position[1] = (9_999.0, 0.0, 50.0)
@@ -383,8 +386,11 @@ def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors(
         (_pose((0.0, 0.0, 1.0), attitude=(1.0, math.nan, 0.0, 0.0)), "attitude"),
         (_pose((0.0, 0.0, 1.0), attitude=(1e308, 1e308, 0.0, 0.0)), "attitude"),
         (_pose((0.0, 0.0, 1.0), rates=(0.0, 0.0, math.inf)), "rates_radps"),
-        (Poses(np.array([True, True]), *(np.zeros((2, k)) for k in (3, 3, 4, 3))), "shapes"),
-        (Poses(np.array([True]), *(np.zeros(k) for k in (3, 3, 4, 3))), "shapes"),
+        (
+            Poses(np.array([True, True]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)), np.zeros((2, 3))),
+            "shapes",
+        ),
+        (Poses(np.array([True]), np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)), "shapes"),
     ],
 )
 def test_what_no_body_can_be_is_refused_and_changes_nothing(pose: Poses, said: str) -> None:

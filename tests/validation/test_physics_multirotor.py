@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,7 @@ class Flight:
         self.impact_mps = np.zeros(1)
 
     def run(self, seconds: float) -> Flight:
-        arguments = (
+        arguments: tuple[Any, ...] = (
             STEP_S,
             self.parameters,
             np.zeros(1, dtype=np.int64),

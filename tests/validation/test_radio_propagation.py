@@ -86,7 +86,7 @@ def _city(*boxes: tuple[float, float, float, float, float]) -> City:
     return City([Building(str(k), box[4], shapely.box(*box[:4])) for k, box in enumerate(boxes)], "test")
 
 
-def _loss(city: City, a: tuple[float, ...], b: tuple[float, ...], margin_db: float = 200.0) -> float:
+def _loss(city: City, a: tuple[float, float, float], b: tuple[float, float, float], margin_db: float = 200.0) -> float:
     return obstruction_db(obstacle_index(city.walls()), *a, *b, LAMBDA, margin_db)
 
 
@@ -157,8 +157,8 @@ def test_sight_lines_are_the_citys() -> None:
         low = float(rng.uniform(1.0, 49.0))
         line = shapely.LineString([a, b])
         expected = not any(line.intersects(building.shape) for building in city.buildings)
-        assert has_line_of_sight(obstacles, *a, low, *b, low) == expected
-        assert has_line_of_sight(obstacles, *a, 50.1, *b, 50.1)
+        assert has_line_of_sight(obstacles, a[0], a[1], low, b[0], b[1], low) == expected
+        assert has_line_of_sight(obstacles, a[0], a[1], 50.1, b[0], b[1], 50.1)
         seen += expected
     assert 50 < seen < 550
 

@@ -195,7 +195,7 @@ def test_elevated_line_of_sight_has_exponent_two() -> None:
     city = downtown_grid((16, 16))
     obstacles = obstacle_index(city.walls())
     rng = np.random.default_rng(2)
-    rows = []
+    rows: list[tuple[float, float]] = []
     while len(rows) < 300:
         a = _street_place(rng, city, 300.0)
         angle, away = rng.uniform(0.0, 2.0 * math.pi), 10.0 ** rng.uniform(1.0, 2.6)
