@@ -73,7 +73,7 @@ def test_the_nearest_place_is_found(table: LossTable, a: Place, b: Place) -> Non
 
 
 @given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(0, 255)), min_size=1, max_size=8))
-def test_damaged_bytes_are_refused_or_read(changes) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_bytes_are_refused_or_read(changes: list[tuple[int, int]]) -> None:
     data = bytearray(WHOLE)
     for at, value in changes:
         data[at] = value

@@ -242,8 +242,8 @@ def test_plan_view_has_its_scale_right(run: SampleRun) -> None:
     assert drawn is not None
     start, end = (float(x) for x in drawn.groups())
     metres = float(bar.find(XML + "text").text.split()[0])  # type: ignore[union-attr]
-    homes = [node for node in root.iter(XML + "g") if "home" in node.get("class", "")]
-    x, y = ([float(home.find(XML + "circle").get(axis)) for home in homes] for axis in ("cx", "cy"))  # type: ignore
+    homes = [node.find(XML + "circle") for node in root.iter(XML + "g") if "home" in node.get("class", "")]
+    x, y = ([float(home.get(axis, "")) for home in homes if home is not None] for axis in ("cx", "cy"))
     scale = (end - start) / metres
     assert math.hypot(x[0] - x[1], y[0] - y[1]) / scale == pytest.approx(math.hypot(5, 5), rel=0.01)  # b1 to b2
     assert y[0] < y[4]  # b1 is north of g3
