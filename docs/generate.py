@@ -28,7 +28,6 @@ BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.D
 
 def commands() -> dict[str, Any]:
     """Every command by what one types after `skyrange`, as click's object."""
-    import click
     from typer.main import get_command
 
     from skyrange.cli.app import app
@@ -44,7 +43,7 @@ def commands() -> dict[str, Any]:
             visit(child, (*words, name))
 
     root = get_command(app)
-    assert isinstance(root, click.Command) or hasattr(root, "commands")
+    assert hasattr(root, "commands")
     visit(root, ())
     return found
 
@@ -75,7 +74,7 @@ def _metavar(argument: Any) -> str:
 
 
 def _spelling(option: Any) -> str:
-    name = option.opts[0]
+    name: str = option.opts[0]
     if option.is_flag:
         return name
     return f"{name} {option.metavar or option.type.name.upper()}"
@@ -195,6 +194,7 @@ def _tables(tables: Mapping[str, Sequence[Any]]) -> str:
 def links() -> str:
     """Every kind of link of a run, with its ends and default channel, as it is wired."""
     from skyrange.assembly.network import APPROVAL_CHANNEL, ORACLE_CHANNEL
+    from skyrange.contracts.links import Channel
     from skyrange.core.ids import APPROVAL, endpoint
     from skyrange.scenario.model.links import AIR_LINKS, OPERATOR_LINKS, VEHICLE_LINKS
     from skyrange.vehicle.onboard_network import onboard_links, oracle_links
@@ -203,10 +203,10 @@ def links() -> str:
     kinds = (*VEHICLE_LINKS, *AIR_LINKS)
     assert set(specs) == set(kinds)
     assert OPERATOR_LINKS == (APPROVAL,)
-    rows = [
-        (f"`{spec.name}`", f"`{spec.a}`", f"`{spec.b}`", spec.channel.mode, _ms(spec.channel.latency_ns))
-        for spec in (specs[kind] for kind in kinds)
-    ]
+    rows = []
+    for spec in (specs[kind] for kind in kinds):
+        assert isinstance(spec.channel, Channel)
+        rows.append((f"`{spec.name}`", f"`{spec.a}`", f"`{spec.b}`", spec.channel.mode, _ms(spec.channel.latency_ns)))
     station = endpoint("blue", "gcs")
     rows.append(
         (f"`{APPROVAL}:blue`", f"`{station}`", f"`{APPROVAL}`", APPROVAL_CHANNEL.mode, _ms(APPROVAL_CHANNEL.latency_ns))
@@ -344,7 +344,7 @@ def airframes() -> str:
 
     names = [f.name for f in fields(next(iter(AIRFRAMES.values()))) if f.name not in ("name", "rotors")]
     rows = [(f"`{name}`", *(_number(getattr(a, name)) for a in AIRFRAMES.values())) for name in names]
-    rows.append(("rotors", *(len(a.rotors) for a in AIRFRAMES.values())))
+    rows.append(("rotors", *(str(len(a.rotors)) for a in AIRFRAMES.values())))
     rows.append(("hover thrust, of full", *(f"{a.hover_thrust:.3f}" for a in AIRFRAMES.values())))
     return table(("", *AIRFRAMES), rows)
 

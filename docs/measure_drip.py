@@ -220,7 +220,7 @@ def _fleet(adopters: int, seed: int) -> dict[str, Any]:
     operators = []
     for number in range(8):
         street, southward = number % 4, number >= 4
-        verify = {"policy": "ignore-unsigned", "authorities": "all"}
+        verify: dict[str, Any] = {"policy": "ignore-unsigned", "authorities": "all"}
         signs: dict[str, Any] = {"auth": "drip", "auth_rates": "recommended"} if number < adopters else {}
         step = -200 if southward else 200
         plan = {"path": {"points": [[0, 0], [0, step]], "alt_m": 30}, "speed_mps": 5, "end": "land"}
@@ -230,7 +230,7 @@ def _fleet(adopters: int, seed: int) -> dict[str, Any]:
             {
                 "id": f"o{number}",
                 "avoidance": "geometric",
-                "remote_id": {**signs, "verify": verify},
+                "remote_id": signs | {"verify": verify},
                 "vehicles": [vehicle],
             }
         )

@@ -136,7 +136,7 @@ def _documented(body: Sequence[ast.stmt]) -> dict[str, str]:
     """By name, the strings below the assignments of a module or a class."""
     found = {}
     for one, below in itertools.pairwise(body):
-        target = one.target if isinstance(one, ast.AnnAssign) else None
+        target: ast.expr | None = one.target if isinstance(one, ast.AnnAssign) else None
         target = one.targets[0] if isinstance(one, ast.Assign) else target
         if isinstance(target, ast.Name) and isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             found[target.id] = str(below.value.value)

@@ -85,12 +85,13 @@ def make_page(report: dict[str, Any], monitoring: Path) -> str:
     for role, participant in PARTICIPANTS.items():
         folder = monitoring / "monitoring/uss_qualifier/requirements/astm/f3548/v21"
         automatic, by_hand = requirements(folder / SETS[role])
-        rows, totals = [], defaultdict(int)
+        rows = []
+        totals: dict[str, int] = defaultdict(int)
         for name in automatic:
-            passed, failed = results.get((participant, PREFIX + name), (0, 0))
-            verdict = "failed" if failed else "passed" if passed else "not tested"
+            checks = results.get((participant, PREFIX + name), (0, 0))
+            verdict = "failed" if checks[1] else "passed" if checks[0] else "not tested"
             totals[verdict] += 1
-            rows.append(f"| {name} | {verdict} | {passed} | {failed} |")
+            rows.append(f"| {name} | {verdict} | {checks[0]} | {checks[1]} |")
         summary = ", ".join(f"{totals[verdict]} {verdict}" for verdict in ("passed", "failed", "not tested"))
         lines += [f"## {role}", "", f"{len(automatic)} requirements: {summary}."]
         lines += [f"To be verified by hand: {', '.join(by_hand)}.", ""] if by_hand else [""]

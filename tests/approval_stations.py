@@ -33,13 +33,9 @@ class Station:
     may_err: bool = False
     """Whether an answer may be an error, which is not kept."""
 
-    @property
-    def name(self) -> str:
-        return endpoint(self.operator, "gcs")
-
-    @property
-    def ports(self) -> Sequence[Port]:
-        return (Port(self.name, link_name(APPROVAL, self.operator)),)
+    def __post_init__(self) -> None:
+        self.name = endpoint(self.operator, "gcs")
+        self.ports: Sequence[Port] = (Port(self.name, link_name(APPROVAL, self.operator)),)
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()

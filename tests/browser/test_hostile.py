@@ -55,7 +55,7 @@ COUNTED = "script, style, svg, iframe, img, base, link, object, embed, form, met
 
 def count_elements(opened: Opened) -> Mapping[str, Any]:
     """Counts of elements and handlers, which are the same for hostile and harmless text."""
-    return opened.page.evaluate(
+    counts: Mapping[str, Any] = opened.page.evaluate(
         """(counted) => ({
           elements: document.querySelectorAll(counted).length,
           handlers: [...document.querySelectorAll("*")]
@@ -64,6 +64,7 @@ def count_elements(opened: Opened) -> Mapping[str, Any]:
         })""",
         COUNTED,
     )
+    return counts
 
 
 @contextmanager

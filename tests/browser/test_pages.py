@@ -16,7 +16,7 @@ from tests.browser.chromium import missing, visit
 from tests.unit.study_sample import SampleRun, squares
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser
+    from playwright.sync_api import Browser, Page
 
 pytestmark = pytest.mark.external(missing=missing())
 
@@ -132,7 +132,7 @@ def test_without_scripts_the_page_still_has_its_pictures(browser: Browser, run_p
     opened.context.close()
 
 
-def visit_still(browser: Browser, path: Path):  # type: ignore[no-untyped-def]
+def visit_still(browser: Browser, path: Path) -> Page:
     page = browser.new_context(java_script_enabled=False).new_page()
     page.goto(path.resolve().as_uri())
     return page

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -69,7 +69,8 @@ def near(pixels: NDArray[np.int64], colour: str, within: int = 40) -> int:
 
 
 def data(opened: Opened) -> dict[str, Any]:
-    return json.loads(opened.page.locator("#run").text_content() or "")
+    read: dict[str, Any] = json.loads(opened.page.locator("#run").text_content() or "")
+    return read
 
 
 def spot(opened: Opened, colour: str) -> tuple[float, float]:
@@ -134,7 +135,8 @@ def test_views_from_above_and_from_the_side_differ(opened: Opened) -> None:
 
 def test_the_mouse_turns_and_zooms(opened: Opened) -> None:
     page, before = opened.page, scene(opened)
-    box = page.locator("#stage").bounding_box() or {}
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
     page.mouse.move(x, y)
     page.mouse.down()
@@ -166,7 +168,8 @@ def test_the_flight_plays_by_mouse_and_by_key(opened: Opened) -> None:
     page, play = opened.page, opened.page.locator("#play")
     page.locator("#pace").select_option("0.5")
     assert play.get_attribute("aria-label") == "Play"
-    for start in (play.click, lambda: page.keyboard.press(" ")):
+    starts: tuple[Callable[[], None], ...] = (play.click, lambda: page.keyboard.press(" "))
+    for start in starts:
         before = opened.now_s
         start()
         page.wait_for_function("(t) => Number(document.getElementById('clock').value) > t + 0.1", arg=before)
@@ -206,7 +209,8 @@ def test_what_is_drawn_follows_the_clock(opened: Opened) -> None:
 def test_the_clock_is_set_by_mouse(opened: Opened) -> None:
     page = opened.page
     page.locator("#missions").scroll_into_view_if_needed()
-    clock = page.locator("#clock").bounding_box() or {}
+    clock = page.locator("#clock").bounding_box()
+    assert clock is not None
     page.mouse.click(clock["x"] + clock["width"] / 2, clock["y"] + clock["height"] / 2)
     opened.settle()
     assert opened.now_s == pytest.approx(END_S / 2, abs=1.0)
@@ -218,7 +222,8 @@ def test_the_clock_is_set_by_mouse(opened: Opened) -> None:
     assert opened.now_s == pytest.approx(END_S, abs=1.0)
     lanes = page.locator(".lane-marks").nth(1)
     lanes.scroll_into_view_if_needed()
-    box = lanes.bounding_box() or {}
+    box = lanes.bounding_box()
+    assert box is not None
     page.mouse.click(box["x"] + box["width"] / 4, box["y"] + 24)
     opened.settle()
     assert opened.now_s == pytest.approx(END_S / 4, abs=0.5)

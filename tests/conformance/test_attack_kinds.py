@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from pydantic import Field
@@ -20,7 +20,8 @@ from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Number, Params
-from skyrange.contracts.verdicts import Delay
+from skyrange.contracts.verdicts import Delay, Inject
+from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.testing import NonConformance, check_attack
 from tests.hostile_kind import HOMEWARD, Homeward, Orders
@@ -57,6 +58,10 @@ class Hasty(Orders):
         return []
 
 
+def injections(tap: Orders, now: Time) -> list[Inject]:
+    return [verdict for verdict in Orders.on_wakeup(tap, now) if isinstance(verdict, Inject)]
+
+
 @dataclass
 class Shared:
     """What all attacks of the process share."""
@@ -81,7 +86,7 @@ class Sharing(Orders):
         self.turn = now // self.period_ns + 1
         return [
             replace(verdict, payload=verdict.payload + bytes([self.shared.count % 251]))
-            for verdict in Orders.on_wakeup(self, now)
+            for verdict in injections(self, now)
         ]
 
 
@@ -92,7 +97,7 @@ class Clocked(Orders):
     def on_wakeup(self, now: Time) -> Any:
         return [
             replace(verdict, payload=verdict.payload + time.time_ns().to_bytes(8, "little"))
-            for verdict in Orders.on_wakeup(self, now)
+            for verdict in injections(self, now)
         ]
 
 
@@ -101,7 +106,7 @@ class Uneven(Orders):
     """As a sham it says more."""
 
     def on_wakeup(self, now: Time) -> Any:
-        return [replace(verdict, payload=verdict.payload + b"!" * self.sham) for verdict in Orders.on_wakeup(self, now)]
+        return [replace(order, payload=order.payload + b"!" * self.sham) for order in injections(self, now)]
 
 
 class Stranger:
@@ -109,7 +114,7 @@ class Stranger:
 
     name = "radio"
     service_ns = NS_PER_S
-    ports = ()
+    ports: Sequence[Port] = ()
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         return Outbox()
@@ -141,7 +146,7 @@ def bad(tap: type[Orders]) -> AttackPlugin:
         (bad(Uneven), "attack.sham"),
         (AttackPlugin(Homeward, lambda params, context: Attack(agents=[Stranger()]), "A stranger."), "attack.named"),
         (AttackPlugin(Homeward, lambda params, context: Attack(), "Idle."), "attack.acts"),
-        (AttackPlugin(Homeward, lambda params, context: None, "Nothing."), "attack.makes"),
+        (AttackPlugin(Homeward, lambda params, context: cast(Attack, None), "Nothing."), "attack.makes"),
         (AttackPlugin(Homeward, lambda params, context: Attack(), "no sentence"), "attack.described"),
     ],
     ids=["hasty", "sharing", "clocked", "uneven", "stranger", "idle", "nothing", "mute"],

@@ -11,6 +11,7 @@ from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
 from skyrange.attack.companion.no_avoidance import NO_AVOIDANCE
 from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
+from skyrange.scenario.model.radio import Avoidance
 from skyrange.scenario.model.scenario import Operator, Origin, Plan, Radio, Scenario, Start, Vehicle
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
@@ -22,7 +23,7 @@ def encounter(duration_s: float) -> Scenario:
     operators = tuple(
         Operator(
             id=name,
-            avoidance="geometric",
+            avoidance=Avoidance.model_validate("geometric"),
             signing="on",
             vehicles=(
                 Vehicle(

@@ -58,6 +58,6 @@ KINDS: list[tuple[AttackPlugin, Mapping[str, Any], set[str], Mapping[str, float]
     ("kind", "params", "acts", "times"), KINDS, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(KINDS)]
 )
 def test_mavlink_attacks_conform(
-    kind: AttackPlugin, params: Mapping[str, Any], acts: set[str], times: Mapping[str, float]
+    kind: AttackPlugin, params: Mapping[str, Any], acts: set[str], times: Mapping[str, Any]
 ) -> None:
     check_attack(kind, params, acts=acts, **times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -38,7 +39,7 @@ class Front:
     """Asks a second agent over a link of their own, and passes its word on: the smallest service of two agents."""
 
     name: str
-    ports: tuple[Port, ...]
+    ports: Sequence[Port]
     asked: Port
     waiting: list[Port] = field(default_factory=list)
     service_ns: Time = 20 * NS_PER_MS
@@ -63,7 +64,7 @@ class Back:
     """Decides for the front."""
 
     name: str
-    ports: tuple[Port, ...]
+    ports: Sequence[Port]
     context: ApprovalContext
     service_ns: Time = 20 * NS_PER_MS
 
@@ -120,7 +121,12 @@ class Told(Params):
 
 def test_parameters_reach_the_policy() -> None:
     seen = []
-    check_approval(policy_plugin(Told, lambda params: seen.append(params) or ApproveAll(), "Sees."), {"apart_m": 4})
+
+    def make(params: Told) -> ApproveAll:
+        seen.append(params)
+        return ApproveAll()
+
+    check_approval(policy_plugin(Told, make, "Sees."), {"apart_m": 4})
     assert set(map(repr, seen)) == {repr(Told(apart_m=4.0))}
 
 

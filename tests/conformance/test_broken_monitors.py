@@ -150,7 +150,7 @@ BREAKING: list[tuple[str, Any]] = [
     ("alerts", Single),
     ("alerts", raising("alert")),
     ("alerts", raising(lambda now: Alert(now + 1, "all", "late", 1.0))),
-    ("alerts", raising(lambda now: Alert(now / 2, "all", "half", 1.0))),  # type: ignore[arg-type]
+    ("alerts", raising(lambda now: Alert(now / 2, "all", "half", 1.0))),
     ("alerts", raising(Alert(0, "", "empty", 1.0))),
     ("alerts", raising(Alert(0, "all", "Two Words", 1.0))),
     ("alerts", raising(Alert(0, "all", "score", float("nan")))),

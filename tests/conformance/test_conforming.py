@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import pytest
 
 from skyrange.contracts import plugins
+from skyrange.contracts.components import Agent, Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
 from skyrange.contracts.verdicts import Pass, Verdict
+from skyrange.core.chance import Chance
+from skyrange.core.geodesy import Origin
 from skyrange.core.ids import Port
-from skyrange.core.time import NS_PER_S, Time
+from skyrange.core.time import NS_PER_S, Epoch, Time
+from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.plan import paths, plans
-from skyrange.gcs.station import Flight, GroundStation
+from skyrange.gcs.station import GroundStation
 from skyrange.kernel import EngineMount, Kernel, Wiring
 from skyrange.testing import InputMessage, MessageRecorder, check_agent, check_approval, check_engine, check_tap
 from skyrange.testing.checks.approval_policies import EPOCH, ordinary
@@ -25,7 +29,7 @@ from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import ApprovalPlugin
 from skyrange.utm.messages import Request, encode
 from skyrange.vehicle.builtin.engine import BuiltinFleet
-from skyrange.vehicle.contract import AutopilotPlugin
+from skyrange.vehicle.contract import AutopilotPlugin, VehicleSpec
 from tests.probes.test_taps import Flooder, Meddler
 from tests.probes.toys import Bodies, Climber, Fleet, Station, onboard
 
@@ -139,7 +143,7 @@ def test_a_ground_station_that_nobody_answers() -> None:
     ],
     ids=["fleet", "station", "flooder"],
 )
-def test_toy_agents(make) -> None:
+def test_toy_agents(make: Callable[[], Agent]) -> None:
     check_agent(make)
 
 
@@ -172,14 +176,14 @@ class Witness:
 
 @pytest.mark.parametrize("make", [Lull, Witness])
 @pytest.mark.parametrize("payloads", [(), tuple(f"ask {k}".encode() for k in range(50))], ids=["mavlink", "text"])
-def test_toy_taps(make, payloads: Sequence[bytes]) -> None:
+def test_toy_taps(make: Callable[[str], Tap], payloads: Sequence[bytes]) -> None:
     check_tap(make, payloads=payloads)
 
 
 def test_toy_engine() -> None:
     """One at a time: the probes' world takes 1 m/s for each place in the row, beyond what a motor takes."""
 
-    def climber(name, specs, origin, epoch, chance) -> Climber:
+    def climber(name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> Climber:
         return Climber(name, [spec.vehicle for spec in specs])
 
     check_engine(climber, specs=FLEET[:1], world=lambda specs: Bodies([spec.vehicle for spec in specs]), mail=())

@@ -80,7 +80,7 @@ def _plugin(tap: type[DefenceTap]) -> DefencePlugin:
         return Defence(taps=place_taps("gcs", "companion", vehicles, context, TapMaker(tap, (Alarm("blue/b1"),))))
 
     phrase = "something"
-    said = {"place": phrase, "effect": phrase, "evasion": phrase, "cost": phrase}
+    said: dict[str, Any] = {"place": phrase, "effect": phrase, "evasion": phrase, "cost": phrase}
     return DefencePlugin(NoParams, make, "Is wrong.", ("gcs",), alerts=("told",), against=("*",), **said)
 
 

@@ -16,7 +16,11 @@ REPLACE = {
     "start_s": 5.0,
     "params": {**VICTIMS, "track": [[-40, 20, 15], [-80, 20, 15]]},
 }
-PARAMETER = {"kind": "mavlink.parameter", "start_s": 5.0, "params": {**VICTIMS, "values": {"FS_GCS_ENABLE": 5}}}
+PARAMETER: dict[str, Any] = {
+    "kind": "mavlink.parameter",
+    "start_s": 5.0,
+    "params": {**VICTIMS, "values": {"FS_GCS_ENABLE": 5}},
+}
 BEHIND_THE_LOCK = {**PARAMETER, "params": {**PARAMETER["params"], "on": "autopilot"}}
 MODE = {"kind": "mavlink.mode", "start_s": 5.0, "params": {**VICTIMS, "mode": "LAND"}}
 KINDS: list[tuple[str, Mapping[str, Any], Mapping[str, Any], Collection[str]]] = [

@@ -48,7 +48,7 @@ def test_detector_that_has_learned(plugin: DetectorPlugin) -> None:
 def receptions() -> list[bytes]:
     """Broadcasts as an aircraft and as a ground station gets them, some of them hostile."""
     places = [f3411.Location(lat_deg=40.778 + step, lon_deg=-73.955, alt_geo_m=10.0) for step in (0.0, 0.0001, 0.5)]
-    messages = [f3411.BasicId(uas_id="SKYR1", id_type=1, ua_type=2), *places]
+    messages: list[f3411.Message] = [f3411.BasicId(uas_id="SKYR1", id_type=1, ua_type=2), *places]
     bodies = [*(f3411.encode(message) for message in messages), bytes(25), b"\xff" * 25]
     found = []
     for number, body in enumerate(bodies * 6):

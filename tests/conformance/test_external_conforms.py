@@ -25,7 +25,7 @@ def test_external_vehicles_keep_the_contract() -> None:
     with ExitStack() as stack:
         ports = {
             spec.vehicle: stack.enter_context(
-                Foreign(spec.system_id, lambda _, home=spec.home_enu_m: home, origin=ORIGIN)
+                Foreign(spec.system_id, lambda _, home=spec.home_enu_m: home, origin=ORIGIN)  # type: ignore[misc]
             ).port
             for spec in specs
         }

@@ -124,7 +124,7 @@ def test_ns3_computes_free_space() -> None:
     """Friis at 2.437 GHz: 20·log10(4·pi·d/λ), ITU-R P.525-4 eq. 3."""
     plugin = MediumPlugin.find("ns3")
     context = MediumContext([RadioSpec("a", listening=SNIFFER)], Chance(1), losses="engine")
-    made = plugin(plugin.params(path_loss="friis"), context)
+    made = plugin(plugin.params.model_validate({"path_loss": "friis"}), context)
     assert isinstance(made, ExternalMedium)
     try:
         ends = np.array([(0.0, 0.0, 10.0, d, 0.0, 10.0) for d in (10.0, 100.0, 1000.0)])

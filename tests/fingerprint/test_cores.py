@@ -347,9 +347,8 @@ def test_a_file_that_cannot_be_written_leaves_nothing(
     full: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whichever core meets it: the first has operator a, the second b."""
+    from skyrange.record.folder import put_file as put
     from skyrange.record.write import recorder
-
-    put = recorder.put_file
 
     def fail(folder: Path, name: str, data: bytes) -> None:
         if name.startswith(f"missions/flown/{full}/"):

@@ -69,7 +69,9 @@ class Everybody:
     due: Time = NS_PER_S
 
     def __post_init__(self) -> None:
-        self.ports = [Port("oracle", f"{kind}:{v}") for v in self.vehicles for kind in ("rid_up", "rid_down")]
+        self.ports: Sequence[Port] = [
+            Port("oracle", f"{kind}:{v}") for v in self.vehicles for kind in ("rid_up", "rid_down")
+        ]
 
     def next_wakeup(self) -> Time | None:
         return self.due if self.ghosts else None
@@ -119,7 +121,7 @@ class Notes(MemoryObserver):
         truth = world.truth()
         self.track.append((now / NS_PER_S, np.stack([truth["east_m"], truth["north_m"], truth["up_m"]], axis=1)))
 
-    def kinds(self, about: str, *wanted: str) -> list[tuple[float, str]]:
+    def kinds_of(self, about: str, *wanted: str) -> list[tuple[float, str]]:
         return [(s.at_s, s.note.kind) for s in self.spoken if s.note.about == about and s.note.kind in wanted]
 
 

@@ -59,8 +59,8 @@ def believe(r: Range, **fields: Any) -> None:
     if not isinstance(fleet, _Believing):
         fleet.__dict__["estimated"] = fleet.__dict__.pop("estimate")
         fleet.__class__ = _Believing
-        fleet.held = {}
-    fleet.held.update(fields)
+        fleet.__dict__["held"] = {}
+    fleet.__dict__["held"].update(fields)
 
 
 def beat(r: Range, system: int = 255) -> None:

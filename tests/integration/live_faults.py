@@ -261,7 +261,7 @@ def gap_s(record: Any, sender: str) -> float:
     """The longest time in flight in which a ground station sent nothing."""
     table = record.table("frames", ["link", "sender", "sent_ns"]).to_pylist()
     sent = sorted(row["sent_ns"] for row in table if row["sender"] == sender and row["link"].startswith("gcs:"))
-    return max(later - earlier for earlier, later in itertools.pairwise(sent)) / NS_PER_S
+    return float(max(later - earlier for earlier, later in itertools.pairwise(sent)) / NS_PER_S)
 
 
 @dataclass(frozen=True)

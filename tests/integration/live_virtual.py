@@ -66,7 +66,7 @@ class VirtualFlight:
             part = self.part(node)
             if not (part / "manifest.json").exists():
                 return False
-            return load(part).table(table, ["kind"]).column("kind").to_pylist().count(kind) >= count
+            return bool(load(part).table(table, ["kind"]).column("kind").to_pylist().count(kind) >= count)
 
         while not noted():
             seconds -= 0.5

@@ -212,6 +212,9 @@ def _rejecting() -> Iterator[None]:
         def decide(self, now: Time, request: OperationalIntent) -> ApprovalDecision:
             return ApprovalDecision(False, "closed")
 
+        def end(self, now: Time, intent: str) -> None:
+            """Of a flight that it has rejected."""
+
     with registered(("reject-all", policy_plugin(NoParams, lambda params: RejectAll(), "Rejects every flight plan."))):
         yield
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -109,7 +110,9 @@ def unknown() -> tuple[str, list[str]]:
 
 @pytest.mark.parametrize("command", ["run", "pair"])
 @pytest.mark.parametrize("case", [in_the_world, without_radio, unknown], ids=lambda case: case.__name__)
-def test_all_that_cannot_be_is_said_at_once_and_nothing_is_written(case, command: str, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+def test_all_that_cannot_be_is_said_at_once_and_nothing_is_written(
+    case: Callable[[], tuple[str, list[str]]], command: str, tmp_path: Path
+) -> None:
     text, words = case()
     (tmp_path / "bad.toml").write_text(text)
     asked = [*SKYRANGE, command, "bad.toml"]

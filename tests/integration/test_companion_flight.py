@@ -70,12 +70,12 @@ def middle(flown: Flown) -> np.ndarray:
     """Where it was while between the buildings' ends, on its way out."""
     path = flown.path(0)
     out = path[: np.argmax(path[:, 1])]
-    return out[np.abs(out[:, 1]) < 25.0]
+    return np.asarray(out[np.abs(out[:, 1]) < 25.0])
 
 
 def test_without_anybody_in_the_way_the_passage_is_flown_and_nothing_commanded() -> None:
     flown = nominal()
-    assert flown.notes.kinds(A, *AVOIDING) == []
+    assert flown.notes.kinds_of(A, *AVOIDING) == []
     assert commands(flown) == []
     assert np.abs(middle(flown)[:, 2]).max() < 2.0
     assert flown.path(0)[:, 1].max() > 95.0
@@ -83,7 +83,7 @@ def test_without_anybody_in_the_way_the_passage_is_flown_and_nothing_commanded()
 
 def test_a_ghost_in_the_passage_turns_it_away_and_the_mission_goes_on() -> None:
     flown = attacked()
-    kinds = [kind for _, kind in flown.notes.kinds(A, *AVOIDING)]
+    kinds = [kind for _, kind in flown.notes.kinds_of(A, *AVOIDING)]
     assert kinds[0] == "decision.avoid"
     assert kinds[-1] == "decision.resume"
     assert set(kinds) == {"decision.avoid", "decision.resume"}
@@ -174,7 +174,7 @@ def test_two_who_meet_head_on_pass_each_other_and_both_complete() -> None:
 
     apart, flown = least(Geometric)
     assert apart > 19.0  # protected_m is 20
-    assert all("decision.resume" in dict(map(reversed, flown.notes.kinds(v, *AVOIDING))) for v in ends)  # type: ignore[arg-type]
+    assert all("decision.resume" in dict(map(reversed, flown.notes.kinds_of(v, *AVOIDING))) for v in ends)  # type: ignore[arg-type]
     assert least(NoAvoidance)[0] < 19.0
 
 
@@ -207,9 +207,9 @@ def with_operator(at_s: float, mode: int, seconds: float, **options: Any) -> Flo
 
 
 def test_an_operator_who_chooses_another_mode_is_obeyed() -> None:
-    begun = attacked().notes.kinds(A, "decision.avoid")[0][0]
+    begun = attacked().notes.kinds_of(A, "decision.avoid")[0][0]
     flown = with_operator(begun + 4.0, mav.COPTER_MODE_LOITER, begun + 25.0)
-    kinds = flown.notes.kinds(A, *AVOIDING)
+    kinds = flown.notes.kinds_of(A, *AVOIDING)
     assert kinds[-1][1] == "decision.yield"
     assert begun + 4.0 < kinds[-1][0] < begun + 5.6  # a heartbeat shows it, and it looks every 0.25 s
     assert [at for at, _, _ in commands(flown) if at > kinds[-1][0]] == []

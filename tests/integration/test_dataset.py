@@ -11,12 +11,13 @@ from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.parquet as pq
 import pytest
 
 from skyrange.core.errors import InputError
+from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.arms import Arm, scenario_of
 from skyrange.study.dataset import build
@@ -95,9 +96,10 @@ def sample(tmp_path_factory: pytest.TempPathFactory) -> Sample:
     return Sample(members, folder)
 
 
-def rows(sample: Sample, view: str, run: str) -> list[dict]:
+def rows(sample: Sample, view: str, run: str) -> list[dict[str, Any]]:
     found = pq.read_table(sample.folder / f"view={view}", filters=[("run", "=", run)])
-    return found.to_pylist()
+    listed: list[dict[str, Any]] = found.to_pylist()
+    return listed
 
 
 def test_every_view_has_its_declared_columns(sample: Sample) -> None:
@@ -237,7 +239,7 @@ def datasets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
         "HF_DATASETS_DISABLE_PROGRESS_BARS",
     ):
         monkeypatch.setenv(name, "1")
-    module = pytest.importorskip("datasets")
+    module: ModuleType = pytest.importorskip("datasets")
     monkeypatch.setattr(module.config, "HF_DATASETS_CACHE", tmp_path / "cache")
     return module
 
@@ -347,9 +349,12 @@ build.build_dataset(read_members({str(tmp_path / "runs.json")!r}), Path({str(out
     with pytest.raises(InputError, match="other runs or settings"):
         build_dataset(members, out, "another")
     written = []
-    monkeypatch.setattr(
-        build, "run_views", lambda record, *rest: written.append(record.path.name) or run_views(record, *rest)
-    )
+
+    def count(record: RunRecord, *rest: Any) -> Any:
+        written.append(record.path.name)
+        return run_views(record, *rest)
+
+    monkeypatch.setattr(build, "run_views", count)
     build_dataset(members, out, "sample", settings=BOTH)
     assert written == ["mode-nominal", "mode-attacked", "mode-sham"]
     assert (out / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()

@@ -72,7 +72,7 @@ def alerts(record: RunRecord) -> list[dict[str, Any]]:
 
 def first_s(rows: Sequence[Mapping[str, Any]], detector: str) -> float:
     """When a detector raised its first alert."""
-    return min(row["at_ns"] for row in rows if row["detector"] == detector) / NS_PER_S
+    return min(int(row["at_ns"]) for row in rows if row["detector"] == detector) / NS_PER_S
 
 
 @pytest.mark.parametrize(

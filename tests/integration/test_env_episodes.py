@@ -25,7 +25,7 @@ from skyrange.env import (
     make_scenario,
     play,
 )
-from skyrange.scenario import Operator, Scenario
+from skyrange.scenario import Operator, Origin, Scenario
 
 AUTO, RTL, LAND = 3.0, 6.0, 9.0
 BLUE = "blue_blue"
@@ -42,7 +42,7 @@ def two_operators() -> Scenario:
     return Scenario(
         name="two",
         duration_s=12,
-        origin=[47.3977, 8.5456],
+        origin=Origin(lat=47.3977, lon=8.5456),
         operators=(Operator(id="blue", vehicles=(first,)), Operator(id="green", vehicles=(second,))),
     )
 
@@ -56,7 +56,7 @@ def fly(
         agent: 0 if agent == "red" else np.zeros(len(environment.aircraft_of[agent]), dtype=np.int64)
         for agent in environment.possible_agents
     }
-    steps = []
+    steps: list[dict[str, Any]] = []
     while environment.agents:
         actions = {**nothing, **script.get(len(steps) + 1, {})}
         names = ("observations", "rewards", "terminations", "truncations", "infos")
@@ -148,7 +148,7 @@ def test_a_commanded_mode_is_a_labelled_frame_that_its_victim_obeys(tmp_path: Pa
 
 
 def test_operators_command_by_frames_too_and_their_acts_are_events(tmp_path: Path) -> None:
-    acts = {14: {"red": 1}, 15: {BLUE: [1, 0]}, 18: {BLUE: [2, 0]}}
+    acts: dict[int, dict[str, Any]] = {14: {"red": 1}, 15: {BLUE: [1, 0]}, 18: {BLUE: [2, 0]}}
     steps = fly(short(record_to=tmp_path), acts)
     assert [seen(steps[step - 1])["mode"] for step in (14, 16, 19)] == [LAND, AUTO, RTL]
     record = skyrange.load(tmp_path / "episode-00000")

@@ -178,7 +178,9 @@ def test_the_places_in_the_bytes_are_where_the_aircraft_was(record: RunRecord, t
             seconds, _, rest = packet["frame.time_epoch"].partition(".")
             at_ns = int(seconds + rest) - START_UTC_NS
             row = min(truth, key=lambda row: abs(row["time_ns"] - at_ns))
+            assert part.lon_deg is not None
             east, north = origin.enu_of(part.lat_deg, part.lon_deg)
+            assert part.alt_geo_m is not None
             up = part.alt_geo_m - origin.geoid_m - origin.alt_msl_m
             assert abs(east - row["east_m"]) < 10
             assert abs(north - row["north_m"]) < 10

@@ -327,9 +327,9 @@ def test_tables_have_every_recorded_row(record: RunRecord, tmp_path: Path) -> No
     wanted |= {f"telemetry/{name}.csv": count for name, count in record.messages.items()}
     assert made.by == wanted
     for name, count in wanted.items():
-        assert duckdb.sql(f"select count(*) from read_csv('{made.path / name}', header = true)").fetchall() == [
-            (count,)
-        ]
+        counted = duckdb.sql(f"select count(*) from read_csv('{made.path / name}', header = true)")
+        assert counted is not None
+        assert counted.fetchall() == [(count,)]
     truth, recorded = polars.read_csv(made.path / "truth.csv"), record.table("truth")
     assert truth.columns == recorded.column_names
     for name in truth.columns:

@@ -83,7 +83,7 @@ def test_a_fence_comes_back_as_it_went_in(r: Range) -> None:
     assert [(m.command, m.param1, m.seq) for m in got] == [(i[0], i[2], seq) for seq, i in enumerate(items)]
     for message, item in zip(got, items, strict=True):
         east, north = r.origin.enu_of(message.x * 1e-7, message.y * 1e-7)
-        assert (east, north) == (pytest.approx(item[3], abs=0.02), pytest.approx(item[4], abs=0.02))
+        assert (east, north) == pytest.approx(item[3:5], abs=0.02)
     assert r.events("event.fence")[0].data["items"] == len(items)
     zone = r.engines[0]._fleet.fence_zones[0]
     assert zone["count"] == 4
@@ -249,7 +249,7 @@ def test_rtl_goes_to_the_nearest_rally_point_at_least_as_high_as_it() -> None:
     r = away()
     upload(r, RALLY, [point(15.0, 25.0, 22.0), point(-200.0, 0.0)])
     east, north = land_at(r)
-    assert (east, north) == (pytest.approx(15.0, abs=0.7), pytest.approx(25.0, abs=0.7))
+    assert (east, north) == pytest.approx((15.0, 25.0), abs=0.7)
     highest = max(float(at[0, 2]) for _, at in r.track)
     assert highest == pytest.approx(22.0, abs=0.5)
 
@@ -269,4 +269,4 @@ def test_when_it_goes_home_all_the_same(
     r = away(**params)
     upload(r, RALLY, points)
     r.run(0.2)
-    assert land_at(r) == (pytest.approx(goal[0], abs=0.7), pytest.approx(goal[1], abs=0.7))
+    assert land_at(r) == pytest.approx(goal, abs=0.7)

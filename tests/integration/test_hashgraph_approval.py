@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -35,7 +35,7 @@ def service_of(operators: Sequence[str], **params: Any) -> ApprovalService:
 
 
 def flown(
-    asks: dict[str, Sequence[tuple[float, bytes]]],
+    asks: Mapping[str, Sequence[tuple[float, bytes]]],
     until_s: float,
     agents: Sequence[Any] | None = None,
     service: ApprovalService | None = None,

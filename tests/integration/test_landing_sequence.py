@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from skyrange.codec.mavlink import dialect
@@ -127,10 +129,11 @@ def test_a_start_without_a_place_stands_where_the_next_item_does() -> None:
 def test_without_a_sequence_it_is_refused_and_says_why() -> None:
     r = hovering()
     assert r.upload(V, [takeoff(10), waypoint(0, 50, 10)]) == 0
-    for ask, why in (
+    asks: tuple[tuple[Callable[[], int], str], ...] = (
         (lambda: r.mode(V, Mode.AUTO_RTL), "Mode change to AUTO RTL failed: No return path or landing sequence found"),
         (lambda: r.command(V, A.MAV_CMD_DO_LAND_START), "Mode change to AUTO RTL failed: No landing sequence found"),
-    ):
+    )
+    for ask, why in asks:
         start = r.seconds
         assert ask() == FAILED
         assert texts(r, start) == [(WARNING, "Unable to start landing sequence"), (WARNING, why[:50])]

@@ -252,4 +252,4 @@ def test_three_machines_with_a_tap_and_a_process_killed_and_started_anew(tmp_pat
     for name in ("gcs:blue/b1", link):
         times = [frame for frame in timed if frame.link == name]
         assert len(times) > 100
-        assert all(frame.arrived_ns > frame.sent_ns for frame in times)
+        assert all((frame.arrived_ns or 0) > frame.sent_ns for frame in times)

@@ -11,7 +11,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.gcs.station import GroundStation
 from skyrange.record import load
 from skyrange.runtime.run import Run
-from skyrange.scenario.model.scenario import Fleet, Operator, Scenario, path
+from skyrange.scenario.model.scenario import Fleet, Operator, Origin, Record, Scenario, path
 
 COUNT = 600
 HOP = path([(0, 0)], 2, end="land")
@@ -23,10 +23,10 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Path]:
     fleet = Fleet(count=COUNT, spacing_m=(12, 12), plan=HOP)
     scenario = Scenario(
         name="six hundred",
-        origin=(47.4, 8.5),
+        origin=Origin(lat=47.4, lon=8.5),
         duration_s=25,
-        record={"truth_hz": 1, "sensors_hz": 0},
-        operators=[Operator(id="parcel", fleets=[fleet])],
+        record=Record(truth_hz=1, sensors_hz=0),
+        operators=(Operator(id="parcel", fleets=(fleet,)),),
     )
     folder = tmp_path_factory.mktemp("six-hundred") / "run"
     run = Run.start(scenario, folder)

@@ -19,7 +19,8 @@ ENGINES = [pytest.param("ns3", marks=needs_ns3), pytest.param("omnetpp", marks=n
 
 
 def _rows(folder: Path, table: str) -> list[dict[str, Any]]:
-    return load(folder).table(table).to_pylist()
+    rows: list[dict[str, Any]] = load(folder).table(table).to_pylist()
+    return rows
 
 
 @pytest.mark.parametrize("engine", ENGINES)

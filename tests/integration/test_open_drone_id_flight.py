@@ -103,7 +103,7 @@ def said(record: RunRecord, link: str, number: int) -> list[tuple[Time, Any]]:
 
 
 def highest_m(record: RunRecord, vehicle: str) -> float:
-    return max(row["up_m"] for row in record.table("truth").to_pylist() if row["vehicle"] == vehicle)
+    return max(float(row["up_m"]) for row in record.table("truth").to_pylist() if row["vehicle"] == vehicle)
 
 
 @pytest.mark.parametrize("kind", KINDS)

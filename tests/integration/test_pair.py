@@ -149,7 +149,8 @@ def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
         if (row["vehicle"], row["against"]) == ("blue/b1", found.reference)
     ]
     mean = found.intervals()["blue/b1"]["departure_m"]
-    assert (mean.n, mean.mean) == (2, pytest.approx(sum(departures) / 2))
+    assert mean.n == 2
+    assert mean.mean == pytest.approx(sum(departures) / 2)
     assert mean.low is not None
     assert "Over 2 seeds" in found.report.read_text(encoding="utf-8")
 
@@ -206,7 +207,7 @@ def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, mo
 def test_interrupted_flights_are_shortfalls(tmp_path: Path) -> None:
     with offered():
         text = load_text(scenario(2.0, 3600.0))
-        sent = []
+        sent: list[int] = []
 
         def stop(number: int, now: int, end: int) -> None:
             if not sent:

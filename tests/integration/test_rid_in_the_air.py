@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -219,7 +220,7 @@ class Elsewhere:
     """A receiver that is led 30 m east within 10 s, with a velocity to match."""
 
     name = "spoofer"
-    vehicles = (B1,)
+    vehicles: Sequence[str] = (B1,)
     begin_ns: Time = 14 * NS_PER_S
     began: bool = False
 

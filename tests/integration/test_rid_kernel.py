@@ -58,7 +58,8 @@ END_NS = 26 * NS_PER_S
 
 
 def rows_of(folder: Path, table: str) -> list[dict[str, Any]]:
-    return load(folder).table(table).to_pylist()
+    rows: list[dict[str, Any]] = load(folder).table(table).to_pylist()
+    return rows
 
 
 # 17.345 s is no tick of oracle or companion; at 17.5 s the companions look, at 18 s they count

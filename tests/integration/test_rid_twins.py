@@ -148,6 +148,7 @@ def test_every_avoidance_leads_back_to_the_attackers_radio_and_on_to_a_change_of
         for cause in row["causes"]:
             down = frames[cause]
             assert (down.link, down.dst) == ("rid_down:green/g1", "green/g1.companion")
+            assert down.parent is not None
             assert down.parent in hostile
             assert frames[down.parent].link == "rid_up:ghost"
             said = f3411.decode(link_payload.unpack(down.payload).body)

@@ -10,11 +10,13 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pyarrow.compute as pc
 import pytest
 
 from skyrange.cli.app import app
+from skyrange.contracts.components import Finished
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import load
 from skyrange.record.read.run import RunRecord
@@ -263,7 +265,7 @@ def test_engines_that_fail_leave_a_failed_record(tmp_path: Path, monkeypatch: py
     (mount,) = started.built.wiring.engines
     finish = mount.engine.finish
 
-    def faulty(tick: int, wall_deadline_s: float):
+    def faulty(tick: int, wall_deadline_s: float) -> Finished:
         if tick > 5_000_000_000:
             raise ComponentError("engine builtin", "fell over")
         return finish(tick, wall_deadline_s)
@@ -325,7 +327,7 @@ def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
 ) -> None:
     started = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "run")
     (mount,) = started.built.wiring.engines
-    monkeypatch.setattr(mount.engine, "begin", lambda *_: {}["nothing"])
+    monkeypatch.setattr(mount.engine, "begin", lambda *_: dict[str, Any]()["nothing"])
     with pytest.raises(ComponentError, match=r"engine builtin: raised KeyError\('nothing'\) at 0.000000 s"):
         started.execute()
     assert load(tmp_path / "run").status == "failed"

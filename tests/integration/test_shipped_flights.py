@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from skyrange.study.summary import summary
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
 
-def flown(folder: Path, name: str, *changes: str, **how) -> RunRecord:
+def flown(folder: Path, name: str, *changes: str, **how: Any) -> RunRecord:
     return fly(load(name, changes, **how), folder / "run", report=False)
 
 
@@ -143,6 +144,7 @@ def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> No
         pytest.skip("the Upper East Side's buildings are not on this machine")
     scenario = load("city-fleet", changes, buildings=buildings)
     city = build_city(scenario)
+    assert city is not None
     after = apply_placing(scenario, city)
     assert len(list(after.fleet)) == (500 if changes else 48)
     assert check_starts(after, city, make_flight_plans(after)) == []

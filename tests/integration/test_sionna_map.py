@@ -50,7 +50,7 @@ def traced(tmp_path_factory: pytest.TempPathFactory) -> list[LossTableFile]:
     return maps
 
 
-def _seen(content: LossTableFile) -> np.ndarray:  # type: ignore[type-arg]
+def _seen(content: LossTableFile) -> np.ndarray:
     """(heights, rows, columns): points in sight of the mast, by skyrange's own geometry."""
     obstacles = obstacle_index(WALL.walls())
     points = content.header.grid.grid.points_enu_m

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from skyrange.contracts.components import Sensors
 from skyrange.kernel.acts import sensor_faults
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
@@ -26,10 +28,10 @@ def test_called_at_new_readings_alone_they_give_the_same_run(
     calls = 0
 
     class Counting(sensor_faults.SensorFaultInjector):
-        def alter(self, *arguments: object) -> object:
+        def alter(self, *arguments: Any) -> Sensors:
             nonlocal calls
             calls += 1
-            return super().alter(*arguments)  # type: ignore[arg-type]
+            return super().alter(*arguments)
 
     monkeypatch.setattr("skyrange.kernel.kernel.SensorFaultInjector", Counting)
     quick = flown(name, tmp_path / "quick")

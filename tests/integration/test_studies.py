@@ -15,6 +15,7 @@ import pyarrow as pa
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
+from skyrange.study.runs import fly
 from skyrange.study.sweep import folder as study_folder
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.design.model import Study, read_study
@@ -141,7 +142,6 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
 def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: Exception
 ) -> None:
-    fly = worker.fly
 
     def failing(scenario: Any, out: Path, **more: Any) -> Any:
         if out.name == "attacked" and out.parent.name == "p0001-s1":
@@ -165,7 +165,6 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
 def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fly = worker.fly
 
     def told_to_end(scenario: Any, out: Path, **more: Any) -> Any:
         raise ShortfallError("interrupted at 3.0 of 22.0 simulated seconds", out)

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.execution.local_pool import LocalPool
 from skyrange.study.sweep.execution.ray_pool import RayPool
@@ -24,7 +25,7 @@ STUDY = Study(
     scenario="gnss.jump",
     changes=("duration_s=15",),
     seeds=4,
-    draws=({"name": "onset", "key": "attacks.jump.start_s", "low": 8, "high": 12},),
+    draws=(Factor(name="onset", key="attacks.jump.start_s", low=8, high=12),),
 )
 
 
@@ -34,7 +35,7 @@ def cluster() -> Iterator[Any]:
     import ray
     from ray.cluster_utils import Cluster
 
-    found = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    found: Any = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
     found.add_node(num_cpus=1)
     found.wait_for_nodes()
     yield found
@@ -62,7 +63,7 @@ def test_a_cluster_gives_the_same_results_and_survives_a_node(cluster: Any, tmp_
     pool = RayPool(cluster.address)
     assert pool.jobs == 3
     on_ray = create_folder(STUDY, tmp_path / "ray")
-    ended = []
+    ended: list[Any] = []
 
     def end_a_node(done: int, total: int, left_s: float | None) -> None:
         if done == 1 and not ended:

@@ -84,6 +84,8 @@ def test_a_detector_that_sees_the_attack_leads_one_that_does_not(study: Path, tm
     gnss, gap = scores["gnss"].detection, scores["gap"].detection
     assert gnss is not None
     assert gap is not None
+    assert gnss.recall is not None
+    assert gap.recall is not None
     assert gnss.recall.value == 1.0
     assert gap.recall.value == 0.0
     board = command("study", "score", str(study), "--beside", str(file))
@@ -96,14 +98,17 @@ def test_models_are_trained_on_the_training_blocks_and_described(study: Path) ->
     scores = {one.detector: one for one in read_scores(study / "scores.json").detectors}
     for name in LEARNED:
         model = read_model(study / "models" / f"{name}.json")
-        assert scores[name].threshold is not None
-        assert model.threshold == scores[name].threshold.value
+        threshold = scores[name].threshold
+        assert threshold is not None
+        assert model.threshold == threshold.value
         assert model.training["blocks"] < 6
         card = (study / "models" / f"{name}.md").read_text()
         assert card.startswith(f"# Model card: {name}\n")
         assert ("- kinds of attack: gnss.jump" in card) == (name == "gradient-boosting")
         assert "## Limits" in card
-    assert scores["gradient-boosting"].sets[0].detection.recall.value == 1.0
+    recall = scores["gradient-boosting"].sets[0].detection.recall
+    assert recall is not None
+    assert recall.value == 1.0
 
 
 @pytest.mark.parametrize("name", LEARNED)
@@ -131,7 +136,8 @@ def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(
     flown = load(study / "runs" / block.name / "attacked")
     assert again.manifest["digests"]["fingerprint"] == flown.manifest["digests"]["fingerprint"]
     live = [(row["time_ns"], row["subject"], row["score"]) for row in again.table("alerts").to_pylist()]  # in a run
-    placement = MonitorPlacement("later", partial(LEARNED_PLUGIN, table.settings, None), ["gcs:*"], "gcs")
+    make = partial(LEARNED_PLUGIN, table.settings, None)  # type: ignore[arg-type] # it reads nothing of the context
+    placement = MonitorPlacement("later", make, ["gcs:*"], "gcs")
     replayed = [(one.alert.at, one.alert.subject, one.alert.score) for one in replay_monitor(flown, placement)]
     assert live == replayed
     assert [one[:2] for one in live] == [one[:2] for one in scored]

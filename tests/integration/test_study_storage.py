@@ -9,7 +9,8 @@ import pytest
 
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.design.factors import Factor
+from skyrange.study.sweep.design.model import LearnedTable, Study
 from skyrange.study.sweep.execution.executors import FlyBlock, Outcome
 from skyrange.study.sweep.execution.local_pool import LocalPool
 from skyrange.study.sweep.execution.storage import BlockStorage
@@ -24,8 +25,8 @@ STUDY = Study(
     changes=("duration_s=14",),
     seeds=2,
     keep=("truth",),
-    learned={},
-    draws=({"name": "onset", "key": "attacks.jump.start_s", "low": 8, "high": 12},),
+    learned=LearnedTable(),
+    draws=(Factor(name="onset", key="attacks.jump.start_s", low=8, high=12),),
 )
 
 

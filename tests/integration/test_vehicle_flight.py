@@ -6,6 +6,7 @@ Tolerances are on true positions in metres, chosen about twice what the controll
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -45,7 +46,7 @@ def away_from_square(points: np.ndarray, side: float) -> np.ndarray:
         np.maximum(np.maximum(-east, east - side), 0.0), np.maximum(np.maximum(-north, north - side), 0.0)
     )
     inside = np.minimum(np.minimum(east, side - east), np.minimum(north, side - north))
-    return np.where(outside > 0.0, outside, np.abs(inside))
+    return np.asarray(np.where(outside > 0.0, outside, np.abs(inside)))
 
 
 def test_square_mission_from_upload_to_disarmed() -> None:
@@ -74,7 +75,9 @@ def test_reached_items_quote_the_frames_that_wrote_them() -> None:
     start(r, V)
     r.run_until(r.has("event.item_reached", 3), 60.0)
     for note in r.events("event.item_reached"):
-        assert note.causes == slots[int(note.data["seq"])]
+        seq = note.data["seq"]
+        assert isinstance(seq, int)
+        assert note.causes == slots[seq]
 
 
 def test_home_is_where_it_was_armed_even_on_a_height() -> None:
@@ -176,7 +179,7 @@ def test_land_mode_lands_where_it_is() -> None:
     assert falls.min() == pytest.approx(-1.5, abs=0.25)  # WPNAV_SPEED_DN above LAND_ALT_LOW
 
 
-def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1):
+def local(x: float, y: float, z: float, v: tuple[float, float, float], mask: int, frame: int = 1) -> Any:
     return A.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, mask, x, y, z, *v, 0, 0, 0, 0, 0)
 
 

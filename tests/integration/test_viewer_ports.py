@@ -104,7 +104,7 @@ def test_one_that_reads_slowly_loses_whole_frames_and_what_waits_is_bounded(port
             assert all(len(viewer.waiting) <= WAITING_BYTES for viewer in ports._viewers[0])
         lost = ports.counts.frames_lost
         assert 0 < lost < total
-        numbers = []
+        numbers: list[int] = []
         while len(numbers) < total - lost:
             ports.serve()
             data = heard(slow, FRAME)

@@ -83,14 +83,15 @@ def scenario(wind_mps: float, names: Sequence[str] = tuple(PLANS)) -> Scenario:
         }
         for owner, streams in (("blue", "light"), ("green", "operator"))
     ]
-    return Scenario(
-        name="parity",
-        duration_s=DURATION_S,
-        origin={"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
-        wind={"speed_mps": wind_mps, "from_deg": 315.0},
-        sensors={"noise": 0.0},
-        operators=[operator for operator in operators if operator["vehicles"]],
-    )
+    data: dict[str, Any] = {
+        "name": "parity",
+        "duration_s": DURATION_S,
+        "origin": {"lat": -35.363328, "lon": 149.1652241, "alt_msl_m": 10.0},
+        "wind": {"speed_mps": wind_mps, "from_deg": 315.0},
+        "sensors": {"noise": 0.0},
+        "operators": [operator for operator in operators if operator["vehicles"]],
+    }
+    return Scenario(**data)
 
 
 def flown(wind_mps: float, folder: Path, names: Sequence[str] = tuple(PLANS)) -> Parity:

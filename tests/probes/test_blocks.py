@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
-from skyrange.contracts.verdicts import Delay, Inject, Pass, Verdict
+from skyrange.contracts.verdicts import Delay, Direction, Inject, Pass, Verdict
 from skyrange.core.errors import ComponentError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_MS, Time
@@ -35,7 +35,7 @@ class Many:
     def __init__(self, blocks: bool, commanded: bool = False) -> None:
         self.blocks = blocks
         self.commanded = commanded
-        self.ports = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
+        self.ports: Sequence[Port] = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
         self.step_no = 0
 
     def next_wakeup(self) -> Time | None:
@@ -67,7 +67,7 @@ class Ears:
     service_ns = 20 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port("blue.gcs", f"gcs:{name}") for name in NAMES]
+        self.ports: Sequence[Port] = [Port("blue.gcs", f"gcs:{name}") for name in NAMES]
         self.heard: list[Any] = []
 
     def next_wakeup(self) -> Time | None:
@@ -92,7 +92,7 @@ class Meddler:
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
         if frame.serial % 3 == 1:
-            return [Inject(b"!", frame.direction, frame.src, frame.dst), Pass()]
+            return [Inject(b"!", cast(Direction, frame.direction), frame.src, frame.dst), Pass()]
         return [Delay(now + 7 * MS) if frame.serial % 3 else Pass()]
 
     def next_wakeup(self) -> Time | None:
@@ -234,7 +234,7 @@ def test_blocks_of_an_attack_are_labelled_one_by_one_and_silenced_when_muted() -
 
 def test_a_block_from_a_port_that_is_no_links_end_is_refused() -> None:
     stray = Many(True)
-    stray.ports.append(Port("blue/b9.autopilot", "autopilot:blue/b9"))
+    stray.ports = [*stray.ports, Port("blue/b9.autopilot", "autopilot:blue/b9")]
     kernel_wiring = wiring(True, agents=[stray, Ears()])
     with pytest.raises(ComponentError, match="no link's end"):
         Kernel(kernel_wiring, []).advance(END)

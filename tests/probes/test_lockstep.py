@@ -61,7 +61,7 @@ def test_the_world_moves_under_the_last_actuators() -> None:
     kernel, log = build([Climber(f"e{i}", [v]) for i, v in enumerate(VEHICLES)])
     kernel.advance(100 * MS)
     assert log.truth[-1][0] == 100 * MS
-    heights = memoryview(log.truth[-1][1]["up_m"]).cast("d").tolist()  # type: ignore[index]
+    heights = memoryview(log.truth[-1][1]["up_m"]).cast("d").tolist()
     assert heights == pytest.approx([0.1, 0.1, 0.1], abs=1e-12)
 
 

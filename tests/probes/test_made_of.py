@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
+from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.contracts.links import Channel, LinkSpec, Route, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.references import FrameRefTable
-from skyrange.contracts.verdicts import Inject, Verdict
+from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time
 from skyrange.kernel import Kernel, Wiring
@@ -31,7 +32,7 @@ class Callers:
     service_ns = 10 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port(f"{name}.companion", f"rid_up:{name}") for name in NAMES]
+        self.ports: Sequence[Port] = [Port(f"{name}.companion", f"rid_up:{name}") for name in NAMES]
         self.turn = 0
 
     def next_wakeup(self) -> Time | None:
@@ -51,7 +52,9 @@ class Echo:
     service_ns = 10 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port("oracle", f"{kind}:{name}") for kind in ("rid_up", "rid_down") for name in NAMES]
+        self.ports: Sequence[Port] = [
+            Port("oracle", f"{kind}:{name}") for kind in ("rid_up", "rid_down") for name in NAMES
+        ]
         self.places = {port: place for place, port in enumerate(self.ports)}
         self.refs = FrameRefTable()
 
@@ -70,7 +73,9 @@ class Forger:
     """A tap that puts a call of its own beside every third."""
 
     def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        return [Inject(b"forged", frame.direction, frame.src, frame.dst)] if frame.serial % 3 == 1 else []
+        return (
+            [Inject(b"forged", cast(Direction, frame.direction), frame.src, frame.dst)] if frame.serial % 3 == 1 else []
+        )
 
     def next_wakeup(self) -> Time | None:
         return None
@@ -122,7 +127,7 @@ class Voice:
     def __init__(self, vehicle: str, speaking: bool, every: Time) -> None:
         self.name = f"voice of {vehicle}"
         self.originates = [Port(f"{vehicle}.companion", f"log:{vehicle}")]
-        self.ports: list[Port] = []
+        self.ports: Sequence[Port] = []
         self.due: Time = 0
         self.speaking = speaking
         self.every = every
@@ -145,7 +150,7 @@ class Station:
     service_ns = 10 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port("blue.gcs", f"gcs:{name}") for name in NAMES]
+        self.ports: Sequence[Port] = [Port("blue.gcs", f"gcs:{name}") for name in NAMES]
         self.turn = 0
 
     def next_wakeup(self) -> Time | None:
@@ -167,7 +172,7 @@ class Ears:
     service_ns = 10 * MS
 
     def __init__(self) -> None:
-        self.ports = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
+        self.ports: Sequence[Port] = [Port(f"{name}.autopilot", f"autopilot:{name}") for name in NAMES]
         self.heard: list[tuple[Time, Any]] = []
 
     def next_wakeup(self) -> Time | None:
@@ -192,7 +197,7 @@ def spoken(
     routes = [Route(f"{name}.companion", f"gcs:{name}", f"log:{name}", 10 * MS) for name in NAMES]
     routes += [Route(f"{name}.proxy", f"log:{name}", f"autopilot:{name}", proxy_ns) for name in NAMES]
     ears = Ears()
-    agents = [Station(), ears, *(Voice(name, speaking, every) for name in NAMES[:2])]
+    agents: list[Agent] = [Station(), ears, *(Voice(name, speaking, every) for name in NAMES[:2])]
     observer = MemoryObserver()
     kernel = Kernel(Wiring(3, links, agents, routes, fuse=fuse), [observer])
     for end in ends:

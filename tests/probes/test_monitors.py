@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrame, ObservedFrames
@@ -65,7 +66,7 @@ def range_wiring(gcs: Channel | None, tapped: bool = False, **more: Any) -> Wiri
         sides = [("gcs:*", "gcs"), ("gcs:*", "companion"), ("log:*", "proxy")]
         more["taps"] = [TapPlacement(match, side, test_taps.Meddler, "mitm") for match, side in sides]
         more["attacks"] = [AttackPlan("mitm", start_ns=300 * MS)]
-    agents = [Station("blue", VEHICLES), Fleet("fleet", VEHICLES)]
+    agents: list[Agent] = [Station("blue", VEHICLES), Fleet("fleet", VEHICLES)]
     return Wiring(5, links, agents, routes, **more)
 
 

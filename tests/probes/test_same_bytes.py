@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
+from skyrange.contracts.components import Agent
+from skyrange.contracts.links import AttackPlan, Channel, LinkSpec, Route, TapPlacement
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.kernel import EngineMount, Kernel, Transit, Wiring
 from tests.probes.test_taps import Meddler
@@ -15,8 +16,9 @@ from tests.probes.toys import MS, ROUGH, Bodies, Climber, Fleet, Log, Station, o
 END = 3 * NS_PER_S
 
 
-def network(vehicles: Sequence[str], gcs: Channel | None):
-    links, routes = [], []
+def network(vehicles: Sequence[str], gcs: Channel | None) -> tuple[list[LinkSpec], list[Route]]:
+    links: list[LinkSpec] = []
+    routes: list[Route] = []
     for vehicle in vehicles:
         some_links, some_routes = onboard(vehicle, gcs)
         links += some_links
@@ -98,8 +100,8 @@ def test_registration_order_changes_no_byte() -> None:
     logs = []
     for turn in (1, -1):
         log = Log()
-        agents = [*stations(vehicles), Fleet("x", vehicles[:3]), Fleet("a", vehicles[3:])][::turn]
-        kernel = Kernel(Wiring(seed=3, links=links[::turn], routes=routes[::turn], agents=agents), [log])
+        agents: list[Agent] = [*stations(vehicles), Fleet("x", vehicles[:3]), Fleet("a", vehicles[3:])]
+        kernel = Kernel(Wiring(seed=3, links=links[::turn], routes=routes[::turn], agents=agents[::turn]), [log])
         kernel.advance(NS_PER_S)
         kernel.finish()
         logs.append(log)

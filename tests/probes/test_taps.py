@@ -5,11 +5,13 @@ Probe (b): an attack muted equals the same attack removed, to the byte, on every
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 
+from skyrange.contracts.components import Agent
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -180,7 +182,7 @@ def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
 
     witnesses: dict[str, Witness] = {}
 
-    def witness(name: str):
+    def witness(name: str) -> Callable[[str], Witness]:
         def make(link: str) -> Witness:
             witnesses[name] = Witness(link)
             return witnesses[name]
@@ -213,7 +215,7 @@ def test_an_injected_frame_meets_only_the_taps_after_its_own() -> None:
     assert b"forged telemetry" not in saw["gcs inner"]
 
 
-def others(log: Log) -> list[tuple[object, ...]]:
+def others(log: Log) -> list[tuple[Any, ...]]:
     return [row for row in log.table() if row[1].startswith(("gcs", "log", "autopilot"))]
 
 
@@ -321,7 +323,7 @@ def test_an_answer_that_is_no_list_of_verdicts(answer: object, expected: str) ->
             return ()
 
     links, routes = onboard("blue/b1")
-    agents = [Station("blue", ["blue/b1"])]
+    agents: list[Agent] = [Station("blue", ["blue/b1"])]
     kernel = Kernel(
         Wiring(seed=1, links=links, routes=routes, agents=agents, taps=[TapPlacement("gcs:*", "gcs", Odd)]), [Log()]
     )
@@ -358,7 +360,7 @@ def test_a_taps_latest_wish_counts() -> None:
         return made[0]
 
     links, routes = onboard("blue/b1")
-    agents = [Station("blue", ["blue/b1"])]
+    agents: list[Agent] = [Station("blue", ["blue/b1"])]
     wiring = Wiring(seed=1, links=links, routes=routes, agents=agents, taps=[TapPlacement("gcs:*", "gcs", make)])
     Kernel(wiring, [Log()]).advance(NS_PER_S)
     assert made[0].woken == [805 * MS]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import pytest
 
@@ -34,7 +34,7 @@ class Asker:
     packer: Packer = field(default_factory=lambda: Packer(255, 190))
 
     def __post_init__(self) -> None:
-        self.ports = [Port(self.name, LINK)]
+        self.ports: Sequence[Port] = [Port(self.name, LINK)]
 
     def _ask(self, out: Outbox) -> None:
         message = dialect.MAVLink_param_request_read_message(1, 1, b"", self.next_index)
@@ -63,7 +63,7 @@ class Answerer:
     packer: Packer = field(default_factory=lambda: Packer(1, 1))
 
     def __post_init__(self) -> None:
-        self.ports = [Port(self.name, LINK)]
+        self.ports: Sequence[Port] = [Port(self.name, LINK)]
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()
@@ -184,10 +184,12 @@ async def over_tcp(noise: bytes) -> tuple[Seat, Seat]:
     [(over_udp, 0), (lambda: over_tcp(b""), 0), (lambda: over_tcp(b"\xfdnoise\xfe\x00\xff"), 9)],
     ids=["udp", "tcp", "tcp with noise"],
 )
-def test_the_same_frames_over_every_transport(transport: Callable[[], object], garbage: int) -> None:
+def test_the_same_frames_over_every_transport(
+    transport: Callable[[], Coroutine[Any, Any, tuple[Seat, Seat]]], garbage: int
+) -> None:
     asked, answered = in_virtual_time()
     assert len(asked) == len(answered) == PARAMETERS
-    asker, answerer = asyncio.run(transport())  # type: ignore[arg-type]
+    asker, answerer = asyncio.run(transport())
     assert answerer.heard == asked
     assert asker.heard == answered
     assert (answerer.garbage, asker.garbage) == (garbage, garbage)

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import EngineBase, Finished, InstanceStatus, Sensors, Source, World
+from skyrange.contracts.components import (
+    BodyInputs,
+    EngineBase,
+    Finished,
+    Floats,
+    InstanceStatus,
+    Poses,
+    Sensors,
+    Source,
+    World,
+)
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.links import Channel, LinkSpec, Route
@@ -26,11 +36,11 @@ class Log:
     """An observer that keeps everything as plain tuples."""
 
     def __init__(self) -> None:
-        self.frames: list[tuple[object, ...]] = []
-        self.notes: list[tuple[object, ...]] = []
+        self.frames: list[tuple[Any, ...]] = []
+        self.notes: list[tuple[Any, ...]] = []
         self.labels: list[Label] = []
         self.alerts: list[tuple[Time, str, Alert]] = []
-        self.truth: list[tuple[object, ...]] = []
+        self.truth: list[tuple[Any, ...]] = []
         self.truth_period_ns: Time = 10 * MS
 
     def on_frame(self, frame: Frame) -> None:
@@ -67,11 +77,11 @@ class Log:
     def on_truth(self, now: Time, world: World) -> None:
         self.truth.append((now, {name: column.tobytes() for name, column in world.truth().items()}))
 
-    def table(self) -> list[tuple[object, ...]]:
+    def table(self) -> list[tuple[Any, ...]]:
         """The frames in canonical order: neither fusing nor sharding may show in it."""
         return sorted(self.frames, key=lambda row: row[:5])
 
-    def on(self, *links: str) -> list[tuple[object, ...]]:
+    def on(self, *links: str) -> list[tuple[Any, ...]]:
         """The frames of some links only."""
         return [row for row in self.table() if row[1] in links]
 
@@ -88,7 +98,7 @@ class Fleet:
     due: Time = 0
 
     def __post_init__(self) -> None:
-        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in self.vehicles]
+        self.ports: Sequence[Port] = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in self.vehicles]
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()
@@ -121,7 +131,7 @@ class Station:
 
     def __post_init__(self) -> None:
         self.name = f"{self.operator}.gcs"
-        self.ports = [Port(self.name, f"gcs:{v}") for v in self.vehicles]
+        self.ports: Sequence[Port] = [Port(self.name, f"gcs:{v}") for v in self.vehicles]
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
         out = Outbox()
@@ -163,11 +173,30 @@ ROUGH = Channel(
 """A channel on which everything that can happen to a frame does."""
 
 
-class Bodies:
+class WorldBase:
+    """Members of a world that nothing imposes poses on or disturbs, and that no one asks for its motion."""
+
+    def set_source(self, rows: NDArray[np.int64], source: Source) -> None:
+        raise NotImplementedError
+
+    def impose(self, rows: slice | NDArray[np.int64], poses: Poses) -> None:
+        raise NotImplementedError
+
+    def body_inputs(self, rows: slice | NDArray[np.int64]) -> BodyInputs:
+        raise NotImplementedError
+
+    def disturb(self, rows: NDArray[np.int64], thrust_share: Floats, wind_enu_mps: Floats) -> None:
+        raise NotImplementedError
+
+    def motion(self) -> tuple[Floats, Floats]:
+        raise NotImplementedError
+
+
+class Bodies(WorldBase):
     """A world of points that integrate their one actuator."""
 
     def __init__(self, vehicles: Sequence[str], quantum_ns: Time = 2_500_000) -> None:
-        self.vehicles = list(vehicles)
+        self.vehicles: Sequence[str] = list(vehicles)
         self.quantum_ns = quantum_ns
         self._command = np.zeros((len(self.vehicles), 1))
         self._height_m = np.zeros(len(self.vehicles))
@@ -235,8 +264,8 @@ class Climber(EngineBase):
         boots_at: Time = 0,
     ) -> None:
         self.name = name
-        self.vehicles = list(vehicles)
-        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
+        self.vehicles: Sequence[str] = list(vehicles)
+        self.ports: Sequence[Port] = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
         self.service_ns = 10 * MS
         self.preroll_ns = preroll_ns
         self.begun: list[Time] = []

@@ -23,7 +23,7 @@ from skyrange.vehicle.builtin.estimation.state import FILTER
 from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, GAINS, LEGS, AutoYawMode, ControlMode, new_records
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world import multirotor
-from skyrange.world.airframes import AIRFRAMES
+from skyrange.world.airframes import AIRFRAMES, MOTORS
 
 DT_S = 0.0025
 STEPS = 8
@@ -119,8 +119,8 @@ def bodies(seed: int, spread: float) -> tuple[Any, ...]:
     names = list(AIRFRAMES)
     airframe = chance.integers(0, len(names), MOST)
     motors = np.array([multirotor.motor_rows(AIRFRAMES[names[k]], DT_S) for k in airframe])
-    expo, lag_up, lag_down = (np.repeat(motors[:, [k]], multirotor.MOTORS, axis=1) for k in range(3))
-    shape = MOST, multirotor.MOTORS
+    expo, lag_up, lag_down = (np.repeat(motors[:, [k]], MOTORS, axis=1) for k in range(3))
+    shape = MOST, MOTORS
     flags = np.zeros((MOST, 4), np.uint8)
     flags[:, multirotor.ALOFT] = chance.random(MOST) < 0.5
     return (
@@ -141,7 +141,8 @@ def moved(seed: int, spread: float, sizes: list[int]) -> list[bytes]:
         most = 0.0
         for rows in slices(sizes):
             *first, is_imposed = (array[rows] for array in arrays)
-            multirotor.advance(DT_S, parameters, *first, longest, is_imposed)
+            arguments: tuple[Any, ...] = (DT_S, parameters, *first, longest, is_imposed)
+            multirotor.advance(*arguments)
             most = max(most, float(longest[0]))
         longest[0] = most
     return [*(array.tobytes() for array in arrays), longest.tobytes()]

@@ -31,7 +31,7 @@ PLACE = st.tuples(st.floats(-260, 260), st.floats(-260, 260))
 
 @settings(deadline=None, max_examples=300)
 @given(place=PLACE, b=st.integers(0, len(BUILDINGS) - 1))
-def test_footprints(place, b):
+def test_footprints(place: tuple[float, float], b: int) -> None:
     point, shape = shapely.Point(place), BUILDINGS[b].shape
     inside, away, near_e, near_n = distance_to_footprint(WALLS, b, *place)
     edge = shapely.distance(shape.boundary, point)
@@ -46,7 +46,7 @@ def test_footprints(place, b):
 
 @settings(deadline=None, max_examples=300)
 @given(place=PLACE)
-def test_a_cell_lists_all_that_is_near(place):
+def test_a_cell_lists_all_that_is_near(place: tuple[float, float]) -> None:
     near = {
         b for b, building in enumerate(BUILDINGS) if shapely.distance(building.shape, shapely.Point(place)) < MARGIN_M
     }
@@ -59,19 +59,21 @@ def test_a_cell_lists_all_that_is_near(place):
 
 @settings(deadline=None, max_examples=300)
 @given(place=PLACE, up=st.floats(0, 120), steps=st.lists(st.tuples(PLACE, st.floats(-1, 1)), max_size=5))
-def test_free_is_no_more_than_the_way_to_anything(place, up, steps):
+def test_free_is_no_more_than_the_way_to_anything(
+    place: tuple[float, float], up: float, steps: list[tuple[tuple[float, float], float]]
+) -> None:
     """Floor by shapely, and no place within the free distance touches a building or stands over another roof."""
     radius, height = 0.4, 0.25
     here = np.array([*place, up])
     floor, free = floor_and_clearance(WALLS, here, radius, height)
 
-    def under(p):
+    def under(p: np.ndarray) -> float:
         tops = [
             b.height_m for b in BUILDINGS if shapely.intersects(b.shape, shapely.Point(p[:2])) and p[2] >= b.height_m
         ]
         return max(tops, default=0.0)
 
-    def touches(p):
+    def touches(p: np.ndarray) -> list[str]:
         return [
             b.id for b in BUILDINGS
             if shapely.distance(b.shape, shapely.Point(p[:2])) < radius - 1e-9
@@ -92,6 +94,6 @@ def test_free_is_no_more_than_the_way_to_anything(place, up, steps):
                 assert under(there) == floor or abs(there[2] - floor) < 0.03
 
 
-def test_no_buildings_is_refused():
+def test_no_buildings_is_refused() -> None:
     with pytest.raises(ValueError, match="at least one"):
         build_wall_index([])

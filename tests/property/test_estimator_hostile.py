@@ -37,6 +37,7 @@ def aloft() -> Range:
 def sane(fly: Range) -> None:
     fleet, estimator = fly.engines[0]._fleet, fly.engines[0]._estimator
     for table in (fleet.estimate, estimator.filters, fleet.flight):
+        assert table.dtype.names
         for name in table.dtype.names:
             column = table[name]
             for inner in column.dtype.names or ():

@@ -189,9 +189,9 @@ HEADERS = st.builds(
 @settings(deadline=None)
 def test_link_payloads_are_packed_in_columns_as_one_by_one(rows: list[tuple[RidHeader, bytes]]) -> None:
     singly = [link_payload.pack(header, body) for header, body in rows]
-    columns = [np.array([getattr(header, name) for header, _ in rows]) for name in RidHeader._fields]
-    columns[3] = np.array([list(header.address) for header, _ in rows], dtype=np.uint8).reshape(-1, 6)
-    together = link_payload.pack_rows(*columns, Payloads.of(body for _, body in rows))
+    columns = {name: np.array([getattr(header, name) for header, _ in rows]) for name in RidHeader._fields}
+    columns["address"] = np.array([list(header.address) for header, _ in rows], dtype=np.uint8).reshape(-1, 6)
+    together = link_payload.pack_rows(**columns, bodies=Payloads.of(body for _, body in rows))
     assert list(together) == singly
     assert [link_payload.unpack(payload) for payload in singly] == [RidFrame(header, body) for header, body in rows]
 

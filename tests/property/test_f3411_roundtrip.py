@@ -49,7 +49,8 @@ def locations(draw: st.DrawFn) -> Location:
     return Location(
         draw(NIBBLE), lat, lon, draw(ALTITUDE), draw(ALTITUDE), draw(ALTITUDE), draw(st.integers(0, 1)),
         draw(st.none() | floats(0, 254.25)), draw(st.none() | floats(-62, 62)), draw(st.none() | floats(0, 360)),
-        *(draw(NIBBLE) for _ in range(5)), draw(st.none() | floats(0, 3600)), draw(VERSION),
+        draw(NIBBLE), draw(NIBBLE), draw(NIBBLE), draw(NIBBLE), draw(NIBBLE), draw(st.none() | floats(0, 3600)),
+        draw(VERSION),
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
@@ -15,6 +15,7 @@ from uas_standards.astm.f3548.v21.api import OPERATIONS
 
 from skyrange.codec.f3548.frames import UssRequest, decode
 from skyrange.codec.f3548.operations import find_operation
+from skyrange.contracts.components import Agent
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.core.chance import Chance
@@ -147,13 +148,14 @@ def test_altered_messages_stop_no_service(steps: Sequence[Step], data: st.DataOb
         LinkSpec(one.ports[0].link, one.name, APPROVAL, Channel(mode="reliable", latency_ns=NS_PER_MS))
         for one in stations
     ]
-    kernel = Kernel(Wiring(seed=1, links=[*own, *service.links], agents=[*stations, *service.agents]), [])
+    agents: list[Agent] = [*stations, *service.agents]
+    kernel = Kernel(Wiring(seed=1, links=[*own, *service.links], agents=agents), [])
     kernel.advance(20 * NS_PER_S)
     kernel.finish()
 
 
 def _alter_departures(agent: Any, data: st.DataObject) -> None:
-    step = agent.step
+    step: Callable[[Time, Inbox], Outbox] = agent.step
 
     def altered(now: Time, inbox: Inbox) -> Outbox:
         out = step(now, inbox)
@@ -189,7 +191,8 @@ def test_accepted_intents_are_apart_at_every_moment_and_every_request_is_answere
     ]
     links: list[Any] = [replace(one, channel=channel) for one in service.links]
     seen = MemoryObserver()
-    kernel = Kernel(Wiring(seed=seed, links=[*own, *links], agents=[*stations, *service.agents]), [seen])
+    agents: list[Agent] = [*stations, *service.agents]
+    kernel = Kernel(Wiring(seed=seed, links=[*own, *links], agents=agents), [seen])
     for tenth in range(UNTIL_S * 5):
         kernel.advance(tenth * NS_PER_S // 5)
         check_apart(dss, usss)

@@ -131,5 +131,6 @@ def test_every_sound_path_can_be_checked_measured_and_filed(
     assert length_m >= 2 * max(up for _, _, up in points) - 1e-6
     assert routes.estimated_duration_s(plan) >= length_m / (max(cruise_mps, 2.5) * 2)
     claimed = volumes(plan, 0)
-    assert decode_request(encode(Request.of(OperationalIntent(intent_id("a/b"), "a", "a/b", claimed), EPOCH)))
+    request = Request.of(OperationalIntent(intent_id("a/b"), "a", "a/b", claimed), EPOCH)
+    assert decode_request(encode(request)) == request
     assert all(a.start_ns <= b.start_ns for a, b in pairwise(claimed))

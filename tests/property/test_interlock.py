@@ -28,9 +28,9 @@ def harmless(frame: bytes) -> bool:
     if frame[0] != 0xFD or frame[2] != 0:
         return False
     if said.get_type() == "COMMAND_LONG":
-        return said.target_system == SYSTEM and said.command in HARMLESS_COMMANDS
+        return bool(said.target_system == SYSTEM and said.command in HARMLESS_COMMANDS)
     if said.get_type() == "HEARTBEAT":
-        return said.get_srcSystem() == SYSTEM and said.get_srcComponent() != 1
+        return bool(said.get_srcSystem() == SYSTEM and said.get_srcComponent() != 1)
     return said.get_type() in HARMLESS and getattr(said, "target_system", SYSTEM) in (0, SYSTEM)
 
 

@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skyrange.core.errors import InputError
-from skyrange.radio.propagation.loss_table import NO_TABLE, LossGrid, free_space_of, loss_table, table_loss_db
+from skyrange.radio.propagation.loss_table import (
+    NO_TABLE,
+    LossGrid,
+    LossTable,
+    free_space_of,
+    loss_table,
+    table_loss_db,
+)
 from skyrange.radio.propagation.loss_table_file import decode_loss_table, encode_loss_table
 from skyrange.radio.propagation.path_loss import free_space_db, wavelength_m
 from tests.unit.test_loss_table import content
@@ -22,11 +29,12 @@ WHOLE = encode_loss_table(content())
 
 table_loss_db(NO_TABLE, 0.0, 0.0, 2.0, 9.0, 0.0, 2.0, 9.0, WAVE)  # compiled outside of the tests' deadline
 
+Place = tuple[float, float, float]
 across = st.floats(-80.0, 80.0)
 position = st.tuples(across, across, st.floats(0.0, 70.0))
 
 
-def _table(seed: int, places: int):  # type: ignore[no-untyped-def]
+def _table(seed: int, places: int) -> LossTable:
     chance = np.random.default_rng(seed)
     at = np.column_stack((chance.uniform(-60, 60, (places, 2)), chance.choice([2.0, 30.0], places)))
     excess = chance.uniform(-5.0, 40.0, (places, *GRID.shape))
@@ -39,7 +47,7 @@ TABLES = [_table(seed, places) for seed, places in ((1, 1), (2, 5), (3, 40))]
 
 
 @given(st.sampled_from(TABLES), position, position)
-def test_both_directions_have_one_loss_within_the_values_of_the_table(table, a, b) -> None:  # type: ignore[no-untyped-def]
+def test_both_directions_have_one_loss_within_the_values_of_the_table(table: LossTable, a: Place, b: Place) -> None:
     away = math.dist(a, b)
     there = float(table_loss_db(table, *a, *b, away, WAVE))
     back = float(table_loss_db(table, *b, *a, away, WAVE))
@@ -52,7 +60,7 @@ def test_both_directions_have_one_loss_within_the_values_of_the_table(table, a, 
 
 
 @given(st.sampled_from(TABLES), position, position)
-def test_the_nearest_place_is_found(table, a, b) -> None:  # type: ignore[no-untyped-def]
+def test_the_nearest_place_is_found(table: LossTable, a: Place, b: Place) -> None:
     from skyrange.radio.propagation.loss_table import nearest_place
 
     index, away = nearest_place(table, *a)
@@ -65,7 +73,7 @@ def test_the_nearest_place_is_found(table, a, b) -> None:  # type: ignore[no-unt
 
 
 @given(st.lists(st.tuples(st.integers(0, len(WHOLE) - 1), st.integers(0, 255)), min_size=1, max_size=8))
-def test_damaged_bytes_are_refused_or_read(changes) -> None:  # type: ignore[no-untyped-def]
+def test_damaged_bytes_are_refused_or_read(changes: list[tuple[int, int]]) -> None:
     data = bytearray(WHOLE)
     for at, value in changes:
         data[at] = value

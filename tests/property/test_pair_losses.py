@@ -6,6 +6,7 @@ Does a floor change nothing but which signals there are, and do both tracers of 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,8 +110,9 @@ def test_sight_is_lost_where_a_traced_line_is_blocked(seed: int, height_m: float
     rng = np.random.default_rng(seed)
     for _ in range(20):
         a, b = rng.uniform([-350.0, -350.0, 0.0], [350.0, 350.0, height_m], (2, 3)).tolist()
-        met = trace_line(TOWN, *a, *b, 0.123, math.inf)
-        assert has_line_of_sight(TOWN, *a, *b) == (met.blocking == 0)
+        ends: tuple[Any, ...] = (*a, *b, 0.123, math.inf)
+        met = trace_line(TOWN, *ends)
+        assert has_line_of_sight(TOWN, *ends[:6]) == (met.blocking == 0)
 
 
 def test_a_sender_reaches_some_and_not_others() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import pytest
 from hypothesis import given
@@ -60,9 +61,7 @@ def fly(times: Sequence[Time], limit: ProcessingLimit | None, costs: Sequence[Ti
     """Frames from `a` to `b`, where defences take time: the first drops multiples of 2, the second those of 3."""
     names = [f"d{k}" for k in range(len(costs))]
     log = Log()
-    taps = [
-        TapPlacement("l", "b", lambda link, k=k: Sieve(link, k + 2), names[k], cost_ns=ns) for k, ns in enumerate(costs)
-    ]
+    taps = [TapPlacement("l", "b", partial(Sieve, number=k + 2), names[k], cost_ns=ns) for k, ns in enumerate(costs)]
     kernel = Kernel(
         Wiring(
             1,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +14,14 @@ from skyrange.codec.mission import parse_waypoints
 from skyrange.codec.mission.qgc_wpl import format_waypoints
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.protocols.mission_items import encode_mission
-from skyrange.study.compare.mission_flights import ORIGIN, FlownMission, compare_flights, flight_plan
+from skyrange.study.compare.mission_flights import (
+    ORIGIN,
+    ComparableMission,
+    ComparedMission,
+    FlownMission,
+    compare_flights,
+    flight_plan,
+)
 from skyrange.study.compare.mission_parity import is_legal, legal_missions, shrink_mission
 from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
 from skyrange.study.measures.path_distance import path_distance_m
@@ -106,16 +115,18 @@ def test_a_mission_that_differs_is_shrunk_to_what_differs() -> None:
     (mission,) = [one for one in legal_missions(60) if any(item.command == 82 for item in one.items)][:1]
     runs = 0
 
-    def fly(fleet: list[RandomMission], wind: tuple[float, float]) -> list:
+    def fly(fleet: Sequence[ComparableMission], wind: tuple[float, float]) -> list[ComparedMission]:
         nonlocal runs
         runs += 1
         return [pair(one, wind) for one in fleet]
 
-    def pair(one: RandomMission, wind: tuple[float, float]):
+    def pair(one: ComparableMission, wind: tuple[float, float]) -> ComparedMission:
+        assert isinstance(one, RandomMission)
         curved = any(item.command == 82 for item in one.items)
         return compare_flights(one, wind, (_flown((), LINE + 5.0 * curved * ASIDE), _flown((), LINE)))
 
     found = shrink_mission(pair(mission, (3.0, 90.0)), fly, 40)
+    assert isinstance(found.mission, RandomMission)
     assert [item.command for item in found.mission.items].count(82) == 1
     assert len(found.mission.items) == 2
     assert found.wind_mps == 0.0

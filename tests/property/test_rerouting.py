@@ -21,6 +21,7 @@ from skyrange.gcs.plan.plans import path
 from skyrange.gcs.plan.rerouting import MAX_HOLD_S, reroute, rest_legs
 from skyrange.gcs.plan.volumes import Margins, leg_volumes
 from skyrange.planning.limits import NoRouteError
+from skyrange.planning.routes import find_route
 from skyrange.utm.airspace.claimed_airspace import Airspace
 
 ORIGIN = Origin(40.778, -73.955)
@@ -89,7 +90,7 @@ def test_one_closed_volume_is_waited_for_only_if_that_is_quicker_than_around_it(
 def test_hundreds_of_closed_volumes_are_soon_avoided(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each way meets other ones: in the end all are avoided at once."""
     planned = 0
-    find = rerouting.find_route
+    find = find_route
 
     def count(*arguments: Any) -> Any:
         nonlocal planned

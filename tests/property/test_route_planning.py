@@ -88,7 +88,7 @@ def oracle(field: NDArray[np.float64], heights: NDArray[np.float64], start: int,
     plane = rows * columns
 
     def is_free(layer: int, row: int, column: int) -> bool:
-        return field[row, column] == 0.0 or field[row, column] + 5.0 <= heights[layer]
+        return bool(field[row, column] == 0.0 or field[row, column] + 5.0 <= heights[layer])
 
     best = {start: 0.0}
     heap = [(0.0, start)]

@@ -153,7 +153,7 @@ def with_number(place: Place, number: float) -> dict[str, Any]:
     data = deepcopy(BASE)
     at: Any = data
     for name, after in pairwise(place):
-        at = at[name] if isinstance(at, list) else at.setdefault(name, [] if isinstance(after, int) else {})
+        at = at[int(name)] if isinstance(at, list) else at.setdefault(name, [] if isinstance(after, int) else {})
     if isinstance(at, list):
         at[int(place[-1]) :] = [number]
     else:

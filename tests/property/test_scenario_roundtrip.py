@@ -4,6 +4,7 @@ import contextlib
 import string
 import tomllib
 from datetime import UTC, datetime, timedelta, timezone
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -155,7 +156,7 @@ PLAIN = st.recursive(
 
 @settings(max_examples=60, deadline=None)
 @given(SCENARIOS)
-def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario):
+def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario) -> None:
     text = to_toml(scenario)
     assert load_text(text) == scenario
     assert to_toml(load_text(text)) == text
@@ -163,7 +164,7 @@ def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario):
 
 @settings(max_examples=60, deadline=None)
 @given(SCENARIOS)
-def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario):
+def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario) -> None:
     assert load_data(scenario.data()) == scenario
     names = [(operator.id, vehicle.id) for operator, vehicle in scenario.fleet]
     numbers = [(operator.id, vehicle.network, vehicle.system_id) for operator, vehicle in scenario.fleet]
@@ -172,14 +173,14 @@ def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario):
 
 @settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.sampled_from(["origin", "operators", "links", "city", "seed", "name"]), PLAIN, max_size=5))
-def test_any_data_builds_or_is_refused_with_faults(data):
+def test_any_data_builds_or_is_refused_with_faults(data: dict[str, Any]) -> None:
     with contextlib.suppress(InputError):  # the only way to refuse
         load_data(data)
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.text())
-def test_any_text_loads_or_is_refused(text: str):
+def test_any_text_loads_or_is_refused(text: str) -> None:
     with pytest.raises(InputError) as error:  # nothing this short is a scenario
         load_text(text)
     assert error.value.problems
@@ -193,14 +194,14 @@ PARTS = st.sampled_from(
 
 @settings(max_examples=150, deadline=None)
 @given(st.lists(st.lists(PARTS | st.text(max_size=3), min_size=1, max_size=6), max_size=3), st.text(max_size=6))
-def test_any_assignment_applies_or_is_refused(paths, value):
+def test_any_assignment_applies_or_is_refused(paths: list[list[str]], value: str) -> None:
     with contextlib.suppress(InputError):  # the only way to refuse
         load_data(apply_overrides(BASE, [f"{'.'.join(path)}={value}" for path in paths]))
 
 
 @settings(max_examples=150, deadline=None)
 @given(st.text(max_size=12))
-def test_values_are_toml_values_or_text_as_it_stands(text: str):
+def test_values_are_toml_values_or_text_as_it_stands(text: str) -> None:
     try:
         value = parse_value(text)
     except ValueError:

@@ -42,7 +42,7 @@ def studies(draw: st.DrawFn) -> tuple[Rows, Rows, Rows]:
         split = ("test", "validation", "train")[number % 3]
         for arm in ARMS:
             run = f"{number}-{arm}"
-            of_run = {
+            of_run: dict[str, Any] = {
                 "arm": arm,
                 "block": f"{number}",
                 "split": split,

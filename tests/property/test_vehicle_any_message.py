@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 import struct
+from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,6 +39,14 @@ def whole(kind: str) -> st.SearchStrategy[int]:
     return st.one_of(st.integers(low, high), st.sampled_from([low, high, 0, 1]))
 
 
+def _fill(size: int, raw: bytes) -> bytes:
+    return raw[:size].ljust(size, b"\0")
+
+
+def _to_bytes(kind: np.dtype[Any], value: int) -> bytes:
+    return np.array(value, dtype=kind).tobytes()
+
+
 def fields(number: int) -> st.SearchStrategy[bytes]:
     """A whole payload with every field drawn; the address is the aircraft's more often than not."""
     dtype = payload_dtype(number)
@@ -46,18 +56,18 @@ def fields(number: int) -> st.SearchStrategy[bytes]:
         if kind.kind == "S":
             one: st.SearchStrategy[bytes] = st.one_of(
                 st.binary(max_size=kind.itemsize), st.sampled_from([b"RTL_ALT", b"SYSID_THISMAV", b"WP_SPD"])
-            ).map(lambda raw, size=kind.itemsize: raw[:size].ljust(size, b"\0"))
+            ).map(partial(_fill, kind.itemsize))
         elif kind.kind == "f":
             code = "<f" if kind.itemsize == 4 else "<d"
             number_of = st.one_of(st.floats(width=32), st.sampled_from(NUMBERS))
-            one = number_of.map(lambda value, code=code: struct.pack(code, value))
+            one = number_of.map(partial(struct.pack, code))
         else:
             drawn = whole(kind.str[1:])
             if name == "target_system":
                 drawn = st.one_of(st.sampled_from([1, 1, 0]), drawn)
             if name == "command":
                 drawn = st.one_of(st.sampled_from(sorted(HANDLERS)), drawn)
-            one = drawn.map(lambda value, kind=kind: np.array(value, dtype=kind).tobytes())
+            one = drawn.map(partial(_to_bytes, kind))
         parts.append(st.lists(one, min_size=count, max_size=count).map(b"".join))
     return st.tuples(*parts).map(b"".join)
 
@@ -87,6 +97,7 @@ def sane(r: Range) -> None:
     fleet = r.engines[0]._fleet
     assert np.isfinite(fleet.stored_params).all()
     assert np.isfinite(fleet.actuators).all()
+    assert fleet.settings.dtype.names
     for name in fleet.settings.dtype.names:
         assert np.isfinite(fleet.settings[name]).all(), name
     for name in ("pos", "vel", "rate"):

@@ -112,6 +112,7 @@ messages = st.one_of(
 def sane(r: Range) -> None:
     fleet = r.engines[0]._fleet
     for table in (fleet.estimate, fleet.flight, fleet.settings):
+        assert table.dtype.names
         for name in table.dtype.names:
             column = table[name]
             if column.dtype.names:

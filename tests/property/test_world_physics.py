@@ -9,13 +9,15 @@ from hypothesis import strategies as st
 from skyrange.world import Body, Wind, World
 
 QUANTUM_NS = 2_500_000
+Place = tuple[float, float, float, float]  # east, north, up, heading
+Script = list[tuple[int, list[float]]]  # for how many ticks, and what the four motors are commanded
 COMMAND = st.floats(-0.5, 1.5) | st.sampled_from([0.0, 1.0, float("nan"), float("inf"), 5e-324])
 SCRIPT = st.lists(st.tuples(st.integers(1, 60), st.lists(COMMAND, min_size=4, max_size=4)), min_size=1, max_size=12)
 PLACE = st.tuples(st.floats(-5e3, 5e3), st.floats(-5e3, 5e3), st.sampled_from([0.0, 0.3, 40.0]), st.floats(-720, 720))
 WIND = st.tuples(st.floats(-25, 25), st.floats(-25, 25), st.floats(-3, 3))
 
 
-def _play(worlds: list[World], script: list[tuple[int, list[float]]]) -> list[list[str]]:
+def _play(worlds: list[World], script: Script) -> list[list[str]]:
     notes: list[list[str]] = [[] for _ in worlds]
     for world in worlds:
         world.advance(0)
@@ -30,7 +32,7 @@ def _play(worlds: list[World], script: list[tuple[int, list[float]]]) -> list[li
 
 @settings(deadline=None, max_examples=60)
 @given(place=PLACE, wind=WIND, script=SCRIPT)
-def test_state_stays_sane(place, wind, script):
+def test_state_stays_sane(place: Place, wind: tuple[float, float, float], script: Script) -> None:
     world = World([Body("blue/b1", "iris", *place)], wind=Wind(wind))
     (notes,) = _play([world], script)
     truth = {name: float(column[0]) for name, column in world.truth().items()}
@@ -45,7 +47,7 @@ def test_state_stays_sane(place, wind, script):
 
 @settings(deadline=None, max_examples=30)
 @given(place=PLACE, wind=WIND, script=SCRIPT, others=st.integers(1, 7))
-def test_company_changes_no_bit(place, wind, script, others):
+def test_company_changes_no_bit(place: Place, wind: tuple[float, float, float], script: Script, others: int) -> None:
     body = Body("blue/b1", "iris", *place)
     company = [Body(f"blue/x{i}", "iris", 8e3 + 3.0 * i, 0.0, 5.0) for i in range(others)]
     alone, among = World([body], wind=Wind(wind)), World([body, *company], wind=Wind(wind))

@@ -106,12 +106,13 @@ def fly(
                 rows = sorted(heard[row].items())
                 # the receiver knows when it heard, not when it was measured
                 age = [(now - sent - LATENCY_NS) / NS_PER_S for _, (sent, _, _) in rows]
-                pos = np.array([pos for _, (_, pos, _) in rows]).reshape(-1, 3)
-                vel = np.array([vel for _, (_, _, vel) in rows]).reshape(-1, 3)
-                pos = pos + vel * np.array(age).reshape(-1, 1)
+                told_vel: np.ndarray = np.array([vel for _, (_, _, vel) in rows]).reshape(-1, 3)
+                told_pos: np.ndarray = np.array([pos for _, (_, pos, _) in rows]).reshape(-1, 3)
+                told_pos = told_pos + told_vel * np.array(age).reshape(-1, 1)
                 if ghosts is not None and (until_s is None or now < until_s * NS_PER_S):
-                    pos, vel = np.vstack((pos, ghosts.pos_enu_m)), np.vstack((vel, ghosts.vel_enu_mps))
-                flyer.look(now, Tracks(pos, vel))
+                    told_pos = np.vstack((told_pos, ghosts.pos_enu_m))
+                    told_vel = np.vstack((told_vel, ghosts.vel_enu_mps))
+                flyer.look(now, Tracks(told_pos, told_vel))
         for flyer in flyers:
             flyer.move(STEP_NS / NS_PER_S)
             if city is not None:

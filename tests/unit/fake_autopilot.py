@@ -348,7 +348,8 @@ class Loop:
         for vehicle, autopilot in self.aircraft.items():
             for payload in autopilot.tick(self.now):
                 self.carry(link_name("gcs", vehicle), "rev", payload)
-        for agent in (*self.stations, self.approval):
+        agents: list[GroundStation | FlightApproval] = [*self.stations, self.approval]
+        for agent in agents:
             mail = boxes.get(agent.name, [])
             due = agent.next_wakeup()
             if not mail and (due is None or due > self.now):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import World
+from skyrange.contracts.components import Agent, World
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
@@ -66,7 +66,7 @@ def wiring(gcs: Channel | None, more: Mapping[str, Any] | None = None) -> Wiring
         some_links, some_routes = onboard(vehicle, gcs)
         links += some_links
         routes += some_routes
-    agents = [Reporter("blue", VEHICLES), Fleet("fleet", VEHICLES)]
+    agents: list[Agent] = [Reporter("blue", VEHICLES), Fleet("fleet", VEHICLES)]
     return Wiring(seed=8, links=links, routes=routes, agents=agents, world=Bodies(VEHICLES), **(more or {}))
 
 

@@ -14,6 +14,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
+from tests.probes.toys import WorldBase
 
 MS = 1_000_000
 VEHICLES = ("blue/b1", "blue/b2", "green/g1")
@@ -27,7 +28,7 @@ HEADER: dict[str, Any] = {
 }
 
 
-class StillWorld:
+class StillWorld(WorldBase):
     """Truth that is a function of the number of ticks and the row alone."""
 
     quantum_ns = 5 * MS // 2

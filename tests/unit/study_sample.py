@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def small_city() -> list[dict[str, Any]]:
 
 def fly(
     path: Path,
-    fleet: dict[str, tuple[tuple[float, float], float, float]],
+    fleet: Mapping[str, tuple[tuple[float, float], float, float]],
     colours: dict[str, str],
     city: list[dict[str, Any]],
     status: str = "complete",
@@ -179,7 +179,7 @@ def fly(
                      "fate": "lost" if lost else "delivered", "payload_id": k, "size": 40 + k % 7, "causes": []}
                 )  # fmt: skip
         climb, lap = alt, 4 * side / 1.5
-        events = [
+        events: list[tuple[float, str, dict[str, Any]]] = [
             (0.8, "event.mode", {"mode": "GUIDED", "reason": "gcs"}),
             (3.5, "event.armed", {}),
             (4.6, "event.mode", {"mode": "AUTO", "reason": "gcs"}),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -59,7 +60,7 @@ def test_attitudes_are_those_that_our_world_would_have_sent(heading_deg: float) 
 
 
 @pytest.mark.parametrize("changes", [{"vn": math.nan}, {"alt": math.inf}, {"q1": 2.0}])
-def test_what_no_body_can_be_is_not_sound(changes: dict[str, float]) -> None:
+def test_what_no_body_can_be_is_not_sound(changes: dict[str, Any]) -> None:
     assert not state_from_sim_state(sim_state(**changes), ORIGIN).is_valid
 
 

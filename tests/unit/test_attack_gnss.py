@@ -70,8 +70,15 @@ def told(which: SensorFault, now: Time, measured: Sequence[Time] | None = None) 
     """What it makes of the readings, of fixes measured then (default: now)."""
     sensors = readings()
     sensors.gnss_time_ns[:] = now if measured is None else measured
-    acts = which.on_sensors(now, sensors)
-    return sensors, acts
+    return sensors, acts_of(which, now, sensors)
+
+
+def acts_of(which: SensorFault, now: Time, sensors: Sensors) -> list[SensorAct]:
+    acts = []
+    for act in which.on_sensors(now, sensors):
+        assert isinstance(act, SensorAct)
+        acts.append(act)
+    return acts
 
 
 def off(sensors: Sensors) -> np.ndarray:
@@ -149,7 +156,7 @@ def test_a_receiver_without_a_fix_has_none_to_be_false() -> None:
     jump, sensors = fault(JUMP, offset_m=[30, 0, 0]), readings()
     sensors.gnss_time_ns[:] = 3 * S
     sensors.gnss_fix[:] = [1, 3]
-    assert [act.vehicle for act in jump.on_sensors(3 * S, sensors)] == ["blue/b2"]
+    assert [act.vehicle for act in acts_of(jump, 3 * S, sensors)] == ["blue/b2"]
     assert off(sensors)[:, 0] == pytest.approx([0.0, 30.0])
 
 

@@ -111,8 +111,11 @@ def states(
     for step in range(round(seconds * 5)):
         now = 2 * S + step * STEP
         sensors = readings(now, places[0], places[1], velocity)
-        acts = which.on_sensors(now, sensors)
-        rows.append((sensors.gnss_fix.tolist(), sensors.gnss_enu_m.tolist(), [act.vehicle for act in acts]))
+        acted = []
+        for act in which.on_sensors(now, sensors):
+            assert isinstance(act, SensorAct)
+            acted.append(act.vehicle)
+        rows.append((sensors.gnss_fix.tolist(), sensors.gnss_enu_m.tolist(), acted))
     return rows
 
 

@@ -43,7 +43,7 @@ def made(kind: AttackPlugin, where: AttackContext, **params: Any) -> Attack:
 def sent(attack: Attack, until: Time, mail: tuple[Arrival, ...] = ()) -> list[tuple[Time, bytes]]:
     """What the only agent sends, stepped when it asks and when there is mail."""
     (agent,) = attack.agents
-    out = []
+    out: list[tuple[Time, bytes]] = []
     now, waiting = -1, list(mail)
     while True:
         wishes = [wish for wish in (agent.next_wakeup(), waiting[0].at if waiting else None) if wish is not None]

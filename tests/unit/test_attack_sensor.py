@@ -49,15 +49,13 @@ def test_one_sensor_is_altered_and_a_sham_alters_none(kind: AttackPlugin, column
     assert live.on_sensors(2 * S - 1, readings()) == []
     acts = live.on_sensors(2 * S, mine)
     assert acts == sham.on_sensors(2 * S, other)
-    assert [act.vehicle for act in acts] == ["blue/b1", "blue/b2"]
+    sensor = {"baro_up_m": "baro", "compass_gauss": "compass", "gyro_radps": "gyro", "accel_mps2": "accel"}[column]
+    assert acts == [SensorAct("blue/b1", sensor), SensorAct("blue/b2", sensor)]
     for one in fields(Sensors):
         want = getattr(true, one.name).tobytes()
         assert getattr(other, one.name).tobytes() == want
         assert (getattr(mine, one.name).tobytes() == want) == (one.name != column)
     assert live.on_sensors(3 * S, readings()) == []
-    assert acts[0] == SensorAct(
-        "blue/b1", {"baro_up_m": "baro", "compass_gauss": "compass"}.get(column, acts[0].sensor)
-    )
 
 
 def test_an_error_rises_and_stays() -> None:

@@ -11,7 +11,7 @@ from skyrange.attack.approval.eclipse import ECLIPSE
 from skyrange.attack.approval.equivocate import EQUIVOCATE
 from skyrange.attack.approval.slow_gossip import SLOW_GOSSIP
 from skyrange.attack.approval.suppress_notifications import SUPPRESS_NOTIFICATIONS, SuppressingTap
-from skyrange.attack.contract import AttackContext, AttackPlugin
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
@@ -28,7 +28,7 @@ CORRIDOR = {"from_m": [0, 0], "to_m": [9, 9]}
 
 def context(links: Sequence[str]) -> AttackContext:
     schedule = Schedule(0, 10 * NS_PER_S)
-    vehicles = ("blue/b1", "green/g1", "red/r1")
+    vehicles = {name: Aircraft((0.0, 0.0, 0.0), "") for name in ("blue/b1", "green/g1", "red/r1")}
     return AttackContext("x", vehicles, links, Origin(40.0, -74.0), Epoch(0), Chance(3), 10 * NS_PER_S, schedule, False)
 
 

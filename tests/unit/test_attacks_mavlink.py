@@ -329,6 +329,6 @@ def test_hostile_frames_depend_on_the_seed_and_on_the_link() -> None:
     runs = [tap(MALFORMED, rate_hz=20, on=on) for on in ("gcs", "gcs", "log")]
     first, again, other = ([one.on_wakeup(one.next_wakeup() or 0)[0] for _ in range(40)] for one in runs)
     assert first == again
-    first, other = ([verdict.payload for verdict in each if isinstance(verdict, Inject)] for each in (first, other))
-    assert len(first) == len(other) == 40
-    assert first != other
+    one, two = ([verdict.payload for verdict in each if isinstance(verdict, Inject)] for each in (first, other))
+    assert len(one) == len(two) == 40
+    assert one != two

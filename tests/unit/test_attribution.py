@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -130,7 +131,7 @@ A, B, AB = frozenset("a"), frozenset("b"), frozenset("ab")
 
 def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() -> None:
     away = {AB: distances(departure=30.0, mission=1.0), A: distances(departure=30.0), B: distances(departure=0.5)}
-    departed = {AB: [7_000_000_000], A: [7_000_000_000], B: [None]}
+    departed: dict[frozenset[str], Sequence[int | None]] = {AB: [7_000_000_000], A: [7_000_000_000], B: [None]}
     rows = relate(Comparison(1, ["blue/1"], away, departed, distances(departure=1.0)), True, 5)
     said = [(row["outcome"], row["attack"], row["relation"], row["shift"], row["shift_s"]) for row in rows]
     assert said == [

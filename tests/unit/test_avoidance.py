@@ -8,6 +8,7 @@ import tomllib
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -261,7 +262,8 @@ def test_kinds_are_plugins_and_bad_parameters_are_named() -> None:
         plugin = getattr(importlib.import_module(module), name)
         assert isinstance(plugin, AvoidancePlugin)
         with suppress(ComponentError):  # orca, where pyrvo is not installed
-            assert plugin(AvoidanceLimits(), AvoidanceContext()).kind == kind
+            made: Any = plugin(AvoidanceLimits(), AvoidanceContext())
+            assert made.kind == kind
     assert Orca.kind == "orca"
     assert Geometric(None, AvoidanceLimits(protected_m=30)).limits.protected_m == 30.0
     with pytest.raises(ValidationError) as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import struct
+import sys
 from types import SimpleNamespace
 from typing import Any
 
@@ -50,7 +51,7 @@ def packet(count: int, first: int, magic: int = 18458) -> bytes:
 @pytest.fixture(params=["compiled", "plain"])
 def fleet(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Process], BatchExchange]:
     if request.param == "plain":
-        monkeypatch.setattr(exchanges.sys, "platform", "plan9")
+        monkeypatch.setattr(sys, "platform", "plan9")
     processes = [Process() for _ in range(3)]
     return processes, BatchExchange(processes, 2)
 

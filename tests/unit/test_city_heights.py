@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pytest
 
 from skyrange.city.building_heights import height_of, parse_length
@@ -23,7 +25,7 @@ from skyrange.city.building_heights import height_of, parse_length
         ("7 feet", 7 * 0.3048),
     ],
 )
-def test_lengths(value, metres):
+def test_lengths(value: str | float, metres: float) -> None:
     assert parse_length(value) == pytest.approx(metres, rel=1e-12)
 
 
@@ -34,7 +36,7 @@ def test_lengths(value, metres):
         *(None, True, 0, -1.0, float("nan"), float("inf"), 10**400, [3], {"m": 3}),
     ],
 )
-def test_no_lengths(value):
+def test_no_lengths(value: object) -> None:
     assert parse_length(value) is None
 
 
@@ -61,11 +63,11 @@ def test_no_lengths(value):
         ({"storeysAboveGround": 4}, (12.0, 0.0, "derived", "storeysAboveGround", False)),
     ],
 )
-def test_best_tag_wins(tags, expected):
+def test_best_tag_wins(tags: Mapping[str, object], expected: tuple[float, float, str, str, bool]) -> None:
     assert height_of(tags) == expected
 
 
-def test_coordinates_are_better_than_storeys_and_worse_than_a_height():
+def test_coordinates_are_better_than_storeys_and_worse_than_a_height() -> None:
     assert height_of({"building:levels": 9}, 20.0)[:4] == (20.0, 0.0, "derived", "3-D coordinates")
     assert height_of({"height": 9}, 20.0)[:3] == (9.0, 0.0, "measured")
     assert height_of({}, 0.2).source == height_of({}, 5e6).source == "defaulted"

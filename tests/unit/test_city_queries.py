@@ -18,7 +18,7 @@ BRIDGE = Building("bridge", 30.0, shapely.box(60, 0, 70, 10), base_m=20.0)
 CITY = City([HALL, TOWER, BRIDGE], "by hand")
 
 
-def test_points():
+def test_points() -> None:
     assert CITY.bounds == (5.0, 0.0, 70.0, 40.0)
     assert CITY.inside(15, 15) is TOWER  # the taller of two
     assert CITY.inside(6, 6) is HALL
@@ -30,7 +30,7 @@ def test_points():
     assert (CITY.height_at(15, 15), CITY.height_at(6, 6), CITY.height_at(0, 0)) == (50.0, 10.0, 0.0)
 
 
-def test_obstacles_within_a_radius():
+def test_obstacles_within_a_radius() -> None:
     assert CITY.obstacles_within(0, 5, 5.0) == [HALL]
     assert CITY.obstacles_within(0, 5, 4.9) == []
     assert CITY.obstacles_within(50, 20, 40.0) == [HALL, TOWER, BRIDGE]
@@ -58,23 +58,23 @@ def test_obstacles_within_a_radius():
         ([], 1.0, None),
     ],
 )
-def test_paths(path, margin_m, first):
+def test_paths(path: list[tuple[float, float, float]], margin_m: float, first: Building | None) -> None:
     assert CITY.first_obstruction(path, margin_m) is first
     assert CITY.is_clear(path, margin_m) is (first is None)
 
 
-def test_deep_copy_is_the_city_itself():
+def test_deep_copy_is_the_city_itself() -> None:
     assert copy.deepcopy({"city": CITY})["city"] is CITY
 
 
-def test_impossible_buildings_and_empty_cities_are_refused():
+def test_impossible_buildings_and_empty_cities_are_refused() -> None:
     with pytest.raises(ValueError, match="base_m"):
         Building("x", 5.0, TOWER.shape, base_m=5.0)
     with pytest.raises(ValueError, match="at least one"):
         City([], "nowhere")
 
 
-def test_downtown_keeps_to_its_measures():
+def test_downtown_keeps_to_its_measures() -> None:
     city = downtown_grid((4, 2), (20.0, 90.0), seed=5, street_m=20.0, block_m=60.0)
     assert len(city) == 4 * 2 * 4
     assert city.bounds == (-150.0, -70.0, 150.0, 70.0)
@@ -88,8 +88,8 @@ def test_downtown_keeps_to_its_measures():
     assert shapely.union_all(shapes).area == pytest.approx(sum(shape.area for shape in shapes))
 
 
-def test_downtown_is_addressed_by_seed_and_place():
-    def tops(city):
+def test_downtown_is_addressed_by_seed_and_place() -> None:
+    def tops(city: City) -> dict[str, float]:
         return {building.id: building.height_m for building in city.buildings}
 
     small, large, other = downtown_grid((2, 2), seed=1), downtown_grid((3, 5), seed=1), downtown_grid((2, 2), seed=2)
@@ -98,7 +98,7 @@ def test_downtown_is_addressed_by_seed_and_place():
     assert tops(downtown_grid((2, 2), seed=1)) == tops(small)
 
 
-def test_downtown_refuses_all_that_is_wrong_at_once():
+def test_downtown_refuses_all_that_is_wrong_at_once() -> None:
     with pytest.raises(InputError) as caught:
         downtown_grid((0, 3), (50.0, 20.0), street_m=-1.0, block_m=float("nan"))
     assert [fault.where for fault in caught.value.problems] == ["blocks", "height_m", "street_m", "block_m"]

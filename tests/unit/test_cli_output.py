@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 
 import skyrange.cli
 from skyrange.cli.output import console, run_summary
+from skyrange.cli.output.escaping import escape
 from skyrange.runtime.interrupt import Interruptible
 
 MAIN = [sys.executable, "-c", "from skyrange.cli import main; main()"]
@@ -33,9 +34,9 @@ def controls(text: str) -> list[str]:
 
 @given(texts)
 def test_escaped_text_controls_nothing_and_plain_text_stays(text: str) -> None:
-    escaped = console.escape(text)
+    escaped = escape(text)
     assert controls(escaped) == []
-    assert console.escape(escaped) == escaped
+    assert escape(escaped) == escaped
     if not controls(text):
         assert escaped == text
 

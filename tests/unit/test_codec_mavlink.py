@@ -36,7 +36,7 @@ FRAME = pymavlink_frame(HEARTBEAT)
 def with_checksum(covered: bytes, crc_extra: int) -> bytes:
     crc = dialect.x25crc(covered[1:])
     crc.accumulate(bytes([crc_extra]))
-    return covered + crc.crc.to_bytes(2, "little")
+    return covered + bytes(crc.crc.to_bytes(2, "little"))
 
 
 def test_decoding_is_shared_and_carries_the_header() -> None:
@@ -132,7 +132,9 @@ def test_header_peeks() -> None:
     ]
     assert [sender_system(payload) for payload in (FRAME, v1, odid)] == [7, 7, 250]
     for nothing in (b"", b"\xfd", b"\xfd" * 11, b"\xfe" * 7, b"POST / HTTP/1.1"):
-        assert message_id(nothing) is message_name(nothing) is sender_system(nothing) is None
+        assert message_id(nothing) is None
+        assert message_name(nothing) is None
+        assert sender_system(nothing) is None
     assert message_id(FRAME[:7] + b"\xff\xff\xff" + FRAME[10:]) == 0xFFFFFF
     assert message_name(FRAME[:7] + b"\xff\xff\xff" + FRAME[10:]) is None
 

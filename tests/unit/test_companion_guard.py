@@ -16,7 +16,7 @@ from skyrange.vehicle.companion.control_handover import (
     ControlHandover,
     ControlState,
 )
-from skyrange.vehicle.companion.message_requests import REQUESTS, RETRY_NS, MessageRequests
+from skyrange.vehicle.companion.message_requests import REQUESTS, RETRY_NS, MessageRequest, MessageRequests
 
 S = NS_PER_S
 GOAL_REQUEST = (100.0, 0.0, 30.0)
@@ -41,17 +41,15 @@ def test_taking_and_giving_back() -> None:
     command = handover.follow(10 * S, GO, GOAL_REQUEST)
     assert command is not None
     assert (command.mode, command.place, command.stop, command.note) == (GUIDED, AWAY, False, "decision.avoid")
-    assert handover.control is ControlState.TAKING_OVER
-    assert handover.goal_enu_m == GOAL_REQUEST
+    assert (handover.control, handover.goal_enu_m) == (ControlState.TAKING_OVER, GOAL_REQUEST)
     assert handover.observe(10 * S + 1, AUTO, 10 * S - 1, True, False) is None  # an old heartbeat
     assert handover.observe(11 * S, GUIDED, 11 * S, True, False) is None
-    assert handover.control is ControlState.COMPANION
+    assert (handover.control, handover.engaged) == (ControlState.COMPANION, True)
     command = handover.follow(20 * S, AvoidanceDecision(AvoidanceAction.RESUME, None), GOAL_REQUEST)
     assert command is not None
     assert (command.mode, command.note, handover.control) == (AUTO, "decision.resume", ControlState.RETURNING)
     assert handover.observe(21 * S, AUTO, 21 * S, True, False) is None
-    assert handover.control is ControlState.MISSION
-    assert not handover.engaged
+    assert (handover.control, handover.engaged) == (ControlState.MISSION, False)
 
 
 def test_a_waypoint_is_told_once_and_again_after_a_while() -> None:
@@ -134,8 +132,8 @@ def test_keep_is_nothing() -> None:
 # --- what is asked for --------------------------------------------------------------------------------
 
 
-def names(asked: list[tuple[int, object]]) -> list[str]:
-    return [request.field for _, request in asked]  # type: ignore[attr-defined]
+def names(asked: list[tuple[int, MessageRequest]]) -> list[str]:
+    return [request.field for _, request in asked]
 
 
 def test_what_is_missing_is_asked_for_at_first_and_again_when_it_stops() -> None:

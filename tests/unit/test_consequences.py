@@ -19,8 +19,11 @@ def note(at_s: float, kind: str, about: str = V, **data: Any) -> RecordedNote:
     return RecordedNote(round(at_s * S), kind, about, "engine", data)
 
 
+Notes = Sequence[tuple[RecordedNote, Mapping[str, Origin]]]
+
+
 def found(
-    notes: Sequence[tuple[RecordedNote, Mapping[str, Origin]]],
+    notes: Notes,
     acts: Sequence[Act] = (),
     lost: Sequence[LostReception] = (),
 ) -> list[tuple[float, str, str, str, int]]:
@@ -62,7 +65,7 @@ def test_both_aircraft_of_a_collision_follow_from_what_either_was_made_to_do() -
 
 def test_an_estimator_follows_from_falsified_readings_and_not_before() -> None:
     acts = [Act(2 * S, "drift", "sensor", "gnss:a/1|fwd|drift|0", V)]
-    notes = [
+    notes: Notes = [
         (note(1, "event.glitch", on=True), {}),
         (note(3, "event.glitch", on=True), {}),
         (note(4, "event.mode", mode="LAND", reason="ekf_failsafe"), {}),
@@ -78,7 +81,7 @@ def test_an_estimator_follows_from_falsified_readings_and_not_before() -> None:
 @pytest.mark.parametrize(("action", "expected"), [("drop", 3), ("delay", 3), ("inject", 0)])
 def test_what_follows_from_dropped_frames(action: str, expected: int) -> None:
     acts = [Act(S, "cut", action, "gcs:a/1|fwd|gcs|7", V)]
-    notes = [
+    notes: Notes = [
         (note(3, "decision.link_lost", silent_s=2.0), {}),
         (note(4, "event.mode", mode="RTL", reason="gcs_failsafe"), {}),
         (note(5, "decision.link_restored"), {}),

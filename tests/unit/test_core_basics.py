@@ -68,7 +68,9 @@ def test_nearest_names_the_close_or_the_few() -> None:
         (((0, 0), (0, 1), (1, 1)), 0, 1, 5, 5),
     ],
 )
-def test_impossible_volumes_are_refused(outline, lower, upper, start, end) -> None:  # type: ignore[no-untyped-def]
+def test_impossible_volumes_are_refused(
+    outline: tuple[tuple[float, float], ...], lower: float, upper: float, start: int, end: int
+) -> None:
     with pytest.raises(ValueError, match="volume"):
         Volume4D(outline, lower, upper, start, end)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,7 +22,7 @@ S = 1_000_000_000
 BLOCKS, WINDOWS, ONSET, EFFECT, FRAMES = 24, 16, 6, 10, 20
 
 
-def table(view: str, rows: int, run: str, block: str, arm: str, values: dict) -> pa.Table:
+def table(view: str, rows: int, run: str, block: str, arm: str, values: dict[str, Any]) -> pa.Table:
     """Rows of a view: what `values` leaves out is null, false, 0 or empty."""
     columns = {}
     for one in VIEWS[view]:
@@ -133,7 +134,9 @@ def test_a_clean_set_passes(tmp_path: Path) -> None:
 def test_a_leak_is_found_and_named(tmp_path: Path, leak: str, comparison: str, column: str | tuple[str, ...]) -> None:
     found = {one.name: one for one in audit_dataset(write_set(tmp_path, leak))}
     assert not found[comparison].passed
-    assert found[comparison].low > LIMIT
+    low = found[comparison].low
+    assert low is not None
+    assert low > LIMIT
     assert found[comparison].leaks[0].startswith(column)
     with pytest.raises(InputError, match=f"leaks: AUC .* by {re.escape(found[comparison].leaks[0])}"):
         require_no_leak(list(found.values()))
@@ -195,6 +198,8 @@ def test_about_as_many_blocks_as_are_said_to_be_needed_decide() -> None:
 def test_noise_that_is_independent_of_the_arm_passes_and_repeats() -> None:
     finding = audit_comparison(noise(3000))
     assert finding.passed
+    assert finding.low is not None
+    assert finding.high is not None
     assert finding.low < 0.5 < finding.high
     assert audit_comparison(noise(3000)) == finding
 

@@ -55,12 +55,12 @@ def beats(times: Sequence[float], place: int = 0, payload: bytes | None = None) 
     return [seen(at, heartbeat() if payload is None else payload, place) for at in times]
 
 
-HEARD = beats(range(60), 1)  # type: ignore[arg-type]
+HEARD = beats(range(60), 1)
 """The second link's: never silent."""
 
 
 def test_heartbeats_on_time_raise_nothing() -> None:
-    assert alerts([*HEARD, *beats(range(60))], 59.0) == []  # type: ignore[arg-type]
+    assert alerts([*HEARD, *beats(range(60))], 59.0) == []
     assert alerts([*HEARD, *beats([0, 5, 10, 15, 20])], 25.0) == []
 
 
@@ -88,13 +88,13 @@ def test_a_link_that_was_never_heard_is_silent_from_the_start() -> None:
     ids=["of another component", "cut", "garbage", "another message"],
 )
 def test_other_frames_are_no_heartbeats(payload: bytes) -> None:
-    assert len(alerts([*HEARD, *beats(range(20), 0, payload)], 20.0)) == 1  # type: ignore[arg-type]
+    assert len(alerts([*HEARD, *beats(range(20), 0, payload)], 20.0)) == 1
     sent = [seen(at, heartbeat(), 0, received=False) for at in range(20)]
     assert len(alerts([*HEARD, *sent], 20.0)) == 1
 
 
 def test_heartbeats_of_mavlink_1_count() -> None:
-    assert alerts([*HEARD, *beats(range(20), 0, heartbeat(version=1))], 20.0) == []  # type: ignore[arg-type]
+    assert alerts([*HEARD, *beats(range(20), 0, heartbeat(version=1))], 20.0) == []
 
 
 def test_limit_and_component_are_parameters() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import deepcopy
+from functools import partial
 from math import atan2, cos, degrees, radians, sin
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ def light(until_s: float, say: Say = north, place: int = 1) -> list[ObservedFram
 
 def test_steady_flight_raises_nothing() -> None:
     for plugin in (CONSISTENCY, FLEET, GNSS_INNOVATION, MULTI_SENSOR):
-        frames = [frame for place in (1, 2, 3) for frame in light(60.0, lambda at, p=place: north(at, p), place)]
+        frames = [frame for place in (1, 2, 3) for frame in light(60.0, partial(north, place=place), place)]
         assert alerts(plugin, frames, 60.0) == [], plugin.about
 
 
@@ -249,7 +250,7 @@ def test_positions_that_were_reported_before_are_a_replay() -> None:
 def test_links_that_are_lost_together_are_found() -> None:
     def until(ends_s: Sequence[float]) -> list[ObservedFrame]:
         return [
-            position(at, lambda at, p=place: north(at, p), place)
+            position(at, partial(north, place=place), place)
             for place, end in enumerate(ends_s, start=1)
             for at in times(end, 4)
         ]

@@ -119,7 +119,7 @@ def test_positions_that_contradict_the_velocity() -> None:
 
 
 def test_a_signal_too_strong_for_the_claimed_distance() -> None:
-    still = {"speed_mps": 0.0}
+    still: dict[str, Any] = {"speed_mps": 0.0}
     frames = [own(0.0, 0.0, 0.0), heard(1.0, body(0.8, 0.0, 2000.0, **still), rssi_dbm=-30.0)]
     # 45 dBm with gain and reflection, free space at 2437 MHz: −30 dBm at 55 m
     assert rules(find(frames)) == {"strength": pytest.approx(2000.0 / 55.1, rel=0.02)}

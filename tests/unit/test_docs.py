@@ -19,7 +19,7 @@ import tomllib
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import pytest
 
@@ -210,7 +210,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 RUNNABLE = [
     param
     for param in PARAMS
-    if any(block.words[1:2] in (("run",), ("scenario",), ("file",)) for block in blocks(param.values[0]))
+    if any(block.words[1:2] in (("run",), ("scenario",), ("file",)) for block in blocks(cast(Path, param.values[0])))
 ]
 
 

@@ -13,9 +13,10 @@ from skyrange.codec.f3411 import EPOCH_2019_S, Authentication, BasicId, IdType, 
 from skyrange.codec.f3411.authentication import join_pages
 from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.broadcast_profiles import Broadcast
-from skyrange.remoteid.drip.broadcasts import PAGE_NS, AuthenticationPages
+from skyrange.remoteid.drip.broadcasts import AuthenticationPages
 from skyrange.remoteid.drip.credentials import Credentials
 from skyrange.remoteid.drip.registry import Registry
+from skyrange.remoteid.drip.schedule import PAGE_NS
 from skyrange.remoteid.drip.verification.policy import Acceptance, Verification, accepts
 from skyrange.remoteid.drip.verification.verdicts import Trust
 from skyrange.remoteid.drip.verification.verifier import MAX_TOLD, Verifier

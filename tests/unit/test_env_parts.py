@@ -26,6 +26,7 @@ from skyrange.env.observations import TelemetryFeatures
 from skyrange.env.outcomes import MissionProgress
 from skyrange.env.red_parts import AdversaryTap, ChosenDrift, make_red_team
 from skyrange.scenario import Scenario, load_scenario
+from skyrange.scenario.model.scenario import Origin as ScenarioOrigin
 from skyrange.testing import check_agent, check_monitor, check_tap
 from tests.unit.test_attack_gnss import off, readings
 
@@ -35,7 +36,9 @@ BLUE = "blue_blue"
 
 def altered(**changes: Any) -> Scenario:
     (blue,) = make_scenario(1).operators
-    return Scenario(name="altered", origin=[47.0, 8.0], operators=(blue.model_copy(update=changes),))
+    return Scenario(
+        name="altered", origin=ScenarioOrigin(lat=47.0, lon=8.0), operators=(blue.model_copy(update=changes),)
+    )
 
 
 @pytest.mark.parametrize(

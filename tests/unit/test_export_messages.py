@@ -238,7 +238,9 @@ def test_nulls_differ_from_empty_texts(tmp_path: Path) -> None:
     cells = [print_cells(column).to_pylist() for column in columns]
     lines = [",".join(cell or "" for cell in line) for line in zip(*cells, strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["t,f,l", *lines, ""]))
-    found = duckdb.sql(f"select * from read_csv('{tmp_path / 'a.csv'}', allow_quoted_nulls = false)").fetchall()
+    relation = duckdb.sql(f"select * from read_csv('{tmp_path / 'a.csv'}', allow_quoted_nulls = false)")
+    assert relation is not None
+    found = relation.fetchall()
     assert found[:2] == [("", 1.0, "[]"), (None, None, None)]
     assert found[2][0] == "a,b"
     assert math.isnan(found[2][1])

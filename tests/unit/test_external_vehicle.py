@@ -290,7 +290,7 @@ def test_it_is_held_to_the_wall_clock_by_the_run() -> None:
         resolve_speed(2.0, [engine])
 
 
-def kernel(engine: ExternalEngine, **policies: str) -> tuple[Kernel, World]:
+def kernel(engine: ExternalEngine, **policies: Any) -> tuple[Kernel, World]:
     world = World([Body("blue/b1", "iris", 0.0, 0.0, 0.0, 0.0)])
     wiring = Wiring(
         1, onboard_links("blue/b1", "blue"), world=world, engines=[EngineMount(engine, slice(None))],

@@ -65,7 +65,9 @@ def test_nothing_is_never_breached() -> None:
     ],
 )
 def test_zones(parts: list[Any], east: float, union: bool, broken: bool, far: float) -> None:
-    assert zone_breach(zones(*parts), east, 0.0, union) == (broken, pytest.approx(far))
+    is_broken, distance_m = zone_breach(zones(*parts), east, 0.0, union)
+    assert is_broken == broken
+    assert distance_m == pytest.approx(far)
 
 
 @settings(max_examples=200, deadline=None)

@@ -9,6 +9,7 @@ import struct
 import subprocess
 from collections import Counter
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -28,7 +29,7 @@ from skyrange.vehicle.gazebo.names import GROUND, building_name, city_name, mode
 from skyrange.vehicle.gazebo.sdf_elements import bar_between, format_numbers
 from skyrange.vehicle.gazebo.world_file import FILE, write_world
 from skyrange.vehicle.gazebo.world_view import add_view, camera_place
-from skyrange.world.airframes import AIRFRAMES
+from skyrange.world.airframes import AIRFRAMES, Airframe
 
 ORIGIN = Origin(40.778, -73.955, 20.0, -32.7)
 BLUE = (0.0, 0.4, 0.7)
@@ -62,7 +63,7 @@ def footprints(draw: st.DrawFn) -> shapely.Geometry:
 
 
 def make_world(folder: Path, city: City | None = None, flavour: str = "classic", **changes: object) -> Path:
-    arguments = {
+    arguments: dict[str, Any] = {
         "aircraft": FLEET,
         "mirrored": SHADOW,
         "city": city,
@@ -88,7 +89,7 @@ def numbers(element: ElementTree.Element, path: str) -> list[float]:
 # ---------------------------------------------------------------- names
 
 
-def test_a_model_has_the_vehicles_name():
+def test_a_model_has_the_vehicles_name() -> None:
     assert model_name("blue/1") == "blue.1"
     assert model_name("rid-city_2/b-1") == "rid-city_2.b-1"
     with pytest.raises(ValueError, match="id"):
@@ -96,7 +97,7 @@ def test_a_model_has_the_vehicles_name():
 
 
 @given(st.lists(st.one_of(st.text("ab/._~:6", min_size=1), st.text(min_size=1)), unique=True, min_size=2, max_size=8))
-def test_names_are_unique_and_valid(vehicles: list[str]):
+def test_names_are_unique_and_valid(vehicles: list[str]) -> None:
     names = [model_name(vehicle) for vehicle in [*vehicles, city_name(0), GROUND, "world"]]
     assert len(set(names)) >= len(vehicles)
     assert len({model_name(vehicle) for vehicle in vehicles}) == len(vehicles)
@@ -105,7 +106,7 @@ def test_names_are_unique_and_valid(vehicles: list[str]):
     assert not any(name.startswith("_") or " " in name for name in names)
 
 
-def test_hostile_text_is_escaped(tmp_path: Path):
+def test_hostile_text_is_escaped(tmp_path: Path) -> None:
     hostile = PlacedAircraft('x"/><plugin name="&::', "<o>", "iris", 0.0, 0.0, 0.0, 0.0)
     plugin = Path('/tmp/a"<b>&.so')
     world = world_of(make_world(tmp_path, aircraft=[hostile], mirrored=[], plugin=plugin))
@@ -114,7 +115,7 @@ def test_hostile_text_is_escaped(tmp_path: Path):
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=6))
-def test_numbers_read_back_unchanged(values: list[float]):
+def test_numbers_read_back_unchanged(values: list[float]) -> None:
     assert [float(part) for part in format_numbers(*np.array(values)).split()] == values
     with pytest.raises(ValueError, match="infinite"):
         format_numbers(*values, math.nan)
@@ -124,7 +125,7 @@ def test_numbers_read_back_unchanged(values: list[float]):
 
 
 @given(st.sampled_from(sorted(AIRFRAMES)), metres, metres, st.floats(-720.0, 720.0))
-def test_an_aircraft_is_its_airframe(name: str, east_m: float, north_m: float, heading_deg: float):
+def test_an_aircraft_is_its_airframe(name: str, east_m: float, north_m: float, heading_deg: float) -> None:
     airframe = AIRFRAMES[name]
     model = make_aircraft_model(PlacedAircraft("a/1", "a", name, east_m, north_m, 0.0, heading_deg), BLUE)
     x, y, z, roll, pitch, yaw = numbers(model, "pose")
@@ -140,8 +141,9 @@ def test_an_aircraft_is_its_airframe(name: str, east_m: float, north_m: float, h
 
 
 @pytest.mark.parametrize("airframe", AIRFRAMES.values(), ids=AIRFRAMES)
-def test_collisions_stand_on_the_gear_and_enclose_the_rotors(airframe):
+def test_collisions_stand_on_the_gear_and_enclose_the_rotors(airframe: Airframe) -> None:
     link = make_aircraft_model(FLEET[0]._replace(airframe=airframe.name), BLUE).find("link")
+    assert link is not None
     frame, *rotors = link.findall("collision")
     size, pose = numbers(frame, "geometry/box/size"), numbers(frame, "pose")
     assert pose[2] - 0.5 * size[2] == pytest.approx(0.0, abs=1e-12)
@@ -159,7 +161,7 @@ def test_collisions_stand_on_the_gear_and_enclose_the_rotors(airframe):
     assert [one.get("name") for one in link.findall("visual")].count("rotor_0_visual") == 1
 
 
-def test_a_mirrored_aircraft_only_shows():
+def test_a_mirrored_aircraft_only_shows() -> None:
     model = make_aircraft_model(SHADOW[0], BLUE, mirrored=True)
     assert model.findtext("static") == "true"
     assert not list(model.iter("collision"))
@@ -170,7 +172,7 @@ def test_a_mirrored_aircraft_only_shows():
     assert drawn[0] == drawn[1]
 
 
-def test_the_nose_is_drawn_in_another_colour():
+def test_the_nose_is_drawn_in_another_colour() -> None:
     model = make_aircraft_model(FLEET[0], BLUE)
     colours = {
         one.get("name"): one.findtext("material/diffuse")
@@ -182,7 +184,7 @@ def test_the_nose_is_drawn_in_another_colour():
 
 
 @given(st.tuples(metres, metres, metres), st.tuples(metres, metres, metres))
-def test_a_bar_joins_its_points(start, end):
+def test_a_bar_joins_its_points(start: tuple[float, float, float], end: tuple[float, float, float]) -> None:
     centre, length, pitch, yaw = bar_between(start, end)
     axis = np.array([math.sin(pitch) * math.cos(yaw), math.sin(pitch) * math.sin(yaw), math.cos(pitch)])
     assert np.allclose(centre - 0.5 * length * axis, start, atol=1e-6)
@@ -193,7 +195,9 @@ def test_a_bar_joins_its_points(start, end):
 
 
 @given(metres, metres, lengths, lengths, st.floats(-180.0, 180.0))
-def test_a_box_is_its_rectangle(east_m, north_m, length_m, width_m, turn_deg):
+def test_a_box_is_its_rectangle(
+    east_m: float, north_m: float, length_m: float, width_m: float, turn_deg: float
+) -> None:
     shape = shapely.affinity.rotate(shapely.box(0, 0, length_m, width_m), turn_deg)
     shape = shapely.affinity.translate(shape, east_m, north_m)
     box = box_of(shape)
@@ -205,14 +209,14 @@ def test_a_box_is_its_rectangle(east_m, north_m, length_m, width_m, turn_deg):
 
 
 @given(footprints())
-def test_a_box_is_a_footprint_to_three_centimetres(shape):
+def test_a_box_is_a_footprint_to_three_centimetres(shape: shapely.Geometry) -> None:
     box = box_of(shape)
     if box is not None:
         assert abs(box.length_m * box.width_m - shape.area) <= 0.03 * shape.length
         assert shape.geom_type == "Polygon"
 
 
-def test_what_is_no_rectangle_is_no_box():
+def test_what_is_no_rectangle_is_no_box() -> None:
     notch = shapely.box(0, 0, 10, 10).difference(shapely.box(4, 9.9, 6, 10))
     wedge = shapely.box(0, 0, 10, 10).difference(shapely.Polygon([(4, -1), (6, -1), (5, 9.99)]))
     assert [box_of(shape) for shape in (COURT, L_SHAPE, TWO, notch, wedge)] == [None] * 5
@@ -221,12 +225,12 @@ def test_what_is_no_rectangle_is_no_box():
 
 
 @pytest.mark.parametrize("shape", [COURT, L_SHAPE, TWO], ids=["courtyards", "concave", "two parts"])
-def test_known_prisms(shape):
+def test_known_prisms(shape: shapely.Geometry) -> None:
     check_prism(Building("b", 20.0, shape, base_m=5.0))
 
 
 @given(footprints(), st.floats(0.0, 50.0), st.floats(1.0, 100.0))
-def test_a_prism_is_closed_and_has_the_buildings_volume(shape, base_m, tall_m):
+def test_a_prism_is_closed_and_has_the_buildings_volume(shape: shapely.Geometry, base_m: float, tall_m: float) -> None:
     check_prism(Building("b", base_m + tall_m, shape, base_m=base_m))
 
 
@@ -248,7 +252,7 @@ def check_prism(building: Building) -> None:
     assert covered.symmetric_difference(building.shape).area < 1e-6 * area_m2
 
 
-def test_a_mesh_file_is_the_prism():
+def test_a_mesh_file_is_the_prism() -> None:
     triangles = prism_of(Building("b", 20.0, COURT))
     data = stl_bytes(triangles)
     assert not data.startswith(b"solid")  # which means a file of text
@@ -259,7 +263,7 @@ def test_a_mesh_file_is_the_prism():
     assert math.hypot(*first[:3]) == pytest.approx(1.0)
 
 
-def test_buildings_stand_where_the_city_says(tmp_path: Path):
+def test_buildings_stand_where_the_city_says(tmp_path: Path) -> None:
     far = shapely.affinity.translate(L_SHAPE, 800.123, -400.5)
     city = City([Building("a", 30.0, shapely.box(5, 5, 15, 25), base_m=20.0), Building("b", 12.5, far)], "by hand")
     models = make_city_models(city, tmp_path)
@@ -277,7 +281,7 @@ def test_buildings_stand_where_the_city_says(tmp_path: Path):
     assert corners.max(axis=0) == pytest.approx([*far.bounds[2:], 12.5], abs=1e-5)
 
 
-def test_an_older_shapely_is_named(monkeypatch: pytest.MonkeyPatch):
+def test_an_older_shapely_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delattr(shapely, "constrained_delaunay_triangles")
     with pytest.raises(InputError, match=r"2\.1"):
         prism_of(Building("b", 20.0, COURT))
@@ -287,7 +291,7 @@ def test_an_older_shapely_is_named(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.parametrize("flavour", ["classic", "sim"])
-def test_the_same_scenario_gives_the_same_bytes(tmp_path: Path, flavour: str):
+def test_the_same_scenario_gives_the_same_bytes(tmp_path: Path, flavour: str) -> None:
     city = City([*downtown_grid((2, 2)).buildings, Building("court", 20.0, COURT)], "both")
     first = make_world(tmp_path, city, flavour)
     before = {file.name: file.read_bytes() for file in tmp_path.iterdir()}
@@ -297,7 +301,7 @@ def test_the_same_scenario_gives_the_same_bytes(tmp_path: Path, flavour: str):
     assert set(before) == {FILE, "building_16.stl"}
 
 
-def test_the_world_is_the_scenarios(tmp_path: Path):
+def test_the_world_is_the_scenarios(tmp_path: Path) -> None:
     world = world_of(make_world(tmp_path))
     assert [one.get("name") for one in world.findall("model")] == ["ground", "blue.1", "green.1", "red.1"]
     assert [one.findtext("static") for one in world.findall("model")] == ["true", "false", "false", "true"]
@@ -305,6 +309,7 @@ def test_the_world_is_the_scenarios(tmp_path: Path):
     assert numbers(world, "physics/max_step_size") == [0.0025]
     assert numbers(world, "wind/linear_velocity") == [3.0, -1.0, 0.0]
     place = world.find("spherical_coordinates")
+    assert place is not None
     assert [numbers(place, tag)[0] for tag in ("latitude_deg", "longitude_deg", "elevation")] == [
         ORIGIN.lat_deg,
         ORIGIN.lon_deg,
@@ -319,7 +324,7 @@ def test_the_world_is_the_scenarios(tmp_path: Path):
     assert not world_of(make_world(tmp_path, plugin=None)).findall("plugin")
 
 
-def test_the_ground_reaches_beyond_the_city(tmp_path: Path):
+def test_the_ground_reaches_beyond_the_city(tmp_path: Path) -> None:
     city = downtown_grid((4, 2))
     world = world_of(make_world(tmp_path, city))
     east_m, north_m = numbers(world, "model[@name='ground']/link/visual/geometry/plane/size")
@@ -333,7 +338,7 @@ def test_the_ground_reaches_beyond_the_city(tmp_path: Path):
 
 
 @pytest.mark.parametrize("flavour", ["classic", "sim"])
-def test_the_names_of_siblings_differ(tmp_path: Path, flavour: str):
+def test_the_names_of_siblings_differ(tmp_path: Path, flavour: str) -> None:
     city = City([*downtown_grid((2, 2)).buildings, Building("court", 20.0, COURT)], "both")
     for parent in world_of(make_world(tmp_path, city, flavour)).iter():
         if parent.tag in ("world", "model", "link"):
@@ -342,13 +347,13 @@ def test_the_names_of_siblings_differ(tmp_path: Path, flavour: str):
             assert len(set(names)) == len(names), parent.get("name")
 
 
-def test_aircraft_of_one_name_are_refused(tmp_path: Path):
+def test_aircraft_of_one_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="id of its own"):
         make_world(tmp_path, mirrored=FLEET[:1])
 
 
 @given(st.lists(st.tuples(metres, metres, st.floats(0.0, 100.0)), max_size=6))
-def test_the_camera_sees_all_aircraft(places):
+def test_the_camera_sees_all_aircraft(places: list[tuple[float, float, float]]) -> None:
     fleet = [PlacedAircraft(f"a/{k}", "a", "iris", *place, 0.0) for k, place in enumerate(places)]
     world = ElementTree.Element("world")
     add_view(world, fleet, sim=False)
@@ -360,7 +365,7 @@ def test_the_camera_sees_all_aircraft(places):
         assert np.dot(away, look) >= math.cos(math.radians(30.1)) * np.linalg.norm(away)
 
 
-def test_the_window_of_gazebo_sim_starts_at_the_camera(tmp_path: Path):
+def test_the_window_of_gazebo_sim_starts_at_the_camera(tmp_path: Path) -> None:
     world = world_of(make_world(tmp_path, flavour="sim"))
     assert numbers(world, "gui/plugin[@filename='MinimalScene']/camera_pose")[:3] == list(camera_place(FLEET + SHADOW))
 
@@ -374,7 +379,7 @@ NO_GAZEBO = "" if GZ else "gz is not on the PATH, and SKYRANGE_GAZEBO does not n
 
 @pytest.mark.external(missing=NO_GAZEBO)
 @pytest.mark.parametrize("flavour", ["classic", "sim"])
-def test_gazebos_own_parser_accepts_the_world(tmp_path: Path, flavour: str):
+def test_gazebos_own_parser_accepts_the_world(tmp_path: Path, flavour: str) -> None:
     city = City([*downtown_grid((2, 2)).buildings, Building("court", 20.0, COURT)], "both")
     file = make_world(tmp_path, city, flavour)
     answer = subprocess.run([str(GZ), "sdf", "-k", file], capture_output=True, text=True, timeout=60, check=False)

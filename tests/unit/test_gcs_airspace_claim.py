@@ -99,7 +99,7 @@ def test_a_rejected_flight_takes_the_alternative_and_no_two_that_are_accepted_ov
     changed = [data for data in taken if data["delay_s"] or data["climb_m"] or data["east_m"] or data["north_m"]]
     assert len(changed) >= 2
     heights = {max(item.z for item in run.aircraft[f"op{k}/a"].items[1:] if item.command == 16) for k in range(3)}
-    climbs = {data["climb_m"] for data in taken if data["climb_m"]}
+    climbs: set[Any] = {data["climb_m"] for data in taken if data["climb_m"]}
     assert heights == {5.0} | {5.0 + climb_m for climb_m in climbs}
 
 

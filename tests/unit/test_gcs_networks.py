@@ -20,11 +20,11 @@ def station(*addresses: tuple[int, int]) -> GroundStation:
     return GroundStation("blue", flights, Epoch(0))
 
 
-def test_a_system_id_may_occur_once_in_each_network():
+def test_a_system_id_may_occur_once_in_each_network() -> None:
     assert len(station((0, 1), (1, 1), (7, 1), (0, 2)).states) == 4
 
 
 @pytest.mark.parametrize("addresses", [[(0, 1), (0, 1)], [(3, 9), (0, 9), (3, 9)], [(0, 0)], [(1, 251)]])
-def test_but_not_twice_in_one_nor_out_of_range(addresses):
+def test_but_not_twice_in_one_nor_out_of_range(addresses: list[tuple[int, int]]) -> None:
     with pytest.raises(InputError, match=r"a system id in 1…250 that occurs once in its network"):
         station(*addresses)

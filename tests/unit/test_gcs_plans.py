@@ -33,8 +33,8 @@ def enu(plan: FlightPlan, item: MissionItem) -> tuple[float, float, float]:
 def item(
     command: int, *, frame: int = 3, x: float = 0.0, y: float = 0.0, z: float = 0.0, **params: float
 ) -> MissionItem:
-    values = [params.get(f"param{n}", 0.0) for n in (1, 2, 3, 4)]
-    return MissionItem(frame, command, *values, x, y, z)
+    one, two, three, four = (params.get(f"param{n}", 0.0) for n in (1, 2, 3, 4))
+    return MissionItem(frame, command, one, two, three, four, x, y, z)
 
 
 def auto(*items: MissionItem) -> FlightPlan:

@@ -479,7 +479,7 @@ def test_two_operators_never_touch_each_others_aircraft() -> None:
         for op, x in (("blue", 0.0), ("green", 50.0))
     }
     stations = [GroundStation(op, flights[op], EPOCH) for op in flights]
-    aircraft = {f.vehicle: FakeAutopilot(f.system_id, tuple(f.plan.home_enu_m)) for fs in flights.values() for f in fs}
+    aircraft = {f.vehicle: FakeAutopilot(f.system_id, f.plan.home_enu_m) for fs in flights.values() for f in fs}
     run = Loop(stations, aircraft, FlightApproval(list(flights), EPOCH, ApproveAll())).run(120)
     for station in stations:
         assert {owner.split("/")[0] for owner in station.states} == {station.operator}
@@ -519,7 +519,8 @@ def test_only_the_autopilot_of_its_aircraft_is_believed(sender: tuple[int, int],
     liar = Packer(*sender)
     for _ in range(2):
         heard(run, liar, mav.MAVLink_heartbeat_message(2, 3, 81, mav.COPTER_MODE_AUTO, 4, 3))
-    assert (run.stations[0].states["blue/b1"] is FlightState.FAILED) is fooled
+    states = run.stations[0].states
+    assert (states["blue/b1"] is FlightState.FAILED) is fooled
 
 
 def test_one_old_heartbeat_and_its_copies_do_not_disarm() -> None:

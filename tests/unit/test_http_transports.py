@@ -7,6 +7,7 @@ import json
 import socket
 from collections.abc import Awaitable, Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -129,7 +130,7 @@ def test_agents_frames_cross_byte_for_byte() -> None:
         unread = REQUEST.replace(b'"priority":3', b'"priority":-3')  # 400 on the collection's path
         for count, frame in enumerate([REQUEST, REQUEST, foreign, unread, ENDED], 1):
             assert client.send(frame)
-            await until(lambda count=count: len(answers) == count)
+            await until(partial(lambda n: len(answers) == n, count))
         assert service.heard == [REQUEST, REQUEST, foreign, unread, ENDED]
         assert [piece.data for piece in answers] == service.said
         assert [json.loads(said)["status"] for said in service.said] == [200, 200, 403, 400, 200]
@@ -284,7 +285,7 @@ def test_a_client_that_does_not_read_is_let_go() -> None:
                 await loop.sock_sendall(line, whole)
             except ConnectionError:
                 break
-            await until(lambda count=count: len(heard) == count or server.counts.garbage)
+            await until(partial(lambda n: len(heard) == n or server.counts.garbage, count))
             if not server.counts.garbage:
                 server.send(long)
         assert count < 30
@@ -322,7 +323,7 @@ def test_a_response_answers_the_oldest_request_of_its_path() -> None:
         asked = []
         for count, path in enumerate(["/a", "/b", "/b"], 1):
             asked.append(asyncio.create_task(ask(path)))
-            await until(lambda count=count: len(heard) == count)
+            await until(partial(lambda n: len(heard) == n, count))
 
         def say(path: str, which: int, code: int = 200) -> bool:
             return server.send(json.dumps({"status": code, "path": path, "body": {"n": which}}).encode())

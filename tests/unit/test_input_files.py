@@ -8,7 +8,6 @@ import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from time import monotonic, process_time
-from typing import Any
 
 import pytest
 
@@ -232,7 +231,7 @@ def test_json_of_anybody_is_a_value_or_an_input_error(text: str) -> None:
 
 def test_all_reading_passes_one_place() -> None:
     """Nothing but `core.input_files` opens what a user names; the exceptions read what skyrange or the system wrote."""
-    own: dict[str, Any] = {
+    own = {
         "core/input_files.py", "core/files.py", "core/compiled.py", "core/lazy_exports.py", "runtime/memory.py",
         "record/spool.py", "record/write/files/operator_files.py", "io/processes/program.py",
         "io/processes/single_run.py",

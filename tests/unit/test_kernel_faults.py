@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,7 +62,7 @@ class Lift:
 def rig(*attacks: AttackPlan, split: bool = False) -> tuple[Kernel, list[Listener], Log]:
     parts = [FLEET[:1], FLEET[1:]] if split else [FLEET]
     engines = [Listener(f"part{i}", part) for i, part in enumerate(parts)]
-    rows = [np.array([FLEET.index(v) for v in part]) for part in parts] if split else [slice(None)]
+    rows: list[Any] = [np.array([FLEET.index(v) for v in part]) for part in parts] if split else [slice(None)]
     links = [LinkSpec(f"autopilot:{v}", f"{v}.proxy", f"{v}.autopilot") for v in FLEET]
     log = Log()
     wiring = Wiring(

@@ -35,9 +35,9 @@ class Rounds(EngineBase):
 
     def __init__(self, name: str, vehicles: Sequence[str], moves: Sequence[str] = ()) -> None:
         self.name = name
-        self.vehicles = list(vehicles)
-        self.moves = list(moves)
-        self.ports = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
+        self.vehicles: Sequence[str] = list(vehicles)
+        self.moves: Sequence[str] = list(moves)
+        self.ports: Sequence[Port] = [Port(f"{v}.autopilot", f"autopilot:{v}") for v in vehicles]
         self.dies_ns: Time | None = None
         self.spoils: dict[str, float] = {}
         self.seen: list[tuple[float, ...]] = []
@@ -94,7 +94,7 @@ def _columns(seen: MemoryObserver, row: int) -> list[tuple[float, ...]]:
     return [tuple(float(column[row]) for column in tick.columns.values()) for tick in seen.truth]
 
 
-def test_one_engine_may_move_some_of_its_vehicles_and_leave_others_to_the_world():
+def test_one_engine_may_move_some_of_its_vehicles_and_leave_others_to_the_world() -> None:
     seen = MemoryObserver()
     engine = Rounds("mixed", ["green/g1", "blue/b1"], moves=["blue/b1"])
     _kernel(engine, Rounds("plain", ["blue/b2"]), observers=[seen]).advance(2 * NS_PER_S)
@@ -106,7 +106,7 @@ def test_one_engine_may_move_some_of_its_vehicles_and_leave_others_to_the_world(
     assert last["up_m"][2] > 30.0  # a full battery lifts it
 
 
-def test_the_others_fly_to_the_bit_as_without_it():
+def test_the_others_fly_to_the_bit_as_without_it() -> None:
     def flown(moves: Sequence[str]) -> MemoryObserver:
         seen = MemoryObserver()
         one = Rounds("one", FLEET[:1], moves)
@@ -118,14 +118,14 @@ def test_the_others_fly_to_the_bit_as_without_it():
     assert [_columns(led, row) for row in (1, 2)] == [_columns(free, row) for row in (1, 2)]
 
 
-def test_its_sensors_read_where_it_has_been_put():
+def test_its_sensors_read_where_it_has_been_put() -> None:
     engine = Rounds("one", FLEET, FLEET)
     _kernel(engine).advance(NS_PER_S)
     where = [(RADIUS_M * math.cos(k / 400.0), RADIUS_M * math.sin(k / 400.0), 30.0) for k in range(401)]
     assert np.array(engine.seen[1:]) == pytest.approx(np.array(where[1:]), abs=0.001)
 
 
-def test_a_fork_flies_on_alike():
+def test_a_fork_flies_on_alike() -> None:
     stem, branch = MemoryObserver(), MemoryObserver()
     kernel = _kernel(Rounds("one", FLEET[:2], FLEET[1:2]), Rounds("two", FLEET[2:]), observers=[stem])
     kernel.advance(NS_PER_S)  # a pose has just been imposed: it waits for the next tick
@@ -137,7 +137,7 @@ def test_a_fork_flies_on_alike():
     assert stem.truth[-1].sources == branch.truth[-1].sources == ("dynamic", "kinematic", "dynamic")
 
 
-def test_what_a_dead_instance_flew_falls():
+def test_what_a_dead_instance_flew_falls() -> None:
     seen = MemoryObserver()
     engine = Rounds("one", FLEET, FLEET[:1])
     engine.dies_ns = NS_PER_S
@@ -161,7 +161,7 @@ def test_what_a_dead_instance_flew_falls():
         ({"rates_radps": 1e9}, r"engine bad: .*rates_radps"),
     ],
 )
-def test_a_pose_that_cannot_be_ends_the_run_and_blames_its_engine(spoils: dict[str, float], said: str):
+def test_a_pose_that_cannot_be_ends_the_run_and_blames_its_engine(spoils: dict[str, float], said: str) -> None:
     bad = Rounds("bad", FLEET[1:], FLEET[1:])
     bad.spoils = spoils
     with pytest.raises(ComponentError, match=said) as caught:
@@ -169,19 +169,19 @@ def test_a_pose_that_cannot_be_ends_the_run_and_blames_its_engine(spoils: dict[s
     assert caught.value.exit_code == 3
 
 
-def test_a_pose_of_what_the_world_moves_blames_the_engine():
+def test_a_pose_of_what_the_world_moves_blames_the_engine() -> None:
     bad = Rounds("bad", FLEET, FLEET[:1])
     bad.spoils = {"fresh": True}
     with pytest.raises(ComponentError, match="engine bad: imposed a pose on green/g1, which the world moves"):
         _kernel(bad).advance(NS_PER_S)
 
 
-def test_an_engine_moves_none_but_its_own():
+def test_an_engine_moves_none_but_its_own() -> None:
     with pytest.raises(InputError, match=r"one\.moves: blue/b2 — expected a vehicle of its own"):
         _kernel(Rounds("one", FLEET[:1], FLEET[1:2]))
 
 
-def test_the_record_says_what_moved_each(tmp_path: Path):
+def test_the_record_says_what_moved_each(tmp_path: Path) -> None:
     recorder, seen = Recorder.open(tmp_path / "run", HEADER), MemoryObserver()
     engine = Rounds("one", FLEET, FLEET[:1])
     engine.dies_ns = NS_PER_S // 2

@@ -66,7 +66,7 @@ def flown(wired: Wiring) -> Log:
 
 def delivered(log: Log, endpoint: str) -> list[int]:
     """When frames were delivered to an endpoint, over all of its links."""
-    return sorted(int(row[7]) for row in log.frames if row[8] == "delivered" and row[6] == endpoint)  # type: ignore[call-overload]
+    return sorted(int(row[7]) for row in log.frames if row[8] == "delivered" and row[6] == endpoint)
 
 
 def test_a_limited_endpoint_processes_one_frame_after_another() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import pytest
@@ -34,7 +35,7 @@ class Ticker:
     due: Time = 0
     steps: list[Time] = field(default_factory=list)
     got: list[Time] = field(default_factory=list)
-    ports: tuple[Port, ...] = (Port("a", "l:1"),)
+    ports: Sequence[Port] = (Port("a", "l:1"),)
 
     def next_wakeup(self) -> Time | None:
         return self.due
@@ -52,7 +53,7 @@ class Ticker:
 @dataclass
 class Listener(Ticker):
     name: str = "b"
-    ports: tuple[Port, ...] = (Port("b", "l:1"),)
+    ports: Sequence[Port] = (Port("b", "l:1"),)
 
     due: Time = NEVER
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import deepcopy
 
 import pytest
@@ -19,7 +20,7 @@ class Witness:
     """Writes down when it looked and what it saw, and when it was stepped."""
 
     service_ns: Time = 10 * NS_PER_MS
-    ports: tuple[Port, ...] = ()
+    ports: Sequence[Port] = ()
 
     def __init__(self, name: str = "witness", observe_period_ns: Time = 10 * NS_PER_MS) -> None:
         self.name = name

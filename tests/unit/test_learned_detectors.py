@@ -114,7 +114,7 @@ def test_a_damaged_model_is_named(tmp_path: Path, change: dict[str, Any], messag
     path = tmp_path / "model.json"
     path.write_text(json.dumps({**json.loads(model_of("isolation_forest").model_dump_json()), **change}))
     with pytest.raises(InputError, match=rf"model[:.].*{message}"):
-        LEARNED(LEARNED.params(model=str(path)), None)  # type: ignore[call-arg]
+        LEARNED(LEARNED.params(model=str(path)), None)  # type: ignore[call-arg,arg-type]
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"format": 1}'])

@@ -169,7 +169,7 @@ def test_whatever_is_said_each_frame_has_one_fate(lines: list[bytes]) -> None:
         tap.take(S, one, True)
     for said_ in lines:
         tap.answer(S, said_)
-    tap.turn(S + tap.terms.hold_ms * NS_PER_MS)
+    tap.turn(S + round(tap.terms.hold_ms * NS_PER_MS))
     going = [one.id for one, _ in tap.ready]
     gone = [one.id for one in record.frames]
     assert sorted(going + gone) == [one.id for one in frames]

@@ -188,7 +188,7 @@ class Scripted:
     name, address, reached, refused = "blue.gcs", ("", 0), 1, 0
 
     def __init__(self, zero_ns: int) -> None:
-        self.messages = [
+        self.messages: list[Message] = [
             {"kind": "warm_up", "rehearse": False},
             {"kind": "connect"},
             {"kind": "start", "zero_ns": zero_ns},

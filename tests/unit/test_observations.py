@@ -90,7 +90,7 @@ def test_every_field_is_there(tmp_path: Path, ending: str) -> None:
     east, north = seen.pop("east_m"), seen.pop("north_m")
     assert (east, north) == (pytest.approx(100.0, abs=0.02), pytest.approx(50.0, abs=0.02))
     lat, lon = seen.pop("lat_deg"), seen.pop("lon_deg")
-    assert Origin(40.778, -73.955).enu_of(lat, lon) == (pytest.approx(east), pytest.approx(north))
+    assert Origin(40.778, -73.955).enu_of(lat, lon) == pytest.approx((east, north))
     assert seen == {
         "time_ns": 420 * MS, "receiver": "mast", "receiver_east_m": 1.5, "receiver_north_m": 2.5, "receiver_up_m": 4.0,
         "transport": "wifi_beacon", "channel": 6, "rssi_dbm": -71.25,

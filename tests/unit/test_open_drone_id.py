@@ -148,6 +148,7 @@ def test_columns_of_locations_say_what_each_says(said: list[Location]) -> None:
     sent = [to_mavlink(decode(encode(location))) for location in said]
     table = np.zeros(len(sent), dtype=LOCATION)
     for row, message in enumerate(sent):
+        assert LOCATION.names
         for name in LOCATION.names:
             table[name][row] = getattr(message, name)
     numbers, codes = location_columns(table)

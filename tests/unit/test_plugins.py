@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -22,11 +23,11 @@ def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_loaded_files", dict(plugins._loaded_files))
 
 
-def test_no_test_module_registers_kinds_when_it_is_imported():
+def test_no_test_module_registers_kinds_when_it_is_imported() -> None:
     assert not plugins._registered, "every other test would see them; use tests.registered_kinds"
 
 
-def test_a_registered_kind_is_found_and_listed():
+def test_a_registered_kind_is_found_and_listed() -> None:
     plugins.register(plugins.APPROVALS, "test.say_yes", YES)
     assert plugins.find(plugins.APPROVALS, "test.say_yes") is YES
     assert ApprovalPlugin.find("test.say_yes") is YES
@@ -34,13 +35,13 @@ def test_a_registered_kind_is_found_and_listed():
     assert "test.say_yes" not in plugins.kinds(plugins.AUTOPILOTS)
 
 
-def test_kinds_are_sorted():
+def test_kinds_are_sorted() -> None:
     plugins.register(plugins.APPROVALS, "zz", YES)
     plugins.register(plugins.APPROVALS, "aa", YES)
     assert list(plugins.kinds(plugins.APPROVALS)) == sorted(plugins.kinds(plugins.APPROVALS))
 
 
-def test_the_same_plugin_may_register_twice_and_another_may_not():
+def test_the_same_plugin_may_register_twice_and_another_may_not() -> None:
     plugins.register(plugins.APPROVALS, "test-kind", YES)
     plugins.register(plugins.APPROVALS, "test-kind", YES)
     with pytest.raises(InputError, match="free"):
@@ -48,18 +49,18 @@ def test_the_same_plugin_may_register_twice_and_another_may_not():
 
 
 @pytest.mark.parametrize("other", [JUMP, ApproveAll, None, Plugin(NoParams, print, "Of no group.")])
-def test_what_is_no_plugin_of_the_group_is_refused(other: object):
+def test_what_is_no_plugin_of_the_group_is_refused(other: object) -> None:
     with pytest.raises(InputError, match=r"plugin x: object: .* expected a plugin of skyrange\.approvals"):
         plugins.register(plugins.APPROVALS, "x", other)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", ["", "Upper", "two words", ".x", "x.", "a..b", "-a", "a\n", "a/b", "1st"])
-def test_malformed_kinds_are_refused(kind: str):
+def test_malformed_kinds_are_refused(kind: str) -> None:
     with pytest.raises(InputError, match="lower-case"):
         plugins.register(plugins.APPROVALS, kind, YES)
 
 
-def test_an_unknown_kind_names_the_nearest():
+def test_an_unknown_kind_names_the_nearest() -> None:
     plugins.register(plugins.APPROVALS, "central", YES)
     with pytest.raises(InputError) as error:
         plugins.find(plugins.APPROVALS, "centrall")
@@ -68,12 +69,12 @@ def test_an_unknown_kind_names_the_nearest():
 
 
 @pytest.mark.parametrize("use", [plugins.kinds, lambda group: plugins.find(group, "x")])
-def test_an_unknown_group_names_the_nearest(use):
+def test_an_unknown_group_names_the_nearest(use: Callable[[str], object]) -> None:
     with pytest.raises(InputError, match=r"Did you mean 'skyrange\.approvals'"):
         use("skyrange.approval")
 
 
-def test_entry_points_are_offered_and_loaded_only_when_asked(monkeypatch: pytest.MonkeyPatch):
+def test_entry_points_are_offered_and_loaded_only_when_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     group = plugins.APPROVALS
     here = {
         "good": EntryPoint("good", "skyrange.utm.approve_all:APPROVE_ALL", group),
@@ -89,7 +90,7 @@ def test_entry_points_are_offered_and_loaded_only_when_asked(monkeypatch: pytest
         plugins.find(group, "bare")
 
 
-def test_the_shipped_kinds_are_installed():
+def test_the_shipped_kinds_are_installed() -> None:
     assert "approve-all" in plugins.kinds(plugins.APPROVALS)
     assert "builtin" in plugins.kinds(plugins.AUTOPILOTS)
     assert "builtin" in plugins.kinds(plugins.MEDIA)
@@ -111,7 +112,7 @@ def written(folder: Path, text: str, name: str = "mine.py") -> Path:
     return path
 
 
-def test_a_file_offers_what_it_registers(tmp_path: Path):
+def test_a_file_offers_what_it_registers(tmp_path: Path) -> None:
     path = written(tmp_path, GOOD)
     assert plugins.load_file(path) == ((plugins.ATTACKS, "test.jump"),)
     assert plugins.find(plugins.ATTACKS, "test.jump") is JUMP
@@ -134,7 +135,7 @@ def test_a_file_offers_what_it_registers(tmp_path: Path):
         (f"{GOOD}\nraise OSError('no key')\n", "OSError: no key"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said_and_nothing_of_it_stays(tmp_path: Path, text: str, words: str):
+def test_what_is_wrong_with_a_file_is_said_and_nothing_of_it_stays(tmp_path: Path, text: str, words: str) -> None:
     path = written(tmp_path, text)
     with pytest.raises(InputError) as caught:
         plugins.load_file(path)
@@ -144,7 +145,7 @@ def test_what_is_wrong_with_a_file_is_said_and_nothing_of_it_stays(tmp_path: Pat
 
 
 @pytest.mark.parametrize("name", ["gone.py", ".", "mine.txt"])
-def test_a_file_that_cannot_be_one_is_named(tmp_path: Path, name: str):
+def test_a_file_that_cannot_be_one_is_named(tmp_path: Path, name: str) -> None:
     written(tmp_path, GOOD, "mine.txt")
     with pytest.raises(InputError, match=r"--plugin: file: .* expected a Python file"):
         plugins.load_file(tmp_path / name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -138,9 +139,9 @@ def refusal(*arguments: str) -> str:
 
 def test_a_missing_program_is_named_with_its_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = str(tmp_path / "m.parquet")
-    monkeypatch.setattr(sionna.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert "pip install 'skyrange[sionna]'" in refusal("map", "rid-city", "-o", out)
-    monkeypatch.setattr(sionna.importlib.util, "find_spec", lambda name: object())
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
     monkeypatch.setattr(sionna, "_FOLDERS", (str(tmp_path),))
     monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
     assert "apt-get install libllvm19" in refusal("map", "rid-city", "-o", out)

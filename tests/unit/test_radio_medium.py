@@ -6,6 +6,7 @@ import copy
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +38,7 @@ STILL = RadioEnvironment(chance=False)
 OFDM, BT4, BT5 = Waveform.OFDM_6M, Waveform.BLE_1M, Waveform.BLE_CODED
 
 
-def standing(name: str, east: float, north: float = 0.0, up: float = 30.0, **more: object) -> RadioSpec:
+def standing(name: str, east: float, north: float = 0.0, up: float = 30.0, **more: Any) -> RadioSpec:
     return RadioSpec(name, (east, north, up), **{"listening": COMPANION, **more})
 
 
@@ -58,22 +59,20 @@ def batch(*rows: tuple[int, int, int, int], channel: int = ANY_CHANNEL, size: in
 
 def noise(*rows: tuple[int, float, float, float, int, int]) -> EmitterTable:
     columns = [np.array(column) for column in zip(*rows, strict=True)] or [np.zeros(0)] * 6
-    return EmitterTable(
-        columns[0].astype(np.int64), *(columns[k].astype(np.float64) for k in (1, 2, 3)),
-        *(columns[k].astype(np.int64) for k in (4, 5)),
-    )  # fmt: skip
+    reals, whole = [column.astype(np.float64) for column in columns], [column.astype(np.int64) for column in columns]
+    return EmitterTable(whole[0], reals[1], reals[2], reals[3], whole[4], whole[5])
 
 
-def heard(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
+def heard(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[Any, ...]]:
+    rows: list[tuple[Any, ...]] = []
     for answer in answers:
         table = zip(*(column.tolist() for column in answer.heard), strict=True)
         rows += [(row[0], medium.radios[row[1]].name, *row[2:]) for row in table]
     return rows
 
 
-def sent(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[object, ...]]:
-    rows: list[tuple[object, ...]] = []
+def sent(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[Any, ...]]:
+    rows: list[tuple[Any, ...]] = []
     for answer in answers:
         table = zip(*(column.tolist() for column in answer.sent), strict=True)
         rows += [(row[0], medium.radios[row[1]].name, *row[2:]) for row in table]
@@ -118,7 +117,7 @@ def city() -> City:
 NAMES = [f"blue/b{k}" for k in range(12)]
 
 
-def town(extra: Sequence[RadioSpec] = (), **more: object) -> BuiltinMedium:
+def town(extra: Sequence[RadioSpec] = (), **more: Any) -> BuiltinMedium:
     moving = [RadioSpec(name, listening=COMPANION) for name in NAMES]
     grounds = [
         standing("mast", 17.0, 27.0, 2.0, listening=HOPPER),
@@ -127,7 +126,7 @@ def town(extra: Sequence[RadioSpec] = (), **more: object) -> BuiltinMedium:
     return BuiltinMedium([*moving, *grounds, *extra], Chance(3), city(), RadioEnvironment(city_busy=0.2), **more)
 
 
-def test_the_cut_of_time_changes_nothing():
+def test_the_cut_of_time_changes_nothing() -> None:
     """1 ms, 10 ms and 50 ms: every burst and every reception, its times and its numbers, to the bit."""
     fine, coarse = town(every_pair=True), town(every_pair=True)
     a, b = storm(fine, NS_PER_MS, names=NAMES), storm(coarse, 10 * NS_PER_MS, names=NAMES)
@@ -141,7 +140,7 @@ def test_the_cut_of_time_changes_nothing():
     }
 
 
-def test_who_is_out_of_reach_changes_nothing():
+def test_who_is_out_of_reach_changes_nothing() -> None:
     """Radios far off, before and after the others by name, busy or not."""
     names = [*NAMES, "aaa", "zzz"]
     far = [standing("aaa", 90_000.0), standing("zzz", -90_000.0, 90_000.0)]
@@ -160,7 +159,7 @@ def test_who_is_out_of_reach_changes_nothing():
     assert names
 
 
-def test_a_copy_goes_on_alike():
+def test_a_copy_goes_on_alike() -> None:
     trunk = town()
     moment = 700 * NS_PER_MS
     table = fixed_positions(trunk.radios)
@@ -175,7 +174,7 @@ def test_a_copy_goes_on_alike():
     assert branch.quiet
 
 
-def test_two_in_sight_hear_each_other_and_strength_is_friis():
+def test_two_in_sight_hear_each_other_and_strength_is_friis() -> None:
     """15 dBm over 100 m at 2437 MHz: 15 − 80.18 dBm; 0.02 dB."""
     medium = BuiltinMedium([standing("a", 0.0), standing("b", 100.0)], Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1, int(OFDM), 7)))
@@ -185,7 +184,7 @@ def test_two_in_sight_hear_each_other_and_strength_is_friis():
     assert answer.heard.ended_ns[0] == answer.sent.ended_ns[0] == 1 + 28_000 + (26 + 4 * 68) * NS_PER_US
 
 
-def test_a_wall_between_silences():
+def test_a_wall_between_silences() -> None:
     wall = City([Building("w", 200.0, shapely.box(40.0, -3_000.0, 60.0, 3_000.0))], "test")
     radios = [standing("a", 0.0), standing("b", 100.0), standing("c", 30.0)]
     medium = BuiltinMedium(radios, Chance(1), wall, STILL)
@@ -195,7 +194,7 @@ def test_a_wall_between_silences():
     assert medium.losses[1, ReceptionOutcome.WEAK] > 0
 
 
-def test_a_radio_at_no_place_is_not_there():
+def test_a_radio_at_no_place_is_not_there() -> None:
     medium = BuiltinMedium([standing("a", 0.0), RadioSpec("b", listening=COMPANION)], Chance(1))
     medium.offer(0, batch((0, 1, int(OFDM), 7), (1, 2, int(OFDM), 8)))
     answer = medium.advance(10 * NS_PER_MS, fixed_positions(medium.radios))
@@ -206,7 +205,7 @@ def test_a_radio_at_no_place_is_not_there():
     ]
 
 
-def test_senders_that_hear_each_other_take_turns():
+def test_senders_that_hear_each_other_take_turns() -> None:
     """Asked 20 µs apart, the second waits for the first; asked within what neither can sense, they may collide."""
     medium = BuiltinMedium([standing(n, 10.0 * k) for k, n in enumerate("abc")], Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1), (1, 21_000, int(OFDM), 2), (1, 22_000, int(OFDM), 3)))
@@ -218,7 +217,7 @@ def test_senders_that_hear_each_other_take_turns():
     assert sum(row[1] == "c" for row in heard(medium, [answer])) == 3
 
 
-def test_hidden_senders_collide():
+def test_hidden_senders_collide() -> None:
     """Two on both sides of a tower do not sense each other; who stands between them in the open hears neither."""
     tower = City([Building("w", 300.0, shapely.box(-20.0, 1.0, 20.0, 2_000.0))], "test")
     radios = [standing("a", -300.0, 60.0), standing("b", 300.0, 60.0), standing("mid", 0.0, -2.0)]
@@ -230,7 +229,7 @@ def test_hidden_senders_collide():
     assert medium.losses[2, ReceptionOutcome.COLLIDED] + medium.losses[2, ReceptionOutcome.BUSY] == 2
 
 
-def test_who_sends_does_not_hear():
+def test_who_sends_does_not_hear() -> None:
     """Two that do not sense each other, by their `carrier_sense_dbm`, but would hear one another: -86 dBm."""
     radios = [standing("a", 0.0, wifi_dbm=-6.0), standing("b", 100.0, wifi_dbm=-6.0)]
     deaf = RadioEnvironment(chance=False, carrier_sense_dbm=-82.0)
@@ -240,7 +239,7 @@ def test_who_sends_does_not_hear():
     assert medium.losses[:, ReceptionOutcome.SENDING].tolist() == [1, 1]
 
 
-def test_other_channels_do_not_disturb():
+def test_other_channels_do_not_disturb() -> None:
     radios = [standing("a", 0.0, listening=()), standing("b", 5.0, listening=()), standing("c", 10.0)]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
     medium.offer(0, batch((0, 1_000, int(OFDM), 1)))
@@ -250,7 +249,7 @@ def test_other_channels_do_not_disturb():
     assert medium.losses[2].tolist() == [1, 0, 0, 0, 0, 1]
 
 
-def test_bluetooth_is_heard_where_one_listens():
+def test_bluetooth_is_heard_where_one_listens() -> None:
     """A scanner stays on a channel for its window: one PDU of three at most, and none in its gaps."""
     scan = ScanSchedule((ScanStep(38, (BT4,)),), 200 * NS_PER_MS, 100 * NS_PER_MS)
     medium = BuiltinMedium(
@@ -264,7 +263,7 @@ def test_bluetooth_is_heard_where_one_listens():
     assert len(np.unique(answer.heard.key)) == len(answer.heard.key)
 
 
-def test_long_range_is_heard_through_its_pointers():
+def test_long_range_is_heard_through_its_pointers() -> None:
     """Only who decoded a pointer follows it, to a data channel that changes; S=8 reaches where 1M does not."""
     radios = [standing("a", 0.0, ble_dbm=-18.0), standing("b", 150.0), standing("old", 1.0, listening=(wifi_chain(6),))]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
@@ -281,7 +280,7 @@ def test_long_range_is_heard_through_its_pointers():
     assert 20 <= len(rows) <= 40  # Coded half of the time
 
 
-def test_a_jammer_covers_a_band_and_keeps_senders_waiting():
+def test_a_jammer_covers_a_band_and_keeps_senders_waiting() -> None:
     radios = [standing("a", 0.0), standing("b", 100.0), standing("jam", 110.0, listening=())]
     table = fixed_positions(sorted(radios, key=lambda radio: radio.name))
 
@@ -298,7 +297,7 @@ def test_a_jammer_covers_a_band_and_keeps_senders_waiting():
     assert run(40.0, 2437.0) == (0, 10)
 
 
-def test_noise_ends_when_it_is_told_to():
+def test_noise_ends_when_it_is_told_to() -> None:
     radios = [standing("a", 0.0), standing("b", 100.0), standing("jam", 110.0, listening=())]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
     table = fixed_positions(medium.radios)
@@ -309,7 +308,7 @@ def test_noise_ends_when_it_is_told_to():
     assert medium.advance(NS_PER_S, table).heard.key.tolist() == [2]
 
 
-def test_what_does_not_exist_is_refused():
+def test_what_does_not_exist_is_refused() -> None:
     medium = BuiltinMedium([standing("a", 0.0), standing("b", 10.0)], Chance(1))
     good = batch(*((0, 1 + k, int(OFDM), k) for k in range(7)))
     sizes = np.array([0, -1, 10**9, 200, 200, 200, 200])
@@ -340,7 +339,7 @@ def test_what_does_not_exist_is_refused():
             medium.emit(0, broken_noise)
 
 
-def test_all_that_is_wrong_with_radios_is_said_at_once():
+def test_all_that_is_wrong_with_radios_is_said_at_once() -> None:
     wall = City([Building("w", 50.0, shapely.box(0.0, 0.0, 10.0, 10.0))], "test")
     radios = [
         standing("nan", math.nan),
@@ -366,5 +365,5 @@ def test_all_that_is_wrong_with_radios_is_said_at_once():
 
 
 @pytest.mark.parametrize("profile", list(PROFILES))
-def test_profiles_are_radios(profile: str):
+def test_profiles_are_radios(profile: str) -> None:
     BuiltinMedium([standing("a", 0.0, listening=PROFILES[profile])], Chance(1))

@@ -311,7 +311,7 @@ def test_a_fork_continues_identically(tmp_path: Path) -> None:
             recorder.on_frame(frame)
     for recorder in (straight, stem, twin):
         recorder.on_label(LABELS[0])
-        recorder.on_truth(0, StillWorld())  # type: ignore[arg-type]
+        recorder.on_truth(0, StillWorld())
         recorder.flush()
     killed = load(tmp_path / "twin").table("frames")
     for recorder in (straight, stem, twin):

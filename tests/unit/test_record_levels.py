@@ -136,7 +136,7 @@ def test_a_level_keeps_its_tables_and_refuses_the_others(level: str, tmp_path: P
             continue
         for read in (run.table, run.rows, lambda name: list(run.batches(name))):
             with pytest.raises(InputError) as caught:
-                read(name)  # type: ignore[operator]
+                read(name)
             (problem,) = caught.value.problems
             assert problem.value == level
             assert "[record] level = " in problem.expected

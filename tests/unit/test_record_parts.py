@@ -284,7 +284,8 @@ def _full(*_: object, **__: object) -> Any:
 def test_a_disk_that_fills_up_under_the_thread(what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder = Recorder.open(tmp_path / "run", HEADER, part_rows=50)
     frames = list(traffic(40))
-    done, told = 0, []
+    done = 0
+    told: list[str] = []
     for number, frame in enumerate(frames):
         if number == 200:
             monkeypatch.setattr(TableFiles, what, _full)
@@ -341,7 +342,7 @@ def test_a_fork_has_the_parts_of_a_straight_run(part_rows: int, tmp_path: Path) 
 
 
 def test_work_is_done_in_order_and_waits_when_too_much_is_pending() -> None:
-    background, gate, done = Background(), threading.Event(), []
+    background, gate, done = Background(), threading.Event(), list[int]()
     background.submit(gate.wait)
     for number in range(1, PENDING):
         background.submit(lambda number=number: done.append(number))  # type: ignore[misc]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -92,9 +93,9 @@ def test_what_fewer_runs_tell_is_what_all_tell_of_a_monotone_effect(data: st.Dat
     assert complete(some).items() <= full.items()
     whole, part = relations(full), relations(some)
     for attack, relation in part.items():
-        allowed = {
+        allowed: dict[str, set[Any]] = {
             "unknown": set(whole.values()) | {whole[attack]},
             "sufficient": {"both", "redundant"},
             "necessary": {"necessary", "joint", "both"},
-        }.get(relation, {relation})
-        assert whole[attack] in allowed
+        }
+        assert whole[attack] in allowed.get(relation, {relation})

@@ -280,6 +280,7 @@ def test_it_tells_its_autopilot_what_it_broadcasts() -> None:
     aircraft.all_is_well(0)
     ((basic, system),) = aircraft.broadcaster.identity_messages(np.array([0]), 0, aircraft.beliefs)
     assert basic == f3411.BasicId(f3411.IdType.SERIAL_NUMBER, 2, serial_number("blue/b1"), 2)
+    assert isinstance(system, f3411.System)
     assert (system.operator_lat_deg, system.operator_lon_deg) == pytest.approx((40.777, -73.956))
 
 

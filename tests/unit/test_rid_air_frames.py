@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 
 import pytest
 from hypothesis import given, settings
@@ -30,7 +31,7 @@ SENT = [frame(Transport.WIFI_BEACON, PACK), frame(Transport.WIFI_BEACON, FULL), 
 
 
 def build(sent: RidFrame) -> bytes:
-    maker = {
+    maker: dict[Transport, Callable[[RidFrame], bytes]] = {
         Transport.WIFI_BEACON: wifi.encode_beacon,
         Transport.WIFI_NAN: wifi.encode_nan_action,
         Transport.BT4: ble.encode_legacy,

@@ -17,6 +17,7 @@ from skyrange.record.file_hashes import describe_file, describe_files
 from skyrange.record.manifest import MANIFEST, write_manifest
 from skyrange.record.verification import verify_run
 from skyrange.scenario.model.scenario import Operator, Scenario, Vehicle, mission_file, path, square
+from skyrange.scenario.model.scenario import Origin as ScenarioOrigin
 from tests.unit.record_sample import HEADER, tell
 
 values = st.recursive(
@@ -69,9 +70,11 @@ def test_a_file_that_another_program_changes_during_the_run_is_found(tmp_path: P
 def test_each_vehicle_has_a_mission_file_of_its_own() -> None:
     """Ids may have hyphens: a-b/c and a/b-c are two vehicles."""
     plan = square(5, 5)
-    operators = [Operator(id="a", vehicles=[Vehicle(id="b-c", plan=plan)])]
-    operators += [Operator(id="a-b", vehicles=[Vehicle(id="c", plan=plan)])]
-    scenario = Scenario(origin=(40.0, -74.0), operators=operators)
+    operators = (
+        Operator(id="a", vehicles=(Vehicle(id="b-c", plan=plan),)),
+        Operator(id="a-b", vehicles=(Vehicle(id="c", plan=plan),)),
+    )
+    scenario = Scenario(origin=ScenarioOrigin(lat=40.0, lon=-74.0), operators=operators)
     plans = {
         f"{operator.id}/{vehicle.id}": make_flight_plan(scenario.origin.datum, vehicle)
         for operator, vehicle in scenario.fleet

@@ -26,14 +26,14 @@ EASTWARDS = flight(-50, 0, 20, (50, 0))
 @pytest.mark.parametrize(
     ("up_m", "expected"), [(20, True), (20 + RISE_M - 0.1, True), (20 + RISE_M + 0.1, False), (5, False)]
 )
-def test_paths_cross_if_they_are_apart_in_height(up_m, expected):
+def test_paths_cross_if_they_are_apart_in_height(up_m: float, expected: bool) -> None:
     northwards = flight(0, -50, up_m, (0, 50))
     assert meets(northwards, EASTWARDS) is expected
     assert meets(EASTWARDS, northwards) is expected
 
 
 @pytest.mark.parametrize(("north_m", "expected"), [(APART_M - 0.1, True), (APART_M + 0.1, False)])
-def test_nobody_climbs_through_a_path(north_m, expected):
+def test_nobody_climbs_through_a_path(north_m: float, expected: bool) -> None:
     up = [Point(0, north_m, 0), Point(0, north_m, 60), Point(0, north_m, 0)]
     assert meets(up, EASTWARDS) is expected
     assert meets(EASTWARDS, up) is expected
@@ -41,7 +41,7 @@ def test_nobody_climbs_through_a_path(north_m, expected):
     assert meets(below, EASTWARDS) is False
 
 
-def test_two_that_climb_at_one_place_meet():
+def test_two_that_climb_at_one_place_meet() -> None:
     up = [Point(0, 0, 0), Point(0, 0, 60)]
     assert meets(up, up)
     assert meets([Point(9.9, 0, 0), Point(9.9, 0, 10)], up)
@@ -49,7 +49,7 @@ def test_two_that_climb_at_one_place_meet():
     assert not meets(up)
 
 
-def test_a_shift_ends_where_heights_or_distances_allow():
+def test_a_shift_ends_where_heights_or_distances_allow() -> None:
     taken = Airspace()
     taken.add(EASTWARDS)
     assert find_clear_shift(None, flight(0, -50, 30, (0, 50)), taken) == (0.0, 0.0)

@@ -1,37 +1,58 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.model.scenario import Fleet, Operator, Scenario, Vehicle, mission_file, path, square
+from skyrange.scenario.model.scenario import (
+    Fleet,
+    Operator,
+    Origin,
+    Scenario,
+    Start,
+    Vehicle,
+    mission_file,
+    path,
+    square,
+)
 from skyrange.scenario.toml_reader import load_text
 from skyrange.scenario.toml_writer import to_toml
 
 UP = path([(0, 0)], 5, end="land")
 
 
-def scenario(**keys) -> Scenario:
-    return Scenario(origin=(47.0, 8.0), operators=[Operator(id="blue", **keys)])
+def scenario(**keys: Any) -> Scenario:
+    return Scenario(origin=Origin(lat=47.0, lon=8.0), operators=(Operator(id="blue", **keys),))
 
 
-def flown(**keys) -> list[Vehicle]:
+def flown(**keys: Any) -> list[Vehicle]:
     return [vehicle for _, vehicle in scenario(**keys).fleet]
 
 
-def test_a_fleet_is_its_vehicles():
-    keys = {"airframe": "iris", "autopilot": "builtin", "placing": "clear", "charge": 0.5, "params": {"RTL_ALT": 900}}
-    vehicles = flown(fleets=[Fleet(count=3, start=(7, 8, 90), plan=UP, depart_s=10, every_s=4, **keys)])
+def test_a_fleet_is_its_vehicles() -> None:
+    keys: dict[str, Any] = {
+        "airframe": "iris",
+        "autopilot": "builtin",
+        "placing": "clear",
+        "charge": 0.5,
+        "params": {"RTL_ALT": 900},
+    }
+    vehicles = flown(
+        fleets=[
+            Fleet(count=3, start=Start(east_m=7, north_m=8, heading_deg=90), plan=UP, depart_s=10, every_s=4, **keys)
+        ]
+    )
     by_hand = [
-        Vehicle(start=(7 + east, 8 + north, 90), plan=UP, depart_s=depart_s, **keys)
+        Vehicle(start=Start(east_m=7 + east, north_m=8 + north, heading_deg=90), plan=UP, depart_s=depart_s, **keys)
         for east, north, depart_s in ((0, 0, 10), (0, -20, 14), (20, 0, 18))
     ]
     assert scenario(vehicles=vehicles) == scenario(vehicles=by_hand)
     assert [vehicle.id for vehicle in vehicles] == ["b1", "b2", "b3"]
 
 
-def test_they_stand_apart_and_a_greater_count_moves_none():
+def test_they_stand_apart_and_a_greater_count_moves_none() -> None:
     spacing_m = (30.0, 12.0)
     many = Fleet(count=200, spacing_m=spacing_m, plan=UP).starts()
     assert len(many) == 200
@@ -46,7 +67,7 @@ def test_they_stand_apart_and_a_greater_count_moves_none():
 
 
 @pytest.mark.parametrize("spacing_m", [(0.001, 10_000.0), (10_000.0, 0.001), (1e-9, 10_000.0), (1e-300, 1.0)])
-def test_a_narrow_lattice_is_one_line_and_takes_no_longer(spacing_m):
+def test_a_narrow_lattice_is_one_line_and_takes_no_longer(spacing_m: tuple[float, float]) -> None:
     many = Fleet(count=2000, spacing_m=spacing_m, plan=UP).starts()  # took minutes and all memory
     places = {(start.east_m, start.north_m) for start in many}
     least_m = min(spacing_m)
@@ -56,7 +77,7 @@ def test_a_narrow_lattice_is_one_line_and_takes_no_longer(spacing_m):
     assert Fleet(count=7, spacing_m=spacing_m, plan=UP).starts() == many[:7]
 
 
-def test_fleets_follow_the_vehicles_and_one_another():
+def test_fleets_follow_the_vehicles_and_one_another() -> None:
     vehicles = flown(
         vehicles=[Vehicle(plan=square(3, 3)), Vehicle(id="b4", plan=square(3, 3))],
         fleets=[Fleet(count=3, plan=UP), Fleet(id="tall-", count=2, plan=UP), Fleet(count=1, plan=UP)],
@@ -64,7 +85,7 @@ def test_fleets_follow_the_vehicles_and_one_another():
     assert [vehicle.id for vehicle in vehicles] == ["b1", "b4", "b3", "b5", "b6", "tall-1", "tall-2", "b8"]
 
 
-def test_an_operators_params_are_every_vehicles_unless_it_sets_its_own():
+def test_an_operators_params_are_every_vehicles_unless_it_sets_its_own() -> None:
     mine = {"RTL_ALT": 2000.0}
     built = scenario(
         params={"FS_GCS_ENABLE": 1, "RTL_ALT": 900},
@@ -96,12 +117,12 @@ def test_an_operators_params_are_every_vehicles_unless_it_sets_its_own():
         ({"count": 2, "charge": 1.1}, "at most 1"),
     ],
 )
-def test_fleets_that_cannot_be_are_refused(keys, expected):
+def test_fleets_that_cannot_be_are_refused(keys: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         Fleet(**{"plan": UP, **keys})
 
 
-def test_in_a_file_and_on_the_command_line():
+def test_in_a_file_and_on_the_command_line() -> None:
     text = """
     origin = [47, 8]
     [[operators]]
@@ -120,21 +141,21 @@ def test_in_a_file_and_on_the_command_line():
         load_text('origin = [47, 8]\n[[operators]]\nid = "blue"\n')
 
 
-def test_telemetry_profiles_are_known():
-    assert Operator(vehicles=[Vehicle(plan=UP)], streams="light").streams == "light"
+def test_telemetry_profiles_are_known() -> None:
+    assert Operator(vehicles=(Vehicle(plan=UP),), streams="light").streams == "light"
     with pytest.raises(InputError, match="Did you mean 'light'"):
-        Operator(vehicles=[Vehicle(plan=UP)], streams="ligth")
+        Operator(vehicles=(Vehicle(plan=UP),), streams="ligth")
 
 
 def addresses(*given: tuple[int | None, int | None]) -> list[tuple[int, int]]:
-    keys = [
+    keys: list[dict[str, Any]] = [
         {name: number for name, number in zip(("network", "system_id"), one, strict=True) if number is not None}
         for one in given
     ]
     return [(v.network, v.system_id) for v in flown(vehicles=[Vehicle(plan=UP, **one) for one in keys])]
 
 
-def test_system_ids_are_the_lowest_free_of_the_first_network_with_room():
+def test_system_ids_are_the_lowest_free_of_the_first_network_with_room() -> None:
     assert addresses((None, None), (None, 1), (1, None), (None, None), (1, 1)) == [
         (0, 2), (0, 1), (1, 2), (0, 3), (1, 1),
     ]  # fmt: skip
@@ -147,7 +168,7 @@ def test_system_ids_are_the_lowest_free_of_the_first_network_with_room():
     assert pairs[500:] == [(2, number) for number in range(1, 102)]
 
 
-def test_addresses_that_cannot_be_are_refused():
+def test_addresses_that_cannot_be_are_refused() -> None:
     with pytest.raises(
         InputError, match=r"vehicles\.1\.system_id: 7 — expected a system id that no other .* in network 3"
     ):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -36,20 +37,22 @@ SQUARE = {
 }
 
 
-def faults(text: str, **how) -> list[str]:
+def faults(text: str, **how: Any) -> list[str]:
     with pytest.raises(InputError) as error:
         load_text(text, **how)
     assert error.value.exit_code == 2
     return [str(fault) for fault in error.value.problems]
 
 
-def test_toml_becomes_a_scenario():
+def test_toml_becomes_a_scenario() -> None:
     scenario = load_text(SMALL)
     assert (scenario.origin.lat, scenario.origin.lon) == (1.0, 2.0)
-    assert scenario.operators[0].vehicles[0].plan.square.side_m == 5.0
+    flown = scenario.operators[0].vehicles[0].plan.square
+    assert flown is not None
+    assert flown.side_m == 5.0
 
 
-def test_a_file_without_a_name_is_called_after_its_file(tmp_path: Path):
+def test_a_file_without_a_name_is_called_after_its_file(tmp_path: Path) -> None:
     file = tmp_path / "ring road!.toml"
     file.write_text(SMALL)
     assert load_file(file).name == "ring-road"
@@ -57,14 +60,14 @@ def test_a_file_without_a_name_is_called_after_its_file(tmp_path: Path):
     assert load_file(file).name == "other"
 
 
-def test_bad_syntax_names_line_and_column():
+def test_bad_syntax_names_line_and_column() -> None:
     [fault] = faults('name = "x"\nseed = = 3\n')
     assert fault.startswith("line 2, column 8: seed = = 3 — expected valid TOML")
     [fault] = faults('name = "x')
     assert fault.startswith('line 1, column 10: name = "x — expected valid TOML')
 
 
-def test_all_faults_come_at_once():
+def test_all_faults_come_at_once() -> None:
     text = """
     sead = 3
     duration_s = -1
@@ -115,7 +118,7 @@ def test_all_faults_come_at_once():
         ("altitude", 100, "Known: alt_m, side_m."),
     ],
 )
-def test_wrong_units_are_told_the_right_key(key, value, expected):
+def test_wrong_units_are_told_the_right_key(key: str, value: float, expected: str) -> None:
     text = SMALL.replace("alt_m = 5", f"{key} = {value}")
     [fault] = [one for one in faults(text) if "known key" in one]
     assert fault.endswith(expected)
@@ -131,17 +134,17 @@ def test_wrong_units_are_told_the_right_key(key, value, expected):
         ("five", ""),
     ],
 )
-def test_numbers_in_quotes_are_told_to_lose_them(value, expected):
+def test_numbers_in_quotes_are_told_to_lose_them(value: str, expected: str) -> None:
     [fault] = faults(SMALL.replace("side_m = 5", f'side_m = "{value}"'))
     assert fault.endswith(expected or "(Length of a side in metres)")
 
 
 @pytest.mark.parametrize("section", ["viewer", "record_all"])
-def test_sections_of_no_meaning_are_unknown_keys(section):
+def test_sections_of_no_meaning_are_unknown_keys(section: str) -> None:
     assert f"{section}: {section} = " in faults(SMALL.replace("origin", f"{section} = [1]\norigin", 1))[0]
 
 
-def test_files_are_beside_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_files_are_beside_the_scenario(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "deep").mkdir()
     (tmp_path / "deep" / "m.waypoints").write_text("QGC WPL 110\n")
     (tmp_path / "deep" / "town.geojson").write_text(json.dumps(SQUARE))
@@ -151,6 +154,7 @@ def test_files_are_beside_the_scenario(tmp_path: Path, monkeypatch: pytest.Monke
     monkeypatch.chdir(tmp_path)
     scenario = load_file("deep/s.toml")
     assert scenario.operators[0].vehicles[0].plan.file == str(tmp_path / "deep" / "m.waypoints")
+    assert scenario.city is not None
     assert scenario.city.buildings == str(tmp_path / "deep" / "town.geojson")
     file.write_text(SMALL.replace(plan, 'plan = { file = "m.waypoint.txt" }') + '[city]\nbuildings = "."\n')
     with pytest.raises(InputError) as error:
@@ -161,7 +165,7 @@ def test_files_are_beside_the_scenario(tmp_path: Path, monkeypatch: pytest.Monke
     assert "It is a folder." in said
 
 
-def test_a_scenario_that_is_no_file_is_refused(tmp_path: Path):
+def test_a_scenario_that_is_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="It is a folder"):
         load_file(tmp_path)
     (tmp_path / "here.toml").write_text(SMALL)
@@ -172,16 +176,16 @@ def test_a_scenario_that_is_no_file_is_refused(tmp_path: Path):
         load_file(tmp_path / "here.toml")
 
 
-def test_deep_nesting_is_refused():
+def test_deep_nesting_is_refused() -> None:
     with pytest.raises(InputError):
         load_text("a = " + "[" * 100_000)
 
 
-def test_huge_numbers_are_refused():
+def test_huge_numbers_are_refused() -> None:
     assert "duration_s" in faults(SMALL.replace("origin", f"duration_s = {10**400}\norigin", 1))[0]
 
 
-def test_buildings_replace_the_city_and_move_the_origin(tmp_path: Path):
+def test_buildings_replace_the_city_and_move_the_origin(tmp_path: Path) -> None:
     file = tmp_path / "town.geojson"
     file.write_text(json.dumps(SQUARE))
     text = SMALL + "[city]\ngrid = {}\n"
@@ -191,6 +195,7 @@ def test_buildings_replace_the_city_and_move_the_origin(tmp_path: Path):
     assert scenario.origin.lat == pytest.approx(50.001, abs=1e-6)
     assert scenario.origin.lon == pytest.approx(10.0005, abs=1e-6)
     assert scenario.origin.alt_msl_m == 0.0
+    assert scenario.city is not None
     assert scenario.city.buildings == str(file)
     assert scenario.city.grid is None
     later = load_text(text, buildings=file, overrides=["origin.geoid_m=-33.5"])
@@ -199,18 +204,18 @@ def test_buildings_replace_the_city_and_move_the_origin(tmp_path: Path):
         load_text(text, buildings=tmp_path / "none.geojson")
 
 
-def test_the_seed_stands_over_all():
+def test_the_seed_stands_over_all() -> None:
     assert load_text(SMALL, overrides=["seed=3"]).seed == 3
     assert load_text(SMALL, overrides=["seed=3"], seed=4).seed == 4
 
 
-def test_toml_out_is_the_same_scenario_in():
+def test_toml_out_is_the_same_scenario_in() -> None:
     scenario = load_text(SMALL + "[[links]]\nmatch = 'gcs:*'\nlatency_ms = 40\n[city]\ngrid = {blocks = [2, 3]}\n")
     assert load_text(to_toml(scenario)) == scenario
     assert load_data(scenario.data()) == scenario
 
 
-def test_files_are_renamed_on_the_way_out(tmp_path: Path):
+def test_files_are_renamed_on_the_way_out(tmp_path: Path) -> None:
     for name in ("a.plan", "b.geojson"):
         (tmp_path / name).write_text("")
     data = load_text(SMALL).data()

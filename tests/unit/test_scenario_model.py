@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
+from pydantic import BaseModel
 
 from skyrange.contracts.links import Channel
 from skyrange.core.errors import InputError
@@ -25,20 +28,29 @@ from skyrange.scenario.model.scenario import (
 ORIGIN = (-35.3633280, 149.1652241)
 
 
+M = TypeVar("M", bound=BaseModel)
+
+
+def make(model: type[M], **data: Any) -> M:
+    """A model from data that it converts."""
+    return model(**data)
+
+
 def fleet(*ids: str) -> list[Vehicle]:
-    return [Vehicle(id=name, start=(10.0 * i, 0.0), plan=square(5, 5)) for i, name in enumerate(ids)]
+    return [make(Vehicle, id=name, start=(10.0 * i, 0.0), plan=square(5, 5)) for i, name in enumerate(ids)]
 
 
-def one(**keys) -> Scenario:
-    keys.setdefault("operators", [Operator(id="blue", vehicles=fleet("b1", "b2"))])
+def one(**keys: Any) -> Scenario:
+    keys.setdefault("operators", [make(Operator, id="blue", vehicles=fleet("b1", "b2"))])
     return Scenario(**{"origin": ORIGIN, **keys})
 
 
-def test_little_is_enough_and_the_rest_is_filled_in():
-    vehicles = [Vehicle(start=(5 * i, 5), plan=square(5, alt_m=5)) for i in range(5)]
-    scenario = Scenario(
+def test_little_is_enough_and_the_rest_is_filled_in() -> None:
+    vehicles = [make(Vehicle, start=(5 * i, 5), plan=square(5, alt_m=5)) for i in range(5)]
+    scenario = make(
+        Scenario,
         origin=ORIGIN,
-        operators=[Operator(id="blue", vehicles=vehicles[:2]), Operator(id="green", vehicles=vehicles[2:])],
+        operators=[make(Operator, id="blue", vehicles=vehicles[:2]), make(Operator, id="green", vehicles=vehicles[2:])],
     )
     assert [vehicle.id for _, vehicle in scenario.fleet] == ["b1", "b2", "g1", "g2", "g3"]
     assert [vehicle.system_id for _, vehicle in scenario.fleet] == [1, 2, 1, 2, 3]
@@ -48,30 +60,32 @@ def test_little_is_enough_and_the_rest_is_filled_in():
     assert vehicles[0].id == ""  # the caller's own objects stay as they were
 
 
-def test_named_and_numbered_things_keep_their_names():
+def test_named_and_numbered_things_keep_their_names() -> None:
     vehicles = [
         Vehicle(id="b2", plan=square(1, 1)),
         Vehicle(plan=square(1, 1)),
         Vehicle(plan=square(1, 1), system_id=1),
     ]
-    scenario = one(operators=[Operator(color="blue", vehicles=vehicles), Operator(vehicles=fleet("x"))])
+    scenario = one(operators=[make(Operator, color="blue", vehicles=vehicles), make(Operator, vehicles=fleet("x"))])
     blue, other = scenario.operators
     assert (blue.id, other.id, other.color) == ("blue", "op2", "green")
     assert [vehicle.id for vehicle in blue.vehicles] == ["b2", "b3", "b4"]
     assert [vehicle.system_id for vehicle in blue.vehicles] == [2, 3, 1]
 
 
-def test_a_dict_a_model_and_numpy_are_one_scenario():
-    by_model = one(operators=[Operator(id="a", vehicles=[Vehicle(start=(1, 2, 90), plan=path([(1, 2), (3, 4)], 7))])])
+def test_a_dict_a_model_and_numpy_are_one_scenario() -> None:
+    by_model = one(
+        operators=[make(Operator, id="a", vehicles=[make(Vehicle, start=(1, 2, 90), plan=path([(1, 2), (3, 4)], 7))])]
+    )
     plan = {"path": {"points": [[1, 2], [3, 4]], "alt_m": 7}}
     start = {"east_m": 1, "north_m": 2, "heading_deg": 90}
     by_dict = one(operators=[{"id": "a", "vehicles": [{"start": start, "plan": plan}]}])
     points = np.array([[1, 2], [3, 4]], dtype=np.float32)
-    vehicle = Vehicle(start=np.array([1, 2, 90]), plan=path(points, np.float64(7)), depart_s=np.int64(0))
-    assert by_model == by_dict == one(operators=[Operator(id="a", vehicles=[vehicle])])
+    vehicle = make(Vehicle, start=np.array([1, 2, 90]), plan=path(points, np.float64(7)), depart_s=np.int64(0))
+    assert by_model == by_dict == one(operators=[make(Operator, id="a", vehicles=[vehicle])])
 
 
-def test_times_are_utc():
+def test_times_are_utc() -> None:
     from datetime import timedelta, timezone
 
     east = timezone(timedelta(hours=2))
@@ -82,12 +96,12 @@ def test_times_are_utc():
             one(start_utc=datetime(year, 1, 1, tzinfo=east))
 
 
-def test_paths_have_heights():
-    assert Path(points=[(1, 2), (3, 4, 9)], alt_m=5).points_enu_m == ((1, 2, 5), (3, 4, 9))
+def test_paths_have_heights() -> None:
+    assert make(Path, points=[(1, 2), (3, 4, 9)], alt_m=5).points_enu_m == ((1, 2, 5), (3, 4, 9))
     with pytest.raises(InputError, match=r"points\.1: \[3\.0, 4\.0\] — expected \[east_m, north_m, up_m\]"):
-        Path(points=[(1, 2, 3), (3, 4)])
+        make(Path, points=[(1, 2, 3), (3, 4)])
     with pytest.raises(InputError, match=r"points\.0: \[1\.0, 2\.0, -3\.0\] — expected an up_m more than 0"):
-        Path(points=[(1, 2, -3)])
+        make(Path, points=[(1, 2, -3)])
 
 
 @pytest.mark.parametrize(
@@ -105,26 +119,26 @@ def test_paths_have_heights():
         ({"square": {"side_m": True, "alt_m": 1}}, "a number"),
     ],
 )
-def test_plans_that_make_no_sense_are_refused(keys, expected):
+def test_plans_that_make_no_sense_are_refused(keys: dict[str, Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         Plan(**keys)
 
 
-def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored():
+def test_a_file_plan_is_flown_where_it_was_drawn_unless_anchored() -> None:
     assert mission_file("m.waypoints").anchor == "file"
     assert mission_file("m.plan", anchor="start").anchor == "start"
     with pytest.raises(InputError, match="anchored at its own coordinates"):
-        one(operators=[Operator(id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
+        one(operators=[make(Operator, id="a", vehicles=[Vehicle(plan=mission_file("m.plan"), placing="clear")])])
 
 
-def test_cities_have_one_source():
-    assert City(grid={}).grid is not None
+def test_cities_have_one_source() -> None:
+    assert make(City, grid={}).grid is not None
     with pytest.raises(InputError, match="both — expected exactly one"):
-        City(grid={}, buildings="x")
+        make(City, grid={}, buildings="x")
     with pytest.raises(InputError, match="exactly one"):
         City()
     with pytest.raises(InputError, match="the lower height first"):
-        City(grid={"height_m": (30, 20)})
+        make(City, grid={"height_m": (30, 20)})
 
 
 @pytest.mark.parametrize(
@@ -139,14 +153,14 @@ def test_cities_have_one_source():
         ([{"id": "a", "approval": "aprove-all", "vehicles": fleet("x")}], "Did you mean 'approve-all'"),
     ],
 )
-def test_fleets_that_make_no_sense_are_refused(operators, expected):
+def test_fleets_that_make_no_sense_are_refused(operators: list[Any], expected: str) -> None:
     with pytest.raises(InputError, match=expected):
         one(operators=operators)
 
 
-def test_vehicles_that_make_no_sense_are_refused():
+def test_vehicles_that_make_no_sense_are_refused() -> None:
     plan = square(1, 1)
-    for keys, expected in [
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"autopilot": "bultin"}, "Did you mean 'builtin'"),
         ({"airframe": "irys"}, "Did you mean 'iris'"),
         ({"system_id": 251}, "at most 250"),
@@ -154,19 +168,24 @@ def test_vehicles_that_make_no_sense_are_refused():
         ({"params": {"wpnav": 3}}, "wpnav"),
         ({"depart_s": -1}, "at least 0"),
         ({"placing": "clean"}, "Did you mean 'clear'"),
-    ]:
+    ]
+    for keys, expected in cases:
         with pytest.raises(InputError, match=expected):
             Vehicle(plan=plan, **keys)
     with pytest.raises(InputError, match="a system id that no other vehicle"):
-        one(operators=[Operator(id="a", vehicles=[Vehicle(plan=plan, system_id=7), Vehicle(plan=plan, system_id=7)])])
+        one(
+            operators=[
+                make(Operator, id="a", vehicles=[Vehicle(plan=plan, system_id=7), Vehicle(plan=plan, system_id=7)])
+            ]
+        )
 
 
-def test_two_hundred_and_fifty_aircraft_are_numbered():
-    scenario = one(operators=[Operator(id="a", vehicles=[Vehicle(plan=square(1, 1)) for _ in range(250)])])
+def test_two_hundred_and_fifty_aircraft_are_numbered() -> None:
+    scenario = one(operators=[make(Operator, id="a", vehicles=[Vehicle(plan=square(1, 1)) for _ in range(250)])])
     assert [vehicle.system_id for _, vehicle in scenario.fleet] == list(range(1, 251))
 
 
-def test_link_rules_stack_in_order():
+def test_link_rules_stack_in_order() -> None:
     scenario = one(
         links=[
             Link(match="gcs:*", latency_ms=40, loss=0.1),
@@ -181,27 +200,27 @@ def test_link_rules_stack_in_order():
     )
 
 
-def test_a_rule_that_no_link_matches_is_refused():
+def test_a_rule_that_no_link_matches_is_refused() -> None:
     with pytest.raises(InputError, match=r"links\.0\.match: gsc:blue/b1.*Did you mean 'gcs:blue/b1'"):
         one(links=[Link(match="gsc:blue/b1", loss=0.5)])
 
 
-def test_a_scenario_is_frozen_data():
+def test_a_scenario_is_frozen_data() -> None:
     scenario = one()
     with pytest.raises(Exception, match="frozen"):
         scenario.seed = 3
     assert copy.deepcopy(scenario) == scenario
 
 
-def test_python_hears_all_faults_at_once_with_nearest_spellings():
+def test_python_hears_all_faults_at_once_with_nearest_spellings() -> None:
     with pytest.raises(InputError) as error:
-        Vehicle(strt=(1, 2), plan=square(1, 1), depart_s="5 s")
+        make(Vehicle, strt=(1, 2), plan=square(1, 1), depart_s="5 s")
     assert error.value.who == "Vehicle"
     assert "Did you mean 'start'?" in str(error.value)
     assert "Write depart_s = 5 without quotes, in seconds." in str(error.value)
 
 
-def test_every_property_of_the_json_schema_is_described():
+def test_every_property_of_the_json_schema_is_described() -> None:
     schema = json_schema()
     undescribed = [
         f"{name}.{key}"
@@ -222,7 +241,7 @@ def test_every_property_of_the_json_schema_is_described():
     assert all("metre" in description.lower() for _, description in lengths)
 
 
-def test_half_a_character_is_refused():
+def test_half_a_character_is_refused() -> None:
     for keys in (
         {"name": "a\ud800"},
         {"city": {"grid": {"a\ud800": 1}}},
@@ -233,8 +252,8 @@ def test_half_a_character_is_refused():
         str(error.value).encode()  # what is said can be printed
 
 
-def test_the_json_schema_states_every_bound_in_its_own_words():
-    def numbers(part):
+def test_the_json_schema_states_every_bound_in_its_own_words() -> None:
+    def numbers(part: object) -> Iterator[dict[str, Any]]:
         if isinstance(part, dict):
             if part.get("type") in ("number", "integer"):
                 yield part

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from pydantic import Field
 from skyrange.assembly.build import build
 from skyrange.contracts import plugins
 from skyrange.contracts.alerts import Alert
+from skyrange.contracts.components import Agent
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
@@ -111,7 +112,7 @@ class Gossip:
     """A service of two agents that have a link of their own."""
 
     name: str
-    ports: tuple[Port, ...]
+    ports: Sequence[Port]
     service_ns: Time = 20 * NS_PER_MS
 
     def step(self, now: Time, inbox: Inbox) -> Outbox:
@@ -126,14 +127,20 @@ def federated(params: Apart, context: ApprovalContext) -> ApprovalService:
     a, b = context.endpoint("one"), context.endpoint("two")
     link = LinkSpec("uss:one-two", a, b)
     ends = [Gossip(f"{context.name}.{end}", (Port(end, link.name),)) for end in (a, b)]
-    return ApprovalService([front, *ends], [link])
+    agents: list[Agent] = [front, *ends]
+    return ApprovalService(agents, [link])
+
+
+def _approve_all(params: Apart) -> ApproveAll:
+    given.append(params)
+    return ApproveAll()
 
 
 @pytest.fixture(autouse=True)
 def _kinds(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plugins, "_registered", dict(plugins._registered))
     given.clear()
-    strict = policy_plugin(Apart, lambda params: given.append(params) or ApproveAll(), "Strict.")
+    strict = policy_plugin(Apart, _approve_all, "Strict.")
     plugins.register(plugins.APPROVALS, "test.strict", strict)
     plugins.register(plugins.APPROVALS, "test.federated", ApprovalPlugin(Apart, federated, "Talks."))
     detector = DetectorPlugin(Gap, lambda params, context: Listener(params.longer_s, context), "Notes silences.")

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -14,6 +15,7 @@ from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.codec.mission import read_mission
 from skyrange.core.errors import InputError
 from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
+from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import FOLDER, SHIPPED, load, source_of
 from skyrange.scenario.toml_reader import load_text
 from skyrange.scenario.toml_writer import to_toml
@@ -21,12 +23,12 @@ from skyrange.scenario.toml_writer import to_toml
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
 
-def test_the_catalogue_is_what_is_shipped():
+def test_the_catalogue_is_what_is_shipped() -> None:
     assert {file.stem for file in FOLDER.glob("*.toml")} == set(SHIPPED)
     assert all(load(name).name == name for name in SHIPPED)
 
 
-def test_squares_is_the_published_demonstration():
+def test_squares_is_the_published_demonstration() -> None:
     scenario = load("squares")
     assert (scenario.origin.lat, scenario.origin.lon, scenario.origin.alt_msl_m) == (-35.3633280, 149.1652241, 0)
     fleet = {f"{operator.id}/{vehicle.id}": vehicle for operator, vehicle in scenario.fleet}
@@ -37,23 +39,24 @@ def test_squares_is_the_published_demonstration():
         "green/g2": (-15, 0),
         "green/g3": (0, -20),
     }
-    assert [v.plan.square.side_m for v in fleet.values()] == [5, 7, 4, 3, 2]
-    assert {v.plan.square.alt_m for v in fleet.values()} == {5}
+    squares = [v.plan.square for v in fleet.values()]
+    assert [one and one.side_m for one in squares] == [5, 7, 4, 3, 2]
+    assert {one and one.alt_m for one in squares} == {5}
     assert {v.depart_s for v in fleet.values()} == {10}
     assert scenario.duration_s == 180
     assert check_starts(scenario, None, make_flight_plans(scenario)) == []
 
 
-def test_survey_flies_files_of_both_kinds_in_its_downtown():
+def test_survey_flies_files_of_both_kinds_in_its_downtown() -> None:
     scenario = load("survey")
     assert len(list(scenario.fleet)) == 8
     assert len(scenario.operators) == 2
-    files = {Path(vehicle.plan.file) for _, vehicle in scenario.fleet}
+    files = {Path(vehicle.plan.file or "") for _, vehicle in scenario.fleet}
     assert {file.suffix for file in files} == {".plan", ".waypoints"}
     _flies(scenario)
 
 
-def test_its_survey_is_a_complex_item_whose_items_are_flown():
+def test_its_survey_is_a_complex_item_whose_items_are_flown() -> None:
     plan = json.loads((FOLDER / "survey" / "survey.plan").read_text())
     [survey] = [item for item in plan["mission"]["items"] if item["type"] == "ComplexItem"]
     assert survey["complexItemType"] == "survey"
@@ -64,18 +67,19 @@ def test_its_survey_is_a_complex_item_whose_items_are_flown():
 
 
 @pytest.mark.parametrize("buildings", [None, {"grid": {"blocks": [12, 10], "height_m": [30, 200], "seed": 5}}])
-def test_survey_finds_room_in_other_cities(buildings):
+def test_survey_finds_room_in_other_cities(buildings: dict[str, Any] | None) -> None:
     scenario = load("survey")
     _flies(scenario if buildings is None else type(scenario)(**{**scenario.data(), "city": buildings}))
 
 
 @pytest.mark.skipif(not STREETS.exists(), reason="the Upper East Side's buildings are not on this machine")
-def test_survey_finds_room_in_manhattan():
+def test_survey_finds_room_in_manhattan() -> None:
     _flies(load("survey", buildings=STREETS))
 
 
-def _flies(scenario):
+def _flies(scenario: Scenario) -> None:
     city = build_city(scenario)
+    assert city is not None
     after = apply_placing(scenario, city)
     assert check_starts(after, city, make_flight_plans(after)) == []
     for _, vehicle in after.fleet:
@@ -86,11 +90,13 @@ def _flies(scenario):
 
 
 @pytest.mark.parametrize("name", ["rid-spoofing", "rid-city"])
-def test_attacks_go_along_to_another_city(name):
+def test_attacks_go_along_to_another_city(name: str) -> None:
     if not STREETS.exists():
         pytest.skip("the Upper East Side's buildings are not on this machine")
     for buildings in (None, STREETS):
         built = build(load(name, buildings=buildings))
+        assert built.city is not None
+        assert built.scenario.radio is not None
         for _, vehicle in built.scenario.fleet:
             path = enu_points(make_flight_plan(built.scenario.origin.datum, vehicle))
             assert built.city.is_clear(path, MARGIN_M - 0.01), vehicle.id
@@ -107,7 +113,7 @@ def test_attacks_go_along_to_another_city(name):
             }
 
 
-def test_a_receiver_moves_out_of_a_building():
+def test_a_receiver_moves_out_of_a_building() -> None:
     text = """
 origin = [40.778, -73.955]
 city.grid = {}
@@ -120,8 +126,11 @@ id = "o"
 """
     scenario = load_text(text)
     city = build_city(scenario)
+    assert city is not None
     assert city.inside(30, 30, 5) is not None
-    [receiver] = apply_placing(scenario, city).radio.receivers
+    radio = apply_placing(scenario, city).radio
+    assert radio is not None
+    [receiver] = radio.receivers
     assert receiver.placing == "exact"
     assert city.inside(*receiver.place) is None
     assert receiver.place[2] == 5
@@ -130,7 +139,7 @@ id = "o"
         build(load_text(text.replace('"clear"', '"exact"')))
 
 
-def test_names_files_and_mistakes():
+def test_names_files_and_mistakes() -> None:
     assert source_of("squares") == FOLDER / "squares.toml"
     assert source_of("mine.toml") == Path("mine.toml")
     with pytest.raises(InputError, match="Did you mean 'squares'"):
@@ -139,10 +148,12 @@ def test_names_files_and_mistakes():
         load("nowhere/mine.toml")
 
 
-def test_overrides_reach_shipped_scenarios_and_blame_the_command_line():
+def test_overrides_reach_shipped_scenarios_and_blame_the_command_line() -> None:
     overrides = ["operators.*.vehicles.*.autopilot=builtin", "operators.green.vehicles.g2.plan.square.alt_m=7.5"]
     scenario = load("squares", overrides, seed=9)
     assert scenario.seed == 9
-    assert scenario.operators[1].vehicles[1].plan.square.alt_m == 7.5
+    flown = scenario.operators[1].vehicles[1].plan.square
+    assert flown is not None
+    assert flown.alt_m == 7.5
     with pytest.raises(InputError, match=r"^squares with --set"):
         load("squares", ["duration_s=-1"])

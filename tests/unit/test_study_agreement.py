@@ -96,13 +96,13 @@ def test_what_only_one_has_is_named(tmp_path: Path) -> None:
 
 
 def test_an_extra_one_of_many_alike_is_the_one_without_a_neighbour(tmp_path: Path) -> None:
-    beats = [(float(at), "event.beat", {}) for at in range(1, 8)]
+    beats: list[Any] = [(float(at), "event.beat", {}) for at in range(1, 8)]
     found = agreement(run(tmp_path / "a", [*beats, (3.5, "event.beat", {})]), run(tmp_path / "b", beats), 0.2)
     assert [(odd.a_s, odd.b_s) for odd in found.odd] == [(3.5, None)]
 
 
 def test_one_more_at_the_start_does_not_make_all_that_follow_odd(tmp_path: Path) -> None:
-    seen = [(float(n), "event.track_seen", {"uas_id": f"U{n}", "count": n}) for n in range(1, 6)]
+    seen: list[Any] = [(float(n), "event.track_seen", {"uas_id": f"U{n}", "count": n}) for n in range(1, 6)]
     later = [(at, kind, {**data, "count": data["count"] - 1}) for at, kind, data in seen[1:]]
     found = agreement(run(tmp_path / "a", seen), run(tmp_path / "b", later), 0.2)
     assert [json.loads(odd.details)["uas_id"] for odd in found.odd] == ["U1"]

@@ -264,7 +264,7 @@ def test_a_factor_chooses_generated_downtowns_and_files_of_cities(tmp_path: Path
 
 
 def test_downtowns_of_other_shapes_are_values_by_name() -> None:
-    narrow = {"blocks": [4, 4], "street_m": 12, "seed": 3}
+    narrow: dict[str, Any] = {"blocks": [4, 4], "street_m": 12, "seed": 3}
     city = {"name": "city", "key": "buildings", "named": {"narrow": narrow, "wide": "grid:2"}}
     found = study(scenario="survey", factors=(city,))
     narrowed, wide = (scenario_in(found, found.arms[0], block).city for block in list_blocks(found))

@@ -159,7 +159,7 @@ def test_the_first_truth_row_that_differs(tmp_path: Path, close: bool) -> None:
     for name, world in (("a", StillWorld()), ("b", _Drifting())):
         recorder = Recorder.open(tmp_path / name, HEADER)
         for tick in range(8):
-            recorder.on_truth(tick * 100 * MS, world)  # type: ignore[arg-type]
+            recorder.on_truth(tick * 100 * MS, world)
         recorder.close() if close else recorder.flush()
     first = diff(tmp_path / "a", tmp_path / "b").first_truth
     assert first is not None
@@ -169,7 +169,7 @@ def test_the_first_truth_row_that_differs(tmp_path: Path, close: bool) -> None:
 def test_worlds_with_other_columns(tmp_path: Path) -> None:
     for name, world in (("a", StillWorld()), ("b", _Wider())):
         recorder = Recorder.open(tmp_path / name, HEADER)
-        recorder.on_truth(0, world)  # type: ignore[arg-type]
+        recorder.on_truth(0, world)
         recorder.close()
     found = diff(tmp_path / "a", tmp_path / "b")
     assert not found.same

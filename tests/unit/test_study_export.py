@@ -143,7 +143,9 @@ def test_a_run_without_a_radio_has_nothing_to_export(tmp_path: Path) -> None:
     assert packet_captures.mavlink(run).packets == 0
 
 
-def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_says_whose_it_is(tmp_path: Path) -> None:
+def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_says_whose_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Of what arrived, by arrival."""
     rows = {
         "link": ["gcs:b/1", "gcs:b/1", "gcs:b/1"], "direction": ["fwd", "rev", "fwd"],
@@ -151,7 +153,7 @@ def test_an_injected_frame_goes_under_the_addresses_it_claims_and_its_comment_sa
         "arrived_ns": [500, 300, None], "payload": [b"INJECTED", b"TELEMETRY", b"LOST"],
     }  # fmt: skip
     run = record()
-    run.tables.frames_with_payloads = lambda columns, *, encoded=False: iter([pa.table(rows)])  # type: ignore[attr-defined, method-assign]
+    monkeypatch.setattr(run.tables, "frames_with_payloads", lambda columns, *, encoded=False: iter([pa.table(rows)]))
     made = packet_captures.mavlink(run, tmp_path / "m.pcapng")
     assert made.by == {"gcs:a/1": 0, "gcs:b/1": 2}
     written = made.path.read_bytes()

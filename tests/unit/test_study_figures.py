@@ -6,6 +6,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -132,7 +133,9 @@ def test_sums_by_kind_add_up(run: SampleRun) -> None:
 
 def test_waypoints_are_those_that_arrived(run: SampleRun, tmp_path: Path) -> None:
     origin = Origin(ORIGIN["lat_deg"], ORIGIN["lon_deg"])
-    packer, payloads, frames = Packer(255, 190), [], []
+    packer = Packer(255, 190)
+    payloads: list[dict[str, Any]] = []
+    frames: list[dict[str, Any]] = []
 
     def item(seq: int, east: float, command: int, fate: str = "delivered") -> None:
         lat, lon = origin.geodetic_of(east, 20.0)
@@ -233,11 +236,14 @@ def test_plan_view_has_its_scale_right(run: SampleRun) -> None:
     figure = figures.plan_view(run, {"blue/b1": np.array([[5.0, 10.0, 5.0]])})
     root = ET.fromstring(figure.svg)
     bar = next(node for node in root.iter(XML + "g") if node.get("class") == "scale-bar")
-    drawn = bar.find(XML + "path").get("d")  # type: ignore[union-attr]
-    start, end = (float(x) for x in re.match(r"M([\d.]+).*H([\d.]+)V", drawn).groups())  # type: ignore[union-attr]
+    line = bar.find(XML + "path")
+    assert line is not None
+    drawn = re.match(r"M([\d.]+).*H([\d.]+)V", line.get("d", ""))
+    assert drawn is not None
+    start, end = (float(x) for x in drawn.groups())
     metres = float(bar.find(XML + "text").text.split()[0])  # type: ignore[union-attr]
-    homes = [node for node in root.iter(XML + "g") if "home" in node.get("class", "")]
-    x, y = ([float(home.find(XML + "circle").get(axis)) for home in homes] for axis in ("cx", "cy"))  # type: ignore
+    homes = [node.find(XML + "circle") for node in root.iter(XML + "g") if "home" in node.get("class", "")]
+    x, y = ([float(home.get(axis, "")) for home in homes if home is not None] for axis in ("cx", "cy"))
     scale = (end - start) / metres
     assert math.hypot(x[0] - x[1], y[0] - y[1]) / scale == pytest.approx(math.hypot(5, 5), rel=0.01)  # b1 to b2
     assert y[0] < y[4]  # b1 is north of g3

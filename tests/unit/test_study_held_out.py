@@ -14,7 +14,7 @@ from skyrange.study.dataset.splits import HeldOut, draw_split
 from skyrange.study.scoring.tables import StudyTables
 from skyrange.study.sweep.block_files import BlockResult, write_block
 from skyrange.study.sweep.design.blocks import Block
-from skyrange.study.sweep.design.model import SHIPPED, Study, read_study
+from skyrange.study.sweep.design.model import SHIPPED, HeldOutTraits, Study, read_study
 from skyrange.study.sweep.folder import StudyFolder, create_folder
 from skyrange.study.sweep.scores.score_tables import make_score_tables, score_study
 
@@ -24,13 +24,15 @@ KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 
 def fabricate(path: Path, held_out: dict[str, Any] | None = None) -> StudyFolder:
     """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations."""
-    factors = (
+    factors: Any = (
         {"name": "condition", "key": "attacks", "named": {kind: [] for kind in KINDS}},
         {"name": "city", "key": "buildings", "named": {"old": "grid:1", "new": "grid:2"}},
         {"name": "fleet", "key": "operators.*.fleets.*.count", "values": (1, 3)},
     )
-    arms = ("nominal", "attacked")
-    study = Study(name="made", scenario="survey", factors=factors, seeds=10, arms=arms, held_out=held_out or {})
+    arms: Any = ("nominal", "attacked")
+    study = Study(
+        name="made", scenario="survey", factors=factors, seeds=10, arms=arms, held_out=HeldOutTraits(**held_out or {})
+    )
     folder = create_folder(study, path)
     for block in folder.blocks:
         write_block(path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), _rows(block))

@@ -72,7 +72,7 @@ def test_an_error_in_the_code_is_raised_with_the_block() -> None:
 
 
 def test_nothing_is_begun_after_stop_and_no_process_stays(tmp_path: Path) -> None:
-    pids = []
+    pids: list[int] = []
     for _, outcome in LocalPool(2).run(BLOCKS, _result, 30.0, lambda: len(pids) >= 2):
         assert isinstance(outcome, BlockResult)
         pids.append(outcome.disk_bytes)

@@ -9,6 +9,7 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,8 +62,15 @@ def written(record: SampleRun, folder: Path) -> str:
     return path.read_text(encoding="utf-8")
 
 
-def data_of(text: str) -> dict:
-    return json.loads(re.search(r'<script type="application/json" id="run">(.*?)</script>', text, re.S).group(1))
+def find_group(pattern: str, text: str) -> str:
+    match = re.search(pattern, text, re.S)
+    assert match is not None
+    return str(match[1])
+
+
+def data_of(text: str) -> dict[str, Any]:
+    data: dict[str, Any] = json.loads(find_group(r'<script type="application/json" id="run">(.*?)</script>', text))
+    return data
 
 
 @pytest.fixture(scope="module")
@@ -99,11 +107,11 @@ def test_nothing_is_fetched(text: str) -> None:
 
 
 def test_the_policy_seals_this_very_style_and_script(text: str) -> None:
-    policy = html.unescape(re.search(r'Content-Security-Policy" content="([^"]*)"', text).group(1))
+    policy = html.unescape(find_group(r'Content-Security-Policy" content="([^"]*)"', text))
     assert policy.startswith("default-src 'none'")
     assert "unsafe" not in policy
     for tag in ("style", "script"):
-        body = re.search(rf"<{tag}>(.*?)</{tag}>", text, re.S).group(1)
+        body = find_group(rf"<{tag}>(.*?)</{tag}>", text)
         digest = base64.b64encode(hashlib.sha256(body.encode()).digest()).decode()
         assert f"{tag}-src 'sha256-{digest}'" in policy
     assert not [attrs for _, attrs in Page(text).elements if "style" in attrs]  # it would be refused
@@ -167,7 +175,7 @@ def test_a_complete_run_has_no_banner(text: str) -> None:
         {"name": "named", "status": "running", "operators": [{"id": "a"}], "vehicles": [{"id": "a/x"}], "links": []},
     ],
 )
-def test_empty_tables_make_a_page(manifest: dict, tmp_path: Path) -> None:
+def test_empty_tables_make_a_page(manifest: dict[str, Any], tmp_path: Path) -> None:
     page = Page(written(SampleRun(tmp_path, manifest, [], {}), tmp_path))
     assert "No link is on record" in page.text
     assert "No event is on record" in page.text

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from skyrange.study.sweep.block_files import BlockResult, write_block
 from skyrange.study.sweep.design.blocks import Block
+from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.execution.worker import note_failure
 from skyrange.study.sweep.folder import create_folder
@@ -69,8 +70,8 @@ def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_tex
         scenario="gnss.jump",
         seeds=2,
         factors=(
-            {"name": "size", "key": "attacks.jump.start_s", "values": (10, 20)},
-            {"name": "word", "key": "operators.blue.id", "values": ("<b>a</b>", "b")},
+            Factor(name="size", key="attacks.jump.start_s", values=(10, 20)),
+            Factor(name="word", key="operators.blue.id", values=("<b>a</b>", "b")),
         ),
     )
     folder = create_folder(study, tmp_path / "s")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from alembic.autogenerate import compare_metadata
@@ -107,8 +108,9 @@ def fitting(entity: Entity) -> Entity:
 
 
 def content(store: DssStore) -> list[Entity]:
-    everywhere = [*store.intents, *store._constraints.entities.values(), *store._subscriptions.entities.values()]
-    return sorted([*everywhere, *store._availabilities.values()], key=repr)
+    everywhere: list[Entity] = [*store.intents, *store._constraints.entities.values()]
+    everywhere += [*store._subscriptions.entities.values(), *store._availabilities.values()]
+    return sorted(everywhere, key=repr)
 
 
 @given(st.lists(st.tuples(ENTITIES.map(fitting), st.sampled_from(["put", "put", "delete", "commit"])), max_size=20))
@@ -168,7 +170,7 @@ def test_a_uss_has_after_a_restart_the_intents_that_it_managed(acts: list[tuple[
     engine.dispose()
 
 
-def fields(reference: IntentReference) -> dict[str, object]:
+def fields(reference: IntentReference) -> dict[str, Any]:
     return {name: getattr(reference, name) for name in reference.__dataclass_fields__}
 
 

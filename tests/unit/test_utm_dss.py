@@ -14,7 +14,7 @@ from uas_standards.astm.f3548.v21.constants import Scope
 
 from skyrange.codec.f3548.frames import UssRequest, UssResponse, decode, encode
 from skyrange.codec.f3548.operations import check_response, path_of
-from skyrange.codec.f3548.values import NO_SUBSCRIPTION, volume_body
+from skyrange.codec.f3548.values import NO_SUBSCRIPTION, Area, volume_body
 from skyrange.contracts.mailboxes import Arrival, Inbox
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time
@@ -79,7 +79,7 @@ def here(**more: float) -> Volume4D:
     return box(LAT, LON, **{"start_s": 600.0, **more})
 
 
-NEW = {"new_subscription": {"uss_base_url": "https://blue"}}
+NEW: dict[str, Any] = {"new_subscription": {"uss_base_url": "https://blue"}}
 
 
 def create(ask: Ask, uss: str = "blue", id_: str = INTENT, **more: Any) -> dict[str, Any]:
@@ -272,4 +272,8 @@ def test_what_overlaps_may_intersect_for_the_dss(one: Volume4D, other: Volume4D)
     airspace = Airspace()
     airspace.put("one", [one])
     if airspace.find_overlaps([other]):
-        assert extent_of([one]).may_intersect(extent_of([other]))
+        ours, theirs = (
+            extent_of([Area(each.outline, each.lower_m, each.upper_m, each.start_ns, each.end_ns)])
+            for each in (one, other)
+        )
+        assert ours.may_intersect(theirs)

@@ -13,7 +13,7 @@ from skyrange.vehicle.builtin.estimation import strapdown
 from skyrange.world import multirotor
 
 LANES, NUMBER = numba.float64[::1], numba.float64
-LOOPS = {
+LOOPS: dict[str, tuple[Any, tuple[Any, ...]]] = {
     "motion": (multirotor._move_lanes, (NUMBER, LANES)),
     "rotors": (multirotor.spin_rotors, (LANES,) * 6),
     "strapdown": (strapdown._integrate_lanes, (LANES, NUMBER)),

@@ -46,10 +46,10 @@ def mixed(throttle: float, roll: float, pitch: float, yaw: float) -> np.ndarray:
     fill_settings(settings, 0, "v", IRIS, 1, {})
     gains.set_motor_factors(table, 0, IRIS)
     gains.compute_gains(table[0], settings[0], DT)
-    factors = [tuple(table[name][0].tolist()) for name in ("roll_factor", "pitch_factor", "yaw_factor")]
-    curve = tuple(float(table[name][0]) for name in ("expo", "expo_a", "expo_b", "expo_c"))
+    factors: list[Any] = [tuple(table[name][0].tolist()) for name in ("roll_factor", "pitch_factor", "yaw_factor")]
+    curve: Any = tuple(float(table[name][0]) for name in ("expo", "expo_a", "expo_b", "expo_c"))
     spin = float(table["spin_min"][0]), float(table["spin_range"][0])
-    thrusts = mix_motors(*factors, throttle, throttle, roll, pitch, yaw)[1:]
+    thrusts = mix_motors(factors[0], factors[1], factors[2], throttle, throttle, roll, pitch, yaw)[1:]
     out = (np.array([thrust_to_actuator(curve, spin, thrust) for thrust in thrusts]) - 0.15) / (0.95 - 0.15)
     expo = IRIS.thrust_expo
     share: np.ndarray = (1 - expo) * out + expo * out**2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
@@ -38,7 +39,7 @@ def put(r: Range, seq: int, item: Item) -> None:
     r.run(0.01)
 
 
-def download(r: Range) -> list[object]:
+def download(r: Range) -> list[Any]:
     before = len(r.heard("MISSION_ITEM_INT"))
     r.send(V, A.MAVLink_mission_request_list_message(1, 1, 0))
     r.run(0.01)
@@ -133,7 +134,9 @@ def test_download_denied_during_upload(r: Range) -> None:
     assert acks(r) == [A.MAV_MISSION_DENIED] * 3
 
 
-def bad(command: int = 16, frame: int = 3, p1: float = 0, p4: float = 0, lat: int = 0, lon: int = 0, z: float = 5):
+def bad(
+    command: int = 16, frame: int = 3, p1: float = 0, p4: float = 0, lat: int = 0, lon: int = 0, z: float = 5
+) -> Any:
     return A.MAVLink_mission_item_int_message(1, 1, 1, frame, command, 0, 1, p1, 0, 0, p4, lat, lon, z, 0)
 
 

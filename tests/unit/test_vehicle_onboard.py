@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from skyrange.codec.mavlink import Packer, dialect
+from skyrange.contracts.links import Channel
 from skyrange.vehicle.onboard_network import CHANNELS, for_remote_id, onboard_links, onboard_routes, oracle_links
 
 
@@ -28,7 +29,9 @@ def test_links_follow_the_naming_and_defaults() -> None:
     assert (specs["rid_down:blue/b1"].a, specs["rid_down:blue/b1"].b) == ("oracle", "blue/b1.companion")
     assert (specs["gcs:blue/b1"].a, specs["gcs:blue/b1"].b) == ("blue.gcs", "blue/b1.companion")
     assert specs["gcs:blue/b1"].channel.latency_ns == 20_000_000
-    assert specs["rid_data:blue/b1"].channel.mode == "reliable"
+    rid_data = specs["rid_data:blue/b1"].channel
+    assert isinstance(rid_data, Channel)
+    assert rid_data.mode == "reliable"
 
 
 def test_remote_id_gets_positions_and_nothing_unparseable() -> None:

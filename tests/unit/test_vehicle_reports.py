@@ -39,6 +39,7 @@ def engine(count: int = COUNT) -> BuiltinFleet:
     fleet = made._fleet
     fleet.now = 123_456_789_000
     for table in (fleet.estimate, fleet.flight, fleet.battery):
+        assert table.dtype.names
         for place, name in enumerate(table.dtype.names):
             kind = table.dtype[name]
             if kind.names or kind.base.kind != "f":
@@ -225,8 +226,8 @@ def test_the_operators_streams() -> None:
     r.take_off(V, 5.0)
     for stream, rate in OPERATOR.streams:
         r.send(V, A.MAVLink_request_data_stream_message(3, 1, stream, rate, 1))
-    for number, rate in OPERATOR.messages:
-        assert r.command(V, A.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate) == 0
+    for number, rate_hz in OPERATOR.messages:
+        assert r.command(V, A.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / rate_hz) == 0
     r.run(1.0)
     before, frames = len(r.said), len(r.frames[V])
     r.run(10.0)

@@ -112,7 +112,7 @@ def test_arming_tells_where_home_is() -> None:
 def test_reports_start_at_moments_of_their_own() -> None:
     fleet = Range([VehicleSpec(f"blue/b{i}", i + 1) for i in range(8)])
     fleet.run(1.0)
-    first = {}
+    first: dict[str, float] = {}
     for said in fleet.said:
         first.setdefault(said.vehicle, said.at_s)
     assert len(first) == 8

@@ -6,6 +6,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from select import select
 from typing import Any
 
@@ -54,7 +55,7 @@ def test_what_the_run_shows_is_shown_by_aircraft_and_nothing_passes_back(shown: 
             shown.show(0, b"of the first ")
             shown.show(1, b"of the second")
             for client, expected in ((first, b"of the first "), (second, b"of the second")):
-                until(lambda client=client: select([client], [], [], 0)[0], shown.serve, relay.poll)
+                until(partial(lambda one: select([one], [], [], 0)[0], client), shown.serve, relay.poll)
                 assert client.recv(100) == expected
             until(lambda: relay.counts.bytes_ignored == 600, relay.poll, shown.serve)
             assert shown.counts.bytes_ignored == 0

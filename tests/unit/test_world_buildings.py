@@ -19,11 +19,18 @@ IRIS = AIRFRAMES["iris"]
 FAR = shapely.box(500.0, 500.0, 510.0, 510.0)
 
 
-def _city(*shapes, height_m: float = 30.0, base_m: float = 0.0) -> City:
+def _city(*shapes: shapely.Geometry, height_m: float = 30.0, base_m: float = 0.0) -> City:
     return City([Building(f"b{i}", height_m, shape, base_m=base_m) for i, shape in enumerate((*shapes, FAR))], "test")
 
 
-def _world(city: City, east_m: float, north_m: float, up_m: float, velocity=(0.0, 0.0, 0.0), hover=True) -> World:
+def _world(
+    city: City,
+    east_m: float,
+    north_m: float,
+    up_m: float,
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    hover: bool = True,
+) -> World:
     world = World([Body("blue/a", "iris", east_m, north_m, up_m, 90.0)], city=city)
     world._velocity[0] = velocity
     if hover:
@@ -43,7 +50,7 @@ def _collisions(notes: list[Note]) -> list[Note]:
 
 @pytest.mark.parametrize("thick", [20.0, 0.01])
 @pytest.mark.parametrize("speed", [5.0, 30.0, 1000.0])
-def test_a_wall_stops_it(speed: float, thick: float):
+def test_a_wall_stops_it(speed: float, thick: float) -> None:
     """Flying east into a wall at east 10 m, thick or thin: it never gets past, and the event says where."""
     world = _world(_city(shapely.box(10.0, -20.0, 10.0 + thick, 20.0)), 0.0, 0.0, 15.0, (speed, 0.0, 0.0))
     notes = _run(world, 3200)
@@ -51,14 +58,16 @@ def test_a_wall_stops_it(speed: float, thick: float):
     assert hit.about == "blue/a"
     assert hit.data["with"] == "building:0"
     assert hit.data["east_m"] == pytest.approx(10.0, abs=1e-9 if thick > 1.0 else 0.011)
-    assert 0.4 * speed < hit.data["speed_mps"] <= speed + 1.0  # it climbs meanwhile
-    assert hit.data["energy_j"] == pytest.approx(0.75 * hit.data["speed_mps"] ** 2, rel=1e-9)
+    speed_mps = hit.data["speed_mps"]
+    assert isinstance(speed_mps, float)
+    assert 0.4 * speed < speed_mps <= speed + 1.0  # it climbs meanwhile
+    assert hit.data["energy_j"] == pytest.approx(0.75 * speed_mps**2, rel=1e-9)
     assert world._position[0, 0] < 10.0 - IRIS.radius_m + 1e-6
     assert (world._alive[0, [0, 2]] == 0).all()  # the front ones: it looks east
     assert [note.kind for note in notes[-1:]] == ["event.crash"]
 
 
-def test_a_gap_wider_than_it_lets_it_through_and_a_narrower_does_not():
+def test_a_gap_wider_than_it_lets_it_through_and_a_narrower_does_not() -> None:
     for width, passes in ((2.0 * IRIS.radius_m + 0.1, True), (2.0 * IRIS.radius_m - 0.1, False)):
         city = _city(
             shapely.box(10.0, 0.5 * width, 12.0, 20.0),
@@ -69,13 +78,13 @@ def test_a_gap_wider_than_it_lets_it_through_and_a_narrower_does_not():
         assert (world._position[0, 0] > 12.0) == passes
 
 
-def test_over_a_roof_it_passes():
+def test_over_a_roof_it_passes() -> None:
     world = _world(_city(shapely.box(5.0, -5.0, 15.0, 5.0)), 0.0, 0.0, 30.3, (18.0, 0.0, 0.0))
     assert _run(world, 800) == []
     assert world._position[0, 0] > 15.0
 
 
-def test_a_courtyard_is_open():
+def test_a_courtyard_is_open() -> None:
     """A hole in the footprint: down to the ground in it, and against its inner wall."""
     ring = shapely.box(-30.0, -30.0, 30.0, 30.0).difference(shapely.box(-10.0, -10.0, 10.0, 10.0))
     world = _world(_city(ring), 0.0, 0.0, 20.0, hover=False)
@@ -85,14 +94,14 @@ def test_a_courtyard_is_open():
     assert hit.data["north_m"] == pytest.approx(-10.0, abs=1e-9)
 
 
-def test_parts_of_one_building_are_one():
+def test_parts_of_one_building_are_one() -> None:
     parts = shapely.multipolygons([shapely.box(5.0, -5.0, 9.0, 5.0), shapely.box(-9.0, -5.0, -5.0, 5.0)])
     for east in (12.0, -12.0):
         (hit,) = _collisions(_run(_world(_city(parts), 0.0, 0.0, 15.0, (east, 0.0, 0.0)), 600))
         assert hit.data["with"] == "building:0"
 
 
-def test_lands_on_a_roof_stands_there_and_takes_off_again():
+def test_lands_on_a_roof_stands_there_and_takes_off_again() -> None:
     world = _world(_city(shapely.box(-10.0, -10.0, 10.0, 10.0)), 2.0, 3.0, 30.3, hover=False)
     assert world.sensors(slice(None)).rangefinder_m[0] == pytest.approx(0.3)
     notes = _run(world, 800)
@@ -107,25 +116,25 @@ def test_lands_on_a_roof_stands_there_and_takes_off_again():
     assert world._position[0, 2] > 31.0
 
 
-def test_a_hard_fall_on_a_roof_is_a_crash():
+def test_a_hard_fall_on_a_roof_is_a_crash() -> None:
     world = _world(_city(shapely.box(-10.0, -10.0, 10.0, 10.0)), 0.0, 0.0, 60.0, hover=False)
     assert [note.kind for note in _run(world, 1600)] == ["event.contact", "event.crash"]
     assert world._position[0, 2] == 30.0
 
 
-def test_starts_on_a_roof():
+def test_starts_on_a_roof() -> None:
     world = World([Body("blue/a", "iris", 0.0, 0.0, 30.0)], city=_city(shapely.box(-10.0, -10.0, 10.0, 10.0)))
     world.advance(0)
     assert _run(world, 400) == []
     assert (world.truth()["on_ground"][0], world.truth()["up_m"][0]) == (1.0, 30.0)
 
 
-def test_a_start_inside_a_building_is_refused():
+def test_a_start_inside_a_building_is_refused() -> None:
     with pytest.raises(InputError, match="outside buildings; b0"):
         World([Body("blue/a", "iris", 0.0, 0.0, 3.0)], city=_city(shapely.box(-10.0, -10.0, 10.0, 10.0)))
 
 
-def test_slides_off_a_roof_and_falls():
+def test_slides_off_a_roof_and_falls() -> None:
     """Blown over the edge by a wind that beats friction; it strikes the rim at most and ends on the ground."""
     from skyrange.world import Wind
 
@@ -139,7 +148,7 @@ def test_slides_off_a_roof_and_falls():
     assert len(_collisions(notes)) <= 1
 
 
-def test_an_overhang_lets_under_and_stops_from_below():
+def test_an_overhang_lets_under_and_stops_from_below() -> None:
     city = _city(shapely.box(-10.0, -10.0, 10.0, 10.0), base_m=10.0)
     world = _world(city, -15.0, 0.0, 4.0, (15.0, 0.0, 0.0))
     assert _run(world, 300) == []
@@ -150,7 +159,7 @@ def test_an_overhang_lets_under_and_stops_from_below():
     assert not world._alive.any()
 
 
-def test_leaning_on_a_wall_is_one_event():
+def test_leaning_on_a_wall_is_one_event() -> None:
     world = _world(_city(shapely.box(10.0, -20.0, 12.0, 20.0)), 9.0, 0.0, 10.0, (4.0, 0.0, 0.0))
     hits = 0
     for tick in range(1, 2000):
@@ -161,7 +170,7 @@ def test_leaning_on_a_wall_is_one_event():
     assert hits == 1
 
 
-def test_a_copy_continues_alike_and_shares_the_city():
+def test_a_copy_continues_alike_and_shares_the_city() -> None:
     city = _city(shapely.box(10.0, -20.0, 12.0, 20.0))
     world = _world(city, 0.0, 0.0, 15.0, (10.0, 0.0, 0.0))
     _run(world, 100)
@@ -171,7 +180,7 @@ def test_a_copy_continues_alike_and_shares_the_city():
     assert world._position.tobytes() == fork._position.tobytes()
 
 
-def test_company_changes_no_bit_among_walls():
+def test_company_changes_no_bit_among_walls() -> None:
     """Bounds are skipped by the fastest of all; what they skip must not matter."""
     city = _city(shapely.box(10.0, -20.0, 12.0, 20.0), shapely.box(-40.0, -20.0, -30.0, 20.0))
     alone = _world(city, 0.0, 0.0, 25.0, (7.0, 1.0, 0.0))
@@ -189,7 +198,7 @@ def test_company_changes_no_bit_among_walls():
         assert column.tobytes() == among.truth()[name][-1:].tobytes(), name
 
 
-def test_company_changes_no_reading_of_the_height_above_a_roof():
+def test_company_changes_no_reading_of_the_height_above_a_roof() -> None:
     """When a roof's edge is noticed must depend on the aircraft that crosses it alone, at every tick."""
     city = _city(*(shapely.box(7.3 * k, -9.0, 7.3 * k + 3.1, 9.0) for k in range(8)))
     other = Body("blue/x", "iris", 100.0, 80.0, 40.0)

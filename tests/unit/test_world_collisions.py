@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
 from skyrange.contracts.mailboxes import Note
+from skyrange.core.time import Time
 from skyrange.world import AIRFRAMES, Body, World
-from skyrange.world.collision.response import RESTITUTION
+from skyrange.world.collision.contact_tracker import ContactTracker
+from skyrange.world.collision.response import RESTITUTION, CollisionState
 
 QUANTUM_NS = 2_500_000
 IRIS = AIRFRAMES["iris"]
@@ -38,7 +41,7 @@ def _collisions(notes: list[tuple[int, Note]]) -> list[Note]:
 
 def _momentum(world: World) -> np.ndarray:
     mass = np.array([airframe.mass_kg for airframe in world.airframes])
-    return (mass[:, None] * world._velocity).sum(axis=0)
+    return np.asarray((mass[:, None] * world._velocity).sum(axis=0))
 
 
 def _spin(world: World) -> np.ndarray:
@@ -59,7 +62,7 @@ def _spin(world: World) -> np.ndarray:
     return total
 
 
-def test_head_on_both_fall_and_are_noted():
+def test_head_on_both_fall_and_are_noted() -> None:
     world = _world(
         Body("blue/a", "iris", -6.0, 0.0, 50.0, 90.0),
         Body("green/b", "iris", 6.0, 0.1, 50.0, 270.0),
@@ -71,7 +74,9 @@ def test_head_on_both_fall_and_are_noted():
     assert (second.about, second.data["with"]) == ("green/b", "blue/a")
     assert {k: v for k, v in first.data.items() if k != "with"} == {k: v for k, v in second.data.items() if k != "with"}
     assert first.data["speed_mps"] == pytest.approx(15.6, rel=0.02)  # 20 less what drag took
-    assert first.data["energy_j"] == pytest.approx(0.5 * 0.75 * first.data["speed_mps"] ** 2, rel=1e-9)
+    speed_mps = first.data["speed_mps"]
+    assert isinstance(speed_mps, float)
+    assert first.data["energy_j"] == pytest.approx(0.5 * 0.75 * speed_mps**2, rel=1e-9)
     assert first.data["east_m"] == pytest.approx(0.0, abs=0.1)
     assert first.data["north_m"] == pytest.approx(0.05, abs=0.02)
     assert first.data["up_m"] == pytest.approx(50.5, abs=0.2)  # half its height, and a full battery lifts
@@ -80,7 +85,7 @@ def test_head_on_both_fall_and_are_noted():
 
 
 @pytest.mark.parametrize("speed", [5.0, 20.0, 100.0, 1000.0, 5000.0])
-def test_nothing_passes_through_at_any_speed(speed: float):
+def test_nothing_passes_through_at_any_speed(speed: float) -> None:
     """At 5 km/s a tick is 12 m of way: from 9 m apart they are far behind each other at its end."""
     world = _world(
         Body("blue/a", "iris", -4.5, 0.0, 500.0),
@@ -93,7 +98,7 @@ def test_nothing_passes_through_at_any_speed(speed: float):
 
 
 @pytest.mark.parametrize("off", [0.97, 1.03])
-def test_a_graze_is_one_and_a_miss_is_none(off: float):
+def test_a_graze_is_one_and_a_miss_is_none(off: float) -> None:
     """Two discs of radius r touch when their ways are less than 2·r apart: 3 % either way."""
     world = _world(
         Body("blue/a", "iris", -4.0, 0.0, 50.0),
@@ -104,7 +109,7 @@ def test_a_graze_is_one_and_a_miss_is_none(off: float):
 
 
 @pytest.mark.parametrize(("above", "meets"), [(0.24, True), (0.26, False)])
-def test_over_each_other_they_pass(above: float, meets: bool):
+def test_over_each_other_they_pass(above: float, meets: bool) -> None:
     """The cylinder is 0.25 m high."""
     world = _world(
         Body("blue/a", "iris", -1.0, 0.0, 50.0),
@@ -120,14 +125,16 @@ def test_over_each_other_they_pass(above: float, meets: bool):
     ids=["side", "from above", "slanted"],
 )
 @pytest.mark.parametrize("other", ["iris", "hummingbird", "x500"])
-def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
+def test_momentum_and_angular_momentum_are_kept(
+    offset: tuple[float, float, float], velocity: tuple[float, float, float], other: str
+) -> None:
     """Newton's third law: over the tick of the blow only gravity and thrust act beside it, so 1e-9 with both off.
 
     Angular momentum about the origin is of the bodies as they stand when they meet: the blow moves no one.
     """
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 0.5e3, 20.0),
-        Body("green/b", other, *np.add((0.0, 0.0, 0.5e3), offset).tolist(), 250.0),
+        Body("green/b", other, offset[0], offset[1], 0.5e3 + offset[2], 250.0),
         velocities=[(0.0, 0.0, 0.0), velocity],
         hover=False,
     )
@@ -136,11 +143,13 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
     seen = {}
     look = type(contacts).resolve_tick
 
-    def watched(self, now, step_s, stride, bodies):
+    def watched(
+        self: ContactTracker, now: Time, step_s: float, stride2_m2: float, bodies: CollisionState
+    ) -> Sequence[Note]:
         seen["before"] = (_momentum(world), world._velocity.copy(), world._rates.copy(), world._position.copy())
-        return look(self, now, step_s, stride, bodies)
+        return look(self, now, step_s, stride2_m2, bodies)
 
-    type(contacts).resolve_tick = watched
+    type(contacts).resolve_tick = watched  # type: ignore[method-assign]
     try:
         for tick in range(1, 400):
             if _collisions([(tick, note) for note in world.advance(tick * QUANTUM_NS)]):
@@ -148,7 +157,7 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
         else:
             pytest.fail("they missed")
     finally:
-        type(contacts).resolve_tick = look
+        type(contacts).resolve_tick = look  # type: ignore[method-assign]
     momentum, velocities, rates, _ = seen["before"]
     assert _momentum(world) == pytest.approx(momentum, abs=1e-9)
     after = _spin(world)
@@ -159,13 +168,13 @@ def test_momentum_and_angular_momentum_are_kept(offset, velocity, other: str):
     mass = np.array([a.mass_kg for a in world.airframes])
     inertia = np.array([a.inertia_kgm2 for a in world.airframes])
 
-    def energy(v, w):
-        return (0.5 * mass[:, None] * v**2 + 0.5 * inertia * w**2).sum()
+    def energy(v: np.ndarray, w: np.ndarray) -> float:
+        return float((0.5 * mass[:, None] * v**2 + 0.5 * inertia * w**2).sum())
 
     assert energy(blown_v, blown_w) < energy(velocities, rates)
 
 
-def test_restitution_of_a_square_blow():
+def test_restitution_of_a_square_blow() -> None:
     """The speed of the points of contact towards each other turns, and shrinks to `RESTITUTION` of it: 1 % for drag.
 
     Heading east the body's axes are the local ones; the point is at half height, 0.07 m below the centre of gravity.
@@ -185,7 +194,7 @@ def test_restitution_of_a_square_blow():
     assert points[1] - points[0] == pytest.approx(RESTITUTION * before, rel=0.01)
 
 
-def test_the_struck_side_loses_its_motors():
+def test_the_struck_side_loses_its_motors() -> None:
     """Nose to nose loses the front ones (1 and 3), struck from the left the left ones (2 and 3); its own nose too."""
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 50.0, 0.0),
@@ -199,7 +208,7 @@ def test_the_struck_side_loses_its_motors():
     assert world.truth()["crashed"].tolist() == [1.0, 1.0]
 
 
-def test_a_hard_blow_leaves_no_motor():
+def test_a_hard_blow_leaves_no_motor() -> None:
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 50.0),
         Body("green/b", "iris", -3.0, 0.0, 50.0),
@@ -209,7 +218,7 @@ def test_a_hard_blow_leaves_no_motor():
     assert not world._alive.any()
 
 
-def test_from_above_the_lower_one_loses_what_is_below_the_other():
+def test_from_above_the_lower_one_loses_what_is_below_the_other() -> None:
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 50.0),
         Body("green/b", "iris", 0.0, 0.0, 51.0),
@@ -220,7 +229,7 @@ def test_from_above_the_lower_one_loses_what_is_below_the_other():
     assert world._alive[1].tolist() == [1, 1, 1, 1]
 
 
-def test_a_wreck_that_lies_on_another_is_one_event():
+def test_a_wreck_that_lies_on_another_is_one_event() -> None:
     world = World([Body("blue/a", "iris", 0.0, 0.0, 0.0), Body("green/b", "iris", 0.05, 0.0, 6.0)])
     world.advance(0)
     notes = _run(world, 400 * 10)
@@ -228,7 +237,7 @@ def test_a_wreck_that_lies_on_another_is_one_event():
     assert np.isfinite(world._position).all()
 
 
-def test_order_and_company_change_no_bit():
+def test_order_and_company_change_no_bit() -> None:
     """The same four in any order, and with others far away or near but untouched: equal to the bit."""
     four = [
         ("blue/a", -3.0, 0.0, (7.0, 0.0, 0.0)),
@@ -254,14 +263,14 @@ def test_order_and_company_change_no_bit():
         )
         worlds.append(world)
     assert len([note for note in said[0] if note[1] == "event.collision"]) >= 6
-    for cast, world, notes in zip(casts, worlds, said, strict=True):
-        assert notes == said[0]
+    for cast, world, told in zip(casts, worlds, said, strict=True):
+        assert told == said[0]
         rows = [[name for name, *_ in cast].index(name) for name, *_ in four]
         for column, values in world.truth().items():
             assert values[rows].tobytes() == worlds[0].truth()[column].tobytes(), column
 
 
-def test_a_copy_of_a_world_collides_alike():
+def test_a_copy_of_a_world_collides_alike() -> None:
     world = _world(
         Body("blue/a", "iris", -3.0, 0.0, 50.0),
         Body("green/b", "iris", 3.0, 0.3, 50.0),
@@ -273,7 +282,7 @@ def test_a_copy_of_a_world_collides_alike():
     assert world._position.tobytes() == fork._position.tobytes()
 
 
-def test_touching_again_within_a_second_is_the_same_contact():
+def test_touching_again_within_a_second_is_the_same_contact() -> None:
     world = _world(
         Body("blue/a", "iris", 0.0, 0.0, 50.0),
         Body("green/b", "iris", 2.0, 0.0, 50.0),

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.world import AIRFRAMES, Body, Wind, World
 
@@ -42,7 +43,7 @@ def _bytes(world: World) -> bytes:
     return b"".join(column.tobytes() for column in world.truth().values())
 
 
-def test_first_advance_is_the_initial_state():
+def test_first_advance_is_the_initial_state() -> None:
     world = World([Body("blue/b1", "iris", 5.0, 7.0, 0.0, 90.0)])
     before = _bytes(world)
     assert list(world.advance(-8 * QUANTUM_NS)) == []
@@ -54,7 +55,7 @@ def test_first_advance_is_the_initial_state():
     assert world.sensors(slice(0, 1)).accel_mps2[0].tolist() == [0.0, 0.0, 9.80665]
 
 
-def test_heading_turns_clockwise_from_north():
+def test_heading_turns_clockwise_from_north() -> None:
     world = World([Body(f"blue/b{h}", "iris", 0, 0, heading_deg=h) for h in (0.0, 90.0, 180.0, 270.0)])
     truth = world.truth()
     yaw = 2.0 * np.arctan2(truth["qz"], truth["qw"])
@@ -62,7 +63,7 @@ def test_heading_turns_clockwise_from_north():
     assert np.sin(yaw) == pytest.approx([1.0, 0.0, -1.0, 0.0], abs=1e-12)
 
 
-def test_alone_or_among_a_thousand_to_the_bit():
+def test_alone_or_among_a_thousand_to_the_bit() -> None:
     """An aircraft's numbers do not depend on how many others share the arrays."""
     alone, crowd = _fleet(1), _fleet(1000)
     for tick in range(400):
@@ -77,9 +78,9 @@ def test_alone_or_among_a_thousand_to_the_bit():
     assert alone.sensors(slice(0, 1)).accel_mps2.tobytes() == accel.tobytes()
 
 
-def test_several_quanta_at_once_equal_one_by_one():
+def test_several_quanta_at_once_equal_one_by_one() -> None:
     stepped, leapt = _fleet(3, up_m=0.4), _fleet(3, up_m=0.4)
-    notes = []
+    notes: list[Note] = []
     for tick in range(401):
         notes += stepped.advance(tick * QUANTUM_NS)
     leapt.advance(0)
@@ -88,7 +89,7 @@ def test_several_quanta_at_once_equal_one_by_one():
     assert _bytes(stepped) == _bytes(leapt)
 
 
-def test_deep_copy_continues_identically_and_apart():
+def test_deep_copy_continues_identically_and_apart() -> None:
     world = _fleet(5)
     _run(world, 0, 200)
     world.sensors(slice(0, 5))  # views handed out before the copy must not tie the two together
@@ -102,7 +103,7 @@ def test_deep_copy_continues_identically_and_apart():
     assert fork.sensors(slice(0, 5)).gnss_enu_m[:, 2].tobytes() == fork.truth()["up_m"].tobytes()
 
 
-def test_sensors_are_read_only_views_that_ticks_refill():
+def test_sensors_are_read_only_views_that_ticks_refill() -> None:
     world = _fleet(4)
     _run(world, 0, 10)
     some = world.sensors(slice(1, 3))
@@ -118,21 +119,21 @@ def test_sensors_are_read_only_views_that_ticks_refill():
     assert (some.rangefinder_m == world.truth()["up_m"][1:3]).all()
 
 
-def test_sensors_of_chosen_rows_keep_their_order():
+def test_sensors_of_chosen_rows_keep_their_order() -> None:
     world = _fleet(4)
     world.advance(0)
     chosen = world.sensors(np.array([3, 0]))
     assert chosen.gnss_enu_m[:, 0].tolist() == [30.0, 0.0]
 
 
-def test_actuates_chosen_rows_only():
+def test_actuates_chosen_rows_only() -> None:
     world = _fleet(3)
     world.advance(0)
     world.actuate(np.array([2, 0]), np.array([[0.8] * 4, [0.4] * 4]))
     assert world.truth()["throttle"].tolist() == pytest.approx([0.4, 0.0, 0.8])
 
 
-def test_commands_beyond_their_range_are_clipped_and_nan_stops_a_motor():
+def test_commands_beyond_their_range_are_clipped_and_nan_stops_a_motor() -> None:
     world, clean = _fleet(1), _fleet(1)
     for w, command in ((world, [np.nan, 7.0, -3.0, np.inf]), (clean, [0.0, 1.0, 0.0, 1.0])):
         w.advance(0)
@@ -142,7 +143,7 @@ def test_commands_beyond_their_range_are_clipped_and_nan_stops_a_motor():
     assert world.truth()["throttle"].tolist() == [0.5]
 
 
-def test_accelerometer_reads_nothing_in_free_fall():
+def test_accelerometer_reads_nothing_in_free_fall() -> None:
     world = _fleet(1, up_m=100.0)
     world.advance(0)
     assert world.sensors(slice(0, 1)).accel_mps2[0].tolist() == [0.0, 0.0, 0.0]
@@ -150,7 +151,7 @@ def test_accelerometer_reads_nothing_in_free_fall():
     assert world.sensors(slice(0, 1)).accel_mps2[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
-def test_accelerometer_agrees_with_the_velocity():
+def test_accelerometer_agrees_with_the_velocity() -> None:
     """Specific force is the change of velocity less gravity, turned into the body."""
     world = _fleet(1)
     _run(world, 0, 100)
@@ -169,20 +170,20 @@ def test_accelerometer_agrees_with_the_velocity():
     assert world.sensors(slice(0, 1)).accel_mps2[0] == pytest.approx(rotation.T @ change, abs=1e-9)
 
 
-def test_motors_stand_and_turn_as_in_arducopters_quad_x():
+def test_motors_stand_and_turn_as_in_arducopters_quad_x() -> None:
     """1 front right, 2 rear left (both CCW), 3 front left, 4 rear right (both CW)."""
     quadrant = [(math.copysign(1, r.forward_m), math.copysign(1, r.left_m), r.spin) for r in IRIS.rotors]
     assert quadrant == [(1, -1, 1), (-1, 1, 1), (1, 1, -1), (-1, -1, -1)]
 
 
-def test_time_only_runs_forward():
+def test_time_only_runs_forward() -> None:
     world = _fleet(1)
     world.advance(10 * QUANTUM_NS)
     with pytest.raises(ValueError, match="forward"):
         world.advance(0)
 
 
-def test_bad_bodies_are_refused_all_at_once():
+def test_bad_bodies_are_refused_all_at_once() -> None:
     bodies = [
         Body("blue/b1", "irris", 0.0, 0.0),
         Body("blue/b1", "iris", math.nan, 0.0, -1.0, math.inf),
@@ -195,12 +196,12 @@ def test_bad_bodies_are_refused_all_at_once():
     assert len(caught.value.problems) == 7
 
 
-def test_an_empty_world_is_refused():
+def test_an_empty_world_is_refused() -> None:
     with pytest.raises(InputError, match="at least one aircraft"):
         World([])
 
 
-def test_the_table_of_airframes_loads_no_compiler():
+def test_the_table_of_airframes_loads_no_compiler() -> None:
     """A scenario's schema reads the names at start-up."""
     code = "import sys, skyrange.world; sys.exit('numba' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

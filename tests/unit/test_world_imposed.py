@@ -33,8 +33,8 @@ def _pose(
     rates: Sequence[float] = (0.0, 0.0, 0.0),
     fresh: bool = True,
 ) -> Poses:
-    given = [np.array([row], dtype=np.float64) for row in (position, velocity, attitude, rates)]
-    return Poses(np.array([fresh]), *given)
+    place, speed, turned, turning = (np.array([row], dtype=np.float64) for row in (position, velocity, attitude, rates))
+    return Poses(np.array([fresh]), place, speed, turned, turning)
 
 
 def _world(*bodies: Body, led: Sequence[int], **given: Any) -> World:
@@ -75,7 +75,7 @@ def _kinds(notes: Sequence[Note]) -> list[tuple[str, str]]:
     return [(note.kind, note.about) for note in notes]
 
 
-def test_a_circle_told_at_50_hz_is_followed_between_the_poses_too():
+def test_a_circle_told_at_50_hz_is_followed_between_the_poses_too() -> None:
     """Carried on for 20 ms, a turn of 5 m/s² leaves at most 5·0.02²/2 = 1 mm."""
     world = _world(Body("blue/a", "iris", 35.0, 0.0, 10.0), Body("blue/b", "iris", 0.0, 0.0), led=[0])
     most = 0.0
@@ -100,7 +100,7 @@ def test_a_circle_told_at_50_hz_is_followed_between_the_poses_too():
     assert np.linalg.norm(velocity[0]) == pytest.approx(5.0)
 
 
-def test_it_stands_at_its_start_until_the_first_pose():
+def test_it_stands_at_its_start_until_the_first_pose() -> None:
     world = _world(Body("blue/a", "iris", 3.0, 4.0, 0.0, 90.0), led=[0])
     for tick in range(1, 200):
         assert list(world.advance(tick * QUANTUM_NS)) == []
@@ -109,7 +109,7 @@ def test_it_stands_at_its_start_until_the_first_pose():
     assert world.sensors(slice(None)).accel_mps2[0].tolist() == [0.0, 0.0, 9.80665]
 
 
-def test_without_another_pose_it_goes_on_for_a_while_and_then_stands():
+def test_without_another_pose_it_goes_on_for_a_while_and_then_stands() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     world.impose(slice(None), _pose((0.0, 0.0, 20.0), (8.0, 0.0, 0.0), LEVEL, (0.0, 0.0, 1.0)))
     for tick in range(1, 1000):
@@ -123,7 +123,7 @@ def test_without_another_pose_it_goes_on_for_a_while_and_then_stands():
     assert world._position[0, 0] == pytest.approx(6.0 + 8.0 * QUANTUM_S)
 
 
-def test_rows_that_are_not_fresh_are_not_read():
+def test_rows_that_are_not_fresh_are_not_read() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     world.impose(slice(None), _pose((0.0, 0.0, 20.0), (1.0, 0.0, 0.0)))
     world.advance(QUANTUM_NS)
@@ -138,7 +138,7 @@ def _bytes(world: World, row: int) -> bytes:
     return b"".join(a.tobytes() for a in [*columns, seen.accel_mps2, seen.gyro_radps, seen.gnss_enu_m, seen.baro_up_m])
 
 
-def test_the_others_are_to_the_bit_as_they_are_without_it():
+def test_the_others_are_to_the_bit_as_they_are_without_it() -> None:
     """A dynamic aircraft flies among gusts with noisy sensors: beside dynamic ones, and beside one that is led."""
 
     def flown(led: Sequence[int]) -> bytes:
@@ -160,7 +160,7 @@ def test_the_others_are_to_the_bit_as_they_are_without_it():
     assert flown([2]) == flown([]) == flown([1])
 
 
-def test_a_copy_goes_on_alike_and_apart():
+def test_a_copy_goes_on_alike_and_apart() -> None:
     world = _world(Body("blue/a", "iris", 35.0, 0.0, 10.0), Body("blue/b", "iris", 0.0, 0.0, 40.0), led=[0])
 
     def fly(of: World, first: int, last: int) -> bytes:
@@ -180,7 +180,7 @@ def test_a_copy_goes_on_alike_and_apart():
 
 
 @pytest.mark.parametrize("led", [[0], [1], [0, 1]])
-def test_a_collision_moves_only_who_can_be_moved(led: list[int]):
+def test_a_collision_moves_only_who_can_be_moved(led: list[int]) -> None:
     """One meets the other head-on at 20 m/s: both are told of, one falls, and what is led flies on, marked."""
     world = _world(
         Body("blue/a", "iris", -2.0, 0.0, 50.0, 90.0), Body("green/b", "iris", 2.0, 0.1, 50.0, 270.0), led=led
@@ -199,7 +199,9 @@ def test_a_collision_moves_only_who_can_be_moved(led: list[int]):
     hits = [note for note in notes if note.kind == "event.collision"]
     assert [(hit.about, hit.data["with"]) for hit in hits] == [("blue/a", "green/b"), ("green/b", "blue/a")]
     assert hits[0].data["speed_mps"] == pytest.approx(20.0, rel=0.05)  # less what drag took
-    assert hits[0].data["energy_j"] == pytest.approx(0.5 * 0.75 * hits[0].data["speed_mps"] ** 2, rel=1e-9)
+    speed_mps = hits[0].data["speed_mps"]
+    assert isinstance(speed_mps, float)
+    assert hits[0].data["energy_j"] == pytest.approx(0.5 * 0.75 * speed_mps**2, rel=1e-9)
     assert world.truth()["crashed"].tolist() == [1.0, 1.0]
     assert {note.about for note in notes if note.kind == "event.crash"} == {
         world.vehicles[row] for row in range(2) if row not in led
@@ -212,7 +214,7 @@ def test_a_collision_moves_only_who_can_be_moved(led: list[int]):
         assert (world._alive[row] == 0).all()  # it changed its speed by more than 10 m/s
 
 
-def test_what_is_led_pushes_what_is_in_its_way():
+def test_what_is_led_pushes_what_is_in_its_way() -> None:
     """A hovering aircraft is hit from behind at 3 m/s: it leaves along the way of what hit it, and faster."""
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 50.0, 90.0), Body("green/b", "iris", 1.0, 0.0, 50.0, 90.0), led=[0])
     notes: list[Note] = []
@@ -228,7 +230,7 @@ def test_what_is_led_pushes_what_is_in_its_way():
     assert world._velocity[0].tolist() == [3.0, 0.0, 0.0]
 
 
-def test_what_overlaps_is_pushed_out_whole():
+def test_what_overlaps_is_pushed_out_whole() -> None:
     """All of the way out is the other's, for what is led gives none."""
     start = 2.0 * IRIS.radius_m - 0.2
     for led in (0, 1):
@@ -246,7 +248,7 @@ def _block(*shape: float, height_m: float) -> City:
     return City([Building(f"b{i}", height_m, box) for i, box in enumerate((shapely.box(*shape), far))], "test")
 
 
-def test_a_wall_is_noted_and_flown_through():
+def test_a_wall_is_noted_and_flown_through() -> None:
     city = _block(5.0, -9.0, 8.0, 9.0, height_m=30.0)
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 15.0), (5.0, 0.0, 0.0), 1200)
@@ -257,7 +259,7 @@ def test_a_wall_is_noted_and_flown_through():
     assert world.truth()["crashed"].tolist() == [1.0]
 
 
-def test_a_roof_is_ground():
+def test_a_roof_is_ground() -> None:
     city = _block(-9.0, -9.0, 9.0, 9.0, height_m=12.0)
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0], city=city)
     notes = _straight(world, 0, (0.0, 0.0, 20.0), (0.0, 0.0, -1.0), 8 * 400)
@@ -273,7 +275,7 @@ def test_a_roof_is_ground():
 
 
 @pytest.mark.parametrize(("speed", "crashes"), [(1.0, False), (3.0, False), (3.3, True), (9.0, True)])
-def test_a_touchdown_is_told_once_and_breaks_it_when_too_hard(speed: float, crashes: bool):
+def test_a_touchdown_is_told_once_and_breaks_it_when_too_hard(speed: float, crashes: bool) -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 5.0), led=[0])
     notes: list[Note] = []
     for tick in range(8 * 400):
@@ -289,7 +291,7 @@ def test_a_touchdown_is_told_once_and_breaks_it_when_too_hard(speed: float, cras
     assert (truth["up_m"][0], truth["on_ground"][0], truth["crashed"][0]) == (0.0, 1.0, float(crashes))
 
 
-def test_lying_on_its_side_it_has_crashed():
+def test_lying_on_its_side_it_has_crashed() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0), led=[0])
     world.impose(slice(None), _pose((0.0, 0.0, 0.0), attitude=(math.cos(0.7), math.sin(0.7), 0.0, 0.0)))
     (note,) = world.advance(QUANTUM_NS)
@@ -297,11 +299,12 @@ def test_lying_on_its_side_it_has_crashed():
     assert note.data["tilt_deg"] == pytest.approx(math.degrees(1.4))
 
 
-def test_a_jump_is_told_and_hits_nothing_on_its_way():
+def test_a_jump_is_told_and_hits_nothing_on_its_way() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 50.0), Body("green/b", "iris", 5_000.0, 0.0, 50.0), led=[0])
     world.impose(np.array([0]), _pose((10_000.0, 0.0, 50.0)))
     (note,) = world.advance(QUANTUM_NS)
-    assert (note.kind, note.about, note.data["distance_m"]) == ("event.jump", "blue/a", pytest.approx(10_000.0))
+    assert (note.kind, note.about) == ("event.jump", "blue/a")
+    assert note.data["distance_m"] == pytest.approx(10_000.0)
     assert world._position[0].tolist() == [10_000.0, 0.0, 50.0]
     # and it is a body there: what flies into it collides
     world._position[1] = (9_999.0, 0.0, 50.0)
@@ -311,7 +314,7 @@ def test_a_jump_is_told_and_hits_nothing_on_its_way():
 
 
 @pytest.mark.parametrize(("far_m", "kinds"), [(JUMP_M - 0.1, ["event.collision"]), (JUMP_M + 0.1, ["event.jump"])])
-def test_only_what_is_near_is_a_way_through_a_wall(far_m: float, kinds: list[str]):
+def test_only_what_is_near_is_a_way_through_a_wall(far_m: float, kinds: list[str]) -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 15.0), led=[0], city=_block(2.0, -9.0, 2.1, 9.0, height_m=30.0))
     world.impose(slice(None), _pose((far_m, 0.0, 15.0), (1.0, 0.0, 0.0)))
     assert [note.kind for note in world.advance(QUANTUM_NS)] == kinds
@@ -327,7 +330,7 @@ def _straight_on(world: World, first: int, ticks: int) -> list[Note]:
     return notes
 
 
-def test_handed_back_it_falls_from_where_it_is():
+def test_handed_back_it_falls_from_where_it_is() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     notes = _straight(world, 0, (0.0, 0.0, 20.0), (5.0, 0.0, 0.0), 100)
     world.impose(slice(None), _pose((90.0, 0.0, 20.0)))  # too late to count
@@ -348,7 +351,7 @@ def test_handed_back_it_falls_from_where_it_is():
     assert world._position[0] == pytest.approx(dropped._position[0], rel=1e-9)
 
 
-def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors():
+def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors() -> None:
     def flown(command: float) -> tuple[float, float, float]:
         world = _world(
             Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0], sensors=SensorSpec(1.0, chance=Chance(3)), chance=Chance(3)
@@ -383,11 +386,14 @@ def test_motors_that_its_engine_reports_drain_the_battery_and_shake_the_sensors(
         (_pose((0.0, 0.0, 1.0), attitude=(1.0, math.nan, 0.0, 0.0)), "attitude"),
         (_pose((0.0, 0.0, 1.0), attitude=(1e308, 1e308, 0.0, 0.0)), "attitude"),
         (_pose((0.0, 0.0, 1.0), rates=(0.0, 0.0, math.inf)), "rates_radps"),
-        (Poses(np.array([True, True]), *(np.zeros((2, k)) for k in (3, 3, 4, 3))), "shapes"),
-        (Poses(np.array([True]), *(np.zeros(k) for k in (3, 3, 4, 3))), "shapes"),
+        (
+            Poses(np.array([True, True]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)), np.zeros((2, 3))),
+            "shapes",
+        ),
+        (Poses(np.array([True]), np.zeros(3), np.zeros(3), np.zeros(4), np.zeros(3)), "shapes"),
     ],
 )
-def test_what_no_body_can_be_is_refused_and_changes_nothing(pose: Poses, said: str):
+def test_what_no_body_can_be_is_refused_and_changes_nothing(pose: Poses, said: str) -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     with pytest.raises(ValueError, match=said):
         world.impose(slice(None), pose)
@@ -395,7 +401,7 @@ def test_what_no_body_can_be_is_refused_and_changes_nothing(pose: Poses, said: s
     assert world._position[0].tolist() == [0.0, 0.0, 20.0]
 
 
-def test_a_quaternion_nearly_of_length_1_becomes_one():
+def test_a_quaternion_nearly_of_length_1_becomes_one() -> None:
     world = _world(Body("blue/a", "iris", 0.0, 0.0, 20.0), led=[0])
     world.impose(slice(None), _pose((0.0, 0.0, 20.0), attitude=(1.005, 0.0, 0.0, 0.0)))
     world.advance(QUANTUM_NS)

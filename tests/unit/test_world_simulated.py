@@ -35,8 +35,10 @@ def _world(*bodies: Body, led: Sequence[int], **given: Any) -> World:
 def _pose(
     position: Sequence[float], velocity: Sequence[float] = (0.0, 0.0, 0.0), contacts: Contacts | None = None
 ) -> Poses:
-    given = [np.array([row], dtype=np.float64) for row in (position, velocity, LEVEL, (0.0, 0.0, 0.0))]
-    return Poses(np.array([True]), *given, at_next_tick=True, contacts=contacts)
+    place, speed, attitude, rates = (
+        np.array([row], dtype=np.float64) for row in (position, velocity, LEVEL, (0.0, 0.0, 0.0))
+    )
+    return Poses(np.array([True]), place, speed, attitude, rates, at_next_tick=True, contacts=contacts)
 
 
 def _contact(other: int, normal: Sequence[float], rotor: int = -1) -> Contacts:
@@ -188,7 +190,7 @@ def test_a_great_change_of_speed_stops_all_motors() -> None:
 def test_a_crash_on_the_ground_stops_the_motors() -> None:
     fall = -(MAX_TOUCHDOWN_MPS + 0.5)
     world = _world(Body("blue/1", "iris", 0.0, 0.0, 0.5), led=[0])
-    notes = []
+    notes: list[Note] = []
     for tick in range(1, 80):
         place = max(0.5 + fall * tick * QUANTUM_S, 0.0)
         world.impose(FIRST, _pose((0.0, 0.0, place), (0.0, 0.0, fall if place > 0.0 else 0.0)))

@@ -20,6 +20,7 @@ from skyrange.core.errors import InputError
 from skyrange.io.mavlink.transports import LOOPBACK, Address
 from skyrange.io.zeromq import context as zmq_room
 from skyrange.io.zeromq import transport as zmq_sockets
+from skyrange.io.zeromq.context import AT_ONCE
 from skyrange.io.zeromq.curve_keys import Keys, load_keys, make_keys
 from skyrange.io.zeromq.transport import ZmqTransport
 
@@ -364,7 +365,7 @@ def test_a_flood_leaves_others_their_turn() -> None:
             while len(one.frames) < 20_000:
                 turns += 1
                 await asyncio.sleep(0)
-            assert turns >= 20_000 // zmq_sockets.AT_ONCE // 3
+            assert turns >= 20_000 // AT_ONCE // 3
             assert one.frames == [b"%d" % n for n in range(20_000)]
         a.close()
 
@@ -539,9 +540,9 @@ def test_a_port_in_use_is_named() -> None:
 def test_beyond_loopback_it_takes_keys(tmp_path: Path) -> None:
     async def body() -> None:
         rings = key_rings(tmp_path)
-        for end in (ZmqTransport.bind, ZmqTransport.connect):
+        for make in (ZmqTransport.bind, ZmqTransport.connect):
             with pytest.raises(InputError, match=r"192\.0\.2\.1:5555.*loopback.*keys"):
-                await end(lambda _: None, ("192.0.2.1", 5555))
+                await make(lambda _: None, ("192.0.2.1", 5555))
         keys = Keys.load(rings["oracle"][1], [rings["blue"][0], rings["mallory"][0]])
         with pytest.raises(InputError, match="2 peers' keys"):
             await ZmqTransport.connect(lambda _: None, (LOOPBACK, 5555), keys=keys)

@@ -31,7 +31,7 @@ def _speed_at(airframe: Airframe, tilt: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_hover(name: str):
+def test_hover(name: str) -> None:
     """sqrt(m·g/4k) rad/s on each rotor holds height: 1 µm in 10 s."""
     airframe = AIRFRAMES[name]
     speed = math.sqrt(airframe.mass_kg * GRAVITY_MPS2 / (4.0 * airframe.thrust_ns2))
@@ -49,14 +49,14 @@ def test_hover(name: str):
         ("x500", 2.064 * 9.80665 / (4 * 8.54858e-6 * 1000**2)),
     ],
 )
-def test_hover_throttle_is_of_the_published_numbers(name: str, hover: float):
+def test_hover_throttle_is_of_the_published_numbers(name: str, hover: float) -> None:
     """m·g over four rotors' thrust, from the models' own figures: 0.520, 0.292, 0.592."""
     assert AIRFRAMES[name].hover_thrust == pytest.approx(hover, rel=1e-12)
     assert 0.125 < hover < 0.6875  # the range of MOT_THST_HOVER
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_fastest_climb(name: str):
+def test_fastest_climb(name: str) -> None:
     """Full thrust against weight and body drag, v = √((T - m·g)/(½ρ·CdA)): 0.1 %."""
     airframe = AIRFRAMES[name]
     climb = math.sqrt((airframe.max_thrust_n - airframe.mass_kg * GRAVITY_MPS2) / _drag(airframe))
@@ -65,7 +65,7 @@ def test_fastest_climb(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_terminal_fall(name: str):
+def test_terminal_fall(name: str) -> None:
     """√(2·m·g/(ρ·CdA)), motors off: 1e-6."""
     airframe = AIRFRAMES[name]
     fall = math.sqrt(airframe.mass_kg * GRAVITY_MPS2 / _drag(airframe))
@@ -74,7 +74,7 @@ def test_terminal_fall(name: str):
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("tilt_deg", [10.0, 30.0, 45.0])
-def test_level_speed(name: str, tilt_deg: float):
+def test_level_speed(name: str, tilt_deg: float) -> None:
     """The balance of forces holds to 1 mm/s after 20 s."""
     airframe, tilt = AIRFRAMES[name], math.radians(tilt_deg)
     speed, share = _speed_at(airframe, tilt)
@@ -88,7 +88,7 @@ def test_level_speed(name: str, tilt_deg: float):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_first_instant_of_a_roll(name: str):
+def test_first_instant_of_a_roll(name: str) -> None:
     """The left pair stronger than the right: dΩ/dt = Σ lever·thrust/J in the first quantum, 1e-9."""
     airframe = AIRFRAMES[name]
     share = airframe.hover_thrust
@@ -100,7 +100,7 @@ def test_first_instant_of_a_roll(name: str):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_tumble_ends_its_spinning_up(name: str):
+def test_a_tumble_ends_its_spinning_up(name: str) -> None:
     """One side's rotors alone: Ω = √(torque/(½ρ·CdA·arm³)), 1 %."""
     airframe = AIRFRAMES[name]
     flight = Flight(airframe).spin(np.array([0.0, 0.5, 0.5, 0.0]))
@@ -111,7 +111,7 @@ def test_a_tumble_ends_its_spinning_up(name: str):
     assert flight.rates[0, 0] == pytest.approx(end, rel=0.01)
 
 
-def test_a_tumble_is_no_faster_than_the_propellers_pitch():
+def test_a_tumble_is_no_faster_than_the_propellers_pitch() -> None:
     """A fixed-pitch rotor gives nothing where the air comes at it as fast as its pitch advances: 4.5 inches a turn.
 
     The Iris's 10 x 4.5 at hover speed advance at 14.4 m/s, which its arm's end does at 57 rad/s. With one side hovering
@@ -124,7 +124,7 @@ def test_a_tumble_is_no_faster_than_the_propellers_pitch():
     assert flight.rates[0, 0] == pytest.approx(fastest, rel=0.2)
 
 
-def test_the_table_is_sound():
+def test_the_table_is_sound() -> None:
     """QUAD X motors, propellers clear of each other and inside the cylinder, tuning of real names."""
     for name, airframe in AIRFRAMES.items():
         assert airframe.name == name

@@ -82,7 +82,8 @@ def test_the_table_in_the_docs_is_what_is_measured(name: str) -> None:
     page = Path(__file__).parents[2] / "docs/explanation/detect-and-avoid.md"
     (row,) = [line for line in page.read_text().splitlines() if line.startswith(f"| {name} |")]
     cells = [cell.strip() for cell in row.split("|")[2:-1]]
-    kinds = [NoAvoidance, Stop, Geometric] + ([Orca] if importlib.util.find_spec("pyrvo") else [])
+    kinds: list[type[Avoidance]] = [NoAvoidance, Stop, Geometric]
+    kinds += [Orca] if importlib.util.find_spec("pyrvo") else []
     for cell, kind in zip(cells, kinds, strict=False):
         now = told(name, kind)
         assert NUMBER.sub("#", cell) == NUMBER.sub("#", now)

@@ -49,7 +49,7 @@ class Pack:
 
 
 @pytest.mark.parametrize("name", sorted(AIRFRAMES))
-def test_hover_endurance(name: str):
+def test_hover_endurance(name: str) -> None:
     """To a fifth of the charge, against the integral: 0.2 % for the table's corners. In the kernel, at 10 ms."""
     airframe = AIRFRAMES[name]
     pack = Pack(airframe)
@@ -71,12 +71,12 @@ def test_hover_endurance(name: str):
     ],
     ids=["iris+", "hummingbird"],
 )
-def test_hovers_for_as_long_as_its_maker_says(airframe: Airframe, low_min: float, high_min: float):
+def test_hovers_for_as_long_as_its_maker_says(airframe: Airframe, low_min: float, high_min: float) -> None:
     assert low_min < _endurance_s(airframe, 0.98) / 60.0 < high_min
 
 
 @pytest.mark.parametrize("name", sorted(AIRFRAMES))
-def test_rotors_are_as_good_as_small_propellers_are(name: str):
+def test_rotors_are_as_good_as_small_propellers_are(name: str) -> None:
     """Figure of merit, ideal over shaft power, T^1.5/√(2ρA) / (arm·k·ω³): 0.4 to 0.7 at these sizes.
 
     Small propellers in static thrust, e.g. Brandt & Selig, "Propeller Performance Data at Low Reynolds Numbers",
@@ -89,7 +89,7 @@ def test_rotors_are_as_good_as_small_propellers_are(name: str):
     assert 0.4 < ideal / shaft < 0.7
 
 
-def test_power_in_flight_is_torque_times_speed():
+def test_power_in_flight_is_torque_times_speed() -> None:
     """A hovering world draws `_hover_w` over its voltage: 1 % for the rotors that still settle."""
     iris = AIRFRAMES["iris"]
     world = World([Body("blue/b1", "iris", 0.0, 0.0, 500.0)])
@@ -103,7 +103,7 @@ def test_power_in_flight_is_torque_times_speed():
     assert truth["vel_up_mps"] == pytest.approx(0.0, abs=0.5)
 
 
-def test_sag_is_current_times_resistance():
+def test_sag_is_current_times_resistance() -> None:
     """V = E - R·I and P = V·I at any load it can carry: rounding."""
     iris = AIRFRAMES["iris"]
     for shaft_w in (0.0, 100.0, 700.0):
@@ -114,7 +114,7 @@ def test_sag_is_current_times_resistance():
         assert pack.volts[0] * pack.amperes[0] == pytest.approx(shaft_w / 0.8 + 6.0, rel=1e-12)
 
 
-def test_no_more_power_than_a_source_can_give():
+def test_no_more_power_than_a_source_can_give() -> None:
     """E²/4R at half the voltage (maximum power transfer)."""
     iris = AIRFRAMES["iris"]
     pack = Pack(iris)
@@ -124,14 +124,14 @@ def test_no_more_power_than_a_source_can_give():
     assert pack.volts[0] * pack.amperes[0] == pytest.approx(rest**2 / (4.0 * iris.resistance_ohm))
 
 
-def test_resting_voltage_is_the_tables():
+def test_resting_voltage_is_the_tables() -> None:
     """ArduPilot's SIM_Battery.cpp: its rows, and halfway between two."""
     for charge, volts in ((1.0, 4.173), (0.5, 3.742), (0.02, 2.977), (0.0, 0.001)):
         assert battery.resting_v(charge) == pytest.approx(volts, rel=1e-12)
     assert battery.resting_v(0.5 * (0.5 + 0.5385)) == pytest.approx(0.5 * (3.742 + 3.783), rel=1e-12)
 
 
-def test_motors_weaken_with_the_voltage():
+def test_motors_weaken_with_the_voltage() -> None:
     """Speed at full command goes with the voltage: SIM_Motor.cpp's `voltage_scale`."""
     iris = AIRFRAMES["iris"]
     full, low = Pack(iris), Pack(iris, 0.1)
@@ -141,7 +141,7 @@ def test_motors_weaken_with_the_voltage():
     assert low.limit[0, 0] < 0.8 * full.limit[0, 0]
 
 
-def test_an_empty_battery_stops_the_motors_for_good():
+def test_an_empty_battery_stops_the_motors_for_good() -> None:
     world = World([Body("blue/b1", "iris", 0.0, 0.0, 200.0, charge=0.001)])
     world.advance(0)
     world.actuate(slice(None), np.full((1, 4), 0.8))
@@ -153,7 +153,7 @@ def test_an_empty_battery_stops_the_motors_for_good():
     assert notes == ["event.contact", "event.crash"]
 
 
-def test_a_start_without_charge_does_not_take_off():
+def test_a_start_without_charge_does_not_take_off() -> None:
     world = World([Body("blue/b1", "iris", 0.0, 0.0, charge=0.0)])
     world.advance(0)
     world.actuate(slice(None), np.ones((1, 4)))

@@ -41,7 +41,7 @@ def _batch(radio: np.ndarray, at: np.ndarray, waveform: Waveform, size: int) -> 
     )
 
 
-def test_pure_aloha():
+def test_pure_aloha() -> None:
     """Poisson arrivals of frames of length T at rate g survive with e^(−2gT) (Abramson 1970): 4 sigma of 6,000.
 
     BLE PDUs on one channel are that: the receiver stays on 37, the events' other PDUs are elsewhere.
@@ -61,7 +61,7 @@ def test_pure_aloha():
         assert got / frames == pytest.approx(expected, abs=4.0 * sigma + 0.01)
 
 
-def test_bluetooth_advertisers_collide_as_ghamari_says():
+def test_bluetooth_advertisers_collide_as_ghamari_says() -> None:
     """n advertisers, one event every second with a delay of 0…10 ms: each is alone on a channel with
     (1 − 2T/1 s)^(n−1) (Ghamari et al., "Detailed examination of a packet collision model for Bluetooth Low Energy
     advertising mode", IEEE Access 2018, eq. 5). 4 sigma of 3,000 events."""
@@ -81,7 +81,7 @@ def test_bluetooth_advertisers_collide_as_ghamari_says():
     assert got / (n * events) == pytest.approx(expected, abs=4.0 * sigma + 0.01)
 
 
-def test_equal_backoffs_collide():
+def test_equal_backoffs_collide() -> None:
     """k senders wait for one frame and draw from 0…15: each is alone with (15/16)^(k−1) at most; those that drew a
     number that nobody else did all get through. Expected alone: k·Σ(1/16)(15/16)^(k−1). 4 sigma of 300 rounds."""
     k, rounds = 6, 300
@@ -104,7 +104,7 @@ def test_equal_backoffs_collide():
     assert medium.losses[middle, ReceptionOutcome.DECODED] == len(answer.heard.key)
 
 
-def test_carrier_sense_is_fair_and_fills_the_channel():
+def test_carrier_sense_is_fair_and_fills_the_channel() -> None:
     """Eight that always have a frame share the air within 10 %, and leave it idle for little more than DIFS and the
     shortest of eight backoffs (Bianchi 2000): busy above 75 %."""
     n, each = 8, 400

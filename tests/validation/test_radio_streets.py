@@ -47,7 +47,7 @@ CORNER = [(x1, x2) for x1 in (30.0, 60.0, 100.0, 200.0, 300.0) for x2 in (30.0, 
 
 
 @pytest.mark.parametrize("distance_m", [30.0, 100.0, 200.0, 400.0, 660.0])
-def test_along_a_walled_street(distance_m: float):
+def test_along_a_walled_street(distance_m: float) -> None:
     """P.1411-12 4.1.1 LoS, 21.2·log10 d + 29.2 + 21.1·log10 f, σ 5.06 dB; TR 37.885 table 6.2.1-1, urban LOS, σ 3 dB,
     here 4 dB; P.1411-12 4.3.1, between terminals near street level, has the median of free space: 0.1 dB.
     """
@@ -58,7 +58,7 @@ def test_along_a_walled_street(distance_m: float):
 
 
 @pytest.mark.parametrize("gap", [0.25, 0.5, 0.75])
-def test_exponent_by_the_gaps_of_a_street(gap: float):
+def test_exponent_by_the_gaps_of_a_street(gap: float) -> None:
     """Herring et al. 2010: the exponent is 1.5 + 3.2·μ ± 0.27. Fitted beyond the breakpoint in a street whose buildings
     leave the share μ of every 40 m open on both sides.
     """
@@ -73,7 +73,7 @@ def test_exponent_by_the_gaps_of_a_street(gap: float):
     assert exponent == pytest.approx(min(1.5 + 3.2 * gap, 4.0), abs=0.27)
 
 
-def test_no_walls_no_guiding():
+def test_no_walls_no_guiding() -> None:
     """A wall on one side only, an avenue wider than 50 m and roofs below the antennas leave P.1411-12 4.1.2's."""
     a, b = (0.0, 0.5, 1.5), (400.0, 0.5, 1.5)
     one_side = _index((-50.0, 10.0, 900.0, 20.0, 20.0))
@@ -110,7 +110,7 @@ def _umi_nlos_db(x1: float, x2: float) -> float:
     return 35.3 * math.log10(math.hypot(x1, x2)) + 22.4 + 21.3 * LOG_GHZ
 
 
-def test_round_street_corners():
+def test_round_street_corners() -> None:
     """Over 25 pairs round a corner, 30 to 300 m from it: mean within 3 dB and each within 9 dB of three other models:
     P.1411-12 4.3.2.2, TR 37.885 table 6.2.1-1 NLOS, TR 38.901 table 7.4.1-1 UMi NLOS. 4.1.1's own standard deviation
     is 7.6 dB.
@@ -126,7 +126,7 @@ def test_round_street_corners():
     assert (abs(table) < 9.0).all()
 
 
-def test_just_round_a_corner_it_is_diffraction():
+def test_just_round_a_corner_it_is_diffraction() -> None:
     """From the edge on, where an edge costs 6 dB and guiding ends, the loss never falls along the other street and
     rises by at most 1.5 dB in 10 cm, to that of the street, some 19 dB above sight.
     """
@@ -178,7 +178,7 @@ def _over_the_roofs(height_m: float) -> tuple[Pairs, Pairs]:
 
 
 @pytest.mark.parametrize("height_m", [40.0, 60.0, 90.0, 120.0])
-def test_from_above_the_roofs_into_streets(height_m: float):
+def test_from_above_the_roofs_into_streets(height_m: float) -> None:
     """P.1411-12 4.2.1, 260 to 1200 m: the median difference is within σ, 6.89 dB out of sight and 3.48 dB in sight."""
     hidden, seen = _over_the_roofs(height_m)
     assert len(hidden) > 1000
@@ -187,7 +187,7 @@ def test_from_above_the_roofs_into_streets(height_m: float):
     assert abs(np.median([got - expected for got, expected in seen])) < 3.48
 
 
-def test_elevated_line_of_sight_has_exponent_two():
+def test_elevated_line_of_sight_has_exponent_two() -> None:
     """Herring et al. 2010, 2.4 GHz, air to ground: α = 2 along the elevated path in sight; 0.1, because roofs just
     below the line count here. Yanmaz et al. fitted 2.01 over an open field (table 2.2 of "Autonomous
     Airborne Wireless Networks", 2021).
@@ -195,7 +195,7 @@ def test_elevated_line_of_sight_has_exponent_two():
     city = downtown_grid((16, 16))
     obstacles = obstacle_index(city.walls())
     rng = np.random.default_rng(2)
-    rows = []
+    rows: list[tuple[float, float]] = []
     while len(rows) < 300:
         a = _street_place(rng, city, 300.0)
         angle, away = rng.uniform(0.0, 2.0 * math.pi), 10.0 ** rng.uniform(1.0, 2.6)
@@ -206,7 +206,7 @@ def test_elevated_line_of_sight_has_exponent_two():
     assert np.polyfit(table[:, 0], table[:, 1], 1)[0] == pytest.approx(2.0, abs=0.1)
 
 
-def test_shadowing_agrees_with_other_tables():
+def test_shadowing_agrees_with_other_tables() -> None:
     """TR 37.885 table 6.2.3-1 decorrelates shadowing over 10 m in sight and 13 m out of sight. P.1411-12 4.1.1 has a
     standard deviation of 5.06 dB in sight in streets and 7.6 dB out of it: 0.5 dB.
     """
@@ -221,7 +221,7 @@ def test_shadowing_agrees_with_other_tables():
     assert draws[1] == pytest.approx(7.6, abs=0.5)
 
 
-def test_walls_beside_are_the_citys():
+def test_walls_beside_are_the_citys() -> None:
     """Rays of four orientations against shapely: 500 positions in a city of random buildings, without exception."""
     rng = np.random.default_rng(6)
     corners, tops = rng.uniform(-200.0, 200.0, (120, 2)), rng.uniform(5.0, 60.0, 120)
@@ -249,7 +249,7 @@ def test_walls_beside_are_the_citys():
     assert 50 < found < 450
 
 
-def test_streets_are_the_same_both_ways():
+def test_streets_are_the_same_both_ways() -> None:
     """To the bit, for 400 pairs at all heights, guided or not."""
     city = downtown_grid((6, 6))
     obstacles = obstacle_index(city.walls())
@@ -287,6 +287,6 @@ def _page_rows() -> list[str]:
     return rows
 
 
-def test_the_page_has_these_figures():
+def test_the_page_has_these_figures() -> None:
     page = (Path(__file__).parents[2] / "docs/explanation/radio.md").read_text()
     assert [row for row in _page_rows() if row not in page] == []

@@ -32,7 +32,7 @@ def _sample(n: int, steps: int, speed_mps: float = SPEED_MPS, height_m: float = 
     return np.array(heard)
 
 
-def test_scales_are_the_standards_at_its_ends():
+def test_scales_are_the_standards_at_its_ends() -> None:
     """3.7.3.4: at 10 ft σ_u = 0.1·W20/(0.18523)^0.4; at 1000 ft turbulence is isotropic with L = 1000 ft. 1e-9."""
     su, sw, lu, lw = turbulence.scales(3.048, 10.0)
     assert (sw, lw) == pytest.approx((1.0, 3.048), rel=1e-9)
@@ -44,7 +44,7 @@ def test_scales_are_the_standards_at_its_ends():
 
 
 @pytest.mark.parametrize(("speed_mps", "height_m"), [(12.0, 30.48), (20.0, 3.0), (0.0, 30.48), (3.0, 300.0)])
-def test_variance(speed_mps: float, height_m: float):
+def test_variance(speed_mps: float, height_m: float) -> None:
     """σ² of each component at the start and after 4 s: 20,000 aircraft tell it to 1 %; four of those allowed."""
     su, sw, _, _ = turbulence.scales(height_m, W20_MPS)
     for gusts in _sample(20_000, 201, speed_mps, height_m, every=200):
@@ -52,7 +52,7 @@ def test_variance(speed_mps: float, height_m: float):
         assert np.abs(gusts.mean(axis=0) / [su, su, sw]).max() < 4.0 / math.sqrt(20_000)
 
 
-def test_autocorrelation():
+def test_autocorrelation() -> None:
     """e^(-t/T) along, e^(-t/T)·(1 - t/2T) across and up, T = L/V, over 0.1 to 4 T: 0.03 from 20,000 pairs."""
     _, _, lu, lw = turbulence.scales(HEIGHT_M, W20_MPS)
     gusts = _sample(20_000, 1001, every=10)
@@ -66,7 +66,7 @@ def test_autocorrelation():
         ), t
 
 
-def test_spectrum():
+def test_spectrum() -> None:
     """Φ_u = σ²·2L/(πV)/(1 + (ωT)²), Φ_w = σ²·L/(πV)·(1 + 3(ωT)²)/(1 + (ωT)²)², one-sided over ω: 8 %.
 
     Averaged over 1,200 aircraft's periodograms and eighths of a decade, 0.5 to 20 rad/s; the window leaks below and the
@@ -89,14 +89,14 @@ def test_spectrum():
         assert found == pytest.approx([along.mean(), across.mean(), up.mean()], rel=0.08), (low, high)
 
 
-def test_components_and_aircraft_are_unrelated():
+def test_components_and_aircraft_are_unrelated() -> None:
     """Correlation below 4/√n for 20,000 aircraft."""
     gusts = _sample(20_000, 1)[0]
     seen = np.corrcoef(np.hstack((gusts[:-1], gusts[1:])).T)
     assert np.abs(seen - np.eye(6)).max() < 4.0 / math.sqrt(20_000)
 
 
-def test_a_long_step_is_exact_too():
+def test_a_long_step_is_exact_too() -> None:
     """A step of half a time constant keeps the variance, and the state's covariance with the one before is theory's."""
     n = 20_000
     a, d = math.exp(-0.5), 0.5
@@ -111,7 +111,7 @@ def test_a_long_step_is_exact_too():
     assert (stepped * first[:, None]).mean(axis=0) == pytest.approx([a, a * (0.5 + d)], abs=0.03)
 
 
-def test_a_hover_in_still_air_still_gusts():
+def test_a_hover_in_still_air_still_gusts() -> None:
     """The speed floor: the eddies' own speed σ_u, so a gust is forgotten after some L/σ_u."""
     su, _, lu, _ = turbulence.scales(HEIGHT_M, W20_MPS)
     steps = round(lu / su / STEP_S)
@@ -120,7 +120,7 @@ def test_a_hover_in_still_air_still_gusts():
     assert found == pytest.approx(math.exp(-1.0), abs=0.06)
 
 
-def test_gusts_ride_on_the_steady_wind_and_push():
+def test_gusts_ride_on_the_steady_wind_and_push() -> None:
     wind = Wind((6.0, 0.0, 0.0), W20_MPS)
     world = World([Body(f"blue/b{i}", "iris", 20.0 * i, 0.0, 500.0) for i in range(400)], wind=wind, chance=Chance(3))
     heard = []
@@ -135,7 +135,7 @@ def test_gusts_ride_on_the_steady_wind_and_push():
     assert np.ptp(world.truth()["vel_east_mps"]) > 0.05
 
 
-def test_company_and_order_change_no_gust():
+def test_company_and_order_change_no_gust() -> None:
     bodies = [Body(f"blue/b{i}", "iris", 50.0 * i, 0.0, 300.0) for i in range(5)]
     wind = Wind((3.0, -2.0, 0.0), 10.0)
     worlds = [World(b, wind=wind, chance=Chance(5)) for b in (bodies[2:3], bodies, bodies[::-1])]
@@ -147,7 +147,7 @@ def test_company_and_order_change_no_gust():
             assert column[row].tobytes() == worlds[0].truth()[name][0].tobytes(), name
 
 
-def test_another_seed_is_another_air():
+def test_another_seed_is_another_air() -> None:
     body, wind = Body("blue/b1", "iris", 0.0, 0.0, 300.0), Wind(turbulence_mps=10.0)
     seen = []
     for seed in (1, 2, 1):

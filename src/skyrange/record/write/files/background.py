@@ -40,7 +40,7 @@ class Background:
         """Whether anything was submitted."""
         return self._executor is not None
 
-    def submit(self, call: Callable[[], None]) -> None:
+    def submit(self, call: Callable[[], object]) -> None:
         """Call a function later, after all earlier ones."""
         if self._executor is None:
             self._executor = ThreadPoolExecutor(1, "recorder", initializer=_yield_to_simulation)
@@ -49,7 +49,7 @@ class Background:
         self._raise()
         self._pending.append(self._executor.submit(self._do, call))
 
-    def _do(self, call: Callable[[], None]) -> None:
+    def _do(self, call: Callable[[], object]) -> None:
         if self._error is None:
             try:
                 call()
