@@ -39,9 +39,9 @@ class Choice:
         """The commit before HEAD, or HEAD without history, or none without git; and what has changed since."""
         for name in ("HEAD^", "HEAD"):
             if commit := _git(root, "rev-parse", "--verify", "--quiet", f"{name}^{{commit}}"):
-                changed = _git(root, "diff", "--name-only", *commit)
+                changed = _git(root, "diff", "--name-only", commit[0])
                 changed += _git(root, "ls-files", "--others", "--exclude-standard")
-                return cls(*commit, frozenset(changed))
+                return cls(commit[0], frozenset(changed))
         return cls("", frozenset())
 
     def take(self, tests: Mapping[str, Iterable[str]]) -> Taken:

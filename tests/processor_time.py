@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
@@ -17,6 +17,9 @@ import pytest
 PARTS = ("total", "compiled", "flown", "children")
 """What is measured of each phase, in seconds of processor time: all of it; what numba compiled; what `Kernel.advance`
 took; and what other processes took that have ended in the phase. The last three are parts of the first."""
+
+
+Reported = Generator[None, pytest.TestReport, pytest.TestReport]
 
 
 @dataclass
@@ -74,14 +77,14 @@ class Clock:
 
         clock = self
 
-        class Listener(event.Listener):  # type: ignore[misc]
+        class Listener(event.Listener):
             def on_start(self, event: Any) -> None:
                 clock.enter("compiled")
 
             def on_end(self, event: Any) -> None:
                 clock.leave("compiled")
 
-        event.register("numba:compile", Listener())
+        event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
 
 
 CLOCK = Clock()
@@ -110,8 +113,10 @@ class Costs:
             return (yield)
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_makereport(self, item: pytest.Item, call: Any) -> Iterator[pytest.TestReport]:
-        report: pytest.TestReport = yield
+    def pytest_runtest_makereport(
+        self, item: pytest.Item, call: Any
+    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+        report = yield
         report.processor_s = item.stash.get(_SPENT, {})  # type: ignore[attr-defined]
         return report
 
