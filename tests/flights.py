@@ -25,6 +25,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
+from tests.processor_time import CLOCK
 
 FOLDER = "SKYRANGE_TEST_FLIGHTS"
 """The environment variable that names the folder of the shared flights."""
@@ -63,7 +64,8 @@ def _flown(how: str, scenario: Scenario, make: Callable[[Path], object]) -> Path
         if not folder.exists():
             new = home / f"{folder.name}.new"
             shutil.rmtree(new, ignore_errors=True)  # of a worker that died
-            make(new)
+            with CLOCK.timed("shared"):
+                make(new)
             (home / f"{folder.name}.json").write_text(json.dumps(_listing(new)))
             new.rename(folder)
     return folder

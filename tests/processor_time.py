@@ -1,12 +1,21 @@
-"""Processor time of each test, by phase: how much of it compiled, flew, or was of other processes."""
+"""Processor time of each test, by phase and part, and the limit of a test of the fast tier.
+
+The times are seconds of processor time of the worker and of the processes that it has waited for. `--processor-times
+FILE` writes them. With `--limit-processor-time`, a test whose call takes more than `LIMIT_S` fails, unless it is one of
+`tests/dear_tests.toml`. The limit holds at the speed of the reference machine and is scaled by the yardstick of
+`skyrange bench`, measured in each worker every minute and after a test that is over it.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+import statistics
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import wraps
 from pathlib import Path
@@ -14,11 +23,15 @@ from typing import Any
 
 import pytest
 
-PARTS = ("total", "compiled", "flown", "children")
-"""What is measured of each phase, in seconds of processor time: all of it; what numba compiled; what `Kernel.advance`
-took; and what other processes took that have ended in the phase. The last three are parts of the first."""
-
-
+PARTS = ("total", "compiled", "flown", "shared", "children")
+"""What is measured of a phase: all of it; what numba compiled; what `Kernel.advance` took; what flights took that tests
+share; and what other processes took that ended in the phase. The others are parts of the first."""
+LIMIT_S = 2.0
+"""The most that the call of a test may take, without compilation and shared flights, at the reference yardstick."""
+REFERENCE_US = 7.5
+"""The yardstick of the reference machine, in microseconds."""
+DEAR_TESTS = Path(__file__).with_name("dear_tests.toml")
+_SPENT = pytest.StashKey[dict[str, float]]()
 Reported = Generator[None, pytest.TestReport, pytest.TestReport]
 
 
@@ -26,49 +39,54 @@ Reported = Generator[None, pytest.TestReport, pytest.TestReport]
 class Clock:
     """Processor time of this process and the processes that it has waited for, by `PARTS`, since it began."""
 
-    spent: dict[str, float] = field(default_factory=lambda: {"compiled": 0.0, "flown": 0.0})
+    spent: dict[str, float] = field(default_factory=lambda: {"compiled": 0.0, "flown": 0.0, "shared": 0.0})
     _depth: dict[str, int] = field(default_factory=dict)
     _began: dict[str, float] = field(default_factory=dict)
-    _wrapped: bool = False
-    _listening: bool = False
+    _attached: set[str] = field(default_factory=set)
 
     def read(self) -> dict[str, float]:
         """The seconds of each part so far."""
         self._attach()
-        times = os.times()
-        children = times.children_user + times.children_system
-        return {"total": time.process_time() + children, "children": children, **self.spent}
+        total, children = _used()
+        return {"total": total, "children": children, **self.spent}
+
+    @contextmanager
+    def timed(self, part: str) -> Iterator[None]:
+        """What is done inside is of `part`."""
+        self.enter(part)
+        try:
+            yield
+        finally:
+            self.leave(part)
 
     def enter(self, part: str) -> None:
         """`part` begins; it may begin again inside."""
         depth = self._depth.get(part, 0)
         if depth == 0:
-            self._began[part] = time.process_time()
+            self._began[part] = _used()[0]
         self._depth[part] = depth + 1
 
     def leave(self, part: str) -> None:
         """`part` ends."""
         self._depth[part] -= 1
         if self._depth[part] == 0:
-            self.spent[part] += time.process_time() - self._began[part]
+            self.spent[part] += _used()[0] - self._began[part]
 
     def _attach(self) -> None:
         """Listen to numba and the kernel once they have been imported; some tests see what they import themselves."""
-        if not self._listening and "numba.core.dispatcher" in sys.modules:
-            self._listening = True
+        if "numba.core.dispatcher" in sys.modules and "numba" not in self._attached:
+            self._attached.add("numba")
             self._listen()
-        if not self._wrapped and (module := sys.modules.get("skyrange.kernel.kernel")) and hasattr(module, "Kernel"):
-            self._wrapped = True
-            module.Kernel.advance = self._timed(module.Kernel.advance, "flown")
+        kernel: Any = getattr(sys.modules.get("skyrange.kernel.kernel"), "Kernel", None)
+        if kernel is not None and "kernel" not in self._attached:
+            self._attached.add("kernel")
+            kernel.advance = self._timing(kernel.advance, "flown")
 
-    def _timed(self, function: Callable[..., Any], part: str) -> Callable[..., Any]:
+    def _timing(self, function: Callable[..., Any], part: str) -> Callable[..., Any]:
         @wraps(function)
         def timed(*words: Any, **named: Any) -> Any:
-            self.enter(part)
-            try:
+            with self.timed(part):
                 return function(*words, **named)
-            finally:
-                self.leave(part)
 
         return timed
 
@@ -87,10 +105,38 @@ class Clock:
         event.register("numba:compile", Listener())  # type: ignore[no-untyped-call]
 
 
+def _used() -> tuple[float, float]:
+    """Processor time so far, of this process with those that it has waited for, and of the latter."""
+    times = os.times()
+    children = times.children_user + times.children_system
+    return time.process_time() + children, children
+
+
 CLOCK = Clock()
 
 
-class Costs:
+@dataclass
+class Speed:
+    """The yardsticks that were measured in this process."""
+
+    seen_us: list[float] = field(default_factory=list)
+    _next_s: float = 0.0
+
+    def look(self) -> None:
+        """Measure the yardstick, if the last measurement is a minute ago."""
+        if time.monotonic() >= self._next_s:
+            self.measure()
+
+    def measure(self) -> float:
+        """Measure the yardstick, in microseconds."""
+        from skyrange.bench.yardstick import yardstick_us
+
+        self.seen_us.append(yardstick_us())
+        self._next_s = time.monotonic() + 60.0
+        return self.seen_us[-1]
+
+
+class Times:
     """A plugin of pytest that adds to each report what its phase took, and writes them all to a file at the end."""
 
     def __init__(self, path: Path | None) -> None:
@@ -98,24 +144,22 @@ class Costs:
         self._rows: dict[str, dict[str, dict[str, float]]] = {}
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
-    def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
-        with _Measured(item):
+    def pytest_runtest_setup(self, item: pytest.Item) -> Generator[None, object, object]:
+        with _measured(item):
             return (yield)
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
-    def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
-        with _Measured(item):
+    def pytest_runtest_call(self, item: pytest.Item) -> Generator[None, object, object]:
+        with _measured(item):
             return (yield)
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
-    def pytest_runtest_teardown(self, item: pytest.Item) -> Iterator[None]:
-        with _Measured(item):
+    def pytest_runtest_teardown(self, item: pytest.Item) -> Generator[None, object, object]:
+        with _measured(item):
             return (yield)
 
     @pytest.hookimpl(wrapper=True)
-    def pytest_runtest_makereport(
-        self, item: pytest.Item, call: Any
-    ) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    def pytest_runtest_makereport(self, item: pytest.Item) -> Reported:
         report = yield
         report.processor_s = item.stash.get(_SPENT, {})  # type: ignore[attr-defined]
         return report
@@ -128,25 +172,82 @@ class Costs:
             self._path.write_text(json.dumps(self._rows, indent=0))
 
 
-_SPENT = pytest.StashKey[dict[str, float]]()
+class Limit:
+    """A plugin of pytest that fails tests which take too much processor time, and says how fast the machine was."""
+
+    def __init__(self) -> None:
+        self._dear = read_dear_tests()
+        self._speed = Speed()
+
+    def pytest_runtest_logstart(self) -> None:
+        if "skyrange.codec.mavlink" in sys.modules:
+            self._speed.look()
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_makereport(self, item: pytest.Item) -> Reported:
+        report = yield
+        spent = item.stash.get(_SPENT, {})
+        if report.when == "call" and report.passed and (words := self._excess(item.nodeid, spent)):
+            report.outcome, report.longrepr = "failed", words
+        return report
+
+    def _excess(self, nodeid: str, spent: dict[str, float]) -> str:
+        taken_s = spent["total"] - spent["compiled"] - spent["shared"]
+        limit_s = self._dear.get(nodeid.partition("[")[0], LIMIT_S)
+        if taken_s <= limit_s * self._scale():
+            return ""
+        scale = max(self._speed.measure() / REFERENCE_US, self._scale())
+        if taken_s <= limit_s * scale:
+            return ""
+        return (
+            f"{nodeid} takes {taken_s:.1f} s of processor time, more than {limit_s:g} s, times {scale:.2f} for this"
+            " machine. Make it shorter, read a flight of tests/flights.py, or mark it slow; if its length is what"
+            f" finds something, list it in tests/{DEAR_TESTS.name}."
+        )
+
+    def _scale(self) -> float:
+        return statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US
+
+    def pytest_sessionfinish(self, session: pytest.Session) -> None:
+        if isinstance(output := getattr(session.config, "workeroutput", None), dict):
+            output["yardsticks_us"] = self._speed.seen_us
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self._speed.seen_us += getattr(node, "workeroutput", {}).get("yardsticks_us", [])
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        seen_us = self._speed.seen_us or [self._speed.measure()]
+        terminalreporter.write_line(
+            f"yardstick: {statistics.median(seen_us):.1f} µs ({min(seen_us):.1f} to {max(seen_us):.1f})"
+        )
 
 
-class _Measured:
-    def __init__(self, item: pytest.Item) -> None:
-        self._item = item
+def read_dear_tests() -> dict[str, float]:
+    """The tests that may take more than `LIMIT_S`, without their parameters, and how much each may take."""
+    tables = tomllib.loads(DEAR_TESTS.read_text(encoding="utf-8"))
+    return {name: float(table["limit_s"]) for name, table in tables.items()}
 
-    def __enter__(self) -> None:
-        self._before = CLOCK.read()
 
-    def __exit__(self, *_: object) -> None:
+@contextmanager
+def _measured(item: pytest.Item) -> Iterator[None]:
+    before = CLOCK.read()
+    try:
+        yield
+    finally:
         after = CLOCK.read()
-        self._item.stash[_SPENT] = {part: round(after[part] - self._before[part], 4) for part in PARTS}
+        item.stash[_SPENT] = {part: round(after[part] - before[part], 4) for part in PARTS}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--processor-times", metavar="FILE", help="write the processor time of each test to FILE, as JSON")
+    parser.addoption(
+        "--limit-processor-time", action="store_true", help=f"fail tests that take more than {LIMIT_S:g} s of it"
+    )
 
 
 def pytest_configure(config: pytest.Config) -> None:
     path = config.getoption("--processor-times")
-    config.pluginmanager.register(Costs(Path(path) if path else None))
+    config.pluginmanager.register(Times(Path(path) if path else None))
+    if config.getoption("--limit-processor-time"):
+        config.pluginmanager.register(Limit())

@@ -6,12 +6,10 @@ same on every machine. The exact digests of frames and truth are compared betwee
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
-from skyrange.scenario.shipped import SHIPPED, load
-from skyrange.study.runs import fly
+from skyrange.scenario.shipped import SHIPPED
+from tests.flights import shared_run
 
 EVENTS = {
     "chain": "3eebf910faa0bed6f397499af57a25f5",
@@ -55,7 +53,7 @@ LONG = {"corridor-rush"}
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(EVENTS)]
 )
-def test_events_are_what_they_were(name: str, tmp_path: Path) -> None:
-    record = fly(load(name), tmp_path / "run", report=False)
+def test_events_are_what_they_were(name: str) -> None:
+    record = shared_run(name)
     assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]
     assert record.manifest["digests"]["events"] == EVENTS[name]

@@ -11,12 +11,12 @@ from skyrange.core.errors import InputError
 from skyrange.runtime.live.range import prepare_range
 from skyrange.scenario.shipped import load
 from skyrange.study.figures.causal_path import draw_causal_path
-from skyrange.study.pairing import pair
 from skyrange.study.twins.causal_path import find_causal_path
+from tests.flights import shared_pair
 
 
-def test_the_chain_is_read_from_the_record(tmp_path: Path) -> None:
-    flown = pair(load("chain"), tmp_path / "pair")
+def test_the_chain_is_read_from_the_record() -> None:
+    flown = shared_pair("chain")
     path = find_causal_path(flown.run("attacked"), flown.propagation.to_pylist())
     led_to = {end: start for start, end, _ in reversed(path.edges)}
     number = next(k for k, step in enumerate(path.steps) if step.what.startswith("near miss"))

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from skyrange.scenario.shipped import SHIPPED, load
-from skyrange.study.pairing import pair
+from tests.flights import shared_pair
 
 NO_PATH: dict[str, set[str]] = {
     "chain": set(),
@@ -33,8 +31,8 @@ def test_every_shipped_scenario_with_an_attack_is_here() -> None:
 @pytest.mark.parametrize(
     "name", [*sorted(set(NO_PATH) - {"rid-city"}), pytest.param("rid-city", marks=pytest.mark.slow)]
 )
-def test_effects_without_a_path_are_the_ones_that_are_known(name: str, tmp_path: Path) -> None:
-    made = pair(name, tmp_path / "pair")
+def test_effects_without_a_path_are_the_ones_that_are_known(name: str) -> None:
+    made = shared_pair(name)
     effects = [row for row in made.propagation.to_pylist() if row["phase"] == "effect"]
     departed = {row["vehicle"] for row in made.attribution.to_pylist() if row["outcome"] == "departure"}
     assert departed

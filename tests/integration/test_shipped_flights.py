@@ -27,6 +27,7 @@ from skyrange.study.measures.track_deviation import deviations_m
 from skyrange.study.measures.waypoints import received_waypoints
 from skyrange.study.runs import fly
 from skyrange.study.summary import summary
+from tests.flights import shared_run
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 
@@ -45,11 +46,13 @@ def all_complete(record: RunRecord) -> bool:
 
 
 def test_head_on_ends_in_a_collision_and_a_fall(tmp_path: Path) -> None:
-    # through the command line: an aircraft that crashes is a result of the run and no failure of it
+    # through the command line: an aircraft that crashes is a result of the run and no failure of it; and what follows a
+    # collision is chaotic, so this is where two runs would part first
     said = CliRunner().invoke(app, ["run", "head-on", "--out", str(tmp_path / "run")])
     assert said.exit_code == 0, said.output
     assert "blue/b1: collision with green/g1" in said.output
-    record = load_run(tmp_path / "run")
+    record = shared_run("head-on")
+    assert load_run(tmp_path / "run").manifest["digests"] == record.manifest["digests"]
     collisions = of_kind(record, "event.collision")
     assert {(row.about, row.data["with"]) for row in collisions} >= {("blue/b1", "green/g1"), ("green/g1", "blue/b1")}
     first = collisions[0]
@@ -71,18 +74,11 @@ def test_head_on_ends_in_a_collision_and_a_fall(tmp_path: Path) -> None:
     assert outcomes[crashes[0].about] in ("failed", "unfinished")
 
 
-def test_head_on_repeats_to_the_bit(tmp_path: Path) -> None:
-    # what follows a collision is chaotic, so this is where two runs would part first
-    one = fly(load("head-on", ["duration_s=60"]), tmp_path / "one", report=False)
-    two = fly(load("head-on", ["duration_s=60"]), tmp_path / "two", report=False)
-    assert one.manifest["digests"] == two.manifest["digests"]
-
-
-def test_crossing_is_kept_apart_by_height_and_time(tmp_path: Path) -> None:
+def test_crossing_is_kept_apart_by_height_and_time() -> None:
     scenario = load("crossing")
     assert len(scenario.operators) == 4
     assert {vehicle.params["FS_GCS_ENABLE"] for _, vehicle in scenario.fleet} == {1.0}
-    record = flown(tmp_path, "crossing")
+    record = shared_run("crossing")
     assert all_complete(record)
     tracks = truth_tracks(record)
     at_corner = {}
@@ -173,7 +169,7 @@ def deviation_m(record: RunRecord) -> dict[str, float]:
 def test_wind_blows_aircraft_off_their_tracks(tmp_path: Path) -> None:
     assert load("wind").wind.turbulence == "moderate"
     assert {vehicle.airframe for _, vehicle in load("wind").fleet} == {"iris", "x500", "hummingbird"}
-    moderate = flown(tmp_path / "moderate", "wind")
+    moderate = shared_run("wind")
     still = flown(tmp_path / "none", "wind", "wind.turbulence=none", "wind.speed_mps=0")
     assert all_complete(moderate)
     assert all_complete(still)

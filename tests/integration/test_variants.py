@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 
 from skyrange.core.errors import InputError
-from skyrange.scenario.shipped import load
 from skyrange.study.measures.time_series import read_notes
-from skyrange.study.runs import fly
 from skyrange.study.variants import run_measures
 from skyrange.study.variants.flights import compare_variants
 from skyrange.study.variants.report import write_comparison_report
 from skyrange.study.variants.run_measures import measure_run
 from skyrange.study.variants.sections import make_tables
+from tests.flights import shared_run
 
 APPROVALS = {"all": ["operators.*.approval=approve-all"], "hash": ["operators.*.approval=hashgraph"]}
 
@@ -54,9 +53,9 @@ def test_what_is_wrong_with_a_variant_is_named_before_a_folder_is_made(tmp_path:
 
 
 def test_a_collision_of_two_aircraft_counts_once_and_one_with_a_building_as_well(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    record = fly(load("head-on"), tmp_path / "run", report=False)
+    record = shared_run("head-on")
     assert measure_run(record).values["collisions"] == 1.0
     notes = read_notes(record, "events")
     hit = next(row for row in notes if row.kind == "event.collision")
