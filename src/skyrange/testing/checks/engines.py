@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -52,6 +52,7 @@ class EngineCase:
     world: Callable[[Sequence[VehicleSpec]], World]
     messages: Sequence[InputMessage] | None
     until: Time
+    _cut: dict[int, Flight] = field(default_factory=dict)
 
     def make(self, specs: Sequence[VehicleSpec] | None = None, name: str = "checked") -> Engine:
         """A fresh engine for some of the aircraft, or for all."""
@@ -78,11 +79,58 @@ class EngineCase:
         engines = [self.make(part, f"checked {number}") for number, part in enumerate(parts)]
         return Flight(engines, self.world(self.specs), make_arrivals([*self.friendly, *hostile]))
 
+    @cached_property
+    def plain(self) -> PlainFlight:
+        """The flight with friendly mail alone, which most rules look at."""
+        return PlainFlight.fly(self)
+
+    def flown(self, cut: int = 0) -> Flight:
+        """A whole flight with friendly mail alone; one for each cut, read only."""
+        if cut not in self._cut:
+            self._cut[cut] = self.flight(cut).fly(self.until) if cut else self.plain.flight
+        return self._cut[cut]
+
     def fly_with_payloads(self, payloads: Sequence[bytes]) -> Flight:
         """A flight with hostile payloads on every port."""
         begin = self.until // 10
         spacing = max(NS_PER_MS, (self.until - 2 * begin) // (len(payloads) // 16 + 1))
         return self.flight(hostile=address_to_ports(payloads, self.make().ports, begin, spacing, 16))
+
+
+@dataclass
+class PlainFlight:
+    """A flight with friendly mail alone, and what is wrong with what the engine handed back, by rule."""
+
+    flight: Flight
+    shapes: set[tuple[int, ...]] = field(default_factory=set)
+    """Of the actuators."""
+    broken: dict[str, Broken] = field(default_factory=dict)
+    """The first of each rule."""
+
+    @classmethod
+    def fly(cls, case: EngineCase) -> PlainFlight:
+        """Fly a case's aircraft. Raises `Broken` for what ends the flight."""
+        made = cls(case.flight())
+        made.flight.fly(case.until, look=made._look)
+        return made
+
+    def keeps(self, rule: str) -> None:
+        """Raise `Broken` if it broke the rule."""
+        if rule in self.broken:
+            raise self.broken[rule]
+
+    def _look(self, engine: Engine, finished: Finished, contents: Said) -> None:
+        self.shapes.add(finished.actuators.shape)
+        checks: dict[str, Callable[[], None]] = {
+            "departures": lambda: check_departures(contents, tuple(engine.ports)),
+            "notes": lambda: _check_notes(engine, finished, contents),
+            "causes": lambda: check_causes(contents, self.flight.received),
+        }
+        for rule, check in checks.items():
+            try:
+                check()
+            except Broken as broken:
+                self.broken.setdefault(rule if broken.rule is None else broken.rule, broken)
 
 
 def check_engine(
@@ -165,26 +213,25 @@ def _service(case: EngineCase) -> None:
 
 @ENGINE.rule("finishes", "Answers every tick with a Finished that holds a whole Outbox.")
 def _finishes(case: EngineCase) -> None:
-    case.flight().fly(case.until)
+    _ = case.plain
 
 
 @ENGINE.rule("outbox", "Puts departures and notes in lists, never a generator.")
 def _outbox(case: EngineCase) -> None:
-    case.flight().fly(case.until // 5)
+    case.plain.keeps("outbox")
 
 
 @ENGINE.rule(
     "actuators", "Commands motors by a float64 row per vehicle, every number finite and in 0…1, always as many."
 )
 def _actuators(case: EngineCase) -> None:
-    shapes: set[tuple[int, ...]] = set()
-    case.flight().fly(case.until, look=lambda _, finished, __: shapes.add(finished.actuators.shape))
+    shapes = case.plain.shapes
     need(len(shapes) == 1, f"actuators had the shapes {sorted(shapes)}", "one shape")
 
 
 @ENGINE.rule("poses", "Imposes none but poses that a body can have, on vehicles that it says it moves.")
 def _poses(case: EngineCase) -> None:
-    case.flight().fly(case.until)
+    case.plain.keeps("poses")
 
 
 @ENGINE.rule(
@@ -206,49 +253,50 @@ def _status(case: EngineCase) -> None:
 
 @ENGINE.rule("departures", "Sends bytes of at most 1 MiB, from the ports it declares.")
 def _departures(case: EngineCase) -> None:
-    case.flight().fly(case.until, look=lambda engine, _, contents: check_departures(contents, tuple(engine.ports)))
+    case.plain.keeps("departures")
 
 
 @ENGINE.rule(
     "notes", "Notes `decision.…` or `event.…` about its vehicles, with finite scalars and texts of up to 4096."
 )
 def _notes(case: EngineCase) -> None:
-    case.flight().fly(case.until, look=_check_notes)
+    case.plain.keeps("notes")
 
 
 @ENGINE.rule("causes", "Names as causes only frames that it has received.")
 def _causes(case: EngineCase) -> None:
-    flight = case.flight()
-    flight.fly(case.until, look=lambda _, __, contents: check_causes(contents, flight.received))
+    case.plain.keeps("causes")
 
 
 @ENGINE.rule("repeatable", "Repeats to the byte, where it says so: the same mail and sensors, the same answers.")
 def _repeatable(case: EngineCase) -> None:
     if case.repeats:
-        first, second = (case.flight().fly(case.until) for _ in range(2))
-        _same(first, second, "two instances differ", "the same from the same inputs")
+        _same(case.flown(), case.flight().fly(case.until), "two instances differ", "the same from the same inputs")
 
 
 @ENGINE.rule("split", "Says and does the same for each aircraft whether the fleet is in one engine or in two.")
 def _split(case: EngineCase) -> None:
     if case.repeats:
-        whole = case.flight().fly(case.until)
         for cut in sorted({1, len(case.specs) // 2} - {0, len(case.specs)}):
-            parts = case.flight(cut).fly(case.until)
-            _same(whole, parts, f"in one engine and split before row {cut}", "the same bytes for each aircraft")
+            _same(
+                case.flown(),
+                case.flown(cut),
+                f"in one engine and split before row {cut}",
+                "the same bytes for each aircraft",
+            )
 
 
 @ENGINE.rule("order", "Keeps begin and finish apart: engines may be finished in any order once all have begun.")
 def _order(case: EngineCase) -> None:
     cut = len(case.specs) // 2
-    forward, backward = case.flight(cut).fly(case.until), case.flight(cut).fly(case.until, backwards=True)
+    forward, backward = case.flown(cut), case.flight(cut).fly(case.until, backwards=True)
     if case.repeats:
         _same(forward, backward, "finishing in the other order changes it", "engines that share nothing")
 
 
 @ENGINE.rule("sensors", "Reads the sensors of a tick only until it has finished it, and never writes to them.")
 def _sensors(case: EngineCase) -> None:
-    kept, spoilt = case.flight().fly(case.until), case.flight().fly(case.until, scramble=True)
+    kept, spoilt = case.flown(), case.flight().fly(case.until, scramble=True)
     if case.repeats:
         _same(kept, spoilt, "what it does depends on sensors of an earlier tick", "copies of what is to be kept")
 
@@ -260,7 +308,7 @@ def _sensors(case: EngineCase) -> None:
 )
 def _pure(case: EngineCase) -> None:
     if case.repeats and not case.runs_programs:
-        case.flight().fly(case.until)
+        case.flown()  # what is imported or compiled at first use was so before it is watched
         case.flight().fly(case.until, call=watched)
 
 
@@ -275,7 +323,7 @@ def _copies(case: EngineCase) -> None:
         return
     if not case.repeats:
         return
-    straight = case.flight().fly(case.until)
+    straight = case.flown()
     trunk = case.flight().fly(case.until // 2)
     branch = copied(trunk)
     expected = "a copy that goes on alike, and an original that does not notice"
@@ -300,7 +348,7 @@ def _hostile(case: EngineCase) -> None:
 @ENGINE.rule("modest", "Answers garbage with at most 1 departure and 1 note a frame, at most 2 KiB longer than it.")
 def _modest(case: EngineCase) -> None:
     payloads, ports = short_garbage(), case.make().ports
-    quiet, loud = case.flight().fly(case.until), case.fly_with_payloads(payloads).fly(case.until)
+    quiet, loud = case.flown(), case.fly_with_payloads(payloads).fly(case.until)
     check_modest(_volume(quiet), _volume(loud), payloads, len(ports))
 
 
