@@ -35,9 +35,10 @@ test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests th
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
 
-check: $(VENV)/.tested ## ruff, mypy and the rules of imports
+check: $(VENV)/.tested ## ruff, mypy and the rules of imports and of tracked files
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m checks.tracked_files
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	@$(MAKE) --no-print-directory audit

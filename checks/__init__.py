@@ -1,0 +1,1 @@
+"""Checks of the sources that `make check` runs and for which no ready tool exists."""
