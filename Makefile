@@ -35,12 +35,13 @@ test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests th
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
 
-check: $(VENV)/.tested ## ruff, mypy and the rules of imports and of tracked files
+check: $(VENV)/.tested ## ruff, mypy, and the rules of imports, of tracked files and of unused names
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m checks.tracked_files
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m checks.unused_names
 	@$(MAKE) --no-print-directory audit
 
 audit: $(VENV)/.tested ## known vulnerabilities of the pinned dependencies; skipped where the index cannot be reached
