@@ -103,6 +103,7 @@ def test_generated_parts_are_up_to_date(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == generate.renewed(text), "run: python docs/generate.py"
     assert text.count("<!-- generated:") == len(generate.BLOCK.findall(text))
+    assert text.count("<!-- count:") == text.count("<!-- /count -->") == len(generate.COUNT.findall(text))
 
 
 @pytest.mark.parametrize("page", PARAMS)
