@@ -10,7 +10,7 @@ REALTIME_WORKERS ?= 3
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check check-quick audit setup engines clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -35,14 +35,16 @@ test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests th
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
 
-check: $(VENV)/.tested ## ruff, mypy, and the rules of imports, of tracked files and of unused names
+check: check-quick ## `make check-quick`, unused names, and known vulnerabilities
+	$(BIN)/python -m checks.unused_names
+	@$(MAKE) --no-print-directory audit
+
+check-quick: $(VENV)/.tested ## ruff, mypy, and the rules of tracked files and of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/python -m checks.tracked_files
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -m checks.unused_names
-	@$(MAKE) --no-print-directory audit
 
 audit: $(VENV)/.tested ## known vulnerabilities of the pinned dependencies; skipped where the index cannot be reached
 	@found=$$($(BIN)/pip-audit -r requirements-dev.txt --disable-pip --require-hashes --progress-spinner off --timeout 10 2>&1); \
