@@ -7,10 +7,13 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
+# How long `make fuzz` draws new examples.
+MINUTES ?= 10
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check check-quick audit setup engines clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,6 +37,10 @@ test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests th
 
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
+
+fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES
+	$(PYTEST) -p tests.fuzzing --fuzz-minutes $(MINUTES) --hypothesis-profile fuzz -m '$(FAST)' \
+		$$(grep -rlE '^(from|import) hypothesis' tests --include='test_*.py')
 
 check: check-quick ## `make check-quick`, unused names, and known vulnerabilities
 	$(BIN)/python -m checks.unused_names
