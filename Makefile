@@ -10,10 +10,13 @@ REALTIME_WORKERS ?= 3
 # The tests of each kind of attack, defence, detector and fault that `make test` runs: a tenth of them, or all.
 KINDS ?= tenth
 
+# How long `make fuzz` draws new examples.
+MINUTES ?= 10
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -38,12 +41,20 @@ test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests th
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
 
-check: $(VENV)/.tested ## ruff, mypy and the rules of imports
+fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES
+	$(PYTEST) -p tests.fuzzing --fuzz-minutes $(MINUTES) --hypothesis-profile fuzz -m '$(FAST)' \
+		$$(grep -rlE '^(from|import) hypothesis' tests --include='test_*.py')
+
+check: check-quick ## `make check-quick`, unused names, and known vulnerabilities
+	$(BIN)/python -m tools.unused_names
+	@$(MAKE) --no-print-directory audit
+
+check-quick: $(VENV)/.tested ## ruff, mypy, and the rules of tracked files and of imports
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m tools.tracked_files
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	@$(MAKE) --no-print-directory audit
 
 audit: $(VENV)/.tested ## known vulnerabilities of the pinned dependencies; skipped where the index cannot be reached
 	@found=$$($(BIN)/pip-audit -r requirements-dev.txt --disable-pip --require-hashes --progress-spinner off --timeout 10 2>&1); \

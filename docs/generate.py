@@ -1,7 +1,8 @@
 """Which parts of the reference are written by the code itself? Makes them, and puts them where they belong.
 
 `python docs/generate.py` rewrites every block between `<!-- generated: NAME -->` and `<!-- end: NAME -->` in the
-pages beside it; `tests/unit/test_docs.py` fails while a block is out of date.
+pages beside it and above it, and every number between `<!-- count: NAME -->` and `<!-- /count -->`.
+`tests/unit/test_docs.py` fails while one of them is out of date.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +19,11 @@ if str(DOCS) not in sys.path:
     sys.path.insert(0, str(DOCS))
 
 from markdown_tables import keys, table  # noqa: E402
-from plugin_kinds import approvals, attacks, defences, detectors, faults  # noqa: E402
+from plugin_kinds import approvals, attacks, count_shipped, defences, detectors, faults  # noqa: E402
 from public_api import described as describe_api  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
+COUNT = re.compile(r"(<!-- count: (\S+) -->)(.*?)(<!-- /count -->)")
 
 
 # ---------------------------------------------------------------- the command line
@@ -578,14 +581,20 @@ GENERATED: dict[str, Callable[[], str]] = {
 }
 
 
+COUNTED: dict[str, Callable[[], int]] = {
+    kind: partial(count_shipped, f"skyrange.{kind}") for kind in ("attacks", "defences", "detectors", "faults")
+}
+
+
 def renewed(text: str) -> str:
-    """A page with every generated block as it should be."""
-    return BLOCK.sub(lambda found: found[1] + GENERATED[found[2]]().strip("\n") + "\n" + found[4], text)
+    """A page with every generated block and every count as it should be."""
+    text = BLOCK.sub(lambda found: found[1] + GENERATED[found[2]]().strip("\n") + "\n" + found[4], text)
+    return COUNT.sub(lambda found: f"{found[1]}{COUNTED[found[2]]()}{found[4]}", text)
 
 
 def main() -> None:
     """Rewrite what is out of date."""
-    for page in sorted(DOCS.rglob("*.md")):
+    for page in (*sorted(DOCS.parent.glob("*.md")), *sorted(DOCS.rglob("*.md"))):
         text = page.read_text(encoding="utf-8")
         new = renewed(text)
         if new != text:

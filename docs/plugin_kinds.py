@@ -17,6 +17,11 @@ def _shipped(group: str) -> list[tuple[str, Any]]:
     return [(point.name, point.load()) for point in sorted(points, key=_name) if point.value.startswith("skyrange.")]
 
 
+def count_shipped(group: str) -> int:
+    """How many kinds of a group this project ships."""
+    return len(_shipped(group))
+
+
 def _name(point: EntryPoint) -> str:
     return point.name
 

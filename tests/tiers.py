@@ -10,9 +10,13 @@ import pytest
 from hypothesis import settings
 
 FULL = 100
-"""The examples of hypothesis's default profile."""
+"""The examples of the profile `full`."""
 
-settings.register_profile("quick", max_examples=FULL // 4)
+# no deadlines: how long an example takes depends on what else the machine does
+settings.register_profile("full", max_examples=FULL, deadline=None)
+settings.register_profile("quick", max_examples=FULL // 4, deadline=None)
+settings.register_profile("fuzz", max_examples=FULL // 4, deadline=None, derandomize=False, print_blob=True)
+settings.load_profile("full")
 
 
 def needs(program: str, hint: str = "") -> pytest.MarkDecorator:
@@ -38,6 +42,11 @@ needs_opendroneid = needs_folder(
 needs_mavproxy = needs("mavproxy.py", "pip install MAVProxy")
 
 
+def is_fuzzing() -> bool:
+    """Whether property tests are repeated with new examples, as `make fuzz` does."""
+    return settings.get_current_profile_name() == "fuzz"
+
+
 def examples(count: int) -> int:
-    """How many examples a property test tries whose full number is `count`: in the profile `quick`, a quarter."""
+    """How many examples a property test tries whose full number is `count`: in `quick` and `fuzz`, a quarter."""
     return max(1, count * settings().max_examples // FULL)

@@ -15,7 +15,7 @@ from skyrange.contracts.plugins import NoParams
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, Time
-from skyrange.radio.builtin.environment import QUIET_CITY
+from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.medium import BuiltinMedium
 from skyrange.radio.builtin.state import FREE, STATE
 from skyrange.radio.contract import MediumPlugin
@@ -25,7 +25,9 @@ from skyrange.testing import NonConformance, check_medium
 def test_the_builtin_medium_conforms() -> None:
     check_medium(MediumPlugin.find("builtin"))
     check_medium(lambda radios: BuiltinMedium(radios, Chance(3)))
-    check_medium(lambda radios: BuiltinMedium(radios, Chance(3), surroundings=QUIET_CITY, every_pair=True))
+    check_medium(
+        lambda radios: BuiltinMedium(radios, Chance(3), surroundings=RadioEnvironment(city_busy=0.2), every_pair=True)
+    )
 
 
 class ByRows(BuiltinMedium):

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 
 from skyrange.codec.mavlink import Packer, decode, message_id
 from skyrange.codec.mavlink.frame_layout import LAYOUTS
-from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype, unpack_columns
+from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype
 from skyrange.contracts.frames.payloads import Payloads
+from tests.message_columns import unpack_frames
 
 
 def _random_rows(message_id: int, count: int, seed: int) -> Any:
@@ -55,7 +56,7 @@ def test_packed_in_columns_is_byte_equal_to_packed_singly(message_id: int) -> No
 def test_unpacked_in_columns_says_what_decoding_says(message_id: int) -> None:
     rows = _random_rows(message_id, 4, message_id + 1)
     column = pack_batches([(message_id, rows, np.array([3, 4, 5, 6]), np.arange(4))], 1)
-    groups, rest = unpack_columns(column)
+    groups, rest = unpack_frames(column)
     assert len(rest) == 0
     assert [group.message_id for group in groups] == [message_id]
     found = groups[0]
@@ -78,7 +79,7 @@ def test_what_is_no_frame_is_left_and_never_taken_for_one(junk: list[bytes], pla
     good = pack_batches([(33, rows, np.array([1]), np.array([0]))], 1)[0]
     bent = bytearray(good)
     bent[place % len(good)] ^= change
-    groups, rest = unpack_columns(Payloads.of([*junk, bytes(bent), good]))
+    groups, rest = unpack_frames(Payloads.of([*junk, bytes(bent), good]))
     taken = sorted(row for group in groups for row in group.rows.tolist())
     assert sorted([*taken, *rest.tolist()]) == list(range(len(junk) + 2))
     assert len(junk) + 1 in taken
@@ -88,7 +89,7 @@ def test_what_is_no_frame_is_left_and_never_taken_for_one(junk: list[bytes], pla
 
 def test_every_truncation_of_a_frame_is_left() -> None:
     good = pack_batches([(33, _random_rows(33, 1, 9), np.array([1]), np.array([0]))], 1)[0]
-    _, rest = unpack_columns(Payloads.of([good[:size] for size in range(len(good))]))
+    _, rest = unpack_frames(Payloads.of([good[:size] for size in range(len(good))]))
     assert len(rest) == len(good)
 
 

@@ -20,7 +20,7 @@ from skyrange.codec.mavlink import dialect
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Item, Range, square, start, takeoff
-from tests.tiers import examples
+from tests.tiers import examples, is_fuzzing
 
 A = dialect
 NAMES = ("blue/b1", "blue/b2")
@@ -642,8 +642,7 @@ Flight.TestCase.settings = settings(
     max_examples=examples(25),
     stateful_step_count=25,
     deadline=None,
-    derandomize=True,
-    database=None,
+    derandomize=not is_fuzzing(),
     suppress_health_check=list(HealthCheck),
 )
 TestFlight = Flight.TestCase

@@ -103,6 +103,7 @@ def test_generated_parts_are_up_to_date(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == generate.renewed(text), "run: python docs/generate.py"
     assert text.count("<!-- generated:") == len(generate.BLOCK.findall(text))
+    assert text.count("<!-- count:") == text.count("<!-- /count -->") == len(generate.COUNT.findall(text))
 
 
 @pytest.mark.parametrize("page", PARAMS)
@@ -329,6 +330,16 @@ def _is_there(dotted: str) -> bool:
                 return False
         found = getattr(found, part)
     return True
+
+
+def test_decisions_are_numbered_once_and_without_a_gap_that_the_index_does_not_name() -> None:
+    pages = sorted((DOCS / "decisions").glob("0*.md"))
+    index = (DOCS / "decisions" / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^- \[(.+)\]\((.+)\)", index, re.MULTILINE)
+    assert listed == [(page.read_text(encoding="utf-8").partition("\n")[0][2:], page.name) for page in pages]
+    left_out = re.findall(r"\b0\d{3}\b", index.partition("\n- ")[0])
+    numbers = sorted([*left_out, *(page.name[:4] for page in pages)])
+    assert numbers == [f"{number:04}" for number in range(1, len(numbers) + 1)]
 
 
 def test_decisions_are_whole() -> None:

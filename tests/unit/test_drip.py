@@ -14,12 +14,9 @@ from skyrange.codec.f3411.authentication import join_pages
 from skyrange.remoteid.drip.keys import Identity, range_secret, sign
 from skyrange.remoteid.drip.registry import Level, Registration, Registry, child_level, endorse
 from skyrange.remoteid.drip.schedule import (
-    CYCLE,
-    CYCLE_PAGES,
     REQUIRED,
     Kind,
     Schedule,
-    cycle_page,
 )
 from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verification.observer import Observer
@@ -305,7 +302,7 @@ def test_required_rates() -> None:
             sent[kind] += 1
             schedule.done(kind, now)
     assert sent == {Kind.HDA_UA: 10, Kind.MANIFEST: 120, Kind.RAA_HDA: 2, Kind.APEX_RAA: 2, Kind.WRAPPER: 0}
-    assert schedule.next_s() == 600
+    assert [bool(schedule.due(now, 1)) for now in (599, 600)] == [False, True]
     assert Kind.MANIFEST not in schedule.due(1000, 0)
     schedule.done(Kind.MANIFEST, 1000)
     assert Kind.MANIFEST not in schedule.due(1001, 9)
@@ -314,14 +311,10 @@ def test_required_rates() -> None:
         Sender(REGISTRY.register("a"), legacy=True).make(Kind.WRAPPER, 0)
 
 
-def test_recommended_cycle() -> None:
-    """RFC 9575, appendix B.2: the chain within 136 s, with Wrappers in between."""
-    assert len(CYCLE) * CYCLE_PAGES == 136
-    assert [cycle_page(second) for second in (0, 7, 8, 136)] == [
-        (Kind.HDA_UA, 0), (Kind.HDA_UA, 7), (Kind.RAA_HDA, 0), (Kind.HDA_UA, 0),
-    ]  # fmt: skip
+def test_messages_with_parity_have_eight_pages() -> None:
+    """RFC 9575, appendix B.2."""
     sender = Sender(REGISTRY.register("alpha"), legacy=True)
     wrapper = sender.wrapper([location(0), location(1)], T0)
-    assert len(sender.make(Kind.RAA_HDA, T0)) == len(wrapper) == CYCLE_PAGES
+    assert len(sender.make(Kind.RAA_HDA, T0)) == len(wrapper) == 8
     data = join_pages(wrapper)
     assert decode_sam(data).vnb_s == int(T0)

@@ -30,7 +30,7 @@ from skyrange.contracts.medium import (
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S
-from skyrange.radio.builtin.environment import QUIET_CITY, RadioEnvironment
+from skyrange.radio.builtin.environment import RadioEnvironment
 from skyrange.radio.builtin.listening import HOPPER, SNIFFER
 from skyrange.radio.contract import MediumContext
 from skyrange.radio.external.medium import ExternalMedium
@@ -214,7 +214,7 @@ def test_noise_is_cut_into_pieces_that_follow_each_other() -> None:
 
 
 def test_background_traffic_is_noise_at_each_receiver() -> None:
-    medium = _medium(ALL, surroundings=QUIET_CITY)
+    medium = _medium(ALL, surroundings=RadioEnvironment(city_busy=0.2))
     try:
         for step in range(1, 101):
             medium.advance(step * 10 * NS_PER_MS, _table(medium))

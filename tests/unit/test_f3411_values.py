@@ -100,7 +100,6 @@ def test_accuracies_promise_the_most_that_holds() -> None:
     assert values.accuracy_code(values.SPEED_ACCURACY_MPS, 0.5) == 3
     assert values.accuracy_code(values.SPEED_ACCURACY_MPS, None) == 0
     assert values.accuracy_code(values.SPEED_ACCURACY_MPS, float("nan")) == 0
-    assert [values.timestamp_accuracy_code(s) for s in (None, 0.0, 0.1, 0.11, 1.5, 1.6)] == [0, 1, 1, 2, 15, 0]
     assert len(values.HORIZONTAL_ACCURACY_M) == 13
     assert values.HORIZONTAL_ACCURACY_M[1] == 18_520.0
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from skyrange.codec.mavlink import Deframer, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.frame_layout import LAYOUTS
-from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype, unpack_columns
+from skyrange.codec.mavlink.message_columns import pack_batches, payload_dtype
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.codec.mavlink.signing import (
     MAX_LAG,
@@ -31,6 +31,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S
+from tests.message_columns import unpack_frames
 
 SECRET = secret_from_passphrase("correct horse")
 KEY = SigningKey(SECRET, 34_000_000_000_000)
@@ -244,8 +245,8 @@ def test_signed_frames_are_read_in_columns_and_singly_as_unsigned_ones_are() -> 
     packer = Packer(9, 1)
     frames = [packer.pack(mav.MAVLink_attitude_message(n, 1, 2, 3, 4, 5, 0)) for n in range(3)]
     signed = [sign_frame(frame, SECRET, 0, n) for n, frame in enumerate(frames)]
-    (plain,), rest = unpack_columns(Payloads.of(frames))
-    (read,), more = unpack_columns(Payloads.of(signed))
+    (plain,), rest = unpack_frames(Payloads.of(frames))
+    (read,), more = unpack_frames(Payloads.of(signed))
     assert len(rest) == len(more) == 0
     assert (read.values == plain.values).all()
     assert read.systems.tolist() == [9, 9, 9]

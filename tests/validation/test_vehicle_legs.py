@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from skyrange.vehicle.builtin.guidance import scurve, spline, wpnav
-from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, LEGS, SCURVE, new_records
+from skyrange.vehicle.builtin.layout import ESTIMATE, FLIGHT, LEGS, new_records
 from skyrange.vehicle.builtin.parameters.table import SETTINGS, fill_settings
 from skyrange.world.airframes import IRIS
 
@@ -21,7 +21,7 @@ DT = 0.01
 
 
 def leg(length: float, speed: float, accel: float, jerk: float, tc: float) -> np.ndarray:
-    c = np.zeros(1, SCURVE)
+    c = np.zeros(1, LEGS["this_leg"])
     snap = 0.25 * math.pi * jerk / tc
     scurve.calculate_track(c[0], 0.0, 0.0, 0.0, length, 0.0, 0.0, speed, 2.5, 1.5, accel, 1.0, snap, jerk)
     return c
@@ -53,7 +53,7 @@ def test_a_leg_takes_as_long_and_is_as_far_after_three_tenths(
 
 
 def test_a_climbing_leg_is_slowed_to_the_climb_rate() -> None:
-    c = np.zeros(1, SCURVE)
+    c = np.zeros(1, LEGS["this_leg"])
     snap = 0.25 * math.pi / 0.15
     scurve.calculate_track(c[0], 0.0, 0.0, 0.0, 30.0, 40.0, 25.0, 10.0, 2.5, 1.5, 2.5, 1.0, snap, 1.0)
     assert scurve.duration(c[0]) == pytest.approx(15.03822, abs=2e-5)

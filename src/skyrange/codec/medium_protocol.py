@@ -353,11 +353,6 @@ def _decode_floats(body: bytes, width: int) -> NDArray[np.float64]:
     return found
 
 
-def encode_forked(pid: int) -> bytes:
-    """The body of a FORKED: the process id of the copy."""
-    return _FORKED.pack(pid)
-
-
 def decode_forked(body: bytes) -> int:
     """Decode a FORKED."""
     reader = _Reader(body)

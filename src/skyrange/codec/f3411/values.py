@@ -64,13 +64,6 @@ def accuracy_code(table: tuple[float | None, ...], error: float | None) -> int:
     return code
 
 
-def timestamp_accuracy_code(error_s: float | None) -> int:
-    """Tenths of a second, rounded up, at least 1 and at most 15; 0 if unknown or above 1.5 s."""
-    if error_s is None or not 0 <= error_s <= 1.5:
-        return 0
-    return max(1, -int(-error_s * 10 // 1))
-
-
 def _finite(value: float, what: str) -> float:
     if not isfinite(value):
         raise ValueError(f"{what} {value}: a number, or None for unknown")

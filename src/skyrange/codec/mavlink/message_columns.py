@@ -267,7 +267,7 @@ KIND_COUNT: Final = len(_IDS)
 
 
 def message_id_of_kind(kind: int) -> int:
-    """The message id of a kind that `sort` returned."""
+    """The message id of a kind."""
     return int(_IDS[kind])
 
 
@@ -279,12 +279,3 @@ def unpack_group(payloads: Payloads, kind: int, rows: Ints) -> MessageGroup:
     head = np.empty((len(rows), 3), dtype=np.int64)
     _copy_payloads(payloads.data, payloads.starts, rows, head, raw)
     return MessageGroup(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))
-
-
-def unpack_columns(payloads: Payloads) -> tuple[list[MessageGroup], Ints]:
-    """Decode all messages, grouped by id in order of id, and return the rows that are in no group (see `sort`)."""
-    kinds = classify_frames(payloads)
-    groups = [
-        unpack_group(payloads, kind, np.flatnonzero(kinds == kind)) for kind in np.unique(kinds).tolist() if kind >= 0
-    ]
-    return groups, np.flatnonzero(kinds < 0)

@@ -272,7 +272,7 @@ class FlightSequencer:
         if self.link_lost:
             self.link_lost = False
             out.note("decision.link_restored", self.flight.vehicle, None, (ref,))
-        if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq(), ref):
+        if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq()):
             name = enum_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
         if self.state is FlightState.LISTENING:

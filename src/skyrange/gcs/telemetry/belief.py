@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.core.ids import FrameId
 from skyrange.core.time import NEVER, Time
 
 _ARMED: Final = mav.MAV_MODE_FLAG_SAFETY_ARMED
@@ -70,13 +69,11 @@ class Belief:
     A time of `-NEVER`, or `None`, means that no message has reported the value yet.
     """
 
-    __slots__ = ("_place", "_table", "mode_ref")
+    __slots__ = ("_place", "_table")
 
     def __init__(self, beliefs: BeliefTable, place: int) -> None:
         self._table = beliefs.table
         self._place = place
-        self.mode_ref: FrameId | None = None
-        """The heartbeat that last changed `mode` or `armed`."""
 
     def _get(self, name: str) -> int:
         return int(self._table[name][self._place])
@@ -142,7 +139,7 @@ class Belief:
         """Number of those from a system or component other than the aircraft's autopilot."""
         return self._get("foreign")
 
-    def on_heartbeat(self, now: Time, base_mode: int, mode: int, sequence: int, ref: FrameId) -> bool:
+    def on_heartbeat(self, now: Time, base_mode: int, mode: int, sequence: int) -> bool:
         """Update the belief from a HEARTBEAT; returns whether the mode changed."""
         self.set("heard_ns", now)
         armed = bool(base_mode & _ARMED)
@@ -155,7 +152,6 @@ class Belief:
         if changed or armed != self.armed:
             self.set("mode", mode)
             self.set("armed", armed)
-            self.mode_ref = ref
         return changed
 
     def on_current(self, now: Time, item: int) -> bool:

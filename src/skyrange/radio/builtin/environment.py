@@ -16,7 +16,9 @@ class RadioEnvironment:
     chance: bool = True
     """Whether there is shadowing and fading; without them, signals have their median power."""
     city_busy: float = 0.0
-    """Share of time, 0…1, in which background traffic fills the Wi-Fi channels 1, 6 and 11."""
+    """Share of time, 0…1, in which background traffic fills the Wi-Fi channels 1, 6 and 11: in a city 0.2, which most
+    access points see or exceed, and 0.5, which the busiest tenth exceeds (Biswas et al., "Large-scale Measurements of
+    Wireless Network Behavior", SIGCOMM 2015: ten thousand access points)."""
     city_dbm: float = -85.0
     """Mean power of the background traffic at any antenna; it is exponentially distributed."""
     carrier_sense_dbm: float | None = None
@@ -25,8 +27,3 @@ class RadioEnvironment:
 
 
 OPEN_GROUND: Final = RadioEnvironment()
-QUIET_CITY: Final = RadioEnvironment(city_busy=0.2)
-"""Most access points see 2.4 GHz utilisation of 20 % or more (Biswas et al., "Large-scale Measurements of Wireless
-Network Behavior", SIGCOMM 2015: ten thousand access points); its power is an assumption."""
-LOUD_CITY: Final = RadioEnvironment(city_busy=0.5, city_dbm=-80.0)
-"""The busiest tenth of these access points see more than 50 %."""

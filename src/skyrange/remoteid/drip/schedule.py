@@ -36,27 +36,7 @@ class Rates(NamedTuple):
 REQUIRED: Final = Rates()
 """The longest times that RFC 9575, section 6.3, allows."""
 RECOMMENDED: Final = Rates(hda_ua_s=16.0, evidence_s=1.0, raa_hda_s=32.0, apex_raa_s=64.0)
-"""About as often as in appendix B.2, without its order: a Manifest every second, a Link every 8 s (`CYCLE`)."""
-
-CYCLE: Final = (
-    Kind.HDA_UA, Kind.RAA_HDA, Kind.HDA_UA, Kind.APEX_RAA, Kind.HDA_UA, Kind.RAA_HDA, Kind.HDA_UA, Kind.WRAPPER,
-    Kind.HDA_UA, Kind.RAA_HDA, Kind.HDA_UA, Kind.APEX_RAA, Kind.HDA_UA, Kind.RAA_HDA, Kind.HDA_UA, Kind.WRAPPER,
-    Kind.APEX_RAA,
-)  # fmt: skip
-"""The order of appendix B.2. Its last message, IANA on the apex, is a second one of the apex here: the range has no
-authority above.
-"""
-CYCLE_PAGES: Final = 8
-"""Pages of each message of the cycle with parity, one sent every second."""
-
-
-def cycle_page(second: int) -> tuple[Kind, int]:
-    """Which page of which message goes out in a second of the schedule of appendix B.2, beside a Manifest.
-
-    After `CYCLE_PAGES` × 17 = 136 s it starts again.
-    """
-    place, page = divmod(second, CYCLE_PAGES)
-    return CYCLE[place % len(CYCLE)], page
+"""About as often as in appendix B.2, without its order: a Manifest every second, a Link every 8 s."""
 
 
 class Schedule:
@@ -87,10 +67,6 @@ class Schedule:
             or (kind == Kind.MANIFEST and pending >= RECOMMENDED_HASHES)
         ]
         return tuple(kind for _, _, kind in sorted(ready))
-
-    def next_s(self) -> float:
-        """When something is due next, if nothing fills a Manifest before."""
-        return min(self._due_s.values(), default=float("inf"))
 
     def done(self, kind: Kind, now_s: float) -> None:
         """A message of `kind` was sent."""

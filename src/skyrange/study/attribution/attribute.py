@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import pyarrow as pa
@@ -17,7 +17,6 @@ from skyrange.study.attribution.outcomes import NAMES, ArmOutcomes, distances, f
 from skyrange.study.attribution.relations import Attacks, Relation, relations
 
 Floats = NDArray[np.float64]
-Shift = Literal["advanced", "delayed"]
 
 COLUMNS: Final[tuple[Column, ...]] = (
     Column("seed", pa.int64(), "", "seed of the runs"),

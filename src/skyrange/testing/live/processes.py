@@ -117,11 +117,6 @@ class VirtualProcess:
         """Whether it is stopped."""
         return self._resumed is not None
 
-    @property
-    def killed(self) -> bool:
-        """Whether it was killed."""
-        return self._killed
-
     def when_resumed(self, call: Callable[[], None]) -> None:
         """Call `call` when it continues."""
         self._deferred.append(call)

@@ -60,7 +60,6 @@ class SensorSuite:
         too. None is written.
         """
         n = len(vehicles)
-        self._spec = spec
         self._level = float(spec.noise)
         self._seed = np.uint64(spec.chance.seed & 0xFFFFFFFFFFFFFFFF)
         self._who = np.array([hash64(vehicle) for vehicle in vehicles], dtype=np.uint64)

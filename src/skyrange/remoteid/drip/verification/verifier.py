@@ -98,10 +98,6 @@ class Verifier:
         """The receivers that verify."""
         return tuple(self._observers)
 
-    def verifies(self, row: int) -> bool:
-        """Whether a receiver verifies."""
-        return row in self._observers
-
     def filters(self, row: int) -> bool:
         """Whether a receiver verifies and does not believe everybody."""
         one = self._receivers[row]

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
-from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, open_input, read_input
-from skyrange.study.dataset.progress import BUILDING, require_whole
+from skyrange.core.input_files import open_input
+from skyrange.study.dataset.progress import BUILDING
 
 CHECKSUMS: Final = "SHA256SUMS"
 
@@ -33,21 +32,3 @@ def write_checksums(folder: Path) -> None:
     lines = [f"{sha256_of(path)}  {path.relative_to(folder).as_posix()}\n" for path in dataset_files(folder)]
     with atomic_write(folder / CHECKSUMS) as file:
         file.write("".join(lines).encode())
-
-
-def check_checksums(folder: Path) -> None:
-    """Raise `InputError` for each file that is missing, altered, or not listed, or for a build that is not finished."""
-    require_whole(folder)
-    file = folder / CHECKSUMS
-    if not file.is_file():
-        raise InputError.one(str(folder), CHECKSUMS, "missing", "the checksums of a data set")
-    listed = read_input(file, str(folder), max_bytes=MAX_RECORD_BYTES).decode()
-    wanted = {name: digest for digest, name in (line.split("  ", 1) for line in listed.splitlines())}
-    found = {path.relative_to(folder).as_posix(): path for path in dataset_files(folder)}
-    problems = [Problem(name, "missing", "a file of the data set") for name in sorted(wanted.keys() - found.keys())]
-    problems += [Problem(name, "not listed", f"a file in {CHECKSUMS}") for name in sorted(found.keys() - wanted.keys())]
-    for name in sorted(wanted.keys() & found.keys()):
-        if sha256_of(found[name]) != wanted[name]:
-            problems.append(Problem(name, "altered", "the contents at the time of building"))
-    if problems:
-        raise InputError(str(folder), problems)

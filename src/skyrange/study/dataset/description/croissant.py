@@ -11,7 +11,6 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
 from skyrange.study.dataset.columns import VIEWS, ViewColumn
 from skyrange.study.dataset.description.checksums import sha256_of
@@ -138,20 +137,3 @@ def _data_type(type_: pa.DataType) -> str:
     if pa.types.is_floating(type_):
         return "cr:Float64"
     return "sc:Text"
-
-
-def validate_croissant(folder: Path) -> list[str]:
-    """Check `croissant.json` with `mlcroissant`; returns its warnings.
-
-    Raises `InputError` for what does not conform, and if the package is not installed (`skyrange[study]`).
-    """
-    try:
-        import mlcroissant
-    except ImportError as error:
-        hint = "Install it with: pip install 'skyrange[study]'"
-        raise InputError.one("dataset", CROISSANT, "mlcroissant", "an installed package mlcroissant", hint) from error
-    try:
-        described = mlcroissant.Dataset(jsonld=str(folder / CROISSANT))
-    except mlcroissant.ValidationError as error:
-        raise InputError(str(folder), [Problem(CROISSANT, str(error), "a valid Croissant description")]) from error
-    return sorted(described.metadata.issues.warnings)

@@ -67,35 +67,6 @@ def request_climb(off: float, p: float, accel: float, down: float, up: float, dt
 
 
 @compiled
-def update_ne_controller(e: Any, f: Any, g: Any, correction_mps: float, dt_s: float) -> tuple[float, float]:
-    """Return the horizontal acceleration to request, m/s² (east, north), within the lean limit.
-
-    A square-root controller turns the position error into a velocity (at most `correction_mps`), a PID turns the
-    velocity error into an acceleration; the reference's own velocity and acceleration are added.
-    """
-    f.pos_err[0] = f.ref_pos[0] - e.pos[0]
-    f.pos_err[1] = f.ref_pos[1] - e.pos[1]
-    want_e, want_n = request_velocity(f.pos_err[0], f.pos_err[1], g.pos_p, f.accel_xy, correction_mps, dt_s)
-    last_e = f.vel_err[0]
-    last_n = f.vel_err[1]
-    f.vel_err[0] += (want_e + f.ref_vel[0] - e.vel[0] - last_e) * g.vel_alpha
-    f.vel_err[1] += (want_n + f.ref_vel[1] - e.vel[1] - last_n) * g.vel_alpha
-    f.vel_d[0] += (f.vel_err[0] - last_e - f.vel_d[0]) * g.vel_d_alpha
-    f.vel_d[1] += (f.vel_err[1] - last_n - f.vel_d[1]) * g.vel_d_alpha
-    f.vel_i[0], f.vel_i[1] = integrate_velocity_error(
-        f.vel_i[0], f.vel_i[1], g.vel_i * f.vel_err[0] * dt_s, g.vel_i * f.vel_err[1] * dt_s,
-        f.limited_accel[0], f.limited_accel[1], g.vel_imax,
-    )  # fmt: skip
-    ask_e = g.vel_p * f.vel_err[0] + f.vel_i[0] + g.vel_d * f.vel_d[0] + f.ref_acc[0]
-    ask_n = g.vel_p * f.vel_err[1] + f.vel_i[1] + g.vel_d * f.vel_d[1] + f.ref_acc[1]
-    got_e, got_n = limit_accel(f.ref_vel[0], f.ref_vel[1], ask_e, ask_n, g.lean_accel)
-    cut = got_e != ask_e or got_n != ask_n
-    f.limited_accel[0] = ask_e if cut else 0.0
-    f.limited_accel[1] = ask_n if cut else 0.0
-    return got_e, got_n
-
-
-@compiled
 def update_u_controller(e: Any, f: Any, g: Any, dt_s: float) -> None:
     """Compute the vertical acceleration to request, m/s², from the errors of height and climb rate."""
     want = request_climb(f.ref_pos[2] - e.pos[2], g.height_p, f.accel_z, f.speed_down, f.speed_up, dt_s) + f.ref_vel[2]
