@@ -147,7 +147,7 @@ def test_what_cannot_run_is_skipped_and_what_fails_does_not_end_the_rest(suite: 
 
 def test_a_case_that_compiled_functions_runs_again(suite: list[Benchmark], monkeypatch: pytest.MonkeyPatch) -> None:
     counts = iter([10, 12, 12, 12, 12, 12])
-    monkeypatch.setattr(execution, "count_compiled", lambda: next(counts))
+    monkeypatch.setattr(execution, "list_compiled", lambda: next(counts))
     ran: list[int] = []
     inner = suite[0].cases[0].measure
 

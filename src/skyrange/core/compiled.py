@@ -3,38 +3,69 @@
 There is no fastmath and no parallel reduction, because the bytes of a run must be the same whatever the load.
 
 numba's cache notices a change in a function's own file, but not in compiled functions of other files that it calls, and
-would go on with their old code. So the cache's folder is named after the text of all modules with compiled functions
-together: when one changes, all are compiled anew.
+would go on with their old code. One change in a file makes it compile all functions of the file. Here the files of a
+function are named after its key (`core.cache_keys`) instead, which covers what is compiled and nothing else. Several
+versions of skyrange can therefore share a folder.
 
-numba's cache is not made for several processes that fill it at once, as those of a live range do; `_Shared` is.
+numba's cache is not made for several processes that fill it at once, as those of a live range do; `_Cache` is.
 """
 
 from __future__ import annotations
 
 import fcntl
+import inspect
 import os
-import re
+import shutil
+import sys
 from collections.abc import Callable
-from functools import cache
-from hashlib import blake2b
+from contextlib import suppress
+from functools import cache, cached_property
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar, cast
+from typing import Any, Final, ParamSpec, TypeVar, cast
 
 import numba
-from numba.core import config as numba_config
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.sigutils import normalize_signature
+
+from skyrange.core.cache_keys import compute_key
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-config: Any = numba_config
+_UNUSED_S: Final = 5 * 86_400
+"""How long code of another version of a function is kept after its last use."""
 
-_MARK = re.compile(rb"skyrange\.core\.compiled import (compiled|inlined)\b")
+
+class _Locator(_CacheLocator):
+    """The folder of all functions. numba's other means against old code have no part: the key is in the file's name."""
+
+    def __init__(self, file: str) -> None:
+        self._py_file = file  # numba warns with it about a function that cannot be cached
+
+    def get_cache_path(self) -> str:
+        return _cache_folder()
+
+    def get_source_stamp(self) -> str:
+        return ""
+
+    def get_disambiguator(self) -> str:
+        return ""
 
 
-class _Shared(FunctionCache):
-    """numba's cache of one function, for any number of processes at once.
+class _Files(CompileResultCacheImpl):
+    """The names of a function's files, computed when one is first wanted."""
+
+    def __init__(self, dispatcher: Any) -> None:
+        function = dispatcher.py_func
+        self._lineno = function.__code__.co_firstlineno
+        self._locator = _Locator(inspect.getfile(function))
+        self.key = compute_key(dispatcher)
+        self.stem = f"{function.__module__}.{function.__qualname__}-".replace("<", "").replace(">", "")
+        self._filename_base = f"{self.stem}{self.key}.py{sys.version_info[0]}{sys.version_info[1]}"
+
+
+class _Cache(FunctionCache):
+    """numba's cache of one function, for any number of processes and versions of the function at once.
 
     numba numbers the files of a function's signatures in an index that it reads, extends and writes back. Two processes
     that do so together give one number to two signatures, and the index then leads from one signature to the code of
@@ -42,18 +73,71 @@ class _Shared(FunctionCache):
     the code that was asked for, it is loaded again at every call, 10 ms and 60 kB each time.
     """
 
+    def __init__(self, dispatcher: Any) -> None:
+        self._dispatcher = dispatcher
+        self._py_func = getattr(dispatcher, "py_func", dispatcher)  # NUMBA_DISABLE_JIT leaves the function as it is
+        self._name = repr(self._py_func)
+        self.enable()  # type: ignore[no-untyped-call]
+
+    @cached_property
+    def _impl(self) -> _Files:
+        return _Files(self._dispatcher)
+
+    @cached_property
+    def _cache_file(self) -> IndexDataCacheFile:  # type: ignore[override]  # nobody sets it
+        return IndexDataCacheFile(self.cache_path, self._impl.filename_base, "")  # type: ignore[no-untyped-call]
+
+    @property
+    def cache_path(self) -> str:
+        """The folder of the function's files; "" if there is none."""
+        return _cache_folder()
+
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code `data` of the signature `sig`, one process after the other."""
+        """Keep the code `data` of the signature `sig`, one process after the other.
+
+        Code is not kept if a value that it was compiled with has changed since the key was computed.
+        """
+        if not self.cache_path or compute_key(self._dispatcher, anew=True) != self._impl.key:
+            return
         self._impl.locator.ensure_cache_path()
         with (Path(self.cache_path) / ".lock").open("a") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed or its process has died
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+            self._touch()
+            _remove_unused(self._index, self._impl.stem)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The cached code of `sig`; None if there is none or it is another signature's, so that it is compiled anew."""
+        if not self.cache_path:
+            return None
         found: Any = super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        if found is None:
+            return None
+        self._touch()
         asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
-        return found if found is not None and tuple(found.signature.args) == tuple(asked) else None
+        return found if tuple(found.signature.args) == tuple(asked) else None
+
+    @property
+    def _index(self) -> Path:
+        return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
+
+    def _touch(self) -> None:
+        """Set the time of the index, which tells that the function's files are used."""
+        with suppress(OSError):
+            os.utime(self._index)
+
+
+def _remove_unused(index: Path, stem: str) -> None:
+    """Remove files of other versions of a function, and folders of earlier caches, that nobody has used for days."""
+    with suppress(OSError):
+        last = index.stat().st_mtime - _UNUSED_S
+        for other in [one for one in index.parent.iterdir() if one.name.startswith(stem) and one.suffix == ".nbi"]:
+            if other.stat().st_mtime < last:
+                for file in index.parent.glob(f"{other.stem}.*"):
+                    file.unlink(missing_ok=True)
+        for folder in index.parent.parent.glob("kernels-*"):
+            if folder.stat().st_mtime < last:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -70,42 +154,30 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _compile(function: Callable[P, R], inline: bool) -> Callable[P, R]:
-    before = config.CACHE_DIR
-    config.CACHE_DIR = _cache_folder() or before  # read while decorating, so it need not stay
-    try:
-        dispatcher: Any = numba.njit(fastmath=False, error_model="numpy", nogil=True, forceinline=inline)(function)
-        dispatcher._cache = _Shared(function)  # type: ignore[no-untyped-call]  # as cache=True does with numba's own
-        return cast("Callable[P, R]", dispatcher)
-    finally:
-        config.CACHE_DIR = before
+    dispatcher: Any = numba.njit(fastmath=False, error_model="numpy", nogil=True, forceinline=inline)(function)
+    dispatcher._cache = _Cache(dispatcher)  # as cache=True does with numba's own
+    return cast("Callable[P, R]", dispatcher)
 
 
 def compiled_before() -> bool:
-    """Whether this version's functions were compiled here before; if not, the first run takes some seconds longer."""
-    folder = _cache_folder()
-    return bool(folder) and any(Path(folder).rglob("*.nbi"))
+    """Whether functions were compiled here before; if not, the first run takes a minute or two longer."""
+    return bool(list_compiled())
 
 
-def count_compiled() -> int:
-    """The number of compiled functions in the cache, each signature for itself; 0 if numba chooses its folder."""
+def list_compiled() -> frozenset[str]:
+    """The names of the files of compiled functions in the cache, one for each signature."""
     folder = _cache_folder()
-    return sum(1 for _ in Path(folder).rglob("*.nbc")) if folder else 0
+    return frozenset(file.name for file in Path(folder).glob("*.nbc")) if folder else frozenset()
 
 
 @cache
 def _cache_folder() -> str:
-    """The folder of compiled functions: beside the package, else with the user; "" leaves it to numba."""
-    package = Path(__file__).parent.parent
-    digest = blake2b(digest_size=8)
-    for path in sorted(package.rglob("*.py")):
-        text = path.read_bytes()
-        if _MARK.search(text) or path == Path(__file__):
-            digest.update(text)
+    """The folder of compiled functions: beside the package, else with the user; "" if neither is writable."""
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "skyrange"
-    for home in (package / "__pycache__", user):
+    for home in (Path(__file__).parent.parent / "__pycache__", user):
         if not home.is_absolute():
             continue  # the system does not know the user, so there is no home directory
-        folder = home / f"kernels-{digest.hexdigest()}"
+        folder = home / "kernels"
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError:

@@ -14,7 +14,7 @@ from skyrange.bench.suite.cases import Benchmark, Case, find_benchmarks
 from skyrange.bench.suite.machine import describe_machine
 from skyrange.bench.suite.observation import Observation
 from skyrange.bench.suite.results import FORMAT, VERSION, BenchmarkResult, CaseResult, Results, Row
-from skyrange.core.compiled import count_compiled
+from skyrange.core.compiled import list_compiled
 from skyrange.core.errors import SkyrangeError
 
 OnCase = Callable[[str, int, int], None]
@@ -63,7 +63,7 @@ def run_benchmarks(names: Sequence[str] = (), *, quick: bool = False, on_case: O
 def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
     """Run one case and observe its processes. One that compiled numeric functions runs again, without that."""
     for _ in range(2):
-        compiled = count_compiled()
+        compiled = list_compiled()
         rows: Sequence[Mapping[str, Any]] = ()
         failed = ""
         with Observation() as seen:
@@ -71,7 +71,7 @@ def run_case(benchmark: Benchmark, case: Case) -> CaseResult:
                 rows = case.measure()
             except SkyrangeError as error:
                 failed = str(error)
-        if count_compiled() == compiled:
+        if list_compiled() == compiled:
             break
     yardstick_us = 0.5 * (seen.load.yardstick_before_us + seen.load.yardstick_after_us)
     return CaseResult(
