@@ -59,8 +59,9 @@ def batch(*rows: tuple[int, int, int, int], channel: int = ANY_CHANNEL, size: in
 
 def noise(*rows: tuple[int, float, float, float, int, int]) -> EmitterTable:
     columns = [np.array(column) for column in zip(*rows, strict=True)] or [np.zeros(0)] * 6
-    reals, whole = [column.astype(np.float64) for column in columns], [column.astype(np.int64) for column in columns]
-    return EmitterTable(whole[0], reals[1], reals[2], reals[3], whole[4], whole[5])
+    kinds = (np.int64, np.float64, np.float64, np.float64, np.int64, np.int64)
+    cast_columns: list[Any] = [column.astype(kind) for column, kind in zip(columns, kinds, strict=True)]
+    return EmitterTable(*cast_columns)
 
 
 def heard(medium: BuiltinMedium, answers: Sequence[OnAir]) -> list[tuple[Any, ...]]:
