@@ -10,7 +10,7 @@ from __future__ import annotations
 import random
 import re
 import time
-from itertools import groupby, pairwise
+from itertools import groupby
 
 import pytest
 
@@ -43,8 +43,8 @@ class _Fuzzing:
         ends_s = time.monotonic() + self._time_s
         while items := self._next_pass(session.items):
             self._passes += 1
-            for item, following in pairwise([*items, None]):
-                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            for item, following in zip(items, [*items[1:], None], strict=True):
+                session.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
                 if session.shouldfail:
                     raise session.Failed(session.shouldfail)
                 if session.shouldstop:

@@ -18,6 +18,7 @@ EXPLAINED = {
     "packaging": ("LICENSE", "engines/*/LICENSE", "pyproject.toml", "requirements-*.txt", "src/skyrange/py.typed"),
     "containers": ("Dockerfile", "compose.yaml", "containers/*.py", "containers/*.sh"),
     "programs": ("tools/*.py", "docs/*.py", "src/skyrange/*.py", "tests/*.py"),
+    "lists of tests": ("tests/dear_tests.toml",),
     "radio and physics engines": tuple(f"engines/*.{end}" for end in ("cc", "h", "ini", "ned")),
     "C and C++ that tests compile": ("tests/*.c", "tests/*.cc"),
     "pages": ("*.md", "docs/tutorials/*.ipynb"),

@@ -9,10 +9,12 @@ import sys
 import pytest
 
 from skyrange.assembly.placement.flight_plans import make_flight_plan
+from skyrange.bench import fleet
 from skyrange.bench.fleet import WARM_UP_S, fleet_scenario, measure
 from skyrange.bench.sampling import PARTS, Sampler
 from skyrange.core.errors import InputError
 from skyrange.gcs.plan.routes import estimated_duration_s
+from tests.bench.in_process import measure_here
 
 
 @pytest.mark.parametrize(("vehicles", "seconds"), [(1, 5.0), (3, 600.0), (600, 5.0)])
@@ -26,7 +28,8 @@ def test_every_mission_outlasts_the_measurement(vehicles: int, seconds: float) -
     assert len(plan.items) < 50, "a mission that takes long to upload would still be uploading when measuring begins"
 
 
-def test_a_row_says_what_flew() -> None:
+def test_a_row_says_what_flew(monkeypatch: pytest.MonkeyPatch) -> None:
+    measure_here(monkeypatch, fleet)
     row = measure(3, 4.0)
     assert row["vehicles"] == row["flying"] == 3
     assert row["real_time_factor"] * row["wall_s"] == pytest.approx(4.0, rel=0.05)  # both are rounded
@@ -42,6 +45,7 @@ def test_a_row_says_what_flew() -> None:
     assert sum(row["share"].values()) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.slow
 def test_json_is_a_list_of_rows() -> None:
     command = [sys.executable, "-c", "from skyrange.cli import main; main()", "bench", "fleet"]
     done = subprocess.run(

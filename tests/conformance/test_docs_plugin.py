@@ -13,7 +13,7 @@ import pytest
 
 from skyrange.contracts import plugins
 from skyrange.contracts.plugins import Plugin
-from tests.unit.test_docs import DOCS, blocks, run_page
+from tests.unit.test_docs import DOCS, RUN_ELSEWHERE, blocks, run_page
 
 PAGES = {
     "approval": DOCS / "how-to" / "add-an-approval-service.md",
@@ -41,6 +41,7 @@ def ran(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Ran]]:
 
 
 def test_there_are_blocks() -> None:
+    assert {PAGES["approval"], PAGES["autopilot"]} == RUN_ELSEWHERE
     assert sum(block.words[:1] == ("python",) for page in PAGES.values() for block in blocks(page)) >= 6
 
 
@@ -64,6 +65,7 @@ def test_the_aircraft_with_the_pages_autopilot_is_held_at_ten_metres(ran: dict[s
     assert abs(ran["autopilot"].names["heights_m"][-1] - 10.0) < 0.4
 
 
+@pytest.mark.slow
 def test_the_pages_own_tests_pass(ran: dict[str, Ran]) -> None:
     tests = [made for one in ran.values() for name, made in one.names.items() if name.startswith("test_")]
     assert len(tests) == 2

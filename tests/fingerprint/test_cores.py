@@ -31,6 +31,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
+from tests.tiers import examples
 
 TABLES = ("truth", "sensors", "frames", "receptions", "observations", "decisions", "events", "labels", "alerts")
 UNLIKE = {"payload_id"}
@@ -87,7 +88,7 @@ approval = "{approval}"
 """
 
 
-def text(operators: str, more: str = "", duration_s: int = 25) -> str:
+def text(operators: str, more: str = "", duration_s: int = 16) -> str:
     return f"""
 name = "cores"
 seed = 3
@@ -170,6 +171,17 @@ def test_links_that_lose_repeat_and_reorder(tmp_path: Path) -> None:
     assert_same(load_text(text(operators, RADIO + BAD_LINKS)), (("b",), ("a",)), tmp_path)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("approval", ["authority", "hashgraph"])
+def test_flights_that_land(approval: str, tmp_path: Path) -> None:
+    aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
+    operators = "".join(operator(name, approval, 40.0 * k, 2, aware) for k, name in enumerate("abc"))
+    manifest = assert_same(load_text(text(operators, RADIO + WEATHER, 40)), (("a",), ("b", "c")), tmp_path)
+    assert {outcome["state"] for outcome in load(tmp_path / "one").outcomes.values()} == {"complete"}
+    assert manifest["counts"]["receptions"] > 0
+
+
+@pytest.mark.slow
 def test_a_shipped_scenario(tmp_path: Path) -> None:
     scenario = load_scenario("corridor-rush", ["duration_s=65"])
     names = [one.id for one in scenario.operators]
@@ -179,6 +191,7 @@ def test_a_shipped_scenario(tmp_path: Path) -> None:
 ATTACKED = ("approval.squat", "approval.suppress_notifications", "remote_id.suppress_pages", "mitm-mission")
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("name", ATTACKED)
 def test_attacks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     divide_small_fleets(monkeypatch)
@@ -231,9 +244,7 @@ side = "gcs"
     seed=st.integers(0, 99),
     data=st.data(),
 )
-@settings(
-    max_examples=6, deadline=None, suppress_health_check=list(HealthCheck), phases=(Phase.explicit, Phase.generate)
-)
+@settings(max_examples=examples(8), suppress_health_check=list(HealthCheck), phases=(Phase.explicit, Phase.generate))
 def test_any_division_of_any_scenario(
     sizes: list[int],
     approvals: list[str],

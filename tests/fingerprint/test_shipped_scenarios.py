@@ -46,14 +46,24 @@ def test_every_shipped_scenario_is_pinned() -> None:
     assert set(EVENTS) == set(SHIPPED)
 
 
-LONG = {"corridor-rush"}
-"""Flights that take minutes."""
+SHORT = {
+    "city-fleet": (("operators.*.fleets.*.count=3",), "9734054020eaf8d2fd6c8a65bc408061"),
+    "corridor-rush": (("duration_s=90",), "61d5031bedc6fcae6c4005ca809f4c92"),
+    "rid-city": (("duration_s=90", "operators.*.fleets.*.count=3"), "9fd43172dbbd3b195193a5fb99105655"),
+}
+"""Changes that shorten the flights of many aircraft, and the digests of what then happens; the whole ones are slow."""
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in sorted(EVENTS)]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SHORT else name for name in sorted(EVENTS)]
 )
 def test_events_are_what_they_were(name: str) -> None:
     record = shared_run(name)
     assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]
     assert record.manifest["digests"]["events"] == EVENTS[name]
+
+
+@pytest.mark.parametrize("name", sorted(SHORT))
+def test_events_of_a_shorter_flight_are_what_they_were(name: str) -> None:
+    changes, events = SHORT[name]
+    assert shared_run(name, *changes).manifest["digests"]["events"] == events
