@@ -14,6 +14,7 @@ KINDS ?= tenth
 MINUTES ?= 10
 
 PYTEST := $(BIN)/python -m pytest -rsfE
+TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
 .PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines clean
@@ -24,22 +25,21 @@ help: ## list the targets
 demo: $(VENV)/.installed ## fly an attack beside its twin, and print where the report is
 	$(BIN)/skyrange pair rid-spoofing
 
-test: check test-fast ## the checks, and all tests but those that are slow, in real time or of other programs
+test: $(VENV)/.tested ## the checks, and all tests but those that are slow, in real time or of other programs
+	@$(BIN)/python -m tools.budget --minutes 16 check test-fast
 
-test-all: check engines ## the checks, and all tests
-	@failed=0; \
-	$(MAKE) --no-print-directory test-virtual || failed=1; \
-	$(MAKE) --no-print-directory test-realtime || failed=1; \
-	exit $$failed
+test-all: $(VENV)/.tested engines ## the checks, and all tests
+	@$(BIN)/python -m tools.budget --minutes 60 --keep-going check test-virtual test-realtime
 
 test-fast: $(VENV)/.tested ## the tests of `make test`, without the checks
-	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --kinds $(KINDS) --hypothesis-profile quick
+	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --kinds $(KINDS) --hypothesis-profile quick \
+		--limit-processor-time --processor-times $(TIMES)/fast.json
 
 test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
-	$(PYTEST) -n $(WORKERS) -m 'not realtime'
+	$(PYTEST) -n $(WORKERS) -m 'not realtime' --processor-times $(TIMES)/virtual.json
 
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
-	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
+	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime --processor-times $(TIMES)/realtime.json
 
 fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES
 	$(PYTEST) -p tests.fuzzing --fuzz-minutes $(MINUTES) --hypothesis-profile fuzz -m '$(FAST)' \

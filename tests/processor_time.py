@@ -1,9 +1,10 @@
 """Processor time of each test, by phase and part, and the limit of a test of the fast tier.
 
 The times are seconds of processor time of the worker and of the processes that it has waited for. `--processor-times
-FILE` writes them. With `--limit-processor-time`, a test whose call takes more than `LIMIT_S` fails, unless it is one of
-`tests/dear_tests.toml`. The limit holds at the speed of the reference machine and is scaled by the yardstick of
-`skyrange bench`, measured in each worker every minute and after a test that is over it.
+FILE` writes them, with the yardsticks that were measured meanwhile. With `--limit-processor-time`, a test whose call
+takes more than `LIMIT_S` fails, unless it is one of `tests/dear_tests.toml`. The limit holds at the speed of the
+reference machine and is scaled by the yardstick of `skyrange bench`, which each worker measures every minute and after
+a test that is over the limit.
 """
 
 from __future__ import annotations
@@ -139,8 +140,9 @@ class Speed:
 class Times:
     """A plugin of pytest that adds to each report what its phase took, and writes them all to a file at the end."""
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, speed: Speed) -> None:
         self._path = path
+        self._speed = speed
         self._rows: dict[str, dict[str, dict[str, float]]] = {}
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
@@ -167,21 +169,30 @@ class Times:
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
         self._rows.setdefault(report.nodeid, {})[report.when] = getattr(report, "processor_s", {})
 
+    def pytest_runtest_logstart(self) -> None:
+        if self._path is not None and "skyrange.codec.mavlink" in sys.modules:
+            self._speed.look()
+
+    @pytest.hookimpl(tryfirst=True)
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if self._path is not None and not hasattr(session.config, "workerinput"):
-            self._path.write_text(json.dumps(self._rows, indent=0))
+        if isinstance(output := getattr(session.config, "workeroutput", None), dict):
+            output["yardsticks_us"] = self._speed.seen_us
+        elif self._path is not None:
+            found = {"yardsticks_us": self._speed.seen_us or [self._speed.measure()], "tests": self._rows}
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._path.write_text(json.dumps(found, indent=0))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_testnodedown(self, node: Any) -> None:
+        self._speed.seen_us += getattr(node, "workeroutput", {}).get("yardsticks_us", [])
 
 
 class Limit:
-    """A plugin of pytest that fails tests which take too much processor time, and says how fast the machine was."""
+    """A plugin of pytest that fails tests which take too much processor time."""
 
-    def __init__(self) -> None:
+    def __init__(self, speed: Speed) -> None:
         self._dear = read_dear_tests()
-        self._speed = Speed()
-
-    def pytest_runtest_logstart(self) -> None:
-        if "skyrange.codec.mavlink" in sys.modules:
-            self._speed.look()
+        self._speed = speed
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Reported:
@@ -208,20 +219,6 @@ class Limit:
     def _scale(self) -> float:
         return statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US
 
-    def pytest_sessionfinish(self, session: pytest.Session) -> None:
-        if isinstance(output := getattr(session.config, "workeroutput", None), dict):
-            output["yardsticks_us"] = self._speed.seen_us
-
-    @pytest.hookimpl(optionalhook=True)
-    def pytest_testnodedown(self, node: Any) -> None:
-        self._speed.seen_us += getattr(node, "workeroutput", {}).get("yardsticks_us", [])
-
-    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
-        seen_us = self._speed.seen_us or [self._speed.measure()]
-        terminalreporter.write_line(
-            f"yardstick: {statistics.median(seen_us):.1f} µs ({min(seen_us):.1f} to {max(seen_us):.1f})"
-        )
-
 
 def read_dear_tests() -> dict[str, float]:
     """The tests that may take more than `LIMIT_S`, without their parameters, and how much each may take."""
@@ -247,7 +244,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    speed = Speed()
     path = config.getoption("--processor-times")
-    config.pluginmanager.register(Times(Path(path) if path else None))
+    config.pluginmanager.register(Times(Path(path) if path else None, speed))
     if config.getoption("--limit-processor-time"):
-        config.pluginmanager.register(Limit())
+        config.pluginmanager.register(Limit(speed))

@@ -79,7 +79,9 @@ def test_tests_over_the_limit_fail_with_their_name_and_all_are_written(tmp_path:
     assert failed == {"test_dear", "test_child"}
     assert "test_sample.py::test_dear takes 0." in done.stdout
     assert "tests/dear_tests.toml" in done.stdout
-    rows = {name.partition("::")[2]: phases for name, phases in json.loads(file.read_text()).items()}
+    found = json.loads(file.read_text())
+    assert found["yardsticks_us"][0] == 7.5
+    rows = {name.partition("::")[2]: phases for name, phases in found["tests"].items()}
     assert set(rows) == {"test_dear", "test_cheap", "test_shared", "test_child"}
     assert all(set(phases) == {"setup", "call", "teardown"} for phases in rows.values())
     assert all(set(phase) == set(PARTS) for phases in rows.values() for phase in phases.values())

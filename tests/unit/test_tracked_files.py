@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tools.tracked_files import MAX_KB, find_stray_files, main
 
 from tests.tiers import needs
+from tools.tracked_files import MAX_KB, find_stray_files, main
 
 GOOD = "src/skyrange/good.py"
 needs_git = needs("git")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from tools import unused_names
 from tools.unused_names import find_unused_names, main, read_entry_points
 

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from tests.validation.test_physics_multirotor import Flight
 
 from skyrange.vehicle.builtin.parameters.table import AIRFRAME_TUNING
 from skyrange.world import AIRFRAMES, Airframe
 from skyrange.world.airframes import AIR_DENSITY_KGM3, GRAVITY_MPS2
+from tests.validation.test_physics_multirotor import Flight
 
 NAMES = sorted(AIRFRAMES)
 

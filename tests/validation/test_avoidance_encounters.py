@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from tests.unit.avoidance_harness import Flyer, fly
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
@@ -25,6 +24,7 @@ from skyrange.vehicle.avoidance.geometric import Geometric
 from skyrange.vehicle.avoidance.none import NoAvoidance
 from skyrange.vehicle.avoidance.orca import Orca
 from skyrange.vehicle.avoidance.stop import Stop
+from tests.unit.avoidance_harness import Flyer, fly
 
 Z = 50.0
 HELD_M = 19.0

@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.integration.flight_harness import EPOCH, ORIGIN, Range
-from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
 from skyrange.attack.contract import Aircraft, AttackContext
 from skyrange.attack.gnss.drift import DRIFT
@@ -23,6 +21,8 @@ from skyrange.contracts.links import Schedule
 from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_MS, NS_PER_S
 from skyrange.vehicle.contract import VehicleSpec
+from tests.integration.flight_harness import EPOCH, ORIGIN, Range
+from tests.validation.gnss_spoofs import FINE, MOVED, RATIO, RESET, SECONDS, SPOOFS, TIME_S, USUAL, Spoof
 
 ME = "blue/b1"
 KINDS = {"gnss.jump": JUMP, "gnss.drift": DRIFT}
