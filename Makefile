@@ -10,7 +10,7 @@ REALTIME_WORKERS ?= 3
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines contexts clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -74,5 +74,8 @@ $(VENV)/.engines: requirements-engines.txt $(wildcard engines/*/*) | $(VENV)/.te
 		|| echo "ns-3 cannot be installed from the package index"
 	@if $(BIN)/skyrange install ns3; then touch $@; else echo "without ns-3: its tests are skipped"; fi
 
+contexts: $(VENV)/.tested ## record which lines each fast test executes, for `make faults` and `make test-changed`
+	$(BIN)/python -m tools.record_contexts --workers $(WORKERS) $(if $(COSTS),--costs $(COSTS))
+
 clean: ## remove .venv and all caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts
