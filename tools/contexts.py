@@ -20,7 +20,7 @@ CREATE TABLE line (file INTEGER, line INTEGER, tests BLOB NOT NULL, PRIMARY KEY 
 
 
 @dataclass(frozen=True)
-class Test:
+class TracedTest:
     """A test: its node id, how many lines of functions it executed, and its processor time without compilation."""
 
     node: str
@@ -44,7 +44,7 @@ class Contexts:
             raise FileNotFoundError(f"{path} is not there; record the lines that each test executes: make contexts")
         self._database = sqlite3.connect(path)
         self.tests = {
-            number: Test(node, lines, seconds)
+            number: TracedTest(node, lines, seconds)
             for number, node, lines, seconds in self._database.execute("SELECT id, node, lines, seconds FROM test")
         }
         self._files = {
