@@ -7,10 +7,13 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
+# What `make test-changed` compares with.
+BASE ?= HEAD
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines contexts clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime check audit setup engines contexts faults test-changed clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -76,6 +79,12 @@ $(VENV)/.engines: requirements-engines.txt $(wildcard engines/*/*) | $(VENV)/.te
 
 contexts: $(VENV)/.tested ## record which lines each fast test executes, for `make faults` and `make test-changed`
 	$(BIN)/python -m tools.record_contexts --workers $(WORKERS) $(if $(COSTS),--costs $(COSTS))
+
+faults: $(VENV)/.tested ## plant faults in copies of the code, and print which of them the fast tests find
+	$(BIN)/python -m tools.plant_faults --jobs $(WORKERS) $(FAULTS)
+
+test-changed: $(VENV)/.tested ## the fast tests that executed what differs from BASE
+	$(BIN)/python -m tools.test_changed $(BASE) --workers $(WORKERS)
 
 clean: ## remove .venv and all caches
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts

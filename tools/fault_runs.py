@@ -160,18 +160,21 @@ class Copy:
 
     def run(self, tests: Sequence[TracedTest], budget_s: float) -> list[tuple[str, str, float]]:
         """Run tests in a process of their own: of each that ran the node id, the outcome and the seconds."""
-        plan, outcomes, log = (self._scratch / name for name in ("plan.json", "outcomes.jsonl", "log.txt"))
+        names = ("plan.json", "selected.json", "outcomes.jsonl", "log.txt")
+        plan, selected, outcomes, log = (self._scratch / name for name in names)
         outcomes.write_text("")
         longest: dict[str, float] = {}
         for test in tests:  # the first test of a file also sets up what all share
             longest[test.file] = max(longest.get(test.file, 0.0), test.seconds)
         expected = {test.node: test.seconds + longest[test.file] for test in tests}
         plan.write_text(json.dumps({"budget_s": budget_s, "slack_s": self._slack_s, "tests": expected}))
+        selected.write_text(json.dumps(list(expected)))
         files = [name for name in dict.fromkeys(test.file for test in tests) if (self._folder / name).is_file()]
         if not files:
             return []
         command = [sys.executable, "-m", "pytest", "-x", "--tb=short", "-p", "no:cacheprovider"]
         command += ["--hypothesis-profile", "quick", "--hypothesis-seed", "0", "-p", "tests.processor_time"]
+        command += ["-p", "tools.select_tests", "--select-tests", str(selected)]
         command += ["-p", "tools.limit_tests", "--test-plan", str(plan), "--test-outcomes", str(outcomes)]
         environment = os.environ | {"PYTHONPATH": str(self._folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
         with log.open("w") as output:

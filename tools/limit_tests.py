@@ -1,4 +1,4 @@
-"""A plugin of pytest that runs given tests in their order within a budget of processor time.
+"""A plugin of pytest that runs tests within a budget of processor time.
 
 It ends the process when the budget is used up or a test hangs, and writes what became of each test. What numba compiles
 does not count.
@@ -23,7 +23,7 @@ ENDED = 70
 
 
 class Limits:
-    """The tests to run with the seconds that each is expected to take, and the seconds that all may take together."""
+    """The seconds that each test is expected to take, and those that all may take together."""
 
     def __init__(self, plan: dict[str, Any], outcomes: Path) -> None:
         self._expected: dict[str, float] = plan["tests"]
@@ -35,13 +35,6 @@ class Limits:
         self._spent_s = 0.0
         self._waited_s = 0.0
         self._failed = False
-
-    def pytest_collection_modifyitems(self, items: list[pytest.Item], config: pytest.Config) -> None:
-        """Select the tests, and put them in order."""
-        order = {node: number for number, node in enumerate(self._expected)}
-        others = [item for item in items if item.nodeid not in order]
-        config.hook.pytest_deselected(items=others)
-        items[:] = sorted((item for item in items if item.nodeid in order), key=lambda item: order[item.nodeid])
 
     def pytest_collectreport(self, report: pytest.CollectReport) -> None:
         """Note a file that cannot be collected."""
@@ -99,7 +92,7 @@ def _read(attach: bool = False) -> float:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the options."""
-    parser.addoption("--test-plan", metavar="FILE", help="run the tests of this JSON file, within its budget")
+    parser.addoption("--test-plan", metavar="FILE", help="the budget, and the seconds of each test: a JSON file")
     parser.addoption("--test-outcomes", metavar="FILE", help="write what became of each test to FILE, line by line")
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,6 +130,25 @@ def module_of(path: str) -> str:
 def read_sources(root: Path = ROOT, package: str = PACKAGE) -> dict[str, bytes]:
     """The text of each module of the package, by its path relative to `root`."""
     return {str(path.relative_to(root)): path.read_bytes() for path in sorted((root / package).rglob("*.py"))}
+
+
+def find_places(path: str, text: bytes, lines: Iterable[int]) -> list[Place]:
+    """The places of the statements that have any of these lines, without those of the statements in them."""
+    wanted = set(lines)
+    found = []
+
+    def walk(node: ast.AST, scopes: Scopes) -> None:
+        if isinstance(node, ast.stmt):
+            first, last = lines_of(node)
+            if wanted.intersection(range(first, last + 1)):
+                found.append(scopes.place(path, node))
+        inside = scopes.inside(node) if isinstance(node, Function | ast.ClassDef) else scopes
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+                walk(child, inside)
+
+    walk(ast.parse(text), Scopes())
+    return found
 
 
 class References:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
+import subprocess
 from pathlib import Path
 from textwrap import dedent
 
 import pytest
-from tools import contexts, plant_faults, record_contexts
+from tools import contexts, plant_faults, record_contexts, test_changed
 from tools.contexts import Contexts, TracedTest
 from tools.fault_runs import Copy, Verdict, divide, group_by_file, order
 from tools.faults import KINDS, Fault, choose, count_code_lines, find_faults, is_fault
@@ -208,14 +209,14 @@ def test_batches_keep_files_together_and_end_with_the_budget() -> None:
     assert [test.file for test in group_by_file(tests[:5])] == ["a.py"] * 3 + ["b.py"] * 2
 
 
-def record(folder: Path, lines: dict[str, dict[int, set[str]]]) -> Contexts:
+def record(folder: Path, lines: dict[str, dict[int, set[str]]], digests: dict[str, str] | None = None) -> Contexts:
     """A record of the tests of each line."""
     nodes = sorted({node for rows in lines.values() for tests in rows.values() for node in tests})
     bits = {
         path: {line: sum(1 << nodes.index(t) for t in tests) for line, tests in rows.items()}
         for path, rows in lines.items()
     }
-    contexts.write(folder / "c.sqlite", dict.fromkeys(nodes, (1, 0.1)), bits, dict.fromkeys(lines, ""))
+    contexts.write(folder / "c.sqlite", dict.fromkeys(nodes, (1, 0.1)), bits, digests or dict.fromkeys(lines, ""))
     return Contexts(folder / "c.sqlite")
 
 
@@ -273,6 +274,68 @@ def test_the_context_of_a_file_stands_for_all_its_tests(tmp_path: Path) -> None:
         "t.py::b": (1, 2.5),
         "u.py::c": (1, 0.0),
     }
+
+
+# ---------------------------------------------------------------- the tests of a change
+
+
+@pytest.fixture
+def repository(tmp_path: Path) -> Path:
+    """A repository with a module that two tests execute, a helper, and a file of data."""
+    files = {
+        PATH: "def f():\n    return 1\n\n\ndef g():\n    return 2\n",
+        "src/skyrange/small/limits.toml": "limit = 1\n",
+        "tests/helper.py": "",
+        "tests/deeper.py": "from tests.helper import x\n",
+        "tests/test_f.py": "from tests import deeper\n",
+        "tests/test_g.py": "LIMITS = 'limits'\n",
+        "tests/test_new.py": "import skyrange.small.new\n",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text(text)
+    who = ["-c", "user.name=a", "-c", "user.email=a@example.org", "-c", "commit.gpgsign=false"]
+    for words in (["init", "-q"], ["add", "."], [*who, "commit", "-qm", "All"]):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    return tmp_path
+
+
+def selected(root: Path, known: Contexts | None) -> set[str]:
+    """The tests of what differs from the last commit."""
+    return test_changed.select(root, "HEAD", test_changed.list_changed(root, "HEAD"), known)
+
+
+def test_changed_lines_have_the_tests_that_executed_them(
+    repository: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    text = (repository / PATH).read_text()
+    lines = {PATH: {2: {"tests/test_f.py::f"}, 6: {"tests/test_g.py::g", "tests/test_gone.py::g"}}}
+    folder = tmp_path_factory.mktemp("record")
+    digests = {PATH: contexts.blob_digest(text.encode())}
+    known = record(folder, lines, digests)
+    assert selected(repository, known) == set()
+    (repository / PATH).write_text("# One line more.\n" + text.replace("return 2", "return 3"))
+    assert selected(repository, known) == {"tests/test_g.py::g"}
+    (repository / PATH).write_text(text.replace("def f():\n", "def f():\n    x = 1\n"))
+    assert selected(repository, known) == {"tests/test_f.py::f"}
+    assert selected(repository, record(folder, lines)) == {"tests/test_f.py::f", "tests/test_g.py::g"}
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        ("tests/test_g.py", {"tests/test_g.py"}),
+        ("tests/helper.py", {"tests/test_f.py"}),
+        ("tests/conftest.py", {"tests/test_f.py", "tests/test_g.py", "tests/test_new.py"}),
+        ("src/skyrange/small/limits.toml", {"tests/test_g.py"}),
+        ("src/skyrange/small/new.py", {"tests/test_new.py"}),
+    ],
+)
+def test_changed_tests_helpers_and_data_have_the_test_files_that_use_them(
+    repository: Path, changed: str, expected: set[str]
+) -> None:
+    (repository / changed).write_text("# new\n")
+    assert selected(repository, None) == expected
 
 
 # ---------------------------------------------------------------- a small project
