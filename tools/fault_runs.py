@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -58,18 +59,16 @@ def group_by_file(tests: Sequence[TracedTest]) -> list[TracedTest]:
     return sorted(tests, key=lambda test: files[test.file])
 
 
-def divide(tests: Sequence[TracedTest], budget_s: float) -> list[list[TracedTest]]:
-    """The tests in batches, as far as the budget reaches if each takes as long as it did."""
-    batches: list[list[TracedTest]] = []
-    rest, seconds = list(tests), 0.0
-    while rest and seconds <= budget_s:
-        batch: list[TracedTest] = []
-        size = BATCHES[min(len(batches), len(BATCHES) - 1)]
-        while rest and len(batch) < size and seconds <= budget_s:
-            seconds += rest[0].seconds
-            batch.append(rest.pop(0))
-        batches.append(group_by_file(batch))
-    return batches
+def take_batch(tests: Sequence[TracedTest], number: int, budget_s: float) -> list[TracedTest]:
+    """The first of the tests, for the process with this number: no more than the budget is likely to reach for."""
+    batch: list[TracedTest] = []
+    seconds = 0.0
+    for test in tests[: BATCHES[min(number, len(BATCHES) - 1)]]:
+        if batch and seconds > budget_s:
+            break
+        seconds += test.seconds
+        batch.append(test)
+    return group_by_file(batch)
 
 
 def list_files(root: Path) -> list[str]:
@@ -93,7 +92,7 @@ class Copy:
             shutil.copy2(root / name, folder / name)
         self._restore_kernels()
         # Python files are recognised by their content: a fault may change neither size nor time of its file.
-        command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash", "src", "tests"]
+        command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash", "src"]
         subprocess.run(command, cwd=folder, check=False)
 
     def try_fault(
@@ -107,45 +106,47 @@ class Copy:
         if not tests:
             return Verdict("not covered")
         done: set[str] = set()
-        while True:
-            left = [test for test in tests if not done & {test.node, test.file}]
-            stopped = self._run_batches(fault, left, kernels, verdict, done)
-            if stopped is None:
-                return verdict
+        while (stopped := self._run_batches(fault, tests, kernels, verdict, done)) is not None:
             test, outcome = stopped
             if self._passes(test, tests, known, lock):
                 verdict.verdict, verdict.test = "timeout" if outcome == "hangs" else "found", test
-                return verdict
+                break
             verdict.unusable.append(test)
+        return verdict
 
     def _run_batches(
         self, fault: Fault, tests: Sequence[TracedTest], kernels: bool, verdict: Verdict, done: set[str]
     ) -> tuple[str, str] | None:
         """The test that failed or hangs, and which; None if none does. Seconds and tests are added up."""
-        batches = divide(tests, BUDGET_S - verdict.seconds)
         source = self._folder / fault.path
         status, text = source.stat(), source.read_bytes()
         try:
             source.write_bytes(fault.plant(text))
             if kernels:
                 self._remove_kernels()
-            for batch in batches:
+            for number in itertools.count():
+                left = [test for test in tests if not done & {test.node, test.file}]
+                if not left:
+                    return None
+                if verdict.seconds >= BUDGET_S:
+                    verdict.verdict = "budget"
+                    return None
+                batch = take_batch(left, number, BUDGET_S - verdict.seconds)
                 for test, outcome, seconds in self.run(batch, BUDGET_S - verdict.seconds):
                     verdict.seconds = round(verdict.seconds + seconds, 3)
-                    verdict.tests_run += 1
-                    done.add(test)
+                    if outcome != "unfinished":
+                        verdict.tests_run += 1
+                        done.add(test)
                     if outcome in ("failed", "hangs"):
                         return test, outcome
-                if verdict.seconds >= BUDGET_S:
-                    break
-            if sum(test.node not in done for test in tests):
-                verdict.verdict = "budget"
-            return None
+                if verdict.seconds < BUDGET_S:
+                    done.update(test.node for test in batch)  # those that are gone as well
         finally:
             source.write_bytes(text)
             os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
             if kernels:
                 self._restore_kernels()
+        return None
 
     def _passes(self, test: str, tests: Sequence[TracedTest], known: dict[str, bool], lock: Lock) -> bool:
         """Whether a test, or the collection of a test file, succeeds without a fault."""

@@ -10,9 +10,8 @@ from textwrap import dedent
 import pytest
 from tools import contexts, plant_faults, record_contexts, test_changed
 from tools.contexts import Contexts, TracedTest
-from tools.fault_runs import Copy, Verdict, divide, group_by_file, order
-from tools.faults import KINDS, Fault, choose, count_code_lines, find_faults, is_fault
-from tools.faults import divide as divide_among
+from tools.fault_runs import Copy, Verdict, group_by_file, order, take_batch
+from tools.faults import KINDS, Fault, choose, count_code_lines, divide, find_faults, is_fault
 from tools.source import References
 
 ROOT = Path(__file__).parents[2]
@@ -140,7 +139,7 @@ def test_a_fault_that_is_the_same_program_or_none_is_not_planted() -> None:
 
 def test_code_lines_are_counted_and_divided_by_largest_remainders() -> None:
     assert count_code_lines(b'"""Text\n\nof two lines."""\n\n# a comment\nx = (\n    1\n)  # one\n') == 3
-    assert divide_among({"a": 50, "b": 30, "c": 20}, 7) == {"a": 4, "b": 2, "c": 1}
+    assert divide({"a": 50, "b": 30, "c": 20}, 7) == {"a": 4, "b": 2, "c": 1}
 
 
 def sources() -> dict[str, bytes]:
@@ -204,8 +203,8 @@ def test_specific_tests_come_first_then_cheap_ones() -> None:
 
 def test_batches_keep_files_together_and_end_with_the_budget() -> None:
     tests = [TracedTest(f"{'ab'[number % 2]}.py::{number}", number, 1.0) for number in range(40)]
-    first, second = divide(tests, 25.5)
-    assert (len(first), len(second)) == (15, 11)
+    assert [len(take_batch(tests, number, 100.0)) for number in (0, 1, 9)] == [15, 40, 40]
+    assert [len(take_batch(tests, 1, budget)) for budget in (0.0, 25.5)] == [1, 26]
     assert [test.file for test in group_by_file(tests[:5])] == ["a.py"] * 3 + ["b.py"] * 2
 
 
