@@ -13,11 +13,14 @@ KINDS ?= tenth
 # How long `make fuzz` draws new examples.
 MINUTES ?= 10
 
+# What `make test-changed` compares with.
+BASE ?= HEAD
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines contexts faults test-changed clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -88,5 +91,14 @@ $(VENV)/.engines: requirements-engines.txt $(wildcard engines/*/*) | $(VENV)/.te
 		|| echo "ns-3 cannot be installed from the package index"
 	@if $(BIN)/skyrange install ns3; then touch $@; else echo "without ns-3: its tests are skipped"; fi
 
+contexts: $(VENV)/.tested ## record which lines each fast test executes, for `make faults` and `make test-changed`
+	$(BIN)/python -m tools.record_contexts --workers $(WORKERS) $(if $(COSTS),--costs $(COSTS))
+
+faults: $(VENV)/.tested ## plant faults in copies of the code, and print which of them the fast tests find
+	$(BIN)/python -m tools.plant_faults --jobs $(WORKERS) $(FAULTS)
+
+test-changed: $(VENV)/.tested ## the fast tests that executed what differs from BASE
+	$(BIN)/python -m tools.test_changed $(BASE) --workers $(WORKERS)
+
 clean: ## remove .venv and all caches
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .contexts
