@@ -6,7 +6,6 @@ import math
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,6 +13,7 @@ from skyrange.codec.mavlink import Packer, decode, message_id
 from skyrange.codec.mavlink.frame_layout import LAYOUTS
 from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, payload_dtype
 from skyrange.contracts.frames.payloads import Payloads
+from tests.cases import each_case
 from tests.message_columns import unpack_frames
 
 
@@ -38,7 +38,7 @@ def _alike(left: Any, right: Any) -> bool:
     return bool(left == right)
 
 
-@pytest.mark.parametrize("message_id", sorted(LAYOUTS))
+@each_case("message_id", sorted(LAYOUTS))
 def test_packed_in_columns_is_byte_equal_to_packed_singly(message_id: int) -> None:
     rows = _random_rows(message_id, 5, message_id)
     sequences = np.array([0, 1, 254, 255, 7])
@@ -52,7 +52,7 @@ def test_packed_in_columns_is_byte_equal_to_packed_singly(message_id: int) -> No
         assert (again.get_srcSystem(), again.get_seq()) == (systems[place], sequences[place])
 
 
-@pytest.mark.parametrize("message_id", sorted(LAYOUTS))
+@each_case("message_id", sorted(LAYOUTS))
 def test_unpacked_in_columns_says_what_decoding_says(message_id: int) -> None:
     rows = _random_rows(message_id, 4, message_id + 1)
     column = pack_batches([(message_id, rows, np.array([3, 4, 5, 6]), np.arange(4))], 1)

@@ -20,6 +20,7 @@ from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.vehicle.builtin.engine import _HANDLERS
 from skyrange.vehicle.builtin.modes import Mode
 from skyrange.vehicle.contract import VehicleSpec
+from tests.cases import each_case
 from tests.integration.flight_harness import ORIGIN, Item, Range, rtl, start, takeoff, waypoint
 
 V = "blue/b1"
@@ -172,7 +173,7 @@ COMMANDS: list[tuple[Any, int]] = [
 """The MAV_RESULT of the one COMMAND_ACK."""
 
 
-@pytest.mark.parametrize(("message", "result"), COMMANDS)
+@each_case("message, result", COMMANDS)
 def test_commands(flights: dict[str, Range], message: Any, result: int) -> None:
     r = flights["hover"].copy()
     acks = [m for m in answers(r, message) if m.get_type() == "COMMAND_ACK"]
@@ -253,7 +254,7 @@ ITEMS: list[tuple[Any, int]] = [
 
 
 @pytest.mark.parametrize("where", ["hover", "auto"])
-@pytest.mark.parametrize(("message", "result"), ITEMS)
+@each_case("message, result", ITEMS)
 def test_items(flights: dict[str, Range], message: Any, result: int, where: str) -> None:
     r = flights[where].copy()
     kind = message.mission_type
@@ -300,7 +301,7 @@ MISSION: list[tuple[Any, list[tuple[str, int]]]] = [
 
 
 @pytest.mark.parametrize("where", ["hover", "auto"])
-@pytest.mark.parametrize(("message", "expected"), MISSION)
+@each_case("message, expected", MISSION)
 def test_mission_protocol(flights: dict[str, Range], message: Any, expected: list[tuple[str, int]], where: str) -> None:
     r = flights[where].copy()
     before = copy.deepcopy(r.engines[0]._fleet.vehicles[0].mission)
@@ -367,8 +368,8 @@ def _with(values: tuple[float, ...], place: int, bad: float) -> tuple[float, ...
     return (*values[:place], bad, *values[place + 1 :])
 
 
-@pytest.mark.parametrize("bad", _VALUES)
-@pytest.mark.parametrize("place", range(11))
+@each_case("bad", _VALUES)
+@each_case("place", range(11))
 def test_no_number_in_any_field_of_a_local_target(flights: dict[str, Range], place: int, bad: float) -> None:
     """Position, velocity, acceleration, yaw and yaw rate all given: it stops where it is, and hovers."""
     r = flights["hover"].copy()
@@ -383,8 +384,8 @@ def test_no_number_in_any_field_of_a_local_target(flights: dict[str, Range], pla
     assert r.engines[0]._fleet.vehicles[0].mode == Mode.GUIDED
 
 
-@pytest.mark.parametrize("bad", _VALUES)
-@pytest.mark.parametrize("place", range(9))
+@each_case("bad", _VALUES)
+@each_case("place", range(9))
 def test_no_number_in_any_field_of_a_global_target(flights: dict[str, Range], place: int, bad: float) -> None:
     r = flights["hover"].copy()
     values = _with((20.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), place, bad)
@@ -392,8 +393,8 @@ def test_no_number_in_any_field_of_a_global_target(flights: dict[str, Range], pl
     flies_on(r, 4.0)
 
 
-@pytest.mark.parametrize("bad", _VALUES)
-@pytest.mark.parametrize("place", range(8))
+@each_case("bad", _VALUES)
+@each_case("place", range(8))
 def test_no_number_in_any_field_of_an_attitude_target(flights: dict[str, Range], place: int, bad: float) -> None:
     r = flights["hover"].copy()
     w, x, y, z, *rest = _with((1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5), place, bad)
@@ -424,7 +425,7 @@ PARAMETERS: list[tuple[bytes, float, int, float | None]] = [
 """Name, value, claimed type, and the value that is told, or silence."""
 
 
-@pytest.mark.parametrize(("name", "value", "kind", "told"), PARAMETERS)
+@each_case("name, value, kind, told", PARAMETERS)
 def test_parameters(flights: dict[str, Range], name: bytes, value: float, kind: int, told: float | None) -> None:
     r = flights["hover"].copy()
     found = [
@@ -478,7 +479,7 @@ _ADDRESSED = sorted(
 )
 
 
-@pytest.mark.parametrize("number", _ADDRESSED)
+@each_case("number", _ADDRESSED)
 def test_what_is_for_others_is_ignored(flights: dict[str, Range], number: int) -> None:
     """MAVLink_routing.cpp `check_and_forward`: only 0 and its own system id; components that nobody has are its own."""
     r = flights["hover"].copy()

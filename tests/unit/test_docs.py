@@ -23,6 +23,8 @@ from typing import Any, NamedTuple, cast
 
 import pytest
 
+from tests.cases import each_case
+
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
@@ -84,7 +86,7 @@ def console_lines(block: Block) -> list[list[str]]:
 # ---------------------------------------------------------------- what holds of every page
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_links_lead_somewhere(page: Path) -> None:
     broken = []
     for target in LINK.findall(prose(page)):
@@ -98,7 +100,7 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert not broken
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_generated_parts_are_up_to_date(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == generate.renewed(text), "run: python docs/generate.py"
@@ -106,7 +108,7 @@ def test_generated_parts_are_up_to_date(page: Path) -> None:
     assert text.count("<!-- count:") == text.count("<!-- /count -->") == len(generate.COUNT.findall(text))
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_blocks_are_closed_and_known(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert "```" not in FENCE.sub("", text)
@@ -138,7 +140,7 @@ def skyrange_imports(code: str) -> set[str]:
     return {name for name in found if name.split(".")[0] == "skyrange"}
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_examples_use_the_public_modules_alone(page: Path) -> None:
     code = [block.text for block in blocks(page) if block.words[:1] == ("python",)]
     assert set().union(*map(skyrange_imports, code)) <= FACADE
@@ -153,14 +155,14 @@ def test_notebooks_use_the_public_modules_alone() -> None:
         assert set().union(*map(skyrange_imports, code)) <= FACADE, book.name
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_toml_is_toml(page: Path) -> None:
     for block in blocks(page):
         if block.words[0] == "toml":
             tomllib.loads(block.text)
 
 
-@pytest.mark.parametrize("page", PARAMS)
+@each_case("page", PAGES)
 def test_commands_exist(page: Path) -> None:
     """Command, options and number of arguments are parsed as the command line parses them; nothing is executed."""
     import click

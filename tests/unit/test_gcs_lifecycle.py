@@ -17,9 +17,10 @@ from skyrange.gcs.flight.lifecycle import (
     LifecycleError,
     next_state,
 )
+from tests.cases import each_case
 
 
-@pytest.mark.parametrize(("state", "event"), list(itertools.product(FlightState, FlightEvent)))
+@each_case("state, event", list(itertools.product(FlightState, FlightEvent)))
 def test_every_state_and_event_leads_somewhere_or_is_refused(state: FlightState, event: FlightEvent) -> None:
     if event in TRANSITIONS[state]:
         assert next_state(state, event) is TRANSITIONS[state][event]

@@ -31,6 +31,7 @@ from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S
+from tests.cases import each_case
 from tests.message_columns import unpack_frames
 
 SECRET = secret_from_passphrase("correct horse")
@@ -68,7 +69,7 @@ def test_a_key_is_the_sha_256_of_a_passphrase_and_time_counts_10_us_from_2015() 
         Signer(SigningKey(b"x" * 31, 0), 0)
 
 
-@pytest.mark.parametrize("number", sorted(LAYOUTS))
+@each_case("number", sorted(LAYOUTS))
 def test_signed_frames_of_every_message_are_those_of_pymavlink(number: int) -> None:
     rows = np.random.default_rng(number).integers(0, 100, (1, payload_dtype(number).itemsize), dtype=np.uint8)
     frame = pack_batches([(number, rows.view(payload_dtype(number)).reshape(1), np.array([255]), np.array([0]))], 190)[
