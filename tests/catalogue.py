@@ -112,10 +112,12 @@ class Sample:
 
 
 def files_of(item: pytest.Item) -> set[str]:
-    """The files of the kinds that are a test's parameters, from the checkout's root."""
+    """The files that are a test's parameters, and those of the kinds that are, from the checkout's root."""
     found: set[str] = set()
     callspec = getattr(item, "callspec", None)
     for value in callspec.params.values() if callspec else ():
+        if isinstance(value, Path) and value.is_relative_to(ROOT):
+            found.add(str(value.relative_to(ROOT)))
         for plugin in _plugins_of(value):
             for part in (plugin.params, plugin.make):
                 found |= {f"src/{name.replace('.', '/')}.py" for name in _family(part.__module__)}

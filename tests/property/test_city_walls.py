@@ -14,6 +14,7 @@ from skyrange.city.buildings import Building
 from skyrange.city.downtown import downtown_grid
 from skyrange.city.wall_index import MARGIN_M, build_wall_index, cell_of, distance_to_box, distance_to_footprint
 from skyrange.world.collision.broad_phase import floor_and_clearance
+from tests.tiers import examples
 
 _RING = shapely.box(-40.0, 60.0, 0.0, 100.0).difference(shapely.Point(-20.0, 80.0).buffer(12.0))
 _PARTS = shapely.multipolygons([shapely.box(60.0, 60.0, 80.0, 90.0), shapely.box(90.0, 60.0, 95.0, 70.0)])
@@ -29,7 +30,7 @@ WALLS = build_wall_index(BUILDINGS)
 PLACE = st.tuples(st.floats(-260, 260), st.floats(-260, 260))
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(place=PLACE, b=st.integers(0, len(BUILDINGS) - 1))
 def test_footprints(place: tuple[float, float], b: int) -> None:
     point, shape = shapely.Point(place), BUILDINGS[b].shape
@@ -44,7 +45,7 @@ def test_footprints(place: tuple[float, float], b: int) -> None:
     )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(place=PLACE)
 def test_a_cell_lists_all_that_is_near(place: tuple[float, float]) -> None:
     near = {
@@ -57,7 +58,7 @@ def test_a_cell_lists_all_that_is_near(place: tuple[float, float]) -> None:
     assert near <= listed
 
 
-@settings(deadline=None, max_examples=300)
+@settings(deadline=None, max_examples=examples(300))
 @given(place=PLACE, up=st.floats(0, 120), steps=st.lists(st.tuples(PLACE, st.floats(-1, 1)), max_size=5))
 def test_free_is_no_more_than_the_way_to_anything(
     place: tuple[float, float], up: float, steps: list[tuple[tuple[float, float], float]]

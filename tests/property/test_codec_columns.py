@@ -15,6 +15,7 @@ from skyrange.codec.mavlink.message_columns import message_ids, pack_batches, pa
 from skyrange.contracts.frames.payloads import Payloads
 from tests.cases import each_case
 from tests.message_columns import unpack_frames
+from tests.tiers import examples
 
 
 def _random_rows(message_id: int, count: int, seed: int) -> Any:
@@ -72,7 +73,7 @@ def test_unpacked_in_columns_says_what_decoding_says(message_id: int) -> None:
             assert _alike(list(told) if isinstance(told, (tuple, list)) else told, kept), (message_id, name)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.lists(st.binary(max_size=40), max_size=6), st.integers(0, 40), st.integers(1, 255))
 def test_what_is_no_frame_is_left_and_never_taken_for_one(junk: list[bytes], place: int, change: int) -> None:
     rows = _random_rows(33, 1, 5)

@@ -19,6 +19,7 @@ from skyrange.codec.mavlink import (
     sender_system,
 )
 from skyrange.core.errors import DecodeError
+from tests.tiers import examples
 
 RANGES = {
     "uint8_t": (0, 2**8 - 1),
@@ -60,7 +61,7 @@ def bits(value: Any) -> Any:
 
 
 @given(messages(), st.integers(0, 255), st.integers(0, 255), st.integers(0, 255))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_packing_is_pymavlinks_and_decoding_undoes_it(message: Any, system: int, component: int, sequence: int) -> None:
     packer = Packer(system, component)
     packer.sequence = sequence
@@ -108,7 +109,7 @@ def test_every_message_of_the_dialect_packs_as_pymavlink_packs_it() -> None:
 
 
 @given(messages())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 def test_no_truncation_and_no_flipped_byte_decodes(message: Any) -> None:
     frame = Packer(1, 1).pack(message)
     for size in range(len(frame)):
@@ -121,7 +122,7 @@ def test_no_truncation_and_no_flipped_byte_decodes(message: Any) -> None:
 
 
 @given(st.binary(max_size=400), st.sampled_from([b"", b"\xfd", b"\xfe", b"\xfd\x09\x00\x00\x01\x01\x01\x00\x00\x00"]))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 def test_random_bytes_raise_decode_error_alone(tail: bytes, head: bytes) -> None:
     payload = head + tail
     try:
@@ -168,7 +169,7 @@ def is_subsequence(wanted: list[bytes], found: list[bytes]) -> bool:
 
 
 @given(streams(), st.data())
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 def test_no_byte_is_lost_no_frame_either_however_the_stream_is_cut(
     laid: tuple[bytes, list[bytes]], data: st.DataObject
 ) -> None:

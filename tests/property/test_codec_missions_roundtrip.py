@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from skyrange.codec.mission import Mission, MissionItem, format_plan, format_waypoints, parse_plan, parse_waypoints
 from skyrange.core.errors import InputError
+from tests.tiers import examples
 
 DATA = Path(__file__).parent.parent / "data" / "missions"
 SURVEY = (DATA / "survey.plan").read_text()
@@ -68,13 +69,13 @@ def _nans(item: MissionItem) -> dict[str, Any]:
 
 
 @given(missions())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_waypoints_come_back(mission: Mission) -> None:
     assert parse_waypoints(format_waypoints(mission), "a") == mission
 
 
 @given(missions(), st.dictionaries(st.text(max_size=5), st.integers() | st.text(max_size=5), max_size=3))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_plans_come_back(mission: Mission, settings_: dict[str, object]) -> None:
     known = {key: value for key, value in settings_.items() if key not in ("items", "plannedHomePosition", "version")}
     full = replace(mission, fence={"version": 2, "circles": []}, rally={"points": [[1.0, 2.0, 3.0]]}, settings=known)
@@ -146,7 +147,7 @@ def test_every_line_deleted_doubled_or_cut() -> None:
 
 
 @given(st.sampled_from([SURVEY, SQUARE]), st.data())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_random_damage(text: str, data: st.DataObject) -> None:
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(text)))
@@ -156,7 +157,7 @@ def test_random_damage(text: str, data: st.DataObject) -> None:
 
 
 @given(st.text())
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_random_text(text: str) -> None:
     outcome(text)
     outcome("QGC WPL 110\n" + text)

@@ -24,6 +24,7 @@ from skyrange.remoteid.drip.sender import Sender
 from skyrange.remoteid.drip.verification.observed_sender import MAX_HEARD
 from skyrange.remoteid.drip.verification.observer import MAX_TRACKS, Observer
 from skyrange.remoteid.drip.verification.verdicts import Judged, Policy, Trust
+from tests.tiers import examples
 
 T0 = 220_000_000
 REGISTRY = Registry.of_seed(1, T0 - 10, T0 + 1000)
@@ -93,7 +94,7 @@ def hostile(draw: st.DrawFn) -> bytes:
     return bytes(body)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 200), st.integers(0, 3), hostile(), st.integers(0, 40)), max_size=120))
 def test_an_observer_survives_anything(heard: list[tuple[int, int, bytes, int]]) -> None:
     observer = Observer(REGISTRY.anchors, Policy(verifications_per_s=5.0))
@@ -107,7 +108,7 @@ def test_an_observer_survives_anything(heard: list[tuple[int, int, bytes, int]])
     assert all(len(held.heard) <= MAX_HEARD for held in observer._tracks.values())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(st.permutations([(row // 8, body) for row, body in enumerate(HONEST)]), st.sets(st.integers(0, 7), max_size=1))
 def test_order_of_pages_does_not_matter(frames: list[tuple[int, bytes]], lost: set[int]) -> None:
     """The counter tells the three messages apart, whatever order their pages arrive in."""

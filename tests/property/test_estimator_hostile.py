@@ -15,6 +15,7 @@ from skyrange.contracts.components import Sensors
 from skyrange.vehicle.builtin.parameters.table import PARAMETERS
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range
+from tests.tiers import examples
 
 NAMES = [field.name for field in fields(Sensors) if field.name != "attitude"]
 WILD = st.sampled_from([np.nan, np.inf, -np.inf, 1e308, -1e308, 1e-308, 1e9, -1e4, 0.0, 3.0, -0.5])
@@ -51,7 +52,7 @@ def sane(fly: Range) -> None:
         assert (estimator.filters[name][:, list(diagonal)] >= 0.0).all()
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(LIES, st.booleans())
 def test_no_reading_poisons_the_state(aloft: Range, lies: list[tuple[str, int, float, int]], fresh: bool) -> None:
     fly, calm = copy.deepcopy(aloft), copy.deepcopy(aloft)
@@ -79,7 +80,7 @@ def test_no_reading_poisons_the_state(aloft: Range, lies: list[tuple[str, int, f
     assert mine[1].tobytes() == other[1].tobytes()
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(40), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.sampled_from(NAMED), WILD), min_size=1, max_size=6),
 )

@@ -16,6 +16,7 @@ from skyrange.vehicle.contract import VehicleSpec
 from skyrange.vehicle.external.interlock import Interlock
 from skyrange.vehicle.external.vehicle_session import VehicleSession
 from tests.foreign_vehicle import ORIGIN
+from tests.tiers import examples
 
 READ = [
     mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
@@ -33,7 +34,7 @@ def frames(draw: st.DrawFn) -> bytes:
     return covered + checksum(covered[1:], LAYOUTS[number].crc_extra).to_bytes(2, "little")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.lists(frames() | st.binary(max_size=60), max_size=20))
 def test_any_bytes_of_a_vehicle_are_survived(said: list[bytes]) -> None:
     session = VehicleSession(VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), False, 10.0)
@@ -69,7 +70,7 @@ class _Kept:
         return
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.integers(1, 250), st.floats(5, 50), st.lists(st.floats(0.0, 40.0), max_size=10))
 def test_what_we_ask_for_ourselves_passes_a_closed_interlock(system: int, rate_hz: float, steps: list[float]) -> None:
     wire = _Kept()

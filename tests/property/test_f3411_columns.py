@@ -31,6 +31,7 @@ from skyrange.codec.remote_id.link_payload import RidFrame, RidHeader
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.core.errors import DecodeError
 from tests.property.test_f3411_roundtrip import MESSAGES, SINGLES, locations
+from tests.tiers import examples
 
 BODIES = st.one_of(
     MESSAGES.map(encode),
@@ -50,7 +51,7 @@ def parts_of(body: bytes) -> tuple[SingleMessage, ...]:
 
 
 @given(st.lists(BODIES, max_size=12))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_rows_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
     rows = f3411_columns.decode_locations(Payloads.of(bodies))
     assert rows.valid.tolist() == [bool(parts_of(body)) for body in bodies]
@@ -79,7 +80,7 @@ def code_of(part: SingleMessage) -> int:
 
 
 @given(st.lists(BODIES, max_size=12))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_whole_broadcasts_say_what_decoding_one_by_one_says(bodies: list[bytes]) -> None:
     rows = decode_broadcasts(Payloads.of(bodies))
     for row, body in enumerate(bodies):
@@ -120,7 +121,7 @@ def test_whole_broadcasts_say_what_decoding_one_by_one_says(bodies: list[bytes])
 
 
 @given(st.lists(locations(), min_size=1, max_size=8))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_columns_are_written_as_one_by_one(messages: list[Location]) -> None:
     messages = [message._replace(version=2) for message in messages]
     numbers = np.array([[getattr(m, name) for m in messages] for name in NUMBERS], dtype=np.float64)  # None is NaN
@@ -199,7 +200,7 @@ def test_link_payloads_are_packed_in_columns_as_one_by_one(rows: list[tuple[RidH
 @given(
     st.lists(st.tuples(HEADERS, st.binary(max_size=60)).map(lambda row: link_payload.pack(*row)), max_size=6), st.data()
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 def test_broken_link_payloads_are_marked_and_the_others_read(payloads: list[bytes], data: st.DataObject) -> None:
     hostile = []
     for payload in payloads:

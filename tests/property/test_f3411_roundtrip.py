@@ -23,6 +23,7 @@ from skyrange.codec.f3411 import (
     encode,
 )
 from skyrange.core.errors import DecodeError
+from tests.tiers import examples
 
 NIBBLE = st.integers(0, 15)
 VERSION = st.integers(0, 15)
@@ -92,7 +93,7 @@ def near(got: float | None, sent: float | None, step: float) -> bool:
 
 
 @given(MESSAGES)
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 def test_bytes_of_a_message_read_and_written_again_are_the_same(message: Message) -> None:
     body = encode(message)
     assert len(body) == (3 + 25 * len(message.messages) if isinstance(message, MessagePack) else 25)
@@ -152,7 +153,7 @@ def test_any_bytes_are_a_message_or_a_decode_error(body: bytes) -> None:
 
 
 @given(st.binary(min_size=25, max_size=25))
-@settings(max_examples=500, deadline=None)
+@settings(max_examples=examples(500), deadline=None)
 def test_any_25_bytes_say_something_and_what_cannot_be_said_again_has_a_fault(body: bytes) -> None:
     if body[0] >> 4 == 15:
         with pytest.raises(DecodeError):

@@ -24,6 +24,7 @@ from skyrange.utm.approval_service import FlightApproval
 from skyrange.utm.approve_all import ApproveAll
 from skyrange.utm.contract import OperationalIntent, intent_id
 from skyrange.utm.messages import Request, decode_request, decode_response, encode
+from tests.tiers import examples
 
 ORIGIN = Origin(-35.3633280, 149.1652241, 584.0, 19.0)
 EPOCH = Epoch(1_767_268_800 * NS_PER_S)
@@ -59,7 +60,7 @@ def station(kind: plans.Kind) -> GroundStation:
     return GroundStation("blue", [Flight("blue/b1", 1, plan)], EPOCH)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(150), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(kind, st.lists(st.tuples(st.integers(0, 4), st.lists(frame, max_size=8)), max_size=25))
 def test_no_sequence_of_frames_stops_a_ground_station(kind: plans.Kind, script: list[tuple[int, list[bytes]]]) -> None:
     gcs = station(kind)
@@ -86,7 +87,7 @@ def test_no_sequence_of_frames_stops_a_ground_station(kind: plans.Kind, script: 
     assert set(gcs.states.values()) <= set(FlightState)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.binary(max_size=400) | st.text(max_size=200).map(str.encode))
 def test_approval_decoders_raise_nothing_else(payload: bytes) -> None:
     for decoder in (decode_request, decode_response):
@@ -101,7 +102,7 @@ def test_approval_decoders_raise_nothing_else(payload: bytes) -> None:
     station("auto").step(0, Inbox([Arrival(APPROVAL, 0, payload, "", FrameId("", "", "", 0))]))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(st.data())
 def test_a_damaged_request_never_escapes_as_another_error(data: st.DataObject) -> None:
     plan = plans.square(ORIGIN, (0, 0, 0), side_m=5, alt_m=5)
@@ -119,7 +120,7 @@ def test_a_damaged_request_never_escapes_as_another_error(data: st.DataObject) -
 metres = st.floats(-2_000, 2_000)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=examples(100), deadline=None)
 @given(kind, st.lists(st.tuples(metres, metres, st.floats(1, 300)), min_size=1, max_size=12), st.floats(0.5, 20))
 def test_every_sound_path_can_be_checked_measured_and_filed(
     kind: plans.Kind, points: list[tuple[float, float, float]], cruise_mps: float

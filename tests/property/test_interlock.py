@@ -14,6 +14,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.deframer import Deframer
 from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v2
 from skyrange.vehicle.external.interlock import PERMITTED_COMMANDS, PERMITTED_MESSAGES, Interlock
+from tests.tiers import examples
 
 SYSTEM = 7
 HARMLESS = {
@@ -91,7 +92,7 @@ def commands(draw: st.DrawFn) -> bytes:
 pieces = st.lists(st.binary(max_size=300) | frames() | commands(), max_size=8)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=examples(400), deadline=None)
 @given(pieces, st.booleans())
 def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined: bool) -> None:
     """And so does whatever a receiver may find that lost its place, or that has another idea of it."""
@@ -103,7 +104,7 @@ def test_what_leaves_a_closed_interlock_only_asks(payloads: list[bytes], joined:
     assert not [piece for piece in Deframer().feed(left) if piece.garbage]
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(pieces)
 def test_what_leaves_an_open_one_is_whole_and_for_no_other(payloads: list[bytes]) -> None:
     lock = Interlock(SYSTEM, True)

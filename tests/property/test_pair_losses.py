@@ -21,6 +21,7 @@ from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, inde
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, trace_line
 from skyrange.radio.propagation.pair_losses import append_received_powers
+from tests.tiers import examples
 
 _BOXES = [(x, y, x + 45.0, y + 40.0) for x in range(-300, 300, 70) for y in range(-300, 300, 60)]
 TOWN = obstacle_index(City([Building(str(k), 12.0 + 9.0 * (k % 5), shapely.box(*b)) for k, b in enumerate(_BOXES)],
@@ -28,7 +29,7 @@ TOWN = obstacle_index(City([Building(str(k), 12.0 + 9.0 * (k % 5), shapely.box(*
 OPEN = obstacle_index()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(2, 40),
@@ -79,7 +80,7 @@ def test_powers_of_all_pairs_are_those_of_each_pair(
         assert list(zip(rows[part].tolist(), dbm[part].tolist(), strict=True)) == expected
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
     spread_m=st.sampled_from([30.0, 300.0]),
@@ -103,7 +104,7 @@ def test_a_floor_only_leaves_out_what_is_below_it(
         assert received_power_dbm(*some, floor_dbm) == (power if power >= floor_dbm else NO_SIGNAL)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(seed=st.integers(0, 2**32 - 1), height_m=st.sampled_from([2.0, 30.0, 60.0]))
 def test_sight_is_lost_where_a_traced_line_is_blocked(seed: int, height_m: float) -> None:
     """`has_line_of_sight` against `trace_line`, with both ends anywhere, inside buildings too."""

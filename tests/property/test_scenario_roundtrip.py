@@ -16,6 +16,7 @@ from skyrange.scenario.model.scenario import Fleet, Link, Operator, Path, Plan, 
 from skyrange.scenario.overrides import apply_overrides, parse_value
 from skyrange.scenario.toml_reader import load_data, load_text
 from skyrange.scenario.toml_writer import to_toml
+from tests.tiers import examples
 
 IDS = st.text(string.ascii_letters + string.digits + "_-", min_size=1, max_size=32).filter(lambda s: s[0] not in "_-")
 ABOVE = st.floats(1e-3, 1e4)
@@ -154,7 +155,7 @@ PLAIN = st.recursive(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(SCENARIOS)
 def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario) -> None:
     text = to_toml(scenario)
@@ -162,7 +163,7 @@ def test_a_scenario_written_as_toml_reads_back_equal(scenario: Scenario) -> None
     assert to_toml(load_text(text)) == text
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=examples(60), deadline=None)
 @given(SCENARIOS)
 def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario) -> None:
     assert load_data(scenario.data()) == scenario
@@ -171,14 +172,14 @@ def test_its_data_builds_an_equal_one_with_unique_names(scenario: Scenario) -> N
     assert len(set(names)) == len(names) == len(set(numbers))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.dictionaries(st.sampled_from(["origin", "operators", "links", "city", "seed", "name"]), PLAIN, max_size=5))
 def test_any_data_builds_or_is_refused_with_faults(data: dict[str, Any]) -> None:
     with contextlib.suppress(InputError):  # the only way to refuse
         load_data(data)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.text())
 def test_any_text_loads_or_is_refused(text: str) -> None:
     with pytest.raises(InputError) as error:  # nothing this short is a scenario
@@ -192,14 +193,14 @@ PARTS = st.sampled_from(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.lists(st.lists(PARTS | st.text(max_size=3), min_size=1, max_size=6), max_size=3), st.text(max_size=6))
 def test_any_assignment_applies_or_is_refused(paths: list[list[str]], value: str) -> None:
     with contextlib.suppress(InputError):  # the only way to refuse
         load_data(apply_overrides(BASE, [f"{'.'.join(path)}={value}" for path in paths]))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=examples(150), deadline=None)
 @given(st.text(max_size=12))
 def test_values_are_toml_values_or_text_as_it_stands(text: str) -> None:
     try:

@@ -36,11 +36,15 @@ FLIGHTS = {
 }
 
 
-@pytest.mark.parametrize(("name", "changes"), FLIGHTS.items(), ids=list(FLIGHTS))
-def test_batches_are_single_ticks(
-    name: str, changes: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scenario = load(name, changes)
+FAST = {"gnss.jump", "squares"}
+"""The others are slow."""
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in FLIGHTS]
+)
+def test_batches_are_single_ticks(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scenario = load(name, FLIGHTS[name])
     stops: Counter[BatchStop] = Counter()
     run = FleetTickBatch.run
 

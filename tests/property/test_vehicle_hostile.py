@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.vehicle.contract import VehicleSpec
 from tests.integration.flight_harness import Range, square, start
+from tests.tiers import examples
 
 V = "blue/b1"
 A = dialect
@@ -134,7 +135,7 @@ def aloft() -> dict[str, Range]:
     return {"ground": ground, "guided": guided, "auto": auto}
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(200), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(messages, min_size=1, max_size=12), st.sampled_from(["ground", "guided", "auto"]))
 def test_any_message_leaves_the_state_finite(aloft: dict[str, Range], sent: list[object], where: str) -> None:
     r = aloft[where].copy()
@@ -146,7 +147,7 @@ def test_any_message_leaves_the_state_finite(aloft: dict[str, Range], sent: list
     sane(r)
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(100), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=300), max_size=10))
 def test_any_bytes_are_counted_and_survived(aloft: dict[str, Range], payloads: list[bytes]) -> None:
     r = aloft["ground"].copy()
@@ -159,7 +160,7 @@ def test_any_bytes_are_counted_and_survived(aloft: dict[str, Range], payloads: l
     sane(r)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(messages, st.integers(0, 40), byte)
 def test_a_flipped_byte_is_no_command(aloft: dict[str, Range], message: object, place: int, flip: int) -> None:
     r = aloft["guided"].copy()

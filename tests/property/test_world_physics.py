@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skyrange.world import Body, Wind, World
+from tests.tiers import examples
 
 QUANTUM_NS = 2_500_000
 Place = tuple[float, float, float, float]  # east, north, up, heading
@@ -30,7 +31,7 @@ def _play(worlds: list[World], script: Script) -> list[list[str]]:
     return notes
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=examples(60))
 @given(place=PLACE, wind=WIND, script=SCRIPT)
 def test_state_stays_sane(place: Place, wind: tuple[float, float, float], script: Script) -> None:
     world = World([Body("blue/b1", "iris", *place)], wind=Wind(wind))

@@ -97,6 +97,7 @@ ALL: list[tuple[AttackPlugin, dict[str, Any]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("kind", "params"), ALL, ids=[f"{k.params.__name__}-{i}" for i, (k, _) in enumerate(ALL)])
 def test_taps_conform(kind: AttackPlugin, params: dict[str, Any]) -> None:
     (placement,) = kind(kind.params.model_validate({"links": [LINK], **params}), context(3.0)).taps

@@ -242,6 +242,7 @@ def test_flights_are_read_from_a_record(tmp_path: Path) -> None:
     assert ordered_vehicles(record) == set()  # frames were dropped, none was sent
 
 
+@pytest.mark.slow
 def test_the_builtin_in_both_roles_agrees(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """One nominal flight serves all flights that differ in their attacks alone."""
     monkeypatch.setattr(module, "_with_autopilot", lambda scenario, *_: scenario)

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.bench.isolation import run_in_process
-from skyrange.bench.suite import cases, execution
+from skyrange.bench.suite import cases, execution, observation
 from skyrange.bench.suite.cases import BENCHMARKS, Benchmark, Case, Quantity, find_benchmarks
 from skyrange.bench.suite.comparison import compare_results, list_differences, list_warnings
 from skyrange.bench.suite.execution import run_benchmarks
@@ -67,6 +67,7 @@ def measured(
 def suite(monkeypatch: pytest.MonkeyPatch) -> list[Benchmark]:
     """The benchmarks that there are, which a test chooses."""
     chosen = [measured()]
+    monkeypatch.setattr(observation, "yardstick_us", lambda: 8.0)
     monkeypatch.setattr(cases, "BENCHMARKS", chosen)
     return chosen
 
@@ -83,6 +84,7 @@ def changed(results: Results, **changes: Any) -> Results:
     return Results.model_validate(data)
 
 
+@pytest.mark.slow
 def test_memory_and_time_of_the_processes_of_a_case_are_observed() -> None:
     with Observation() as seen:
         run_in_process("held memory", hold_memory)

@@ -90,8 +90,18 @@ def run_command(*arguments: str, redirect: str = "", **more: Any) -> subprocess.
     return subprocess.run(["bash", "-c", script, "bash", *MAIN, *arguments], capture_output=True, check=False, **more)
 
 
-@pytest.mark.parametrize("redirect", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full"])
-@pytest.mark.parametrize(("arguments", "code"), [(["scenarios"], 0), (["show", "nowhere"], 2), (["shwo"], 2)])
+REDIRECTS = (">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-", "2>/dev/full")
+COMMANDS: tuple[tuple[list[str], int], ...] = ((["scenarios"], 0), (["show", "nowhere"], 2), (["shwo"], 2))
+
+
+@pytest.mark.parametrize(
+    ("redirect", "arguments", "code"),
+    [
+        pytest.param(redirect, *command, marks=() if (place + number) % 3 == 0 else pytest.mark.slow)
+        for place, redirect in enumerate(REDIRECTS)
+        for number, command in enumerate(COMMANDS)
+    ],
+)
 def test_closed_streams_change_no_exit_code(redirect: str, arguments: list[str], code: int, tmp_path: Path) -> None:
     done = run_command(*arguments, redirect=redirect, cwd=tmp_path)
     assert done.returncode == code
@@ -104,7 +114,10 @@ def test_a_full_disk_behind_the_output_is_an_error() -> None:
     assert done.stderr == b"skyrange: No space left on device\n"
 
 
-@pytest.mark.parametrize(("arguments", "code"), [(["schema"], 0), (["--help"], 0), (["show", "nowhere"], 2)])
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [pytest.param(["schema"], 0, marks=pytest.mark.slow), (["--help"], 0), (["show", "nowhere"], 2)],
+)
 def test_a_reader_that_goes_away_costs_its_output_alone(arguments: list[str], code: int) -> None:
     inlet, outlet = os.pipe()
     os.close(inlet)
@@ -124,7 +137,9 @@ def test_errors_and_usage_escape_what_they_quote(tmp_path: Path) -> None:
         assert b"Traceback" not in done.stderr
 
 
-@pytest.mark.parametrize("command", ["run", "pair", "live"])
+@pytest.mark.parametrize(
+    "command", ["run", pytest.param("pair", marks=pytest.mark.slow), pytest.param("live", marks=pytest.mark.slow)]
+)
 def test_a_folder_whose_name_is_no_utf_8_is_refused_before_anything_flies(command: str, tmp_path: Path) -> None:
     done = run_command(command, "rid-spoofing", "--out", "bad\udcff", cwd=tmp_path)
     assert done.returncode == 2

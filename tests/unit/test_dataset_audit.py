@@ -117,6 +117,7 @@ def test_a_clean_set_passes(tmp_path: Path) -> None:
     require_no_leak(findings)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("leak", "comparison", "column"),
     [
@@ -189,12 +190,14 @@ def test_the_number_of_arms_of_a_block_is_no_leak() -> None:
     assert (finding.status, finding.auc) == ("passed", 0.5)
 
 
+@pytest.mark.slow
 def test_about_as_many_blocks_as_are_said_to_be_needed_decide() -> None:
     needed = audit_comparison(noise(20)).blocks_needed
     assert needed is not None
     assert audit_comparison(noise(4 * needed)).passed
 
 
+@pytest.mark.slow
 def test_noise_that_is_independent_of_the_arm_passes_and_repeats() -> None:
     finding = audit_comparison(noise(3000))
     assert finding.passed

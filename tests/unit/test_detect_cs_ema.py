@@ -233,6 +233,7 @@ def test_differences_are_taken_at_the_time_of_the_fix() -> None:
     assert slip[0] == pytest.approx([4.0, 2.0])
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("name", "attack", "duration_s", "residual", "first_s", "last_s"),
     [

@@ -405,6 +405,7 @@ def test_offsets_agree_with_the_projection() -> None:
     assert across[0] == pytest.approx(0.222, abs=0.01)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("name", "attack", "duration_s", "plugins"),
     [
@@ -432,6 +433,7 @@ def test_shipped_attacks_are_found_and_their_nominal_runs_are_silent(
         assert replayed(nominal, plugin, links) == [], plugin.about
 
 
+@pytest.mark.slow
 def test_aircraft_whose_fixes_are_pulled_off_together_step_together(tmp_path: Path) -> None:
     changes = ["duration_s=26", 'attacks.pull.params.vehicles=["blue/b1", "blue/b2"]']
     attacked = run(load_scenario("gnss-pull-off", changes), tmp_path / "attacked")

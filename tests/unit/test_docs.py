@@ -220,6 +220,7 @@ RUNNABLE = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("page", RUNNABLE)
 def test_examples_run(
     page: Path, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -119,6 +119,7 @@ def test_without_its_package_the_error_says_what_to_install(monkeypatch: pytest.
         build(load_text(SCENARIO))
 
 
+@pytest.mark.slow
 def test_planned_for_energy_a_route_takes_hardly_more_than_the_quickest_and_less_with_the_wind() -> None:
     """Shortcuts are taken greedily, so that it may take a little more."""
     wall = City([Building("wall", 200.0, shapely.box(-60, 40, 60, 50))], "a wall")

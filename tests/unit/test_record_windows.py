@@ -132,6 +132,7 @@ print(*marks)
 """
 
 
+@pytest.mark.slow
 def test_memory_is_bounded(tmp_path: Path) -> None:
     """600,000 frames: memory holds one window of payloads, a few row groups and a block of messages.
 

@@ -231,6 +231,7 @@ def test_embedded_json_cannot_close_its_element() -> None:
         element.render(value=float("nan"))
 
 
+@pytest.mark.slow
 def test_a_hundred_aircraft_over_a_city_stay_under_five_megabytes(tmp_path: Path) -> None:
     block = small_city()
     city = [

@@ -52,6 +52,7 @@ def test_variance(speed_mps: float, height_m: float) -> None:
         assert np.abs(gusts.mean(axis=0) / [su, su, sw]).max() < 4.0 / math.sqrt(20_000)
 
 
+@pytest.mark.slow
 def test_autocorrelation() -> None:
     """e^(-t/T) along, e^(-t/T)·(1 - t/2T) across and up, T = L/V, over 0.1 to 4 T: 0.03 from 20,000 pairs."""
     _, _, lu, lw = turbulence.scales(HEIGHT_M, W20_MPS)
@@ -111,6 +112,7 @@ def test_a_long_step_is_exact_too() -> None:
     assert (stepped * first[:, None]).mean(axis=0) == pytest.approx([a, a * (0.5 + d)], abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_hover_in_still_air_still_gusts() -> None:
     """The speed floor: the eddies' own speed σ_u, so a gust is forgotten after some L/σ_u."""
     su, _, lu, _ = turbulence.scales(HEIGHT_M, W20_MPS)
