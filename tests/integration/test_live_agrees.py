@@ -5,13 +5,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
+from skyrange.record import RunRecord
 from skyrange.scenario.shipped import SHIPPED
-from tests.integration.live_agrees import FLIGHTS, TOLERANCE_S, Both, fly_both, virtual
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.compare.agreement import agreement
+from skyrange.study.runs import fly
+from tests.integration.live_agrees import FLIGHTS, RACES, TOLERANCE_S, Both, fly_both, virtual
+from tests.integration.live_virtual import fly_virtual, prepared
 
+BRIEF = """
+name = "brief"
+seed = 4
+duration_s = 11
+origin = [-35.363328, 149.1652241]
+
+[[operators]]
+id = "blue"
+vehicles = [{ id = "b1", plan = { path = { points = [[0.0, 4.0]], alt_m = 3.0 }, end = "land" } }]
+"""
 SQUARES = {"event.takeoff": 5, "event.item_reached": 10}
 HEAD_ON = {"event.takeoff": 2, "event.collision": 2}
 
@@ -32,13 +48,14 @@ def test_all_that_is_shipped_is_flown_by_the_table() -> None:
 @pytest.mark.parametrize(
     ("name", "seconds", "happened", "items_s"),
     [
-        ("squares", 24.0, SQUARES, 0.5),
-        ("head-on", 44.0, HEAD_ON, 0.5),
-        (
+        pytest.param("squares", 24.0, SQUARES, 0.5, marks=pytest.mark.slow),
+        pytest.param("head-on", 44.0, HEAD_ON, 0.5, marks=pytest.mark.slow),
+        pytest.param(
             "gnss-drift",
             80.0,
             {"event.item_reached": 1, "event.attack_start": 1, "event.collision": 1, "event.crash": 1},
             1.0,
+            marks=pytest.mark.slow,
         ),
         pytest.param("squares", 60.0, SQUARES | {"event.landed": 5}, 0.5, marks=pytest.mark.slow),
         pytest.param("crossing", 140.0, {"event.takeoff": 3, "event.landed": 3}, 0.1, marks=pytest.mark.slow),
@@ -55,11 +72,37 @@ def test_the_same_happens_within_the_tolerance(
     assert_agrees(both, seconds, happened, items_s)
 
 
-def test_a_live_range_in_virtual_time_repeats_exactly(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_live_range_of_five_aircraft_repeats_exactly(tmp_path: Path) -> None:
+    networks = {"a": virtual(), "b": virtual(), "c": virtual(seed=1)}
+    flown = [fly_both("squares", tmp_path / name, seconds=12.0, system=system) for name, system in networks.items()]
+    assert_repeats([both.live for both in flown])
+
+
+def test_a_live_range_of_one_aircraft_repeats_exactly(tmp_path: Path) -> None:
+    scenario = load_text(BRIEF, overrides=["duration_s=2"])
+    networks = {"a": virtual(), "b": virtual(), "c": virtual(seed=1)}
+    assert_repeats(
+        [fly_virtual(prepared(scenario, tmp_path / name, system=system)) for name, system in networks.items()]
+    )
+
+
+def test_a_flight_of_one_aircraft_agrees(tmp_path: Path) -> None:
+    scenario = load_text(BRIEF)
+    live = fly_virtual(prepared(scenario, tmp_path / "live", system=virtual()))
+    found = agreement(live, fly(scenario, tmp_path / "virtual", report=False), TOLERANCE_S)
+    assert found.until_s == pytest.approx(scenario.duration_s, abs=TOLERANCE_S)
+    assert found.outcomes == {}
+    assert [odd for odd in found.odd if odd.kind not in RACES] == []
+    assert max(way.off_m for way in found.ways.values()) <= 1.0
+    for kind in ("event.takeoff", "event.item_reached"):
+        assert found.kinds[kind].found >= 1, kind
+    reached = found.kinds["event.item_reached"]
+    assert max(abs(reached.least_s), abs(reached.most_s)) < 0.5
+
+
+def assert_repeats(lives: Sequence[RunRecord]) -> None:
     """Two on the same network record the same; another's delays make other times, and the same flights."""
-    first = fly_both("squares", tmp_path / "a", seconds=12.0, system=virtual())
-    second = fly_both("squares", tmp_path / "b", seconds=12.0, system=virtual())
-    third = fly_both("squares", tmp_path / "c", seconds=12.0, system=virtual(seed=1))
-    digests = [both.live.manifest["digests"] for both in (first, second, third)]
+    digests = [live.manifest["digests"] for live in lives]
     assert digests[0] == digests[1]
     assert digests[0]["frames"] != digests[2]["frames"]

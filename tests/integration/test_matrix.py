@@ -29,7 +29,7 @@ seeds = 2
 id = "terminate"
 scenario = "mavlink.command"
 measure = "departure_m"
-changes = ["duration_s=45"]
+changes = ["duration_s=18", "attacks.terminate.start_s=13"]
 
 [[rows]]
 id = "mode"
@@ -55,10 +55,11 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     matrix = read_matrix(file)
-    result = fly_matrix(matrix, tmp_path / "small", on_cell=lambda done, total, _left: told.append((done, total)))
+    result = fly_matrix(matrix, tmp_path / "small", jobs=1, on_cell=lambda done, total, _left: told.append((done, total)))
     assert told[-1] == (6, 6)
     stopped, undefended = result.cell("terminate", "firewall"), result.cell("terminate")
     assert stops(stopped, undefended)
@@ -95,7 +96,6 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
 IDLE = """
 name = "idle"
 seeds = 1
-rows = [{ id = "terminate", scenario = "mavlink.command", measure = "departure_m", changes = ["duration_s=45"] }]
 columns = [
     { id = "firewall", defences = [{ kind = "mavlink.firewall" }] },
     { id = "barometer", defences = [{ kind = "gnss.barometer" }] },
@@ -104,9 +104,16 @@ columns = [
     { id = "both", defences = [{ kind = "gnss.receiver" }, { kind = "gnss.innovation" }] },
     { id = "slow", defences = [{ kind = "mavlink.sequence", cost = { us_per_frame = 50 } }] },
 ]
+
+[[rows]]
+id = "terminate"
+scenario = "mavlink.command"
+measure = "departure_m"
+changes = ["duration_s=18", "attacks.terminate.start_s=13"]
 """
 
 
+@pytest.mark.slow
 def test_cells_whose_defences_have_nothing_to_do_are_the_undefended_one(tmp_path: Path) -> None:
     path = tmp_path / "idle.toml"
     path.write_text(IDLE, encoding="utf-8")
@@ -155,7 +162,7 @@ columns = [{ id = "barometer", defences = [{ kind = "gnss.barometer" }] }]
 id = "jump"
 scenario = "gnss.jump"
 measure = "strayed_m"
-changes = ["duration_s=40"]
+changes = ["duration_s=8", "attacks.jump.start_s=6"]
   [[rows.adaptive]]
   knows = ["gnss.barometer"]
   about = "is larger"
@@ -166,13 +173,13 @@ changes = ["duration_s=40"]
 def test_the_nominal_run_of_a_candidate_is_that_of_its_cell(tmp_path: Path) -> None:
     path = tmp_path / "adaptive.toml"
     path.write_text(ADAPTIVE, encoding="utf-8")
-    result = fly_matrix(read_matrix(path), tmp_path / "adaptive", jobs=2)
+    result = fly_matrix(read_matrix(path), tmp_path / "adaptive", jobs=1)
     cell = result.cell("jump", "barometer")
     (candidate,) = cell.adaptive
     both = [load_pair(tmp_path / "adaptive" / one.folder).run("nominal") for one in (cell, candidate)]
     assert both[0].path != both[1].path
     assert (both[0].path / "frames.parquet").samefile(both[1].path / "frames.parquet")
-    changed = load("gnss.jump", ["duration_s=40", "attacks.jump.params.offset_m=[9,0,0]"])
+    changed = load("gnss.jump", ["duration_s=8", "attacks.jump.start_s=6", "attacks.jump.params.offset_m=[9,0,0]"])
     changed = changed.model_copy(update={"defences": result.matrix.columns[0].tables()})
     flown = pair(changed, tmp_path / "alone", arms="baseline", jobs=1, run_reports=False)
     for arm in ("nominal", "attacked"):
@@ -182,14 +189,24 @@ def test_the_nominal_run_of_a_candidate_is_that_of_its_cell(tmp_path: Path) -> N
 
 
 def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    options = ["--row", "terminate", "--seeds", "1", "--jobs", "1", "--out", str(tmp_path / "one"), "--page", str(page)]
-    shown = CliRunner().invoke(app, ["matrix", str(file), *options, "--json"])
+    """Of one seed, whose effects stop nothing, and of a defence that has nothing to do, which needs no flight."""
+    path, page = tmp_path / "idle.toml", tmp_path / "page.md"
+    path.write_text(IDLE, encoding="utf-8")
+    chosen = ["--column", "firewall", "--column", "barometer", "--seeds", "1", "--jobs", "1"]
+    options = [*chosen, "--out", str(tmp_path / "one"), "--page", str(page)]
+    shown = CliRunner().invoke(app, ["matrix", str(path), *options, "--json"])
     assert shown.exit_code == 0, shown.output
     cells = json.loads(shown.stdout)["cells"]
-    assert [(one["row"], one["column"]) for one in cells] == [("terminate", "none"), ("terminate", "firewall")]
+    names = [(one["row"], one["column"]) for one in cells]
+    assert names == [("terminate", "none"), ("terminate", "firewall"), ("terminate", "barometer")]
+    undefended, firewall, barometer = cells
+    assert min(undefended["effects"]) > 10.0
+    assert firewall["effects"] == [0.0]
+    assert not stops(Cell(**firewall), Cell(**undefended)), "one seed shows nothing"
+    assert undefended["idle"] == ["barometer"]
+    assert (barometer["effects"], barometer["folder"]) == (undefended["effects"], undefended["folder"])
     assert "| `terminate (m)` |" in page.read_text(encoding="utf-8")
-    assert page.with_suffix(".svg").read_text(encoding="utf-8").count("<rect") == 1
+    assert page.with_suffix(".svg").read_text(encoding="utf-8").count("<rect") == 2
 
 
 @pytest.mark.parametrize(
@@ -215,13 +232,14 @@ GHOST = """
 id = "ghost"
 scenario = "remote_id.spoof"
 measure = "departure_m"
-changes = ["duration_s=30"]
+changes = ["duration_s=6", "attacks.ghost.start_s=4"]
 """
 
 
 def test_a_defence_that_cannot_be_declared_leaves_its_cell_with_the_reason(tmp_path: Path) -> None:
     path = tmp_path / "mixed.toml"
-    path.write_text(SMALL.replace("mavlink.firewall", "remote_id.replay").replace("[[columns]]", GHOST + "[[columns]]"))
+    text = SMALL.replace("mavlink.firewall", "remote_id.replay").replace("[[columns]]", GHOST + "[[columns]]")
+    path.write_text(text.replace("duration_s=18", "duration_s=6").replace("start_s=13", "start_s=4"))
     matrix = select(read_matrix(path), ("terminate", "ghost"), ()).model_copy(update={"seeds": 1})
     result = fly_matrix(matrix, tmp_path / "mixed", jobs=1)
     cell = result.cell("terminate", "firewall")
@@ -248,13 +266,6 @@ def test_a_column_that_fits_no_row_says_once_what_is_expected(file: Path, tmp_pa
     assert problem.where.startswith("columns.firewall, in the scenario of rows.terminate")
     assert problem.hint == "Add a table [radio]."
     assert str(caught.value).count("expected") == 1
-
-
-def test_one_seed_stops_nothing(file: Path, tmp_path: Path) -> None:
-    matrix = select(read_matrix(file), ("terminate",), ()).model_copy(update={"seeds": 1})
-    result = fly_matrix(matrix, tmp_path / "one", jobs=1)
-    assert result.cell("terminate", "firewall").effects == [0.0]
-    assert cost_of(result, matrix.columns[0]).stopped == 0
 
 
 def test_a_row_that_is_not_in_the_matrix_is_named(file: Path) -> None:
