@@ -16,6 +16,9 @@ MINUTES ?= 10
 # What `make test-changed` compares with.
 BASE ?= HEAD
 
+# Python keeps its bytecode, wherever that is switched off: hundreds of processes of the tests import the same modules.
+export PYTHONDONTWRITEBYTECODE :=
+
 PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external

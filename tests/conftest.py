@@ -9,7 +9,7 @@ import pytest
 import tests.tiers  # noqa: F401  # registers the profiles of hypothesis before the command line chooses one
 from tests.registered_kinds import registered
 
-pytest_plugins = ["tests.catalogue", "tests.processor_time", "tests.flights"]
+pytest_plugins = ["tests.catalogue", "tests.processor_time", "tests.flight_folder"]
 
 
 @pytest.hookimpl(tryfirst=True)

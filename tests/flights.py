@@ -1,22 +1,17 @@
 """Flights that tests share: each is flown once in a run of pytest, by the first test of any worker that asks for it.
 
 A flight is known by what is flown: the text of its scenario, its seed among it, and how it was flown. Its folder is
-read by all and written by none; the end of the run of pytest checks that.
+read by all and written by none (`tests.flight_folder`).
 """
 
 from __future__ import annotations
 
 import fcntl
-import json
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from hashlib import blake2b
 from pathlib import Path
-
-import pytest
 
 from skyrange.analysis import Pair, load_pair
 from skyrange.record import RunRecord, load
@@ -25,10 +20,8 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
+from tests.flight_folder import find_folder, seal
 from tests.processor_time import CLOCK
-
-FOLDER = "SKYRANGE_TEST_FLIGHTS"
-"""The environment variable that names the folder of the shared flights."""
 
 
 def shared_run(scenario: Scenario | str, *changes: str) -> RunRecord:
@@ -58,7 +51,7 @@ def _resolved(scenario: Scenario | str, changes: tuple[str, ...]) -> Scenario:
 def _flown(how: str, scenario: Scenario, make: Callable[[Path], object]) -> Path:
     """The folder of a flight, made now if no test has asked for it before."""
     key = blake2b(f"{how} {scenario.model_dump_json()}".encode(), digest_size=12).hexdigest()
-    home = Path(os.environ[FOLDER])
+    home = find_folder()
     folder = home / f"{scenario.name}-{how}-{key}"
     with _locked(home / f"{folder.name}.lock"):
         if not folder.exists():
@@ -66,8 +59,7 @@ def _flown(how: str, scenario: Scenario, make: Callable[[Path], object]) -> Path
             shutil.rmtree(new, ignore_errors=True)  # of a worker that died
             with CLOCK.timed("shared"):
                 make(new)
-            (home / f"{folder.name}.json").write_text(json.dumps(_listing(new)))
-            new.rename(folder)
+            seal(new, folder)
     return folder
 
 
@@ -76,26 +68,3 @@ def _locked(path: Path) -> Iterator[None]:
     with path.open("a") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed or its process has died
         yield
-
-
-def _listing(folder: Path) -> dict[str, list[int]]:
-    """Size and time of change of each file."""
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
-    return {str(path.relative_to(folder)): [path.stat().st_size, path.stat().st_mtime_ns] for path in files}
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    if not hasattr(config, "workerinput"):
-        folder = tempfile.mkdtemp(prefix="skyrange-flights-")
-        os.environ[FOLDER] = folder  # workers of xdist are started with it
-        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    if hasattr(session.config, "workerinput"):
-        return
-    home = Path(os.environ[FOLDER])
-    for path in sorted(home.glob("*.json")):
-        folder = home / path.stem
-        if json.loads(path.read_text()) != _listing(folder):
-            raise pytest.UsageError(f"a test wrote to the shared flight {folder.name}; it has to copy it first")
