@@ -25,6 +25,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
+from skyrange.study.sweep.execution import study_run
 from tests.processor_time import CLOCK
 
 FOLDER = "SKYRANGE_TEST_FLIGHTS"
@@ -82,6 +83,23 @@ def _listing(folder: Path) -> dict[str, list[int]]:
     """Size and time of change of each file."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     return {str(path.relative_to(folder)): [path.stat().st_size, path.stat().st_mtime_ns] for path in files}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def studies_warm_up_once() -> Iterator[None]:
+    """Let the first study of this process alone load the compiled functions before it forks its workers."""
+    warm_up, warm = study_run.warm_up, False
+
+    def warm_up_once(scenario: Scenario) -> None:
+        nonlocal warm
+        if not warm:
+            with CLOCK.timed("shared"):
+                warm_up(scenario)
+        warm = True
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(study_run, "warm_up", warm_up_once)
+        yield
 
 
 def pytest_configure(config: pytest.Config) -> None:

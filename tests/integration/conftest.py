@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import fcntl
+import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from skyrange.cli import main
 from tests.ardupilot import programs
 
 
@@ -26,3 +28,18 @@ def networks() -> Iterator[None]:
     with (Path(tempfile.gettempdir()) / "skyrange-test-networks").open("ab") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """The entry point of the command in this process; returns the exit code."""
+    monkeypatch.setattr("skyrange.runtime.garbage_collection.collect_less", lambda: None)  # it is for a process's life
+
+    def run_command(*arguments: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["skyrange", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert isinstance(ended.value.code, int)
+        return ended.value.code
+
+    return run_command
