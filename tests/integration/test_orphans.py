@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
 
-PROGRAM = str(Path(sys.executable).with_name("skyrange"))
+from skyrange.cli.app import app
 
 
 def children_of(pid: int) -> set[int]:
@@ -31,17 +31,18 @@ def is_running(pid: int) -> bool:
 @pytest.mark.skipif(sys.platform != "linux", reason="processes end with their parent on Linux alone")
 @pytest.mark.parametrize("command", [["pair", "gnss.drift", "--jobs", "2"], ["matrix", "--jobs", "2"]])
 def test_the_processes_of_a_killed_command_end(command: list[str], tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [PROGRAM, *command, "--out", str(tmp_path / "out")],
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=tmp_path,
-    )  # fmt: skip
+    process = multiprocessing.get_context("fork").Process(
+        target=app, args=([*command, "--out", str(tmp_path / "out")],), kwargs={"standalone_mode": False}
+    )
+    process.start()
+    assert process.pid is not None
     deadline = time.monotonic() + 120.0
     children: set[int] = set()
-    while time.monotonic() < deadline and len(children) < 2 and process.poll() is None:
+    while time.monotonic() < deadline and len(children) < 2 and process.is_alive():
         children |= children_of(process.pid)
         time.sleep(0.02)
     os.kill(process.pid, signal.SIGKILL)
-    process.wait()
+    process.join()
     assert len(children) >= 2
     deadline = time.monotonic() + 20.0
     while time.monotonic() < deadline and any(map(is_running, children)):

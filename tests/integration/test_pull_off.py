@@ -45,12 +45,12 @@ def hovering() -> Range:
     return fly
 
 
-def attacked(trunk: Range, kind: AttackPlugin, **params: object) -> Flown:
+def attacked(trunk: Range, kind: AttackPlugin, seconds: float = SECONDS, **params: object) -> Flown:
     fly = copy.deepcopy(trunk)
-    schedule = Schedule(fly.now, fly.now + round(SECONDS * NS_PER_S))
+    schedule = Schedule(fly.now, fly.now + round(seconds * NS_PER_S))
     context = AttackContext(
         "pull", {ME: Aircraft((3.0, -2.0, 0.0), "")}, [], Origin(40.0, -73.0, 0.0, 0.0), Epoch(0), Chance(3),
-        round(SECONDS * NS_PER_S), schedule,
+        round(seconds * NS_PER_S), schedule,
     )  # fmt: skip
     (fault,) = kind(kind.params.model_validate({"vehicles": [ME], **params}), context).faults
     pulled = [0.0]
@@ -62,7 +62,7 @@ def attacked(trunk: Range, kind: AttackPlugin, **params: object) -> Flown:
 
     rows: list[np.void] = []
     fly.tamper = tamper
-    fly.run(SECONDS, lambda fly: rows.append(fly.engines[0]._fleet.estimate[0].copy()))
+    fly.run(seconds, lambda fly: rows.append(fly.engines[0]._fleet.estimate[0].copy()))
     seen = np.array(rows)
     return Flown(
         glitching=bool((seen["status"] & Status.GPS_GLITCHING).any()),
@@ -93,8 +93,8 @@ def test_above_the_gate_the_estimator_rejects(hovering: Range) -> None:
 
 def test_a_drift_of_that_speed_without_the_model_is_rejected(hovering: Range) -> None:
     assert not attacked(hovering, DRIFT, rate_mps=[2.0, 0, 0]).glitching
-    assert attacked(hovering, DRIFT, rate_mps=[4.0, 0, 0]).glitching
-    assert attacked(hovering, DRIFT, rate_mps=[10.0, 0, 0]).glitching
+    assert attacked(hovering, DRIFT, seconds=10.0, rate_mps=[4.0, 0, 0]).glitching
+    assert attacked(hovering, DRIFT, seconds=10.0, rate_mps=[10.0, 0, 0]).glitching
 
 
 def test_a_victim_with_narrower_gates_than_assumed_rejects(hovering: Range) -> None:

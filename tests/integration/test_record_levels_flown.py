@@ -18,6 +18,7 @@ from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
 from skyrange.study.report import write_report
 from skyrange.study.summary import summary
+from tests.flights import shared_run
 
 
 def _scenario(level: str) -> Scenario:
@@ -33,6 +34,9 @@ def _text(table: pa.Table) -> list[str]:
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     found = {}
     for level in LEVELS:
+        if level == "full":
+            found[level] = shared_run(_scenario(level))
+            continue
         run = Run.start(_scenario(level), tmp_path_factory.mktemp("levels") / level)
         run.execute()
         found[level] = load(run.recorder.path)

@@ -13,11 +13,12 @@ from skyrange.record.schema import TABLES
 from skyrange.record.verification import verify_run
 from skyrange.runtime.run import Run
 from skyrange.scenario.shipped import load as load_scenario
+from tests.flights import shared_run
 
 
 def _fly(folder: Path, part_rows: int, monkeypatch: pytest.MonkeyPatch) -> RunRecord:
     monkeypatch.setattr(Recorder, "open", partial(Recorder.open, part_rows=part_rows))
-    run = Run.start(load_scenario("rid-spoofing", ["duration_s=25"]), folder)
+    run = Run.start(load_scenario("rid-spoofing", ["duration_s=25", "record.level=full"]), folder)
     run.execute()
     monkeypatch.undo()
     return load(folder)
@@ -29,7 +30,7 @@ def _text(table: pa.Table) -> list[str]:
 
 
 def test_derived_tables_are_the_same_in_flight_and_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = _fly(tmp_path / "whole", 0, monkeypatch)
+    whole = shared_run(load_scenario("rid-spoofing", ["duration_s=25", "record.level=full"]))
     parts = _fly(tmp_path / "parts", 150, monkeypatch)
     assert (parts.path / "frames.parquet").is_dir()
     assert whole.rows("observations") > 50

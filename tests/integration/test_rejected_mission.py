@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -72,16 +71,21 @@ MISSION = """QGC WPL 110
 
 
 @pytest.mark.parametrize(("expected", "code"), [("", 4), (", rejection_expected = true", 0)])
-def test_the_exit_code_tells_of_a_mission_that_was_rejected(expected: str, code: int, tmp_path: Path) -> None:
+def test_the_exit_code_tells_of_a_mission_that_was_rejected(
+    expected: str,
+    code: int,
+    tmp_path: Path,
+    command: Callable[..., int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "alter.py").write_text(PLUGIN)
     (tmp_path / "m.waypoints").write_text(MISSION)
     (tmp_path / "s.toml").write_text(SCENARIO.format(expected=expected))
-    command = [sys.executable, "-c", "from skyrange.cli import main; main()"]
-    done = subprocess.run(
-        [*command, "run", "s.toml", "--plugin", "alter.py", "--out", "run"],
-        capture_output=True, text=True, check=False, cwd=tmp_path,
-    )  # fmt: skip
-    assert done.returncode == code, done.stderr
+    found = command("run", "s.toml", "--plugin", "alter.py", "--out", "run")
+    said = " ".join(capsys.readouterr().err.split())
+    assert found == code, said
     told = "missions were rejected: blue/b1: mission upload refused at item 2 "
-    assert (told in done.stderr) == (code == 4), done.stderr
+    assert (told in said) == (code == 4), said
     assert (tmp_path / "run" / "truth.parquet").exists()

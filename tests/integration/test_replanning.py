@@ -38,7 +38,7 @@ def vehicle(name: str, points: str, depart_s: float = 20.0, **more: Any) -> str:
     return ONE.format(**{"id": name, "points": points, "depart": depart_s, "east": 0, "end": "land", **more})
 
 
-def flown(vehicles: str, replan: str, more: str = "", duration_s: int = 180, approval: str = "authority") -> RunRecord:
+def flown(vehicles: str, replan: str, more: str = "", *, duration_s: int, approval: str = "authority") -> RunRecord:
     text = SCENARIO.format(vehicles=vehicles, replan=replan, more=more, duration=duration_s, approval=approval)
     return fly(load_text(text), report=False)
 
@@ -65,7 +65,7 @@ SECOND = vehicle("b2", "[0, 0], [0, 200]", 40.0, east=20)
 
 
 def test_a_flight_goes_around_a_place_where_the_link_of_another_one_was_lost() -> None:
-    record = flown(FIRST + SECOND, "jammed_radius_m = 40", LOSS)
+    record = flown(FIRST + SECOND, "jammed_radius_m = 40", LOSS, duration_s=138)
     (place,) = [row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.area_jammed"]
     assert place["about"] == "blue/b1"
     assert "decision.rerouted" in kinds(record, "blue/b2")
@@ -80,7 +80,7 @@ def test_a_flight_goes_around_a_place_where_the_link_of_another_one_was_lost() -
 
 
 def test_without_the_rule_it_flies_through_it() -> None:
-    record = flown(FIRST + SECOND, "battery_reserve = 0.01", LOSS)
+    record = flown(FIRST + SECOND, "battery_reserve = 0.01", LOSS, duration_s=80)
     assert "decision.area_jammed" not in kinds(record, "blue/b1")
     assert "decision.rerouted" not in kinds(record, "blue/b2")
 
@@ -91,7 +91,7 @@ DETOUR = "[0, 0], [0, 120], [120, 120], [120, 0], [0, 40]"
 @pytest.mark.parametrize("approval", ["authority", "federated"])
 def test_a_flight_whose_battery_will_not_last_skips_the_points_between(approval: str) -> None:
     """It takes a fifth of a percent per second, and two minutes for the whole plan."""
-    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.75", duration_s=240, approval=approval)
+    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.75", duration_s=84, approval=approval)
     seen = kinds(record, "blue/b1")
     assert seen.count("decision.battery_short") == 1
     assert "decision.rerouted" in seen
@@ -102,7 +102,7 @@ def test_a_flight_whose_battery_will_not_last_skips_the_points_between(approval:
 
 
 def test_a_flight_returns_where_that_is_nearer() -> None:
-    record = flown(vehicle("b1", "[0, 0], [0, 400]"), "battery_reserve = 0.85", duration_s=240)
+    record = flown(vehicle("b1", "[0, 0], [0, 400]"), "battery_reserve = 0.85", duration_s=100)
     seen = kinds(record, "blue/b1")
     assert "decision.battery_short" in seen
     assert "decision.intent_contingent" in seen, "the approval is told"
@@ -112,7 +112,7 @@ def test_a_flight_returns_where_that_is_nearer() -> None:
 
 
 def test_a_battery_that_lasts_changes_nothing() -> None:
-    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.5, jammed_radius_m = 50", duration_s=240)
+    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.5, jammed_radius_m = 50", duration_s=175)
     assert record.outcomes["blue/b1"]["state"] == "complete"
     assert "decision.battery_short" not in kinds(record, "blue/b1")
 

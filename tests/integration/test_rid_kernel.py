@@ -22,8 +22,8 @@ from skyrange.record.write.memory_observer import MemoryObserver
 from skyrange.runtime.run import Run
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.compare.exact import diff
-from skyrange.study.runs import fly
 from skyrange.vehicle.companion.companion import Companion
+from tests.flights import shared_run
 from tests.integration.twin_range import plain
 
 OWN = 'avoidance = "geometric"\n  remote_id = { transports = ["bluetooth", "wifi_beacon"] }'
@@ -53,8 +53,8 @@ operator = "blue"
 place = [30, 20, 9]
 kind = "phone"
 """
-TEXT = plain(26, radio=EARS, own=OWN, more=ATTACKS)
-END_NS = 26 * NS_PER_S
+TEXT = plain(24, radio=EARS, own=OWN, more=ATTACKS)
+END_NS = 24 * NS_PER_S
 
 
 def rows_of(folder: Path, table: str) -> list[dict[str, Any]]:
@@ -62,24 +62,26 @@ def rows_of(folder: Path, table: str) -> list[dict[str, Any]]:
     return rows
 
 
-# 17.345 s is no tick of oracle or companion; at 17.5 s the companions look, at 18 s they count
-@pytest.mark.parametrize("at_s", [17.345, 18.0])
-def test_a_fork_in_mid_flight_goes_on_alike(at_s: float, tmp_path: Path) -> None:
-    straight = fly(load_text(TEXT), tmp_path / "straight", report=False)
+def test_forks_in_mid_flight_go_on_alike(tmp_path: Path) -> None:
+    straight = shared_run(load_text(TEXT))
     trunk = Run.start(load_text(TEXT), tmp_path / "trunk")
-    trunk.advance(at_s)
-    branch = trunk.fork(tmp_path / "branch")
-    for part in (branch, trunk):
-        part.advance(26.0)
+    parts = {"trunk": trunk}
+    # 17.345 s is no tick of oracle or companion; at 17.5 s the companions look, at 18 s they count
+    for at_s in (17.345, 18.0):
+        trunk.advance(at_s)
+        parts[f"branch-{at_s}"] = trunk.fork(tmp_path / f"branch-{at_s}")
+    for part in parts.values():
+        part.advance(24.0)
         part.finish()
-    assert [r for r in rows_of(tmp_path / "straight", "decisions") if r["kind"] == "decision.avoid"]
-    late = [r for r in rows_of(tmp_path / "straight", "receptions") if r["time_ns"] > at_s * NS_PER_S]
+    assert [r for r in rows_of(straight.path, "decisions") if r["kind"] == "decision.avoid"]
+    late = [r for r in rows_of(straight.path, "receptions") if r["time_ns"] > 18 * NS_PER_S]
     assert len(late) > 100
-    for name in ("trunk", "branch"):
+    expected = {table: rows_of(straight.path, table) for table in ("receptions", "decisions", "labels")}
+    for name in parts:
         assert load(tmp_path / name).manifest["digests"] == straight.manifest["digests"]
         assert diff(load(tmp_path / name), straight).same
-        for table in ("receptions", "decisions", "labels"):
-            assert rows_of(tmp_path / name, table) == rows_of(tmp_path / "straight", table), table
+        for table, rows in expected.items():
+            assert rows_of(tmp_path / name, table) == rows, table
 
 
 def kept(built: BuiltScenario, wiring: Wiring) -> tuple[Any, ...]:
@@ -106,8 +108,15 @@ def kept(built: BuiltScenario, wiring: Wiring) -> tuple[Any, ...]:
     return digests.frames, digests.truth, frames, notes, sorted(map(repr, observer.labels)), heard
 
 
-def test_two_companions_do_what_one_does() -> None:
-    whole = build(load_text(TEXT))
+@pytest.fixture(scope="module")
+def whole() -> tuple[Any, ...]:
+    """What the kernel makes of the scenario as it is built."""
+    built = build(load_text(TEXT))
+    assert built.wiring.fuse
+    return kept(built, built.wiring)
+
+
+def test_two_companions_do_what_one_does(whole: tuple[Any, ...]) -> None:
     split = build(load_text(TEXT))
     (companion,) = [agent for agent in split.wiring.agents if isinstance(agent, Companion)]
     parts = [
@@ -115,7 +124,7 @@ def test_two_companions_do_what_one_does() -> None:
         for spec in companion.specs
     ]
     split.wiring.agents = [*(agent for agent in split.wiring.agents if agent is not companion), *parts]
-    a, b = kept(whole, whole.wiring), kept(split, split.wiring)
+    a, b = whole, kept(split, split.wiring)
     assert a[:3] == b[:3]
     assert a[4:] == b[4:]
     renamed = sorted(note.replace(f"companion {v}", "companions") for note in b[3] for v in [about(note)])
@@ -128,25 +137,23 @@ def about(note: str) -> str:
     return next((v for v in ("blue/b1", "blue/b2") if f"companion {v}" in note), "")
 
 
-def test_fused_routes_record_what_separate_ones_do() -> None:
-    fused, single = build(load_text(TEXT)), build(load_text(TEXT))
-    assert fused.wiring.fuse
-    assert kept(fused, fused.wiring) == kept(single, replace(single.wiring, fuse=False))
+def test_fused_routes_record_what_separate_ones_do(whole: tuple[Any, ...]) -> None:
+    single = build(load_text(TEXT))
+    assert whole == kept(single, replace(single.wiring, fuse=False))
 
 
-def test_other_hash_seeds_other_processes_same_fingerprint(tmp_path: Path) -> None:
+def test_another_process_of_another_hash_seed_has_the_same_fingerprint(tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text(TEXT)
     command = [sys.executable, "-c", "from skyrange.cli import main; main()", "run", str(tmp_path / "s.toml"), "--json"]
-    digests = []
-    for seed in ("0", "4242"):
-        folder = tmp_path / seed
-        env = {**os.environ, "PYTHONHASHSEED": seed}
-        done = subprocess.run([*command, "--out", str(folder)], capture_output=True, text=True, timeout=300, env=env)
-        assert done.returncode == 0, done.stderr
-        digests.append(json.loads(done.stdout)["digests"])
-    assert digests[0] == digests[1]
-    assert rows_of(tmp_path / "0", "receptions") == rows_of(tmp_path / "4242", "receptions")
-    assert (tmp_path / "0/receptions.parquet").read_bytes() == (tmp_path / "4242/receptions.parquet").read_bytes()
+    folder = tmp_path / "out"
+    # the seed of this process is not this one, except by chance
+    env = {**os.environ, "PYTHONHASHSEED": "1" if os.environ.get("PYTHONHASHSEED") == "4242" else "4242"}
+    done = subprocess.run([*command, "--out", str(folder)], capture_output=True, text=True, timeout=300, env=env)
+    assert done.returncode == 0, done.stderr
+    here = shared_run(load_text(TEXT))
+    assert json.loads(done.stdout)["digests"] == here.manifest["digests"]
+    assert rows_of(folder, "receptions") == rows_of(here.path, "receptions")
+    assert (folder / "receptions.parquet").read_bytes() == (here.path / "receptions.parquet").read_bytes()
 
 
 CHILD = """
@@ -180,6 +187,6 @@ def test_a_record_that_is_killed_keeps_its_receptions(tmp_path: Path) -> None:
     kept = record.table("receptions").to_pylist()
     # one wall second is SPEED simulated ones; a step more may have been under way
     assert max(row["time_ns"] for row in kept) > reached - (SPEED + 1.5) * NS_PER_S
-    straight = fly(load_text(TEXT), tmp_path / "straight", report=False).table("receptions").to_pylist()
+    straight = rows_of(shared_run(load_text(TEXT)).path, "receptions")
     assert kept == straight[: len(kept)]
     assert {row["outcome"] for row in kept} == {"decoded"}

@@ -15,10 +15,12 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord, load
 from skyrange.scenario.toml_reader import load_text
+from skyrange.study.attribution.arms import ATTACKED
 from skyrange.study.compare.exact import diff
 from skyrange.study.pairing import pair
 from skyrange.study.runs import fly
 from skyrange.study.twins.pair_folder import Pair
+from tests.flights import shared_run
 from tests.integration.twin_range import FLEET, RID_SPOOFING, before, onset_ns
 
 EARS = FLEET.replace(
@@ -48,11 +50,16 @@ VARIANTS = {
         "params = { transmitter_m = [5, -20, 2] }\n"
     ),
 }
-SECONDS = 72.0
+SECONDS = {"radio": 68, "link": 40, "trigger": 60, "swarm": 32, "replay": 36, "jam": 30}
+"""How long each is flown; green avoids the ghost after 64 s."""
+FAST = ("radio", "jam")
+"""One whose twins are a sham and a muted run, and one whose counterfactual is muted."""
 _made: dict[str, Pair] = {}
 
 
-@pytest.fixture(params=sorted(VARIANTS))
+@pytest.fixture(
+    params=[pytest.param(name, marks=() if name in FAST else pytest.mark.slow) for name in sorted(VARIANTS)]
+)
 def twins(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Pair:
     return flown(request.param, tmp_path_factory)
 
@@ -64,8 +71,9 @@ def spoofed(tmp_path_factory: pytest.TempPathFactory) -> Pair:
 
 def flown(name: str, folders: pytest.TempPathFactory) -> Pair:
     if name not in _made:
-        scenario = load_text(VARIANTS[name], overrides=[f"duration_s={SECONDS}"])
-        _made[name] = pair(scenario, folders.mktemp(name) / "out", jobs=1)
+        scenario = load_text(VARIANTS[name], overrides=[f"duration_s={SECONDS[name]}"])
+        known = {(ATTACKED, scenario.seed): shared_run(scenario).path} if name == "radio" else {}
+        _made[name] = pair(scenario, folders.mktemp(name) / "out", jobs=1, run_reports=False, known=known)
     return _made[name]
 
 
@@ -75,7 +83,8 @@ def sham_of(twins: Pair) -> RunRecord:
         return twins.run("sham")
     folder = twins.path.parent / "sham"
     if not folder.exists():
-        fly(load_text(VARIANTS["jam"], overrides=[f"duration_s={SECONDS}", "attacks.noise.sham=true"]), folder)
+        overrides = [f"duration_s={SECONDS['jam']}", "attacks.noise.sham=true"]
+        fly(load_text(VARIANTS["jam"], overrides=overrides), folder, report=False)
     return load(folder)
 
 

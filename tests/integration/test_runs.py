@@ -9,6 +9,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.compare.exact import diff
 from skyrange.study.runs import fly, run
 from skyrange.study.summary import summary
+from tests.flights import shared_run
 
 SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]
 
@@ -36,10 +38,15 @@ def cli(*arguments: str, **more: object) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture(scope="module")
-def squares(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("squares") / "run"
-    fly(load_scenario("squares"), folder)
-    return folder
+def squares() -> Path:
+    return shared_run("squares").path
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:
+    """The first 20 s, of which all aircraft are in the air for 7."""
+    scenario = load_scenario("squares", ["duration_s=20"])
+    return fly(scenario, tmp_path_factory.mktemp("short") / "run", report=False)
 
 
 def believed_m(record: RunRecord, vehicle: str) -> float:
@@ -50,7 +57,7 @@ def believed_m(record: RunRecord, vehicle: str) -> float:
 
 
 def test_squares_flies_at_its_height_where_sensors_are_ideal(tmp_path: Path) -> None:
-    scenario = load_scenario("squares")
+    scenario = load_scenario("squares", ["duration_s=30"])
     fly(scenario.model_copy(update={"sensors": Sensors(noise=0.0)}), tmp_path / "run", report=False)
     for vehicle in summary(load(tmp_path / "run"))["vehicles"]:
         assert vehicle["highest_m"] == pytest.approx(5.0, abs=0.2)
@@ -79,7 +86,7 @@ def test_the_folder_holds_what_the_design_says(squares: Path) -> None:
     names = {path.relative_to(squares).as_posix() for path in squares.rglob("*") if path.is_file()}
     tables = {f"{t}.parquet" for t in (
         "truth", "sensors", "telemetry/ATTITUDE", "frames", "payloads", "decisions", "events", "labels")}  # fmt: skip
-    assert tables | {"manifest.json", "scenario.toml", "report.html", "operators/blue.csv", "operators/green.csv",
+    assert tables | {"manifest.json", "scenario.toml", "operators/blue.csv", "operators/green.csv",
                      "operators/blue.tlog", "operators/green.tlog",
                      "missions/flown/blue/b1.waypoints"} <= names  # fmt: skip
     assert not [name for name in names if "spool" in name]
@@ -116,6 +123,7 @@ def test_decisions_quote_frames_that_exist(squares: Path) -> None:
     assert set(quoted) <= ids
 
 
+@pytest.mark.slow
 def test_same_seed_same_fingerprint_in_another_process_and_another_seed_another(squares: Path, tmp_path: Path) -> None:
     here = load(squares).manifest["digests"]
     prints = {}
@@ -130,23 +138,29 @@ def test_same_seed_same_fingerprint_in_another_process_and_another_seed_another(
     assert not diff(load(squares), load(tmp_path / "2")).same
 
 
-def test_a_run_repeats_from_its_own_folder(squares: Path, tmp_path: Path) -> None:
-    again = run(squares / "scenario.toml", tmp_path / "again")
-    assert again.manifest["digests"] == load(squares).manifest["digests"]
+def test_a_run_repeats_from_its_own_folder(short: RunRecord, tmp_path: Path) -> None:
+    again = run(short.path / "scenario.toml", tmp_path / "again")
+    assert again.manifest["digests"] == short.manifest["digests"]
+    assert diff(short, again).same
 
 
-def test_a_fork_of_a_run_equals_the_straight_run(tmp_path: Path) -> None:
-    scenario = load_scenario("squares", ["duration_s=40"])
-    straight = fly(scenario, tmp_path / "straight", report=False)
-    trunk = Run.start(scenario, tmp_path / "trunk")
-    trunk.advance(17.5)
+def test_another_seed_has_another_fingerprint(short: RunRecord, tmp_path: Path) -> None:
+    other = fly(load_scenario("squares", ["duration_s=20", "seed=2"]), tmp_path / "2", report=False)
+    for digest in ("fingerprint", "frames"):
+        assert other.manifest["digests"][digest] != short.manifest["digests"][digest]
+    assert not diff(short, other).same
+
+
+def test_a_fork_of_a_run_equals_the_straight_run(short: RunRecord, tmp_path: Path) -> None:
+    trunk = Run.start(load_scenario("squares", ["duration_s=20"]), tmp_path / "trunk")
+    trunk.advance(14.5)
     branch = trunk.fork(tmp_path / "branch")
     for part in (branch, trunk):
-        part.advance(40.0)
+        part.advance(20.0)
         part.finish()
     for name in ("trunk", "branch"):
-        assert load(tmp_path / name).manifest["digests"] == straight.manifest["digests"]
-        assert diff(load(tmp_path / name), straight).same
+        assert load(tmp_path / name).manifest["digests"] == short.manifest["digests"]
+        assert diff(load(tmp_path / name), short).same
 
 
 def test_paced_equals_free(tmp_path: Path) -> None:
@@ -202,11 +216,20 @@ def test_ctrl_c_leaves_a_whole_record(tmp_path: Path) -> None:
         (["run", "squares", "--out", "/proc/run"], "a writable folder"),
     ],
 )
-def test_bad_input_is_explained_and_leaves_nothing(arguments: list[str], expected: str, tmp_path: Path) -> None:
-    done = cli(*arguments, cwd=tmp_path)
-    assert done.returncode == 2, done.stderr
-    assert expected in " ".join(done.stderr.split())
-    assert "Traceback" not in done.stderr
+def test_bad_input_is_explained_and_leaves_nothing(
+    arguments: list[str],
+    expected: str,
+    tmp_path: Path,
+    command: Callable[..., int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code = command(*arguments)
+    said = capsys.readouterr().err
+    assert code == 2, said
+    assert expected in " ".join(said.split())
+    assert "Traceback" not in said
     assert list(tmp_path.iterdir()) == []
 
 
@@ -304,22 +327,30 @@ def test_folders_are_named_as_in_a_shell(name: str, at: str, tmp_path: Path, mon
     assert (tmp_path / at / "report.html").exists()
 
 
-def test_an_output_that_lacks_signs_or_room(squares: Path) -> None:
-    plain = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    done = cli("show", str(squares), env=plain)
+def test_an_output_that_lacks_signs(squares: Path) -> None:
+    done = cli("show", str(squares), env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert done.returncode == 0, done.stderr
     assert "blue/b1" in done.stdout
-    done = cli("scenarios", "--json", env=plain)
+
+
+@pytest.mark.slow
+def test_a_list_in_json_lacks_no_signs() -> None:
+    done = cli("scenarios", "--json", env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert {row["name"] for row in json.loads(done.stdout)} == set(SHIPPED)
-    for buffered in ({}, {"PYTHONUNBUFFERED": "1"}):
-        bare = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-        with Path("/dev/full").open("w") as full:
-            done = subprocess.run(
-                [*SKYRANGE, "show", str(squares)],
-                stdout=full, stderr=subprocess.PIPE, text=True, env={**bare, **buffered},
-            )  # fmt: skip
-        assert done.returncode == 2
-        assert done.stderr == "skyrange: No space left on device\n"
+
+
+@pytest.mark.parametrize(
+    "buffered", [{}, pytest.param({"PYTHONUNBUFFERED": "1"}, marks=pytest.mark.slow)], ids=["buffered", "unbuffered"]
+)
+def test_an_output_that_lacks_room(squares: Path, buffered: dict[str, str]) -> None:
+    bare = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*SKYRANGE, "show", str(squares)],
+            stdout=full, stderr=subprocess.PIPE, text=True, env={**bare, **buffered},
+        )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == "skyrange: No space left on device\n"
 
 
 def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
@@ -333,16 +364,23 @@ def test_an_engine_with_a_bug_is_blamed_and_leaves_a_failed_record(
     assert load(tmp_path / "run").status == "failed"
 
 
-def test_brackets_in_names_and_reasons_are_shown_as_they_are(squares: Path, tmp_path: Path) -> None:
+def test_brackets_in_names_and_reasons_are_shown_as_they_are(
+    squares: Path,
+    tmp_path: Path,
+    command: Callable[..., int],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     folder = tmp_path / "[bold]run"
     shutil.copytree(squares, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
     manifest["outcomes"]["blue/b1"] = {"state": "failed", "reason": "[/no] way", "finished_s": None}
     (folder / "manifest.json").write_text(json.dumps(manifest))
-    done = cli("show", str(folder), env={**os.environ, "COLUMNS": "200"})
-    assert done.returncode == 0, done.stderr
-    assert "failed ([/no] way)" in done.stdout
-    assert f"run    {folder}" in done.stdout
+    monkeypatch.setenv("COLUMNS", "200")
+    assert command("show", str(folder)) == 0
+    shown = capsys.readouterr().out
+    assert "failed ([/no] way)" in shown
+    assert f"run    {folder}" in shown
 
 
 def test_show_says_what_takes_the_disk(squares: Path, capsys: pytest.CaptureFixture[str]) -> None:

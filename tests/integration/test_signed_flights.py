@@ -33,12 +33,13 @@ from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
-from skyrange.scenario.shipped import load
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.captures.packet_captures import mavlink
 from skyrange.study.runs import fly
 from skyrange.vehicle.contract import AutopilotPlugin, VehicleSpec
+from tests.flights import shared_run
 from tests.integration.flight_harness import EPOCH, Range
+from tests.integration.twin_range import RID_SPOOFING
 from tests.tiers import needs_tshark
 
 V = "blue/b1"
@@ -204,7 +205,8 @@ def test_forged_telemetry_is_believed_without_signing_and_refused_with_it(signed
     """Two heartbeats that say it is disarmed end the flight for a ground station that believes them."""
     packer = Packer(1, 1)
     said = [packer.pack(mav.MAVLink_heartbeat_message(2, 3, 1, 3, 3, 3)) for _ in range(2)]
-    plain = flown(tmp_path / "off", scenario("off"), lambda: Says(said, up=False))
+    short = scenario("off").model_copy(update={"duration_s": 30.0})
+    plain = flown(tmp_path / "off", short, lambda: Says(said, up=False))
     assert outcome(plain)[0] == "failed"
     record = flown(tmp_path / "on", scenario("on"), lambda: Says(said, up=False))
     assert outcome(record) == ("complete", "")
@@ -239,9 +241,9 @@ def test_companions_sign_what_they_command(tmp_path: Path) -> None:
     """An aircraft avoids as it does unsigned: its companion believes its autopilot, and is obeyed."""
 
     def spoofed(signing: str) -> RunRecord:
-        given = load("rid-spoofing", ["duration_s=70"])
+        given = load_text(RID_SPOOFING, overrides=["duration_s=68"])
         operators = tuple(one.model_copy(update={"signing": signing}) for one in given.operators)
-        return flown(tmp_path / signing, given.model_copy(update={"operators": operators}))
+        return shared_run(given.model_copy(update={"operators": operators}))
 
     plain, record = spoofed("off"), spoofed("on")
     assert notes(record, "decision.avoid")

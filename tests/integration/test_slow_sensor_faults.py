@@ -16,9 +16,10 @@ from skyrange.study.runs import fly
 
 def flown(name: str, folder: Path) -> RunRecord:
     acts = "faults" if name in FAULT_EXAMPLES else "attacks"
-    return fly(load(name, ["duration_s=50", f"{acts}.*.start_s=20"]), folder, report=False)
+    return fly(load(name, ["duration_s=24", f"{acts}.*.start_s=8"]), folder, report=False)
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     "name", ["gnss.capture", "gnss.drift", "gnss.jam", "gnss.meacon", "gnss.multipath", "gnss.outage", "sensor.failure"]
 )

@@ -19,7 +19,7 @@ FLOOD = {"links": ["gcs:blue/b1"], "message": "PING", "rate_hz": 2000}
 def flown(folder: Path, limits: list[dict[str, Any]], **attack: Any) -> RunRecord:
     data = {
         "name": "starved",
-        "duration_s": 35,
+        "duration_s": 15,
         "origin": [40.778, -73.955, 20],
         "processing": limits,
         "operators": [
@@ -29,7 +29,7 @@ def flown(folder: Path, limits: list[dict[str, Any]], **attack: Any) -> RunRecor
                 "vehicles": [{"id": "b1", "plan": PLAN}, {"id": "b2", "start": [100, 0], "plan": PLAN}],
             }
         ],
-        "attacks": [{"id": "flood", "kind": "link.flood", "start_s": 20, "params": FLOOD, **attack}],
+        "attacks": [{"id": "flood", "kind": "link.flood", "start_s": 7, "params": FLOOD, **attack}],
     }
     return fly(load_data(data, "test"), folder, report=False)
 
@@ -47,7 +47,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
 def to_autopilot(record: RunRecord, vehicle: str) -> list[dict[str, Any]]:
     rows = record.table("frames", ["link", "direction", "fate", "sent_ns", "arrived_ns"]).to_pylist()
     mine = [row for row in rows if row["link"] == f"autopilot:{vehicle}" and row["direction"] == "fwd"]
-    return [row for row in mine if row["sent_ns"] > 21e9]
+    return [row for row in mine if row["sent_ns"] > 8e9]
 
 
 def latency_ms(rows: list[dict[str, Any]]) -> float:
@@ -72,7 +72,7 @@ def test_the_autopilot_is_late_and_loses_frames(records: dict[str, RunRecord]) -
 
 
 def test_its_failsafe_acts_because_heartbeats_are_lost(records: dict[str, RunRecord]) -> None:
-    assert 25.0 <= returns(records["starved"])[0] < 27.0
+    assert 12.0 <= returns(records["starved"])[0] < 14.0
     assert returns(records["muted"]) == returns(records["unlimited"]) == []
 
 

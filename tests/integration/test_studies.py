@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import errno
+import multiprocessing
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
 import pytest
+from typer.testing import CliRunner
 
+from skyrange.cli.app import app
 from skyrange.core.errors import ComponentError, InputError, ShortfallError
 from skyrange.study.runs import fly
 from skyrange.study.sweep import folder as study_folder
@@ -23,7 +24,7 @@ from skyrange.study.sweep.execution import worker
 from skyrange.study.sweep.execution.local_pool import LocalPool
 from skyrange.study.sweep.execution.study_run import forget_failures, list_failures, run_blocks
 from skyrange.study.sweep.execution.worker import DiskFullError
-from skyrange.study.sweep.folder import create_folder, open_folder, require_same, require_unchanged
+from skyrange.study.sweep.folder import StudyFolder, create_folder, open_folder, require_same, require_unchanged
 from skyrange.study.sweep.measurement import TABLES
 from skyrange.study.sweep.report.summary import summarise_study
 from skyrange.study.sweep.results import read_results, write_results
@@ -31,7 +32,7 @@ from skyrange.study.sweep.results import read_results, write_results
 TEXT = """
 name = "jumps"
 scenario = "gnss.jump"
-changes = ["duration_s=22"]
+changes = ["duration_s=5"]
 seeds = 2
 arms = ["nominal", "attacked", { id = "defended", defences = [{ kind = "gnss.innovation" }] }]
 
@@ -43,8 +44,8 @@ values = [[10, 0, 0], [30, 0, 0]]
 [[draws]]
 name = "onset"
 key = "attacks.jump.start_s"
-low = 12
-high = 15
+low = 3.2
+high = 4.2
 
 [[detectors]]
 id = "gap"
@@ -59,20 +60,40 @@ def study(tmp_path: Path) -> Study:
     return read_study(path)
 
 
+@pytest.fixture
+def small(study: Study) -> Study:
+    """The same with two blocks of two arms."""
+    return study.model_copy(update={"seeds": 1, "arms": study.arms[:2]})
+
+
+def fly_in_turn(study: Study, path: Path) -> tuple[StudyFolder, list[tuple[int, int]]]:
+    """The folder of a study that one worker flew, and the progress that was told."""
+    done: list[tuple[int, int]] = []
+    folder = create_folder(study, path)
+    result = run_blocks(folder, LocalPool(1), lambda finished, total, _: done.append((finished, total)))
+    assert (result.finished, result.flown, result.failed) == (4, 4, [])
+    return folder, done
+
+
+@pytest.fixture(scope="module")
+def in_turn(tmp_path_factory: pytest.TempPathFactory) -> tuple[StudyFolder, list[tuple[int, int]]]:
+    path = tmp_path_factory.mktemp("one")
+    (path / "study.toml").write_text(TEXT)
+    return fly_in_turn(read_study(path / "study.toml"), path / "out")
+
+
 def results_of(path: Path) -> dict[str, list[dict[str, Any]]]:
     return {table: read_results(path, table).to_pylist() for table in TABLES}
 
 
-def test_results_do_not_depend_on_the_workers(study: Study, tmp_path: Path) -> None:
-    done: list[tuple[int, int]] = []
-    one = create_folder(study, tmp_path / "one")
-    result = run_blocks(one, LocalPool(1), lambda finished, total, _: done.append((finished, total)))
-    assert (result.finished, result.flown, result.failed) == (4, 4, [])
+def test_results_do_not_depend_on_the_workers(
+    study: Study, in_turn: tuple[StudyFolder, list[tuple[int, int]]], tmp_path: Path
+) -> None:
+    one, done = in_turn
     assert done == [(0, 4), (1, 4), (2, 4), (3, 4), (4, 4)]
     several = create_folder(study, tmp_path / "several")
     several.blocks.reverse()
     run_blocks(several, LocalPool(3))
-    assert results_of(open_folder(one.path).path) == results_of(one.path)
     several.blocks.reverse()
     expected = results_of(one.path)
     write_results(several)
@@ -94,20 +115,23 @@ def test_results_do_not_depend_on_the_workers(study: Study, tmp_path: Path) -> N
     ]
 
 
-def test_a_killed_study_goes_on_without_flying_finished_runs_again(tmp_path: Path) -> None:
-    (tmp_path / "study.toml").write_text(TEXT)
-    program = str(Path(sys.executable).with_name("skyrange"))
-    command = [program, "study", "run", str(tmp_path / "study.toml"), "--jobs", "2"]
+def test_a_killed_study_goes_on_without_flying_finished_runs_again(
+    study: Study, in_turn: tuple[StudyFolder, list[tuple[int, int]]], tmp_path: Path
+) -> None:
     path = tmp_path / "killed"
-    process = subprocess.Popen([*command, "--out", str(path), "--json"], stdout=subprocess.DEVNULL)
+    folder = create_folder(study, path)
+
+    process = multiprocessing.get_context("fork").Process(target=run_blocks, args=(folder, LocalPool(2)))
+    process.start()
     blocks = path / "blocks"
     deadline = time.monotonic() + 120.0
     while time.monotonic() < deadline and not any(blocks.glob("*.json")):
         time.sleep(0.05)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
+    assert process.pid is not None
+    os.kill(process.pid, signal.SIGKILL)
+    process.join()
     before = {file.name: file.stat().st_mtime_ns for file in blocks.glob("*.json")}
-    assert before
+    assert 1 <= len(before) < 4
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:  # its workers end with it
         try:
@@ -115,11 +139,12 @@ def test_a_killed_study_goes_on_without_flying_finished_runs_again(tmp_path: Pat
                 break
         except InputError:
             time.sleep(0.05)
-    subprocess.run([*command, "--out", str(path), "--json"], check=True, stdout=subprocess.DEVNULL)
+    (tmp_path / "study.toml").write_text(TEXT)
+    command = ["study", "run", str(tmp_path / "study.toml"), "--jobs", "2", "--out", str(path), "--json"]
+    done = CliRunner().invoke(app, command)
+    assert done.exit_code == 0, done.output
     assert {name: (blocks / name).stat().st_mtime_ns for name in before} == before
-    whole = create_folder(read_study(tmp_path / "study.toml"), tmp_path / "whole")
-    run_blocks(whole, LocalPool(2))
-    assert results_of(path) == results_of(whole.path)
+    assert results_of(path) == results_of(in_turn[0].path)
 
 
 def test_a_folder_is_of_one_study_one_version_and_one_process(
@@ -140,7 +165,7 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
 
 @pytest.mark.parametrize("problem", [ComponentError("autopilot", "ended"), ValueError("autopilot: ended")])
 def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: Exception
+    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, problem: Exception
 ) -> None:
 
     def failing(scenario: Any, out: Path, **more: Any) -> Any:
@@ -149,7 +174,7 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
         return fly(scenario, out, **more)
 
     monkeypatch.setattr(worker, "fly", failing)
-    folder = create_folder(study, tmp_path / "s")
+    folder = create_folder(small, tmp_path / "s")
     result = run_blocks(folder, LocalPool(2))
     assert [name for name, _ in result.failed] == ["p0001-s1"]
     assert "autopilot: ended" in result.failed[0][1]
@@ -163,13 +188,13 @@ def test_a_run_that_fails_is_kept_with_its_error_and_flown_again_when_asked_for(
 
 
 def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
-    study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    small: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
 
     def told_to_end(scenario: Any, out: Path, **more: Any) -> Any:
         raise ShortfallError("interrupted at 3.0 of 22.0 simulated seconds", out)
 
-    folder = create_folder(study, tmp_path / "s")
+    folder = create_folder(small, tmp_path / "s")
     monkeypatch.setattr(worker, "fly", told_to_end)
     with pytest.raises(ShortfallError, match="interrupted at 3"):
         run_blocks(folder, LocalPool(2))
@@ -201,7 +226,9 @@ def test_a_full_disk_ends_the_study_and_a_budget_does(
 
 
 def test_tables_that_are_kept(study: Study, tmp_path: Path) -> None:
-    some = study.model_copy(update={"keep": ("truth", "frames"), "seeds": 1, "factors": ()})
+    some = study.model_copy(
+        update={"keep": ("truth", "frames"), "changes": ("duration_s=12",), "seeds": 1, "factors": ()}
+    )
     folder = create_folder(some, tmp_path / "s")
     run_blocks(folder, LocalPool(2))
     block: Block = folder.blocks[0]

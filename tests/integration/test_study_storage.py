@@ -22,11 +22,11 @@ from skyrange.study.sweep.results import read_results
 STUDY = Study(
     name="stored",
     scenario="gnss.jump",
-    changes=("duration_s=14",),
+    changes=("duration_s=6",),
     seeds=2,
     keep=("truth",),
     learned=LearnedTable(),
-    draws=(Factor(name="onset", key="attacks.jump.start_s", low=8, high=12),),
+    draws=(Factor(name="onset", key="attacks.jump.start_s", low=3.5, high=5),),
 )
 
 

@@ -17,11 +17,16 @@ from skyrange.study.variants.run_measures import measure_run
 from skyrange.study.variants.sections import make_tables
 from tests.flights import shared_run
 
+SOON = [
+    "duration_s=9", "operators.blue.vehicles.b1.depart_s=8", "operators.blue.request_ahead_s=6",
+    "attacks.squat.params.until_s=60",
+]  # fmt: skip
+"""Blue asks after 2 s for a flight after 8 s, and the street is claimed for a minute."""
 APPROVALS = {"all": ["operators.*.approval=approve-all"], "hash": ["operators.*.approval=hashgraph"]}
 
 
 def test_three_approvals_of_one_scenario_are_compared(tmp_path: Path) -> None:
-    result = compare_variants("approval.squat", APPROVALS, tmp_path / "cmp", seeds=2, jobs=2)
+    result = compare_variants("approval.squat", APPROVALS, tmp_path / "cmp", seeds=2, jobs=1, changes=SOON)
     assert list(result.changes) == ["unchanged", "all", "hash"]
     assert len(result.measured) == 6
     delays = {variant: result.delays_s(variant)["blue"].mean for variant in result.changes}
