@@ -7,6 +7,8 @@ BIN := $(VENV)/bin
 WORKERS ?= 2
 REALTIME_WORKERS ?= 3
 
+# Compiles what is missing, on all cores, so that no flight or test has to wait for it.
+KERNELS := $(BIN)/skyrange install kernels
 PYTEST := $(BIN)/python -m pytest -rsfE
 FAST := not slow and not realtime and not external
 
@@ -16,6 +18,7 @@ help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.installed ## fly an attack beside its twin, and print where the report is
+	$(KERNELS)
 	$(BIN)/skyrange pair rid-spoofing
 
 test: check test-fast ## the checks, and all tests but those that are slow, in real time or of other programs
@@ -27,12 +30,15 @@ test-all: check engines ## the checks, and all tests
 	exit $$failed
 
 test-fast: $(VENV)/.tested ## the tests of `make test`, without the checks
+	$(KERNELS)
 	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --hypothesis-profile quick
 
 test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
+	$(KERNELS)
 	$(PYTEST) -n $(WORKERS) -m 'not realtime'
 
 test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
+	$(KERNELS)
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime
 
 check: $(VENV)/.tested ## ruff, mypy and the rules of imports
