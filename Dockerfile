@@ -33,7 +33,7 @@ RUN set -eux; python3 -m venv --without-pip /opt/skyrange; \
 COPY pyproject.toml README.md LICENSE ./
 COPY engines engines
 COPY src src
-# All files get one whole second as their time: layers round times, and both Python's and numba's caches compare them.
+# All files get one whole second as their time: layers round times, and Python's cache compares them.
 ARG SOURCE_DATE_EPOCH=1767225600
 RUN set -eux; /build/tools/bin/pip wheel --no-deps --no-build-isolation --wheel-dir /build/wheels .; \
     python3 -m pip --python /opt/skyrange/bin/python install --no-compile --no-deps --no-index /build/wheels/skyrange-*.whl; \
@@ -63,8 +63,9 @@ ENV PATH=/opt/skyrange/bin:$PATH \
     XDG_DATA_HOME=/opt/skyrange/share
 USER 10001:10001
 WORKDIR /work
-# Compiles the numeric functions into /var/cache/skyrange, and tries the image.
-RUN set -eux; skyrange run squares --out /tmp/squares; \
+# Compiles the numeric kernels into /var/cache/skyrange, and tries the image.
+RUN set -eux; skyrange install kernels; \
+    skyrange run squares --out /tmp/squares; \
     skyrange pair rid-spoofing --out /tmp/pair; \
     rm -r /tmp/squares /tmp/pair; \
     chmod -R a+rwX /var/cache/skyrange /work/runs

@@ -23,28 +23,32 @@ PYTEST := $(BIN)/python -m pytest -rsfE
 TIMES := .pytest_cache/processor-times
 FAST := not slow and not realtime and not external
 
-.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines contexts faults test-changed clean
+.PHONY: help demo test test-all test-fast test-virtual test-realtime fuzz check check-quick audit setup engines kernels contexts faults test-changed clean
 
 help: ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-14s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(VENV)/.installed ## fly an attack beside its twin, and print where the report is
+	$(BIN)/skyrange install kernels
 	$(BIN)/skyrange pair rid-spoofing
 
 test: $(VENV)/.tested ## the checks, and all tests but those that are slow, in real time or of other programs
-	@$(BIN)/python -m tools.budget --minutes 16 check test-fast
+	@$(BIN)/python -m tools.budget --minutes 16 kernels check test-fast
 
 test-all: $(VENV)/.tested engines ## the checks, and all tests
-	@$(BIN)/python -m tools.budget --minutes 60 --keep-going check test-virtual test-realtime
+	@$(BIN)/python -m tools.budget --minutes 60 --keep-going kernels check test-virtual test-realtime
 
-test-fast: $(VENV)/.tested ## the tests of `make test`, without the checks
+kernels: $(VENV)/.installed ## compile what is missing of the compiled functions, on all cores, so that no flight waits for it
+	$(BIN)/skyrange install kernels
+
+test-fast: kernels $(VENV)/.tested ## the tests of `make test`, without the checks
 	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --kinds $(KINDS) --hypothesis-profile quick \
 		--limit-processor-time --processor-times $(TIMES)/fast.json
 
-test-virtual: $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
+test-virtual: kernels $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
 	$(PYTEST) -n $(WORKERS) -m 'not realtime' --processor-times $(TIMES)/virtual.json
 
-test-realtime: $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
+test-realtime: kernels $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
 	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime --processor-times $(TIMES)/realtime.json
 
 fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES

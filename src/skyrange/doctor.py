@@ -34,9 +34,10 @@ class Finding:
         return asdict(self)
 
 
-def examine() -> list[Finding]:
-    """Examine the installation. Runs a small scenario for one second, which fills the cache of compiled functions."""
-    return [_python(), *_packages(), *_plugins(), _ardupilot(), _ns3(), *_gazebo(), _writable(), _flight()]
+def examine(*, flying: bool = True) -> list[Finding]:
+    """Examine the installation. With `flying` also run a small scenario for one second, which compiles what it uses."""
+    findings = [_python(), *_packages(), *_plugins(), _ardupilot(), _ns3(), *_gazebo(), _writable(), _kernels()]
+    return [*findings, _flight()] if flying else findings
 
 
 def _python() -> Finding:
@@ -193,6 +194,24 @@ def _writable() -> Finding:
         return Finding("folder of runs", f"{folder}: {error.strerror}", False, hint)
 
 
+def _kernels() -> Finding:
+    """How many of the kernels that flights use are compiled."""
+    from skyrange.core.compiled import cache_folder
+    from skyrange.runtime.compilation.cache_filling import count_kernels
+
+    folder = cache_folder()
+    if not folder:
+        hint = "Make a folder that XDG_CACHE_HOME names writable; until then each process compiles what it uses."
+        return Finding("kernels", "no writable folder for compiled kernels", False, hint, optional=True)
+    cached, listed = count_kernels()
+    hint = (
+        ""
+        if cached == listed
+        else "Optional. `skyrange install kernels` compiles the rest; flights compile what they use."
+    )
+    return Finding("kernels", f"{cached} of {listed} compiled, in {folder}", cached == listed, hint, optional=True)
+
+
 def _flight() -> Finding:
     from skyrange.scenario.shipped import load
     from skyrange.study.runs import fly
@@ -205,5 +224,5 @@ def _flight() -> Finding:
         return Finding("flight", str(error), False, "Please report this with the output of `skyrange doctor --json`.")
     return Finding(
         "flight",
-        f"one second of squares, including loading of compiled functions, in {time.perf_counter() - began:.1f} s",
+        f"one second of squares, including loading of kernels, in {time.perf_counter() - began:.1f} s",
     )

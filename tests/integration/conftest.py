@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.cli import main
+from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.sweep.execution import study_run
 from tests.ardupilot import programs
@@ -20,7 +21,7 @@ from tests.processor_time import CLOCK
 @pytest.fixture(scope="session", autouse=True)
 def studies_warm_up_once() -> Iterator[None]:
     """Let the first study of this process alone load the compiled functions before it forks its workers."""
-    warm_up, warm = study_run.warm_up, False
+    warm = False
 
     def warm_up_once(scenario: Scenario) -> None:
         nonlocal warm

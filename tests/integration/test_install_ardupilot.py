@@ -430,10 +430,10 @@ def test_the_doctor_does_not_fail_for_what_is_optional(
     from skyrange.cli.handlers import installation
 
     findings = [doctor.Finding("ardupilot", "none", False, "get it", optional=True)]
-    monkeypatch.setattr(doctor, "examine", lambda: findings)
-    installation.doctor(as_json=False)
+    monkeypatch.setattr(doctor, "examine", lambda **_: findings)
+    installation.doctor(compiling=False, as_json=False)
     assert capsys.readouterr().out == "--  ardupilot: none\n    get it\n"
     findings.append(doctor.Finding("numpy", "missing", False, "pip install numpy"))
     with pytest.raises(SystemExit) as ended:
-        installation.doctor(as_json=False)
+        installation.doctor(compiling=False, as_json=False)
     assert ended.value.code == 3

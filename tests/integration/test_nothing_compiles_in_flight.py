@@ -1,9 +1,13 @@
-"""Is everything compiled, or loaded, by the time that the clock runs? A kernel more in flight takes up to seconds."""
+"""Is everything compiled, or loaded, by the time that the clock runs? A kernel more in flight takes up to seconds.
+
+And is all that flights use in the list of kernels that are compiled ahead?
+"""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -44,3 +48,30 @@ def test_what_a_flight_needs_is_there_when_it_begins(name: str, seconds: float) 
     known, *late = done.stdout.splitlines()
     assert int(known) > 50
     assert late == []
+
+
+LISTED = """
+import sys
+from pathlib import Path
+from numba.core.dispatcher import Dispatcher
+from skyrange.runtime.compilation.signatures import load_kernels
+from skyrange.scenario.shipped import load
+from skyrange.study.runs import fly
+
+fly(load(sys.argv[1]), Path(sys.argv[2], "run"), report=True)
+modules = [module for name, module in list(sys.modules.items()) if name.startswith("skyrange")]
+used = {id(one): one for module in modules for one in vars(module).values() if isinstance(one, Dispatcher)}
+listed = {(id(one.function), one.arguments) for one in load_kernels()}
+for one in used.values():
+    for types in one.signatures:
+        print((id(one), types) in listed, one.py_func.__module__, one.py_func.__qualname__, types)
+"""
+
+
+@pytest.mark.parametrize("name", ["rid-spoofing", "crossing", "chain", "gnss-pull-off", "squares"])
+def test_what_a_flight_uses_is_in_the_list(name: str, tmp_path: Path) -> None:
+    command = [sys.executable, "-c", LISTED, name, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) > 25
+    assert [line for line in lines if line.startswith("False")] == [], "python tools/record_kernels.py makes it anew"

@@ -16,7 +16,7 @@ KERNEL = """
 import json, sys, time
 import numpy as np
 from skyrange.core import compiled
-compiled._cache_folder = lambda: sys.argv[1]
+compiled.cache_folder = lambda: sys.argv[1]
 
 @compiled.compiled
 def total(values):
@@ -56,7 +56,7 @@ IndexDataCacheFile._save_index = slowly
 PAIR = """
 import json, sys
 from skyrange.core import compiled
-compiled._cache_folder = lambda: sys.argv[1]
+compiled.cache_folder = lambda: sys.argv[1]
 import second
 @compiled.compiled
 def once(x):

@@ -43,7 +43,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 install_app = typer.Typer(
-    help="Install autopilots, radio engines and Gazebo's plugin in your data folder.\n\n"
+    help="Install autopilots, radio engines and Gazebo's plugin in your data folder, and compile kernels.\n\n"
     "Example: skyrange install ardupilot",
     no_args_is_help=True,
 )
@@ -392,14 +392,23 @@ def schema(plugin: Plugins = None) -> None:
 
 
 @app.command(epilog="Example: skyrange doctor --json")
-def doctor(as_json: AsJson = False) -> None:
-    """Check this installation, report what is missing, and compile the numeric functions."""
-    installation.doctor(as_json)
+def doctor(
+    compiling: Annotated[
+        bool,
+        typer.Option(
+            "--compile/--no-compile",
+            help="Compile missing kernels and fly for one second, or with --no-compile only look.",
+        ),
+    ] = True,
+    as_json: AsJson = False,
+) -> None:
+    """Check this installation, report what is missing, and compile the numeric kernels."""
+    installation.doctor(compiling, as_json)
 
 
 @install_app.callback()
 def _install() -> None:
-    """Install autopilots, radio engines and Gazebo's plugin in your data folder."""
+    """Install autopilots, radio engines and Gazebo's plugin in your data folder, and compile kernels."""
 
 
 @install_app.command(epilog="Example: skyrange install ardupilot --version 4.6.3")
@@ -435,6 +444,17 @@ def gazebo(
 ) -> None:
     """Compile the plugin for Gazebo in your data folder, and check that Gazebo loads it."""
     installation.install_gazebo(prefix, as_json)
+
+
+@install_app.command(epilog="Example: skyrange install kernels")
+def kernels(
+    jobs: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes at once. Default: the number of cores.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compile the numeric kernels that flights use, so that no flight has to."""
+    installation.install_kernels(jobs, as_json)
 
 
 @install_app.command(epilog="Example: skyrange install ns3")

@@ -57,6 +57,11 @@ def compute_key(function: Dispatcher, *, anew: bool = False) -> str:
     return digest.hexdigest()
 
 
+def find_callees(function: Dispatcher) -> tuple[Dispatcher, ...]:
+    """The compiled functions that a compiled function names, each as often as it does."""
+    return _describe_once(function).callees
+
+
 def _describe(dispatcher: Dispatcher) -> _Description:
     function = dispatcher.py_func
     callees: list[Dispatcher] = []

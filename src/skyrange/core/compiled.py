@@ -43,7 +43,7 @@ class _Locator(_CacheLocator):
         self._py_file = file  # numba warns with it about a function that cannot be cached
 
     def get_cache_path(self) -> str:
-        return _cache_folder()
+        return cache_folder()
 
     def get_source_stamp(self) -> str:
         return ""
@@ -90,7 +90,7 @@ class _Cache(FunctionCache):
     @property
     def cache_path(self) -> str:
         """The folder of the function's files; "" if there is none."""
-        return _cache_folder()
+        return cache_folder()
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep the code `data` of the signature `sig`, one process after the other.
@@ -104,7 +104,7 @@ class _Cache(FunctionCache):
             fcntl.flock(lock, fcntl.LOCK_EX)  # released when the file is closed or its process has died
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
             self._touch()
-            _remove_unused(self._index, self._impl.stem)
+            _remove_unused(self.index, self._impl.stem)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """The cached code of `sig`; None if there is none or it is another signature's, so that it is compiled anew."""
@@ -117,14 +117,20 @@ class _Cache(FunctionCache):
         asked, _ = normalize_signature(sig)  # type: ignore[no-untyped-call]
         return found if tuple(found.signature.args) == tuple(asked) else None
 
+    def find_signatures(self, processor: Any) -> frozenset[tuple[Any, ...]]:
+        """The types of arguments for which there is code for a processor, which numba describes."""
+        entries: Any = self._cache_file._load_index()  # type: ignore[no-untyped-call]
+        return frozenset(arguments for arguments, made_for, _ in entries if made_for == processor)
+
     @property
-    def _index(self) -> Path:
+    def index(self) -> Path:
+        """The file that names those of the signatures."""
         return Path(self.cache_path) / f"{self._impl.filename_base}.nbi"
 
     def _touch(self) -> None:
         """Set the time of the index, which tells that the function's files are used."""
         with suppress(OSError):
-            os.utime(self._index)
+            os.utime(self.index)
 
 
 def _remove_unused(index: Path, stem: str) -> None:
@@ -159,19 +165,22 @@ def _compile(function: Callable[P, R], inline: bool) -> Callable[P, R]:
     return cast("Callable[P, R]", dispatcher)
 
 
-def compiled_before() -> bool:
-    """Whether functions were compiled here before; if not, the first run takes a minute or two longer."""
-    return bool(list_compiled())
+def find_cached(function: Any) -> frozenset[tuple[Any, ...]]:
+    """The types of arguments for which the cache has this version of a compiled function, for this processor."""
+    if not cache_folder():
+        return frozenset()
+    found: frozenset[tuple[Any, ...]] = function._cache.find_signatures(function.targetctx.codegen().magic_tuple())
+    return found
 
 
 def list_compiled() -> frozenset[str]:
     """The names of the files of compiled functions in the cache, one for each signature."""
-    folder = _cache_folder()
+    folder = cache_folder()
     return frozenset(file.name for file in Path(folder).glob("*.nbc")) if folder else frozenset()
 
 
 @cache
-def _cache_folder() -> str:
+def cache_folder() -> str:
     """The folder of compiled functions: beside the package, else with the user; "" if neither is writable."""
     user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")) / "skyrange"
     for home in (Path(__file__).parent.parent / "__pycache__", user):

@@ -16,10 +16,10 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from skyrange.core.compiled import compiled_before
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
+from skyrange.runtime.compilation.cache_filling import is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly
@@ -52,7 +52,7 @@ def run_all(
 ) -> list[RunResult]:
     """Run every scenario into its folder, `jobs` at a time; returns the results in order.
 
-    If the numeric functions are not compiled yet, the first run starts alone, and the others use what it compiled.
+    If most kernels are not compiled yet, the first run starts alone, and the others use what it compiled.
     Ctrl-C ends the active runs; the remaining ones do not start and get the exit code of a shortfall.
     """
     if jobs <= 1 or len(flights) <= 1:
@@ -64,7 +64,7 @@ def run_all(
     children: dict[Connection, _Child] = {}
     flying: set[int] = set()
     signalled: set[int] = set()
-    cold = not compiled_before()
+    cold = is_cold()
     with Interruptible() as interrupt:
         try:
             while children or (waiting and not interrupt.requested):

@@ -10,11 +10,14 @@ from skyrange.core.errors import InputError
 from skyrange.core.input_files import expand_user
 
 
-def doctor(as_json: bool) -> None:
+def doctor(compiling: bool, as_json: bool) -> None:
     """`skyrange doctor`."""
+    from skyrange.cli.output.progress import compile_kernels
     from skyrange.doctor import examine
 
-    findings = examine()
+    if compiling:
+        compile_kernels(quiet=as_json)
+    findings = examine(flying=compiling)
     if as_json:
         print_json([finding.to_dict() for finding in findings])
     else:
@@ -51,6 +54,20 @@ def install_ardupilot(version: str | None, source: Path | None, as_json: bool) -
         if first.path != binary.path:
             where = "which is newer" if first.source == "installed" else f"from {first.source}"
             print_notice(f"skyrange runs a different binary, {where}: ArduCopter {first.version}, {first.path}")
+
+
+def install_kernels(jobs: int | None, as_json: bool) -> None:
+    """`skyrange install kernels`."""
+    from skyrange.cli.output.progress import compile_kernels
+    from skyrange.core.compiled import cache_folder
+    from skyrange.runtime.compilation.cache_filling import count_kernels
+
+    made = compile_kernels(jobs=jobs, quiet=as_json)
+    cached, listed = count_kernels()
+    if as_json:
+        print_json({"compiled": made, "cached": cached, "kernels": listed, "path": cache_folder()})
+    else:
+        print_text(f"{cached} of {listed} kernels are compiled, {made} of them now: {cache_folder()}")
 
 
 def install_ns3(prefix: Path | None, as_json: bool) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.addresses import parse_address, parse_ip_address
-from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
+from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 from skyrange.cli.output.interlock_notice import print_interlock_notice
 from skyrange.cli.output.live_viewer_notices import print_open_ports, print_viewer_counts, tell_when_up
 from skyrange.cli.output.run_summary import print_summary
@@ -37,6 +37,7 @@ def live(
     as_json: bool,
 ) -> None:
     """`skyrange live`; `options` go to `prepare_range` as they are."""
+    from skyrange.cli.output.progress import compile_if_cold
     from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
     from skyrange.io.zeromq.curve_keys import load_range
     from skyrange.record import load as load_run
@@ -48,7 +49,7 @@ def live(
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     own = load_range(keys) if keys is not None else None
     flown = prepare_range(scenario, out, outside=tuple(outside), port_offset=port_offset, keys=own, **options)
     print_open_ports(flown)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from skyrange.cli.output.console import print_json, print_text, tell_if_cold, terminal
+from skyrange.cli.output.console import print_json, print_text, terminal
 
 
 def matrix(
@@ -20,7 +20,7 @@ def matrix(
 ) -> None:
     """`skyrange matrix`."""
     from skyrange.cli.output.matrix_table import print_matrix
-    from skyrange.cli.output.progress import map_progress
+    from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.core.errors import InputError
     from skyrange.study.matrix.flights import describe, fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
@@ -31,7 +31,7 @@ def matrix(
         chosen = chosen.model_copy(update={"seeds": seeds})
     if page is not None and not page.parent.is_dir():
         raise InputError.one("matrix", "--page", str(page), "a file in a folder that exists")
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     with map_progress(chosen.name, "cells", quiet=as_json) as on_cell:
         result = fly_matrix(chosen, out, jobs=jobs, on_cell=on_cell)
     report = write_matrix_report(result)

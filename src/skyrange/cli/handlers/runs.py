@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.addresses import parse_ip_address
-from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold
+from skyrange.cli.output.console import print_json, print_notice, print_text
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.input_files import expand_user
 
@@ -37,7 +37,7 @@ def run(
 ) -> None:
     """`skyrange run`."""
     from skyrange.cli.output.interlock_notice import print_interlock_notice
-    from skyrange.cli.output.progress import progress
+    from skyrange.cli.output.progress import compile_if_cold, progress
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
     from skyrange.scenario.shipped import load
@@ -46,7 +46,7 @@ def run(
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
     shortfall: ShortfallError | None = None
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     watched = qgc or viewer_port is not None
     viewer_host = parse_ip_address("viewers", "--viewer-host", viewer_host)
     opened = open_viewers(scenario, watched, viewer_port, viewer_host)
@@ -91,13 +91,13 @@ def pair(
 ) -> None:
     """`skyrange pair`."""
     from skyrange.cli.output.pair_table import print_pair
-    from skyrange.cli.output.progress import parallel_progress
+    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.scenario.shipped import load
     from skyrange.study.attribution.arms import acting_attacks, plan_arms
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     flights = seeds * len(plan_arms(acting_attacks(scenario), arms, honest))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:
         result = fly_pair(scenario, out, arms=arms, honest=honest, seeds=seeds, jobs=jobs, on_progress=on_progress)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold, terminal
+from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
     from skyrange.study.sweep.design.model import Study
@@ -32,12 +32,12 @@ def run(
     as_json: bool,
 ) -> None:
     """`skyrange study run`."""
-    from skyrange.cli.output.progress import map_progress
+    from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.study.sweep.design.model import read_study
     from skyrange.study.sweep.execution.study_run import run_study
 
     study = read_study(file, changes)
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     if dry_run:
         _estimate(study, jobs, as_json)
         return

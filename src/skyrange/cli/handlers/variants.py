@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from skyrange.cli.output.console import print_json, print_text, tell_if_cold, terminal
+from skyrange.cli.output.console import print_json, print_text, terminal
 
 
 def compare(
@@ -22,13 +22,13 @@ def compare(
     """`skyrange compare`."""
     from rich.table import Table
 
-    from skyrange.cli.output.progress import parallel_progress
+    from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.study.variants.flights import compare_variants, read_variants
     from skyrange.study.variants.report import write_comparison_report
     from skyrange.study.variants.sections import make_tables
 
     chosen = read_variants(variants)
-    tell_if_cold(quiet=as_json)
+    compile_if_cold(quiet=as_json)
     with parallel_progress(name, seeds * (len(chosen) + 1), quiet=as_json) as on_progress:
         result = compare_variants(
             name,

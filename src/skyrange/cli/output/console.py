@@ -41,11 +41,3 @@ def terminal(*, stderr: bool = False) -> Console:
     from skyrange.cli.output.escaping_console import EscapingConsole
 
     return EscapingConsole(stderr=stderr, highlight=False, markup=False, emoji=False)
-
-
-def tell_if_cold(*, quiet: bool) -> None:
-    """Report that the numeric functions are compiled before the first run."""
-    from skyrange.core.compiled import compiled_before
-
-    if not quiet and not compiled_before():
-        print_notice("compiling the numeric functions; this takes a minute or two, once")

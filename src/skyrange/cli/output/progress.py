@@ -165,5 +165,21 @@ def map_progress(name: str, unit: str, *, quiet: bool) -> Iterator[OnMapProgress
         yield tell
 
 
+def compile_kernels(jobs: int | None = None, *, quiet: bool) -> int:
+    """Compile the kernels that flights use and the cache lacks, with progress; returns their number."""
+    from skyrange.runtime.compilation.cache_filling import fill_cache
+
+    with map_progress("compiling", "kernels", quiet=quiet) as show:
+        return fill_cache(jobs, None if show is None else lambda done, total: show(done, total, None))
+
+
+def compile_if_cold(*, quiet: bool) -> None:
+    """Compile kernels before a flight if most are missing, as after an installation. A few are compiled in flight."""
+    from skyrange.runtime.compilation.cache_filling import is_cold
+
+    if is_cold():
+        compile_kernels(quiet=quiet)
+
+
 def _minutes(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"

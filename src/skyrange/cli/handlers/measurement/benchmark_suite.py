@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skyrange.cli.output.console import print_json, print_notice, print_text, tell_if_cold
-from skyrange.cli.output.progress import step_progress
+from skyrange.cli.output.console import print_json, print_notice, print_text
+from skyrange.cli.output.progress import compile_if_cold, step_progress
 
 if TYPE_CHECKING:
     from skyrange.bench.suite.results import Results
@@ -22,7 +22,7 @@ def run_all(names: Sequence[str], quick: bool, output: Path | None, page: Path |
 
     for option, path in (("--output", output), ("--page", page)):
         _check_folder("bench all", option, path)
-    tell_if_cold(quiet=False)
+    compile_if_cold(quiet=False)
     with step_progress(quiet=False) as on_case:
         results = run_benchmarks(names, quick=quick, on_case=on_case)
     if output is not None:
