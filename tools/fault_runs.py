@@ -90,23 +90,22 @@ class Copy:
         for name in files:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(root / name, folder / name)
-        self._restore_kernels()
+        for kernels in (root / KERNELS).glob("kernels*"):
+            shutil.copytree(kernels, folder / KERNELS / kernels.name)  # with the times of the files
         # Python files are recognised by their content: a fault may change neither size nor time of its file.
         command = [sys.executable, "-m", "compileall", "-q", "--invalidation-mode", "checked-hash", "src"]
         subprocess.run(command, cwd=folder, check=False)
 
-    def try_fault(
-        self, fault: Fault, tests: Sequence[TracedTest], kernels: bool, known: dict[str, bool], lock: Lock
-    ) -> Verdict:
+    def try_fault(self, fault: Fault, tests: Sequence[TracedTest], known: dict[str, bool], lock: Lock) -> Verdict:
         """Run the tests, most specific first, until one fails or the budget is used up.
 
-        `kernels` says that compiled code changes. `known` has, of tests that failed, whether they pass without a fault.
+        `known` says which tests pass without a fault, and learns about others that fail with it.
         """
         verdict = Verdict("survived")
         if not tests:
             return Verdict("not covered")
         done: set[str] = set()
-        while (stopped := self._run_batches(fault, tests, kernels, verdict, done)) is not None:
+        while (stopped := self._run_batches(fault, tests, verdict, done)) is not None:
             test, outcome = stopped
             if self._passes(test, tests, known, lock):
                 verdict.verdict, verdict.test = "timeout" if outcome == "hangs" else "found", test
@@ -115,15 +114,13 @@ class Copy:
         return verdict
 
     def _run_batches(
-        self, fault: Fault, tests: Sequence[TracedTest], kernels: bool, verdict: Verdict, done: set[str]
+        self, fault: Fault, tests: Sequence[TracedTest], verdict: Verdict, done: set[str]
     ) -> tuple[str, str] | None:
         """The test that failed or hangs, and which; None if none does. Seconds and tests are added up."""
         source = self._folder / fault.path
         status, text = source.stat(), source.read_bytes()
         try:
             source.write_bytes(fault.plant(text))
-            if kernels:
-                self._remove_kernels()
             for number in itertools.count():
                 left = [test for test in tests if not done & {test.node, test.file}]
                 if not left:
@@ -144,8 +141,6 @@ class Copy:
         finally:
             source.write_bytes(text)
             os.utime(source, ns=(status.st_atime_ns, status.st_mtime_ns))
-            if kernels:
-                self._restore_kernels()
         return None
 
     def _passes(self, test: str, tests: Sequence[TracedTest], known: dict[str, bool], lock: Lock) -> bool:
@@ -159,8 +154,11 @@ class Copy:
             known[test] = passes
         return passes
 
-    def run(self, tests: Sequence[TracedTest], budget_s: float) -> list[tuple[str, str, float]]:
-        """Run tests in a process of their own: of each that ran the node id, the outcome and the seconds."""
+    def run(self, tests: Sequence[TracedTest], budget_s: float, *, stop: bool = True) -> list[tuple[str, str, float]]:
+        """Run tests in a process of their own: of each that ran the node id, the outcome and the seconds.
+
+        `stop` ends the process at the first that fails.
+        """
         names = ("plan.json", "selected.json", "outcomes.jsonl", "log.txt")
         plan, selected, outcomes, log = (self._scratch / name for name in names)
         outcomes.write_text("")
@@ -173,7 +171,7 @@ class Copy:
         files = [name for name in dict.fromkeys(test.file for test in tests) if (self._folder / name).is_file()]
         if not files:
             return []
-        command = [sys.executable, "-m", "pytest", "-x", "--tb=short", "-p", "no:cacheprovider"]
+        command = [sys.executable, "-m", "pytest", *(["-x"] if stop else []), "--tb=short", "-p", "no:cacheprovider"]
         command += ["--hypothesis-profile", "quick", "--hypothesis-seed", "0", "-p", "tests.processor_time"]
         command += ["-p", "tools.select_tests", "--select-tests", str(selected)]
         command += ["-p", "tools.limit_tests", "--test-plan", str(plan), "--test-outcomes", str(outcomes)]
@@ -202,13 +200,3 @@ class Copy:
         if not found and process.returncode not in (0, 5):  # not even the collection began
             found = [(tests[0].file, "failed", 0.0)]
         return found
-
-    def _remove_kernels(self) -> None:
-        for folder in (self._folder / KERNELS).glob("kernels*"):
-            shutil.rmtree(folder)
-
-    def _restore_kernels(self) -> None:
-        self._remove_kernels()
-        for folder in (self._root / KERNELS).glob("kernels*"):
-            (self._folder / KERNELS).mkdir(parents=True, exist_ok=True)
-            shutil.copytree(folder, self._folder / KERNELS / folder.name)  # with the times of the files

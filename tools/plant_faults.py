@@ -10,14 +10,14 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from tools.contexts import RECORD, ROOT, Contexts, TracedTest, blob_digest
-from tools.fault_runs import Copy, Verdict, list_files, order
+from tools.contexts import RECORD, ROOT, Contexts, blob_digest
+from tools.fault_runs import BATCHES, Copy, Verdict, group_by_file, list_files, order
 from tools.faults import KINDS, Fault, choose, find_faults
 from tools.source import References, read_sources
 
@@ -25,6 +25,8 @@ Row = dict[str, Any]
 VERDICTS = ("found", "timeout", "survived", "budget", "not covered")
 IDENTITY = ("path", "function", "kind", "statement", "before", "after", "occurrence")
 DETECTED = ("found", "timeout")
+CHEAP_S = 5.0
+"""Seconds of processor time below which a test is tried without a fault beforehand."""
 
 
 def main(words: list[str] | None = None) -> int:
@@ -127,7 +129,7 @@ def _run(given: argparse.Namespace, sources: Mapping[str, bytes], rows: list[Row
     with tempfile.TemporaryDirectory(prefix="faults-") as folder:
         files = list_files(ROOT)
         copies = [Copy(ROOT, Path(folder) / f"copy{number}", files) for number in range(given.jobs)]
-        try_all(copies, faults, contexts, references, keep, sources)
+        try_all(copies, faults, contexts, references, keep)
 
 
 def try_all(
@@ -136,29 +138,32 @@ def try_all(
     contexts: Contexts,
     references: References,
     keep: Callable[[Fault, Verdict], None],
-    sources: Mapping[str, bytes],
 ) -> None:
-    """Try each fault in one of the copies, and tell each verdict."""
+    """Try each fault in one of the copies, and tell each verdict.
+
+    The cheap tests that come first run once without a fault, so that most that fail later need not be run again.
+    """
+    tests_of = {
+        fault.id: order(contexts.tests[number] for number in references.tests_at(fault.place, contexts))
+        for fault in faults
+    }
+    first = {test: None for tests in tests_of.values() for test in tests[: BATCHES[0]] if test.seconds < CHEAP_S}
+    outcomes = copies[0].run(group_by_file(list(first)), sys.maxsize, stop=False)
+    known = {test: outcome == "passed" for test, outcome, _ in outcomes}
+    lock = Lock()
     free: queue.SimpleQueue[Copy] = queue.SimpleQueue()
     for copy in copies:
         free.put(copy)
-    known: dict[str, bool] = {}
-    lock = Lock()
 
-    def attempt(fault: Fault, tests: Sequence[TracedTest], kernels: bool) -> Verdict:
+    def attempt(fault: Fault) -> Verdict:
         copy = free.get()
         try:
-            return copy.try_fault(fault, tests, kernels, known, lock)
+            return copy.try_fault(fault, tests_of[fault.id], known, lock)
         finally:
             free.put(copy)
 
-    def submit(fault: Fault) -> Future[Verdict]:
-        tests = order(contexts.tests[number] for number in references.tests_at(fault.place, contexts))
-        kernels = b"skyrange.core.compiled" in sources[fault.path] or references.reaches_compiled(fault.place)
-        return pool.submit(attempt, fault, tests, kernels)
-
     with ThreadPoolExecutor(len(copies)) as pool:
-        running = {submit(fault): fault for fault in faults}
+        running = {pool.submit(attempt, fault): fault for fault in faults}
         try:
             for future in as_completed(running):
                 keep(running[future], future.result())

@@ -236,17 +236,3 @@ class References:
             for first, last in self._functions[place.path]:
                 found |= contexts.executed(place.path, range(first, last + 1))
         return found
-
-    def reaches_compiled(self, place: Place, seen: set[Symbol] | None = None) -> bool:
-        """Whether compiled code contains what is made here: numba freezes the constants that it uses."""
-        seen = set() if seen is None else seen
-        if place.kind == "compiled":
-            return True
-        if place.kind == "function":
-            return False
-        for name in place.symbols:
-            if (place.path, name) not in seen:
-                seen.add((place.path, name))
-                if any(self.reaches_compiled(other, seen) for other in self.places(place.path, name)):
-                    return True
-        return False

@@ -258,8 +258,6 @@ def test_compiled_functions_constants_and_classes_have_the_tests_of_what_uses_th
     assert tests_of("x < LIMIT") == {"t.py::high"}
     assert tests_of("3") == {"t.py::high"}
     assert tests_of("4") == {"t.py::size"}
-    assert references.reaches_compiled(places["3"])
-    assert not references.reaches_compiled(places["4"])
 
 
 def test_the_context_of_a_file_stands_for_all_its_tests(tmp_path: Path) -> None:
@@ -407,7 +405,7 @@ def test_planted_faults_are_found_by_the_tests_of_their_lines(project: tuple[Cop
     def keep(fault: Fault, verdict: Verdict) -> None:
         verdicts[fault.before] = verdict
 
-    plant_faults.try_all([copy], chosen, known, References(texts), keep, texts)
+    plant_faults.try_all([copy], chosen, known, References(texts), keep)
     assert (verdicts["number < 10"].verdict, verdicts["number < 10"].test) == ("found", node("ten"))
     assert (verdicts["number < 0"].verdict, verdicts["number < 0"].tests_run) == ("survived", 3)
     assert verdicts["number < 0"].unusable == [node("that_always_fails")]
