@@ -42,6 +42,7 @@ DELIBERATE = {
     ),
     "the rule for one value that others apply to arrays": ("accuracy_code",),
     "a column of an array whose other columns have names too": ("down_m", "range_m"),
+    "names of records in the list of kernels, runtime/compilation/kernels.json": ("SCURVE", "SPLINE"),
     "what tests of live ranges do to the network": ("cut_connections",),
     "results that tests compare with an independent computation": ("round_of", "trusts"),
 }  # fmt: skip

@@ -53,7 +53,6 @@ ESTIMATE: Final = np.dtype(
     ]
 )
 
-# a straight leg with jerk-limited motion along it (`guidance.scurve`)
 _SCURVE: Final[list[Any]] = [
     ("t", "f8"),  # time flown, s
     ("done", "f8"),  # distance flown, m
@@ -69,8 +68,9 @@ _SCURVE: Final[list[Any]] = [
     ("snap", "f8"),
     ("seg", "f8", (23, 5)),  # per segment: end time; acceleration, speed and distance then; peak jerk
 ]
+SCURVE: Final = np.dtype(_SCURVE)
+"""A straight leg with jerk-limited motion along it (`guidance.scurve`)."""
 
-# a curved leg (`guidance.spline`)
 _SPLINE: Final[list[Any]] = [
     ("terms", "f8", (4, 3)),  # of the cubic in time 0…1
     ("goal", "f8", (3,)),
@@ -80,6 +80,8 @@ _SPLINE: Final[list[Any]] = [
     ("from_speed", "f8"),  # speed limits at the start and at the end, m/s
     ("to_speed", "f8"),
 ]
+SPLINE: Final = np.dtype(_SPLINE)
+"""A curved leg (`guidance.spline`)."""
 
 LEGS: Final = np.dtype(
     [
