@@ -16,6 +16,8 @@ from pathlib import Path
 from vulture.core import Item, Vulture
 
 ROOT = Path(__file__).parents[1]
+PROGRAMS = ("src", "docs", "tools")
+"""Folders that define names, and that use them."""
 ADVICE = "delete it, or list it with its reason in DELIBERATE of tools/unused_names.py"
 
 DECORATORS = ("@*app.callback", "@*app.command", "@commands.command", "@*.rule", "@field_validator", "@model_validator")
@@ -26,6 +28,9 @@ DELIBERATE = {
     "pydantic calls it": ("model_post_init",),
     "PettingZoo's interface": ("action_space", "observation_space"),
     "OMPL's interface": ("checkMotion", "motionCost", "motionCostHeuristic", "stateCost"),
+    "the interface of numba's cache": (
+        "_filename_base", "_lineno", "_locator", "_py_file", "get_cache_path", "get_disambiguator", "get_source_stamp",
+    ),
     "Alembic's interface": ("down_revision", "downgrade", "revision"),
     "asyncio's interface": (
         "_extra", "can_write_eof", "create_unix_connection", "create_unix_server", "is_reading", "pause_reading",
@@ -62,7 +67,7 @@ def read_entry_points(project: Path) -> set[str]:
 
 
 def _scan(paths: Sequence[Path]) -> Vulture:
-    vulture = Vulture(ignore_decorators=DECORATORS)
+    vulture = Vulture(ignore_names=["pytest_*"], ignore_decorators=DECORATORS)  # pytest calls these
     vulture.scavenge(paths)
     return vulture
 
@@ -78,7 +83,7 @@ def _is_sought(item: Item) -> bool:
 
 def main() -> int:
     """Print what is unused, and what is listed in `DELIBERATE` without need; an exit code."""
-    unused = find_unused_names([ROOT / "src", ROOT / "docs"], read_entry_points(ROOT / "pyproject.toml"))
+    unused = find_unused_names([ROOT / folder for folder in PROGRAMS], read_entry_points(ROOT / "pyproject.toml"))
     deliberate = {name for names in DELIBERATE.values() for name in names}
     found = [item for item in unused if item.name not in deliberate]
     tested = _scan([ROOT / "tests"]).used_names if found else set()
