@@ -25,6 +25,7 @@ EXPLAINED = {
     "pictures of pages": ("docs/images/*.png", "docs/images/*.svg", "docs/reference/*.svg"),
     "measured results in pages": ("docs/data/*.json",),
     "scenarios and studies": ("src/skyrange/*.toml",),
+    "the list of kernels": ("src/skyrange/runtime/compilation/kernels.json",),
     "mission files": tuple(
         f"{at}/*.{end}" for at in ("src/skyrange/scenario", "tests") for end in ("plan", "waypoints")
     ),

@@ -41,7 +41,7 @@ def function() -> None:
 
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    for folder in ("src", "docs", "tests"):
+    for folder in (*unused_names.PROGRAMS, "tests"):
         (tmp_path / folder).mkdir()
     (tmp_path / "src" / "module.py").write_text(MODULE)
     (tmp_path / "tests" / "test_it.py").write_text("function()\n")
