@@ -43,7 +43,7 @@ def put(path: str, text: str = "text\n") -> str:
 )
 def test_file_without_a_pattern_is_stray(path: str) -> None:
     (found,) = find_stray_files([GOOD, put(path)], ())
-    assert found.startswith(f"{path}: no pattern in checks")
+    assert found.startswith(f"{path}: no pattern in tools")
 
 
 def test_empty_file_is_stray_unless_it_marks_a_package() -> None:
