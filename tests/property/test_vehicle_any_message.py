@@ -20,6 +20,7 @@ from skyrange.codec.mavlink.frame_layout import LAYOUTS, checksum, pack_header_v
 from skyrange.codec.mavlink.message_columns import payload_dtype
 from skyrange.vehicle.builtin.commands import HANDLERS
 from skyrange.vehicle.contract import VehicleSpec
+from tests.cases import each_case
 from tests.integration.flight_harness import Range, square, start
 from tests.tiers import examples
 
@@ -72,6 +73,9 @@ def fields(number: int) -> st.SearchStrategy[bytes]:
     return st.tuples(*parts).map(b"".join)
 
 
+TOGETHER = 25
+"""So many messages are of one test."""
+
 senders = st.one_of(
     st.sampled_from([(255, 190), (1, 1), (1, 2), (0, 0)]), st.tuples(st.integers(0, 255), st.integers(0, 255))
 )
@@ -107,21 +111,25 @@ def sane(r: Range) -> None:
 
 
 @pytest.mark.parametrize("where", ["ground", "guided"])
-@pytest.mark.parametrize("number", IDS)
-def test_any_fields_of_any_message_are_survived(flying: dict[str, Range], number: int, where: str) -> None:
-    r = flying[where].copy()
+@pytest.mark.parametrize("first", range(0, len(IDS), TOGETHER))
+def test_any_fields_of_any_message_are_survived(flying: dict[str, Range], first: int, where: str) -> None:
+    @each_case("number", IDS[first : first + TOGETHER])
+    def survive(number: int) -> None:
+        r = flying[where].copy()
 
-    @settings(max_examples=examples(8), deadline=None, database=None)
-    @given(fields(number), senders)
-    def tries(payload: bytes, sender: tuple[int, int]) -> None:
-        before = len(r.said)
-        r.send_bytes(V, frame(number, payload, sender))
-        r.run(0.01)
-        assert len(r.said) - before <= ANSWERS
+        @settings(max_examples=examples(8), database=None)
+        @given(fields(number), senders)
+        def tries(payload: bytes, sender: tuple[int, int]) -> None:
+            before = len(r.said)
+            r.send_bytes(V, frame(number, payload, sender))
+            r.run(0.01)
+            assert len(r.said) - before <= ANSWERS
 
-    tries()
-    r.run(0.2)
-    sane(r)
+        tries()
+        r.run(0.2)
+        sane(r)
+
+    survive()
 
 
 @settings(max_examples=examples(150), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
