@@ -20,6 +20,7 @@ import pytest
 
 from skyrange.analysis import Pair, load_pair
 from skyrange.record import RunRecord, load
+from skyrange.runtime.warm_up import warm_up
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import ATTACKED
@@ -88,7 +89,7 @@ def _listing(folder: Path) -> dict[str, list[int]]:
 @pytest.fixture(scope="session", autouse=True)
 def studies_warm_up_once() -> Iterator[None]:
     """Let the first study of this process alone load the compiled functions before it forks its workers."""
-    warm_up, warm = study_run.warm_up, False
+    warm = False
 
     def warm_up_once(scenario: Scenario) -> None:
         nonlocal warm

@@ -32,7 +32,7 @@ def _text(table: pa.Table) -> list[str]:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
-    found = {}
+    found: dict[str, RunRecord] = {}
     for level in LEVELS:
         if level == "full":
             found[level] = shared_run(_scenario(level))
