@@ -155,8 +155,11 @@ def check_apart(scenario: Scenario) -> None:
                 assert shapely.distance(a, b) > 10.0 - 1e-6
 
 
+MANY = ["operators.*.fleets.*.count=125"]
+
+
 @pytest.mark.parametrize(
-    ("changes", "buildings"), [([], None), ([], STREETS), (["operators.*.fleets.*.count=125"], None)]
+    ("changes", "buildings"), [([], None), ([], STREETS), pytest.param(MANY, None, marks=pytest.mark.slow)]
 )
 def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> None:
     if buildings is not None and not buildings.exists():
