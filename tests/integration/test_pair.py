@@ -232,7 +232,17 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert "homeward, 3 runs" in printed.err
         with pytest.raises(InputError, match="a new or empty folder"):
             app(["pair", str(tmp_path / "s.toml"), "--out", str(out)], standalone_mode=False)
-        again = ["pair", str(tmp_path / "s.toml"), "--out", str(tmp_path / "more"), "--json", "--set", "seed=9"]
+        again = [
+            "pair",
+            str(tmp_path / "s.toml"),
+            "--out",
+            str(tmp_path / "more"),
+            "--json",
+            "--set",
+            "seed=9",
+            "--arms",
+            "baseline",
+        ]
         app(again, standalone_mode=False)
     data = json.loads(capsys.readouterr().out)
     assert (data["seeds"], data["status"], data["path"]) == ([9], "complete", str(tmp_path / "more"))

@@ -253,6 +253,7 @@ run.execute(speed=20.0)
 """
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_ends_the_run_with_what_it_has(tmp_path: Path) -> None:
     # a limit on the size of files makes write() fail just as a full disk does, with another errno
     done = subprocess.run(

@@ -17,6 +17,7 @@ from skyrange.assembly.placement.clear_placing import MARGIN_M, apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plan, make_flight_plans
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.cli.app import app
+from skyrange.core.time import NS_PER_S
 from skyrange.gcs.plan.routes import enu_points
 from skyrange.record import RunRecord
 from skyrange.record import load as load_run
@@ -45,14 +46,33 @@ def all_complete(record: RunRecord) -> bool:
     return facts["mishaps"] == [] and {vehicle["outcome"] for vehicle in facts["vehicles"]} == {"complete"}
 
 
-def test_head_on_ends_in_a_collision_and_a_fall(tmp_path: Path) -> None:
-    # through the command line: an aircraft that crashes is a result of the run and no failure of it; and what follows a
-    # collision is chaotic, so this is where two runs would part first
-    said = CliRunner().invoke(app, ["run", "head-on", "--out", str(tmp_path / "run")])
+def run_head_on(folder: Path, *options: str) -> RunRecord:
+    """Through the command line: an aircraft that crashes is a result of the run and no failure of it."""
+    said = CliRunner().invoke(app, ["run", "head-on", "--out", str(folder), *options])
     assert said.exit_code == 0, said.output
     assert "blue/b1: collision with green/g1" in said.output
+    return load_run(folder)
+
+
+def test_head_on_repeats_until_both_have_fallen(tmp_path: Path) -> None:
+    # what follows a collision, after 34.9 s, is chaotic, so this is where two runs would part first
+    end_s = 43
+    again, record = run_head_on(tmp_path / "run", "--set", f"duration_s={end_s}"), shared_run("head-on")
+    for name in ("truth", "sensors", "events"):
+        until = [
+            [row for row in one.table(name).to_pylist() if row["time_ns"] < end_s * NS_PER_S] for one in (again, record)
+        ]
+        assert until[0] == until[1], name
+    assert of_kind(again, "event.crash")
+
+
+@pytest.mark.slow
+def test_head_on_repeats_to_the_end(tmp_path: Path) -> None:
+    assert run_head_on(tmp_path / "run").manifest["digests"] == shared_run("head-on").manifest["digests"]
+
+
+def test_head_on_ends_in_a_collision_and_a_fall() -> None:
     record = shared_run("head-on")
-    assert load_run(tmp_path / "run").manifest["digests"] == record.manifest["digests"]
     collisions = of_kind(record, "event.collision")
     assert {(row.about, row.data["with"]) for row in collisions} >= {("blue/b1", "green/g1"), ("green/g1", "blue/b1")}
     first = collisions[0]
@@ -100,10 +120,13 @@ def test_crossing_is_kept_apart_by_height_and_time() -> None:
         assert not (aloft & (across_m < 8.0) & (above_m < 4.0)).any(), (a, b)
 
 
-def test_city_fleet_flies_one_after_another(tmp_path: Path) -> None:
-    record = flown(tmp_path, "city-fleet", "operators.*.fleets.*.count=3")
+@pytest.mark.parametrize("to_its_end", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_city_fleet_flies_one_after_another(to_its_end: bool, tmp_path: Path) -> None:
+    changes = [] if to_its_end else ["duration_s=52"]  # the last has reached its height after 48 s
+    record = flown(tmp_path, "city-fleet", "operators.*.fleets.*.count=3", *changes)
     assert len(record.outcomes) == 12
-    assert all_complete(record)
+    if to_its_end:
+        assert all_complete(record)
     taken_off = sorted(row.time_ns * 1e-9 for row in of_kind(record, "event.takeoff") if row.about.startswith("blue/"))
     assert np.diff(taken_off) == pytest.approx([2.0, 2.0], abs=0.7)
     lowest = [vehicle["highest_m"] for vehicle in summary(record)["vehicles"]]
@@ -132,8 +155,11 @@ def check_apart(scenario: Scenario) -> None:
                 assert shapely.distance(a, b) > 10.0 - 1e-6
 
 
+MANY = ["operators.*.fleets.*.count=125"]
+
+
 @pytest.mark.parametrize(
-    ("changes", "buildings"), [([], None), ([], STREETS), (["operators.*.fleets.*.count=125"], None)]
+    ("changes", "buildings"), [([], None), ([], STREETS), pytest.param(MANY, None, marks=pytest.mark.slow)]
 )
 def test_city_fleet_finds_room(changes: list[str], buildings: Path | None) -> None:
     if buildings is not None and not buildings.exists():
@@ -170,7 +196,9 @@ def test_wind_blows_aircraft_off_their_tracks(tmp_path: Path) -> None:
     assert load("wind").wind.turbulence == "moderate"
     assert {vehicle.airframe for _, vehicle in load("wind").fleet} == {"iris", "x500", "hummingbird"}
     moderate = shared_run("wind")
-    still = flown(tmp_path / "none", "wind", "wind.turbulence=none", "wind.speed_mps=0")
+    # without gusts the two aircraft of an airframe fly alike, so one is enough
+    calm_air = ["wind.turbulence=none", "wind.speed_mps=0", "operators.*.fleets.*.count=1", "duration_s=142"]
+    still = flown(tmp_path / "none", "wind", *calm_air)
     assert all_complete(moderate)
     assert all_complete(still)
     gusts, calm = deviation_m(moderate), deviation_m(still)

@@ -49,12 +49,12 @@ AT = from_seconds(20.0)
 LAND = 9
 
 
-def scenario(signing: str, params: str = "", autopilot: str = "builtin") -> Scenario:
+def scenario(signing: str, params: str = "", autopilot: str = "builtin", duration_s: float = 60) -> Scenario:
     return load_text(
         f"""
         name = "signed"
         seed = 5
-        duration_s = 60
+        duration_s = {duration_s}
         origin = [-35.3633280, 149.1652241]
         [[operators]]
         id = "blue"
@@ -172,7 +172,7 @@ def test_a_signed_flight_is_the_unsigned_one_with_13_bytes_more_a_frame(signed: 
 
 
 def test_an_injected_command_is_obeyed_without_signing(tmp_path: Path) -> None:
-    record = flown(tmp_path / "run", scenario("off"), lambda: Says([land_now()]))
+    record = flown(tmp_path / "run", scenario("off", duration_s=45), lambda: Says([land_now()]))
     assert modes(record, AT)[0] == "LAND"
     assert outcome(record)[0] == "failed"
 
@@ -205,8 +205,7 @@ def test_forged_telemetry_is_believed_without_signing_and_refused_with_it(signed
     """Two heartbeats that say it is disarmed end the flight for a ground station that believes them."""
     packer = Packer(1, 1)
     said = [packer.pack(mav.MAVLink_heartbeat_message(2, 3, 1, 3, 3, 3)) for _ in range(2)]
-    short = scenario("off").model_copy(update={"duration_s": 30.0})
-    plain = flown(tmp_path / "off", short, lambda: Says(said, up=False))
+    plain = flown(tmp_path / "off", scenario("off", duration_s=30), lambda: Says(said, up=False))
     assert outcome(plain)[0] == "failed"
     record = flown(tmp_path / "on", scenario("on"), lambda: Says(said, up=False))
     assert outcome(record) == ("complete", "")
@@ -218,7 +217,7 @@ def test_forged_telemetry_is_believed_without_signing_and_refused_with_it(signed
 
 
 def test_unsigned_heartbeats_of_the_ground_station_are_none(tmp_path: Path) -> None:
-    record = flown(tmp_path / "run", scenario("on", "FS_GCS_ENABLE = 1, FS_GCS_TIMEOUT = 3"), Strips)
+    record = flown(tmp_path / "run", scenario("on", "FS_GCS_ENABLE = 1, FS_GCS_TIMEOUT = 3", duration_s=30), Strips)
     first = notes(record, "event.signature_refused")[0]
     assert (first["reason"], first["message"]) == ("not signed", "HEARTBEAT")
     (rtl,) = [row for row in notes(record, "event.mode") if row["time_ns"] >= AT]
@@ -227,7 +226,7 @@ def test_unsigned_heartbeats_of_the_ground_station_are_none(tmp_path: Path) -> N
 
 
 def test_with_a_wrong_key_neither_side_believes_the_other(tmp_path: Path) -> None:
-    record = flown(tmp_path / "run", scenario("wrong-key").model_copy(update={"duration_s": 90.0}))
+    record = flown(tmp_path / "run", scenario("wrong-key", duration_s=90))
     assert outcome(record) == ("failed", "connecting for too long")
     assert notes(record, "event.armed") == notes(record, "decision.connected") == []
     for kind in ("event.signature_refused", "decision.signature_refused"):
