@@ -56,7 +56,9 @@ def test_hovers_still(airframe: str) -> None:
     assert np.ptp(heights) < 0.05
 
 
-@pytest.mark.parametrize("airframe", sorted(AIRFRAMES))
+@pytest.mark.parametrize(
+    "airframe", ["iris", *(pytest.param(name, marks=pytest.mark.slow) for name in sorted(AIRFRAMES.keys() - {"iris"}))]
+)
 def test_holds_its_place_in_moderate_turbulence(airframe: str) -> None:
     """W20 of 15.4 m/s in a wind of 5 m/s: σ of the gusts at 10 m is 2.7 m/s along; within 3 m, and it lands."""
     r = _range(airframe, Wind((5.0, 0.0, 0.0), 15.4))

@@ -60,6 +60,7 @@ NOTED: list[tuple[AttackPlugin, dict[str, Any], str, tuple[str, ...]]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params", "note", "parts"), NOTED, ids=[f"{k.params.__name__}-{i}" for i, (k, *_) in enumerate(NOTED)]
 )
@@ -75,6 +76,7 @@ def test_a_running_mission_is_not_cleared_but_an_empty_one_is_uploaded() -> None
     assert np.ptp(stopped, axis=0).max() < 0.5
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("kind", "params"),
     [

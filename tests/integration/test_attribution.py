@@ -65,7 +65,7 @@ def relations(made: Pair, outcome: str = "departure") -> dict[tuple[str, str], s
 @pytest.fixture(scope="module")
 def heard(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     folder = tmp_path_factory.mktemp("heard") / "pair"
-    return pair(load_text(FLEET + GHOST + drift("drift", 12.0)), folder, jobs=1)
+    return pair(load_text(FLEET + GHOST + drift("drift", 12.0)), folder, jobs=1, run_reports=False)
 
 
 def test_an_attack_that_was_only_heard_is_not_the_cause(heard: Pair) -> None:
@@ -121,12 +121,12 @@ def test_shams_are_marked_in_the_table_of_labels(heard: Pair) -> None:
 
 
 def test_either_of_two_equal_attacks_suffices(tmp_path: Path) -> None:
-    made = pair(load_text(FLEET + landing("one") + landing("two")), tmp_path / "pair", jobs=1)
+    made = pair(load_text(FLEET + landing("one") + landing("two"), overrides=["duration_s=18"]), tmp_path / "pair", jobs=1, run_reports=False)
     assert relations(made) == {("blue/b1", "one"): "redundant", ("blue/b1", "two"): "redundant"}
 
 
 def test_without_the_counterfactual_runs_nothing_is_attributed(tmp_path: Path) -> None:
-    made = pair(load_text(FLEET + landing("land")), tmp_path / "pair", arms="nominal", jobs=1)
+    made = pair(load_text(FLEET + landing("land")), tmp_path / "pair", arms="nominal", jobs=1, run_reports=False)
     assert made.arms == ["nominal", "attacked"]
     assert made.baseline is None
     assert relations(made) == {("blue/b1", "land"): "unknown"}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from skyrange.assembly.city import build_city
+from skyrange.cli import main
 from skyrange.scenario.toml_reader import load_text
 
-SKYRANGE = [sys.executable, "-c", "from skyrange.cli import main; main()"]
 FLEET = """
 name = "bad"
 duration_s = 5
@@ -111,15 +110,22 @@ def unknown() -> tuple[str, list[str]]:
 @pytest.mark.parametrize("command", ["run", "pair"])
 @pytest.mark.parametrize("case", [in_the_world, without_radio, unknown], ids=lambda case: case.__name__)
 def test_all_that_cannot_be_is_said_at_once_and_nothing_is_written(
-    case: Callable[[], tuple[str, list[str]]], command: str, tmp_path: Path
+    case: Callable[[], tuple[str, list[str]]],
+    command: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     text, words = case()
     (tmp_path / "bad.toml").write_text(text)
-    asked = [*SKYRANGE, command, "bad.toml"]
-    done = subprocess.run(asked, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert done.returncode == 2, done.stderr
-    assert done.stdout == ""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["skyrange", command, "bad.toml"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    done = capfd.readouterr()
+    assert ended.value.code == 2, done.err
+    assert done.out == ""
     for word in words:
-        assert word in done.stderr, word
-    assert "Traceback" not in done.stderr
+        assert word in done.err, word
+    assert "Traceback" not in done.err
     assert [path.name for path in tmp_path.iterdir()] == ["bad.toml"]

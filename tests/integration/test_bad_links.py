@@ -19,6 +19,26 @@ LINKS = {
 }
 
 
+SMALL_SQUARE = """
+[[operators.vehicles]]
+id = "{links}"
+start = {{ east_m = {east_m} }}
+plan = {{ square = {{ side_m = 2, alt_m = 3 }}, mode = "{kind}" }}
+"""
+
+
+@pytest.mark.parametrize("kind", ["auto", "guided"])
+def test_small_squares_complete_over_bad_links_of_each_kind(kind: str, tmp_path: Path) -> None:
+    text = 'name = "bad"\nseed = 1\nduration_s = 105\norigin = [-35.363328, 149.1652241]\n'
+    text += "".join(f'[[links]]\nmatch = "gcs:blue/{links}"\n{rule}\n' for links, rule in LINKS.items())
+    text += '[[operators]]\nid = "blue"\n'
+    text += "".join(SMALL_SQUARE.format(links=links, kind=kind, east_m=10 * n) for n, links in enumerate(LINKS))
+    record = fly(load_text(text), tmp_path / "run", report=False)
+    found = {vehicle: (outcome["state"], outcome["reason"]) for vehicle, outcome in record.outcomes.items()}
+    assert found == {f"blue/{links}": ("complete", "") for links in LINKS}
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["auto", "guided"])
 @pytest.mark.parametrize("links", sorted(LINKS))
 def test_squares_completes_over_bad_links(links: str, kind: str, tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def scenario(**changes: Any) -> str:
     return SCENARIO.format(**{**given, **changes})
 
 
-@pytest.mark.parametrize("approval", ["authority", "federated"])
+@pytest.mark.parametrize("approval", [pytest.param("authority", marks=pytest.mark.slow), "federated"])
 def test_an_aircraft_that_is_inside_an_area_when_it_is_closed_returns(approval: str) -> None:
     record = fly(load_text(scenario(more="published_s = 55", approval=approval)))
     outcome = record.outcomes["blue/b1"]
@@ -194,7 +194,12 @@ AHEAD = "[[-20, 110], [20, 110], [20, 150], [-20, 150]]"
 
 @pytest.mark.parametrize(
     ("mode", "approval"),
-    [("auto", "authority"), ("guided", "authority"), ("auto", "federated"), ("guided", "hashgraph")],
+    [
+        ("auto", "authority"),
+        pytest.param("guided", "authority", marks=pytest.mark.slow),
+        pytest.param("auto", "federated", marks=pytest.mark.slow),
+        ("guided", "hashgraph"),
+    ],
 )
 def test_an_aircraft_in_flight_goes_around_an_area_that_is_closed_ahead_of_it(mode: str, approval: str) -> None:
     text = scenario(duration=180, more="published_s = 25", approval=approval, corners=AHEAD)
@@ -235,6 +240,7 @@ def closed_around(
     return Volume4D(ring, 0.0, 100.0, round(start_s * NS_PER_S), round(end_s * NS_PER_S))
 
 
+@pytest.mark.slow
 def test_an_aircraft_in_flight_waits_for_an_area_that_is_closed_for_a_short_time() -> None:
     text = scenario(
         duration=200,

@@ -18,15 +18,15 @@ BUFFER = {"match": "*.companion", "frames_per_s": 1e6, "queue_frames": 64}
 """A buffer of 64 frames, and next to no time for what is not inspected."""
 
 
-def flown(folder: Path, flood: bool = True, **defence: Any) -> RunRecord:
+def flown(folder: Path, duration_s: float, flood: bool = True, **defence: Any) -> RunRecord:
     vehicle = {"id": "b1", "plan": PLAN}
     data = {
         "name": "costly",
-        "duration_s": 35,
+        "duration_s": duration_s,
         "origin": [40.778, -73.955, 20],
         "processing": [BUFFER],
         "operators": [{"id": "blue", "params": {"FS_GCS_ENABLE": 1, "FS_GCS_TIMEOUT": 5}, "vehicles": [vehicle]}],
-        "attacks": [{"id": "flood", "kind": "link.flood", "start_s": 20, "params": FLOOD, "muted": not flood}],
+        "attacks": [{"id": "flood", "kind": "link.flood", "start_s": 12, "params": FLOOD, "muted": not flood}],
         "defences": [{"id": "signing", "kind": "mavlink.signing", **defence}],
     }
     return fly(load_data(data, "test"), folder, report=False)
@@ -37,12 +37,12 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     folder = tmp_path_factory.mktemp("costly")
     cost = {"us_per_frame": 2000}
     return {
-        "free": flown(folder / "free"),
-        "costly": flown(folder / "costly", cost=cost),
-        "quiet": flown(folder / "quiet", flood=False, cost=cost),
-        "plain": flown(folder / "plain", flood=False),
-        "muted": flown(folder / "muted", cost=cost, muted=True),
-        "free-muted": flown(folder / "free-muted", muted=True),
+        "free": flown(folder / "free", 20),
+        "costly": flown(folder / "costly", 25, cost=cost),
+        "quiet": flown(folder / "quiet", 20, flood=False, cost=cost),
+        "plain": flown(folder / "plain", 20, flood=False),
+        "muted": flown(folder / "muted", 14, cost=cost, muted=True),
+        "free-muted": flown(folder / "free-muted", 14, muted=True),
     }
 
 
@@ -51,7 +51,7 @@ def from_station(record: RunRecord) -> list[dict[str, Any]]:
     columns = ["link", "direction", "sender", "fate", "sent_ns", "arrived_ns"]
     rows = record.table("frames", columns).to_pylist()
     mine = [row for row in rows if row["link"] == "gcs:blue/b1" and row["direction"] == "fwd"]
-    return [row for row in mine if row["sent_ns"] > 21e9 and row["sender"] == "signing@gcs:blue/b1.gcs"]
+    return [row for row in mine if row["sent_ns"] > 13e9 and row["sender"] == "signing@gcs:blue/b1.gcs"]
 
 
 def events(record: RunRecord, kind: str) -> list[dict[str, Any]]:

@@ -75,6 +75,7 @@ def first_s(rows: Sequence[Mapping[str, Any]], detector: str) -> float:
     return min(int(row["at_ns"]) for row in rows if row["detector"] == detector) / NS_PER_S
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("name", "duration_s", "onset_s", "found"),
     [
@@ -100,7 +101,7 @@ def test_detector_of_remote_id(tmp_path: Path) -> None:
         links = ["rid_down:blue/b1", "rid_data:blue/b1"]
         return [MonitorPlacement("remote_id", Maker(REMOTE_ID_PLAUSIBILITY, scenario), links, "companion")]
 
-    attacked, nominal = fly("remote_id.replay", 45, tmp_path, at_aircraft)
+    attacked, nominal = fly("remote_id.replay", 33, tmp_path, at_aircraft)
     assert alerts(nominal) == []
     rows = alerts(attacked)
     assert 30.0 <= first_s(rows, "remote_id") <= 31.0

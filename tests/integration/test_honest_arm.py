@@ -41,14 +41,8 @@ SWARM = MOVING.replace("{ at", '{ form = "swarm", count = 3, radius_m = 30, at')
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Pair:
     """Aircraft b1 flies east, and a ghost comes towards it at its height, over open ground."""
-    scenario = load_text(plain(32.0, "[radio]", more=MOVING))
-    return pair(scenario, tmp_path_factory.mktemp("honest") / "out", honest=True, jobs=1)
-
-
-@pytest.fixture(scope="module")
-def street(tmp_path_factory: pytest.TempPathFactory) -> Pair:
-    scenario = load_text(RID_SPOOFING, overrides=["duration_s=80"])
-    return pair(scenario, tmp_path_factory.mktemp("street") / "out", arms="nominal", honest=True, jobs=1)
+    scenario = load_text(plain(27.0, "[radio]", more=MOVING))
+    return pair(scenario, tmp_path_factory.mktemp("honest") / "out", honest=True, jobs=1, run_reports=False)
 
 
 def sent(record: RunRecord) -> list[tuple[int, bytes]]:
@@ -137,19 +131,25 @@ def test_a_collision_with_it_is_the_truth(tmp_path: Path) -> None:
     assert {(hit.about, hit.data["with"]) for hit in hits} == {("blue/b1", "ghost"), ("ghost", "blue/b1")}
 
 
-def test_green_reacts_to_the_truth_as_to_the_lie(street: Pair) -> None:
+AVOIDING = plain(20.0, own='avoidance = "geometric"', more=MOVING)
+
+
+@pytest.mark.parametrize("text", [AVOIDING, pytest.param(RID_SPOOFING, marks=pytest.mark.slow)], ids=["plain", "street"])
+def test_others_react_to_the_truth_as_to_the_lie(text: str, tmp_path: Path) -> None:
+    scenario = load_text(text, overrides=["duration_s=80"] if text == RID_SPOOFING else [])
+    made = pair(scenario, tmp_path / "out", arms="nominal", honest=True, jobs=1, run_reports=False)
     decisions = {
         arm: [
             (row["time_ns"], row["kind"], row["about"])
-            for row in street.run(arm).table("decisions").to_pylist()
+            for row in made.run(arm).table("decisions").to_pylist()
             if "avoid" in row["kind"]
         ]
         for arm in ("attacked", HONEST)
     }
     assert decisions["attacked"]
     assert decisions["attacked"] == decisions[HONEST]
-    assert sent(street.run("attacked")) == sent(street.run(HONEST))
-    page = street.report.read_text()
+    assert sent(made.run("attacked")) == sent(made.run(HONEST))
+    page = made.report.read_text()
     assert "Lie against truth" not in page, "nothing to compare with: the baseline, the sham, was not run"
 
 
@@ -166,23 +166,26 @@ def start(text: str) -> tuple[Kernel, MemoryObserver]:
     return Kernel(built.wiring, [seen]), seen
 
 
-@pytest.mark.parametrize("at_s", [5.0, 10.0, 15.0])
-def test_it_can_be_forked_before_at_and_after_the_onset(at_s: float) -> None:
-    straight, seen = start(plain(20.0, more=MOVING + "honest = true\n"))
-    straight.advance(20 * NS_PER_S)
+def test_it_can_be_forked_before_at_and_after_the_onset() -> None:
+    text = plain(14.0, more=MOVING + "honest = true\n")
+    straight, seen = start(text)
+    straight.advance(14 * NS_PER_S)
     straight.finish()
-    kernel, trunk = start(plain(20.0, more=MOVING + "honest = true\n"))
-    kernel.advance(from_seconds(at_s))
-    copy = MemoryObserver()
-    twin = kernel.fork([copy])
-    for each in (twin, kernel):
-        each.advance(20 * NS_PER_S)
+    kernel, trunk = start(text)
+    twins: dict[float, tuple[Kernel, MemoryObserver]] = {}
+    for at_s in (7.0, 10.0, 12.0):
+        kernel.advance(from_seconds(at_s))
+        copy = MemoryObserver()
+        twins[at_s] = kernel.fork([copy]), copy
+    for each in (kernel, *(twin for twin, _ in twins.values())):
+        each.advance(14 * NS_PER_S)
         each.finish()
     assert trunk.digests.fingerprint == seen.digests.fingerprint
-    late = [(t.time_ns, t.vehicles, t.columns["east_m"].tolist()) for t in copy.truth]
-    assert late == [
-        (t.time_ns, t.vehicles, t.columns["east_m"].tolist()) for t in seen.truth if t.time_ns > from_seconds(at_s)
-    ]
+    for at_s, (_, copy) in twins.items():
+        late = [(t.time_ns, t.vehicles, t.columns["east_m"].tolist()) for t in copy.truth]
+        assert late == [
+            (t.time_ns, t.vehicles, t.columns["east_m"].tolist()) for t in seen.truth if t.time_ns > from_seconds(at_s)
+        ], at_s
 
 
 def test_a_trigger_starts_it(tmp_path: Path) -> None:

@@ -44,21 +44,21 @@ world = "10.199.0.1"
 
 [[operators]]
 id = "blue"
-vehicles = [{{ id = "b1", plan = {{ path = {{ points = [[0.0, 10.0]], alt_m = 4.0 }}, end = "land" }} }}]
+vehicles = [{{ id = "b1", plan = {{ path = {{ points = [[0.0, {north_m}]], alt_m = {up_m} }}, end = "land" }} }}]
 """
 
 
 class Lab:
     """A range of several machines: the first one's system, and the others', each with its key."""
 
-    def __init__(self, folder: Path, seconds: float, more: str = "", *names: str) -> None:
+    def __init__(self, folder: Path, seconds: float, more: str = "", *names: str, north_m: int = 10, up_m: int = 4) -> None:
         self.folder = folder
         made = make_range_keys(folder / "keys", names or ("lab2",))
         self.keys = {path.stem: path for path in made}
         self.system = VirtualSystem(network=VirtualNetwork(jitter_s=JITTER_S))
         self.words: dict[str, list[str]] = {}
         self.ended: dict[str, SkyrangeError | None] = {}
-        text = SCENARIO.format(seconds=seconds, more=more)
+        text = SCENARIO.format(seconds=seconds, more=more, north_m=north_m, up_m=up_m)
         self.flight = prepared(text, folder, system=self.system, keys=load_range(folder / "keys"))
 
     def member(self, name: str) -> Keys:
@@ -97,7 +97,7 @@ class Lab:
 
 
 def test_a_scenario_flies_over_two_machines(tmp_path: Path) -> None:
-    lab = Lab(tmp_path, 36.0)
+    lab = Lab(tmp_path, 17.0, north_m=0, up_m=2)
     record = fly_virtual(lab.flight, lab.joins(OTHER, "lab2"))
     live = record.manifest["live"]
     assert live["hosts"]["blue.gcs"] == OTHER
@@ -201,6 +201,7 @@ def test_a_machine_that_is_lost_is_named_and_the_record_kept(tmp_path: Path) -> 
     assert SILENT_S < lab.system.virtual.now_ns / 1e9 - times[0] < 45.0
 
 
+@pytest.mark.slow
 def test_three_machines_with_a_tap_and_a_process_killed_and_started_anew(tmp_path: Path) -> None:
     more = f'"blue/*" = "{THIRD}"'
     lab = Lab(tmp_path, 40.0, more, "lab2", "lab3")
