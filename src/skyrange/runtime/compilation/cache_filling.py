@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from graphlib import CycleError, TopologicalSorter
+from itertools import islice
 from typing import Final
 
 from numba.core.dispatcher import Dispatcher
@@ -25,9 +26,10 @@ from skyrange.core.compiled import cache_folder, find_cached
 from skyrange.io.processes.program import end_with_parent
 from skyrange.runtime.compilation.signatures import (
     Kernel,
-    list_functions,
+    find_functions,
     load_kernels,
     name_function,
+    read_list,
     rebuild_kernel,
 )
 from skyrange.runtime.cores.division import available_cpus
@@ -49,8 +51,9 @@ def is_cold() -> bool:
 
     False if there is no folder for a cache, because nothing can then be compiled ahead.
     """
-    functions = list_functions()
-    return bool(cache_folder()) and 2 * sum(bool(find_cached(one)) for one in functions) < len(functions)
+    half = (len(read_list()) + 1) // 2
+    cached = (one for one in find_functions() if find_cached(one))
+    return bool(cache_folder()) and len(list(islice(cached, half))) < half  # the other half is not looked for
 
 
 def fill_cache(jobs: int | None = None, on_kernel: OnKernel | None = None) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -33,9 +34,9 @@ class Kernel(NamedTuple):
     arguments: tuple[types.Type, ...]
 
 
-def list_functions() -> list[Dispatcher]:
-    """The functions of the list that this version has."""
-    return [function for function in map(_find_function, read_list()) if function is not None]
+def find_functions() -> Iterator[Dispatcher]:
+    """The functions of the list that this version has; the module of each is imported when it is asked for."""
+    return (function for function in map(_find_function, read_list()) if function is not None)
 
 
 def load_kernels() -> list[Kernel]:
