@@ -46,10 +46,8 @@ def main(words: list[str] | None = None) -> int:
     raw = given.output.parent.resolve() / "raw"
     if not given.condense:
         _run_tests(given, raw)
-    costs: dict[str, Any] = {}
-    for path in (raw / "costs.json", given.costs):
-        if path is not None and path.is_file():
-            costs |= json.loads(path.read_text())["tests"]
+    costs = _read_costs(raw / "costs.json") or _read_costs(given.costs)  # of the tests that ran
+    costs |= {node: row for node, row in _read_costs(given.costs).items() if node in costs}
     lines, contexts = read_raw(raw, ROOT)
     if not lines:
         sys.exit(f"{raw} has no data of coverage.py; pytest says above why the tests did not run")
@@ -57,6 +55,10 @@ def main(words: list[str] | None = None) -> int:
     shutil.rmtree(raw)
     print(f"{given.output}: {len(lines)} files, {given.output.stat().st_size / 1e6:.1f} MB")
     return 0
+
+
+def _read_costs(path: Path | None) -> dict[str, Any]:
+    return dict(json.loads(path.read_text())["tests"]) if path is not None and path.is_file() else {}
 
 
 def _run_tests(given: argparse.Namespace, raw: Path) -> None:
@@ -79,6 +81,8 @@ def read_raw(raw: Path, root: Path) -> tuple[dict[str, dict[int, set[int]]], lis
         try:
             data.read()
             for name in data.measured_files():
+                if not name.endswith(".py"):
+                    continue  # a template
                 rows = lines[str(Path(name).relative_to(root))]
                 for line, found in data.contexts_by_lineno(name).items():
                     rows[line].update(numbers.setdefault(context, len(numbers)) for context in found)
