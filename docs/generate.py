@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ COUNT = re.compile(r"(<!-- count: (\S+) -->)(.*?)(<!-- /count -->)")
 # ---------------------------------------------------------------- the command line
 
 
+@cache
 def commands() -> dict[str, Any]:
     """Every command by what one types after `skyrange`, as click's object."""
     from typer.main import get_command

@@ -20,6 +20,7 @@ def test_approval_is_measured_while_intents_are_accepted() -> None:
     assert row["decisions_per_s"] > 1.0
 
 
+@pytest.mark.slow
 def test_services_are_measured_with_their_databases() -> None:
     assert utm_services.measure_durable(5)["requests"] == 5
     row = utm_services.measure_federation(6, 2)

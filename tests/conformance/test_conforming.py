@@ -186,4 +186,10 @@ def test_toy_engine() -> None:
     def climber(name: str, specs: Sequence[VehicleSpec], origin: Origin, epoch: Epoch, chance: Chance) -> Climber:
         return Climber(name, [spec.vehicle for spec in specs])
 
-    check_engine(climber, specs=FLEET[:1], world=lambda specs: Bodies([spec.vehicle for spec in specs]), mail=())
+    check_engine(
+        climber,
+        specs=FLEET[:1],
+        world=lambda specs: Bodies([spec.vehicle for spec in specs]),
+        mail=(),
+        until=2 * NS_PER_S,
+    )

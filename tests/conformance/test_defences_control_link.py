@@ -41,5 +41,6 @@ def test_kind_conforms(params: Mapping[str, Any], attack: Mapping[str, Any], act
     check_defence(CHANGE, params, attack, scenario=over_wifi, acts=acts)
 
 
+@pytest.mark.catalogue
 def test_hopping_conforms() -> None:
     check_defence(CHANGE, {"hop_s": 0.7}, REACTIVE, scenario=over_wifi, acts=False, alerts=True)

@@ -140,7 +140,9 @@ def test_each_kind_of_approval(approval: str, tmp_path: Path) -> None:
     assert [part["vehicles"] for part in manifest["cores"]["parts"]] == [2, 4]
 
 
-@pytest.mark.parametrize("parts", [(("a", "b"), ("c",)), (("c",), ("a",), ("b",))])
+@pytest.mark.parametrize(
+    "parts", [(("a", "b"), ("c",)), pytest.param((("c",), ("a",), ("b",)), marks=pytest.mark.slow)]
+)
 def test_remote_id_among_cores(parts: tuple[tuple[str, ...], ...], tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
     operators = "".join(operator(name, "approve-all", 40.0 * k, 2, aware) for k, name in enumerate("abc"))
@@ -148,7 +150,7 @@ def test_remote_id_among_cores(parts: tuple[tuple[str, ...], ...], tmp_path: Pat
     assert manifest["counts"]["receptions"] > 0
 
 
-@pytest.mark.parametrize("level", ["study", "summary"])
+@pytest.mark.parametrize("level", [pytest.param("study", marks=pytest.mark.slow), "summary"])
 def test_levels_of_the_record(level: str, tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
     operators = "".join(operator(name, "authority", 40.0 * k, 2, aware) for k, name in enumerate("ab"))
@@ -286,7 +288,7 @@ def _meeting(missions: Mapping[str, Path] = MappingProxyType({})) -> Scenario:
         both += f'[[operators]]\nid = "{name}"\napproval = "approve-all"\n  [[operators.vehicles]]\n  id = "1"\n'
         flown = f'plan = {{ file = "{missions[name]}" }}' if name in missions else plan % way_m
         both += f"  start = [0, {north_m}]\n  {flown}\n"
-    return load_text(text(both, "[sensors]\nnoise = 0\n", duration_s=40))
+    return load_text(text(both, "[sensors]\nnoise = 0\n", duration_s=25))
 
 
 def test_aircraft_that_meet_are_flown_on_one_core(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

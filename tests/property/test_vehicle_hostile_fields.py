@@ -368,7 +368,7 @@ def _with(values: tuple[float, ...], place: int, bad: float) -> tuple[float, ...
     return (*values[:place], bad, *values[place + 1 :])
 
 
-@each_case("bad", _VALUES)
+@pytest.mark.parametrize("bad", _VALUES)
 @each_case("place", range(11))
 def test_no_number_in_any_field_of_a_local_target(flights: dict[str, Range], place: int, bad: float) -> None:
     """Position, velocity, acceleration, yaw and yaw rate all given: it stops where it is, and hovers."""

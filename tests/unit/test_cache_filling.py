@@ -143,7 +143,7 @@ def test_filling_compiles_all_once_and_leaves_out_what_is_not_there(tmp_path: Pa
         f"{CHANCE}:_mulhi": [[UINT64] * 2],
     }
     kernels[f"{CHANCE}:philox"].append([{"tuple": [UINT64], "named": f"{CHANCE}:Removed"}])
-    old = {f"{CHANCE}:removed": [[]], "skyrange.removed:philox": [[]], "os:getpid": [[]]}
+    old: dict[str, Any] = {f"{CHANCE}:removed": [[]], "skyrange.removed:philox": [[]], "os:getpid": [[]]}
     listed = write_kernels(tmp_path / "kernels.json", kernels | old)
     found = run(FILL, folder, listed)
     assert (found["cold"], found["compiled"]) == (True, 3)

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 PROPERTIES = """
@@ -41,6 +43,7 @@ def pytest_in(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]
     )
 
 
+@pytest.mark.slow
 def test_planted_fault_is_found_reported_and_replayed(tmp_path: Path) -> None:
     (tmp_path / "test_properties.py").write_text(PROPERTIES)
     fuzzed = pytest_in(tmp_path, "-p", "tests.fuzzing", "--fuzz-minutes", "0.1", "--hypothesis-profile", "fuzz")

@@ -165,6 +165,7 @@ def test_another_place_and_time_of_the_files_compile_nothing(tmp_path: Path) -> 
     assert ended(started(moved, "calls()")) == {"results": [11, 20, 12], "compiled": [0, 0, 0]}
 
 
+@pytest.mark.slow
 def test_two_versions_at_once_share_a_folder(tmp_path: Path) -> None:
     write_pair(tmp_path / "old")
     write_pair(tmp_path / "new", a_kernel=("x + 1", "x + 2"), second=("x - 3", "x - 4"))
@@ -185,6 +186,7 @@ def test_an_edit_after_the_import_does_not_change_the_name(tmp_path: Path) -> No
     assert ended(started(folder, "calls()")) == {"results": [12, 20, 12], "compiled": [1, 0, 0]}
 
 
+@pytest.mark.slow
 def test_what_was_compiled_with_a_replaced_value_is_not_kept(tmp_path: Path) -> None:
     folder = write_pair(tmp_path)
     replaced = "second.caller._cache._impl\nsecond.LIMIT = 7\ncalls()"
@@ -192,6 +194,7 @@ def test_what_was_compiled_with_a_replaced_value_is_not_kept(tmp_path: Path) -> 
     assert ended(started(folder, "calls()")) == {"results": [11, 20, 12], "compiled": [0, 0, 1]}
 
 
+@pytest.mark.slow
 def test_unused_versions_are_removed_when_another_is_kept(tmp_path: Path) -> None:
     folder = write_pair(tmp_path)
     ended(started(folder, "calls()"))

@@ -391,6 +391,7 @@ def project(tmp_path: Path) -> tuple[Copy, Path]:
     return Copy(root, tmp_path / "copy", listed, slack_s=1.0), root
 
 
+@pytest.mark.slow
 def test_planted_faults_are_found_by_the_tests_of_their_lines(project: tuple[Copy, Path], tmp_path: Path) -> None:
     copy, root = project
     node = "tests/test_small.py::test_{}".format

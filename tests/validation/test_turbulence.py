@@ -67,6 +67,7 @@ def test_autocorrelation() -> None:
         ), t
 
 
+@pytest.mark.slow
 def test_spectrum() -> None:
     """Φ_u = σ²·2L/(πV)/(1 + (ωT)²), Φ_w = σ²·L/(πV)·(1 + 3(ωT)²)/(1 + (ωT)²)², one-sided over ω: 8 %.
 
