@@ -59,7 +59,9 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: Path) -> None:
     told: list[tuple[int, int]] = []
     matrix = read_matrix(file)
-    result = fly_matrix(matrix, tmp_path / "small", jobs=1, on_cell=lambda done, total, _left: told.append((done, total)))
+    result = fly_matrix(
+        matrix, tmp_path / "small", jobs=1, on_cell=lambda done, total, _left: told.append((done, total))
+    )
     assert told[-1] == (6, 6)
     stopped, undefended = result.cell("terminate", "firewall"), result.cell("terminate")
     assert stops(stopped, undefended)
