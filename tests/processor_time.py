@@ -214,7 +214,7 @@ class Limit:
         if taken_s <= limit_s * scale:
             return ""
         return (
-            f"{item.nodeid} takes {taken_s:.1f} s of processor time, more than {limit_s:g} s, times {scale:.2f} for this"
+            f"{item.nodeid} takes {taken_s:.1f} s of processor time, more than {limit_s:g} s times {scale:.2f} for the"
             " machine. Make it shorter, read a flight of tests/flights.py, or mark it slow; if its length is what"
             f" finds something, list it in tests/{DEAR_TESTS.name}."
         )

@@ -23,7 +23,7 @@ def encounter(duration_s: float) -> Scenario:
     operators = tuple(
         Operator(
             id=name,
-            avoidance=Avoidance.model_validate("geometric"),
+            avoidance=Avoidance(kind="geometric"),
             signing="on",
             vehicles=(
                 Vehicle(

@@ -20,7 +20,7 @@ margins = {{ horizontal_m = {margin}, vertical_m = {margin} }}
   [[operators.vehicles]]
   id = "a"
   start = [0, {north}]
-  plan = {{ path = {{ points = [[0, 0], [60, 0], [0, 0]], alt_m = 15 }}, speed_mps = 4, end = "land" }}
+  plan = {{ path = {{ points = [[0, 0], [30, 0], [0, 0]], alt_m = 15 }}, speed_mps = 4, end = "land" }}
   depart_s = {depart}
 """
 SILENCE = """
@@ -32,10 +32,10 @@ params = {{ links = ["uss:*"] }}
 """
 
 
-def fly(folder: Path, cut_s: float, margin: float = 8.0, late_s: float = 20.0, duration_s: int = 130) -> RunRecord:
+def fly(folder: Path, cut_s: float, margin: float = 8.0, late_s: float = 20.0) -> RunRecord:
     """Three flights, of which blue's departs at 20 s and the others at `late_s`; nodes are silent from `cut_s` on."""
     operators = [("blue", 0, 20.0), ("green", 60, late_s), ("red", 120, late_s)]
-    text = f'name = "silence"\nduration_s = {duration_s}\norigin = [47.3977, 8.5456]\n' + "".join(
+    text = 'name = "silence"\nduration_s = 88\norigin = [47.3977, 8.5456]\n' + "".join(
         OPERATOR.format(name=name, north=north, depart=depart, margin=margin) for name, north, depart in operators
     )
     return fly_scenario(load_text(text + SILENCE.format(start=cut_s)), folder, report=False)
@@ -67,13 +67,13 @@ def leaves_its_volumes(record: RunRecord) -> bool:
 
 
 def test_outside_its_volumes_and_without_an_answer_an_aircraft_flies_home(tmp_path: Path) -> None:
-    record = fly(tmp_path / "run", cut_s=25.0, margin=0.05, duration_s=80)
+    record = fly(tmp_path / "run", cut_s=25.0, margin=0.05)
     assert leaves_its_volumes(record)
     assert outcome(record, "blue/a") == "failed"
 
 
 def test_outside_its_volumes_with_an_answer_it_flies_on_and_others_ask_before_they_depart(tmp_path: Path) -> None:
-    record = fly(tmp_path / "run", cut_s=129.0, margin=0.05, late_s=60.0)
+    record = fly(tmp_path / "run", cut_s=87.0, margin=0.05, late_s=60.0)
     assert not leaves_its_volumes(record)
     assert outcome(record, "blue/a") == "complete"
     asked = {

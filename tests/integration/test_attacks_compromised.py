@@ -198,7 +198,7 @@ def test_heights_above_home_are_flown_as_heights_above_sea_level() -> None:
 
 def test_an_endless_plan_does_not_land() -> None:
     params = {"vehicles": ["blue/b1"], "form": "endless"}
-    live, sham = (flown(PLAN_FILE, params, 75.0, 0.0, sham=each) for each in (False, True))
+    live, sham = (flown(PLAN_FILE, params, 54.0, 0.0, sham=each) for each in (False, True))
     assert noted(sham, "event.disarmed")
     assert not noted(live, "event.disarmed")
     assert min(heights(live, 20.0)) > 5.0

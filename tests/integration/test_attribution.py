@@ -14,7 +14,7 @@ from skyrange.study.twins.pair_folder import Pair
 FLEET = """
 name = "two"
 seed = 3
-duration_s = 26
+duration_s = 18
 origin = [47.3977, 8.5456]
 
 [radio]
@@ -120,8 +120,14 @@ def test_shams_are_marked_in_the_table_of_labels(heard: Pair) -> None:
     assert marks("nominal") == set()
 
 
+@pytest.mark.slow
 def test_either_of_two_equal_attacks_suffices(tmp_path: Path) -> None:
-    made = pair(load_text(FLEET + landing("one") + landing("two"), overrides=["duration_s=18"]), tmp_path / "pair", jobs=1, run_reports=False)
+    made = pair(
+        load_text(FLEET + landing("one") + landing("two"), overrides=["duration_s=15"]),
+        tmp_path / "pair",
+        jobs=1,
+        run_reports=False,
+    )
     assert relations(made) == {("blue/b1", "one"): "redundant", ("blue/b1", "two"): "redundant"}
 
 

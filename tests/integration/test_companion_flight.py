@@ -50,7 +50,7 @@ def nominal() -> Flown:
 
 @cache
 def attacked() -> Flown:
-    return one(ghosts=(RED,)).run(175)
+    return one(ghosts=(RED,)).run(142)
 
 
 def commands(flown: Flown) -> list[tuple[float, Any, Frame]]:

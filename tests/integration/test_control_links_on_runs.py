@@ -68,7 +68,7 @@ def test_a_far_aircraft_loses_its_wifi_and_a_cellular_one_hands_over(tmp_path: P
     """Two aircraft fly the same 1.2 km: the one over Wi-Fi is lost, the other changes its cell."""
     text = """
 name = "far"
-duration_s = 110
+duration_s = 58
 origin = [40.0, -73.0]
 [radio]
 [[links]]
@@ -87,9 +87,10 @@ cellular = { base_stations = [
         text += f"""
 [[operators]]
 id = "{colour}"
+station = [0, 0]
   [[operators.vehicles]]
   id = "a"
-  start = [0, {north_m}]
+  start = [250, {north_m}]
   params = {{ FS_GCS_ENABLE = 0 }}
   plan = {{ speed_mps = 15, path = {{ alt_m = 30, points = [[1200, 0]] }} }}
 """

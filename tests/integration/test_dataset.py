@@ -302,7 +302,7 @@ def test_the_files_do_not_depend_on_the_order_of_members(sample: Sample, tmp_pat
     assert (again / "SHA256SUMS").read_text() == (sample.folder / "SHA256SUMS").read_text()
 
 
-class Stopped(Exception):
+class StoppedError(Exception):
     """Ends a build in the middle of a block."""
 
 
@@ -312,12 +312,13 @@ def stop_build(runs: Path, out: Path) -> None:
     def views(record: RunRecord, *rest: Any) -> Any:
         for number, found in enumerate(run_views(record, *rest)):
             if record.path.name == "mode-nominal" and number == 1:
-                raise Stopped
+                raise StoppedError
             yield found
 
-    with pytest.MonkeyPatch.context() as patch, pytest.raises(Stopped):
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build, "run_views", views)
-        build_dataset(read_members(runs), out, "sample", settings=BOTH)
+        with pytest.raises(StoppedError):
+            build_dataset(read_members(runs), out, "sample", settings=BOTH)
 
 
 def kill_build(runs: Path, out: Path) -> None:

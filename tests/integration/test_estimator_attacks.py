@@ -161,7 +161,9 @@ def test_a_slow_drift_with_its_own_velocity_drags_the_aircraft_and_nobody_notice
     assert abs(rows["pos"][-1][0] - rows["pos"][0][0]) < 2.5  # it believes to stand
 
 
-def test_a_slow_drift_without_velocity_drags_it_too_but_shows_in_the_innovations(hovering: Range, drifting: Watch) -> None:
+def test_a_slow_drift_without_velocity_drags_it_too_but_shows_in_the_innovations(
+    hovering: Range, drifting: Watch
+) -> None:
     honest, dull = drifting, Watch(hovering, ramp(1.0, honest=False), 40.0)
     assert np.array(dull.rows)["resets"].max() == 0
     assert np.array(dull.rows)["pos_ratio"].max() > np.array(honest.rows)["pos_ratio"].max() + 0.2

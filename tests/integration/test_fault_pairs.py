@@ -13,7 +13,7 @@ from skyrange.study.twins.pair_folder import Pair
 FLEET = """
 name = "both"
 seed = 3
-duration_s = 24
+duration_s = 18
 origin = [47.3977, 8.5456]
 
 [[operators]]
@@ -105,7 +105,7 @@ def test_the_pages_say_fault(both: Pair) -> None:
 
 
 def test_a_scenario_with_a_fault_alone_is_paired(tmp_path: Path) -> None:
-    made = pair(load_text(FLEET.replace("duration_s = 24", "duration_s = 18") + MISTAKE), tmp_path / "pair", jobs=1)
+    made = pair(load_text(FLEET + MISTAKE), tmp_path / "pair", jobs=1)
     assert made.arms == ["nominal", "attacked"]
     assert made.manifest["attacks"] == {}
     (row,) = (row for row in made.effects.to_pylist() if row["departed_s"] is not None)

@@ -134,7 +134,9 @@ def test_a_collision_with_it_is_the_truth(tmp_path: Path) -> None:
 AVOIDING = plain(20.0, own='avoidance = "geometric"', more=MOVING)
 
 
-@pytest.mark.parametrize("text", [AVOIDING, pytest.param(RID_SPOOFING, marks=pytest.mark.slow)], ids=["plain", "street"])
+@pytest.mark.parametrize(
+    "text", [AVOIDING, pytest.param(RID_SPOOFING, marks=pytest.mark.slow)], ids=["plain", "street"]
+)
 def test_others_react_to_the_truth_as_to_the_lie(text: str, tmp_path: Path) -> None:
     scenario = load_text(text, overrides=["duration_s=80"] if text == RID_SPOOFING else [])
     made = pair(scenario, tmp_path / "out", arms="nominal", honest=True, jobs=1, run_reports=False)

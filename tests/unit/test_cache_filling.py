@@ -137,7 +137,7 @@ def test_callees_are_compiled_before_callers_and_a_circle_ends() -> None:
 def test_filling_compiles_all_once_and_leaves_out_what_is_not_there(tmp_path: Path) -> None:
     folder = tmp_path / "kernels"
     folder.mkdir()
-    kernels = {
+    kernels: dict[str, list[Any]] = {
         f"{CHANCE}:uniform4": [[UINT64] * 5],
         f"{CHANCE}:philox": [[UINT64] * 6],
         f"{CHANCE}:_mulhi": [[UINT64] * 2],
