@@ -43,13 +43,13 @@ kernels: $(VENV)/.installed ## compile what is missing of the compiled functions
 
 test-fast: kernels $(VENV)/.tested ## the tests of `make test`, without the checks
 	$(PYTEST) -n $(WORKERS) -m '$(FAST)' --kinds $(KINDS) --hypothesis-profile quick \
-		--limit-processor-time --processor-times $(TIMES)/fast.json
+		--limit-processor-time --processor-times=$(TIMES)/fast.json
 
 test-virtual: kernels $(VENV)/.tested ## the first half of `make test-all`: the tests that are not in real time
-	$(PYTEST) -n $(WORKERS) -m 'not realtime' --processor-times $(TIMES)/virtual.json
+	$(PYTEST) -n $(WORKERS) -m 'not realtime' --processor-times=$(TIMES)/virtual.json
 
 test-realtime: kernels $(VENV)/.tested ## the second half of `make test-all`: the tests in real time
-	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime --processor-times $(TIMES)/realtime.json
+	$(PYTEST) -n $(REALTIME_WORKERS) -m realtime --processor-times=$(TIMES)/realtime.json
 
 fuzz: $(VENV)/.tested ## draw new examples for the property tests, for MINUTES
 	$(PYTEST) -p tests.fuzzing --fuzz-minutes $(MINUTES) --hypothesis-profile fuzz -m '$(FAST)' \

@@ -68,7 +68,7 @@ def _run_tests(given: argparse.Namespace, raw: Path) -> None:
     configuration.write_text(CONFIGURATION.format(source=ROOT / "src" / "skyrange", data=raw / "coverage"))
     command = [sys.executable, "-m", "pytest", "-m", FAST, "--hypothesis-profile", "quick", "-n", given.workers]
     command += ["--timeout", given.timeout, "-p", "tools.trace_tests", "--trace-lines", str(configuration)]
-    command += ["-p", "tests.processor_time", "--processor-times", str(raw / "costs.json"), *given.tests]
+    command += [f"--processor-times={raw / 'costs.json'}", *given.tests]
     subprocess.run(command, cwd=ROOT, check=False)  # lines of tests that failed count as well
 
 
