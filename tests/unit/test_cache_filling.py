@@ -37,7 +37,7 @@ from pathlib import Path
 from skyrange.core import compiled
 from skyrange.runtime.compilation import cache_filling, signatures
 compiled.cache_folder = cache_filling.cache_folder = lambda: sys.argv[1]
-signatures.KERNELS = Path(sys.argv[2])
+signatures.KERNELS = cache_filling.KERNELS = Path(sys.argv[2])
 steps, cold = [], cache_filling.is_cold()
 compiled_now = cache_filling.fill_cache(2, lambda *step: steps.append(step))
 found = {"cold": cold, "compiled": compiled_now, "steps": steps, "cold after": cache_filling.is_cold()}

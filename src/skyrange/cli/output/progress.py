@@ -174,7 +174,7 @@ def compile_kernels(jobs: int | None = None, *, quiet: bool) -> int:
 
 
 def compile_if_cold(*, quiet: bool) -> None:
-    """Compile kernels before a flight if most are missing, as after an installation. A few are compiled in flight."""
+    """Compile kernels before a flight if this version has not done so. What an edit changes is compiled in flight."""
     from skyrange.runtime.compilation.cache_filling import is_cold
 
     if is_cold():

@@ -14,9 +14,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from graphlib import CycleError, TopologicalSorter
-from itertools import islice
+from hashlib import blake2b
+from importlib.metadata import version
+from pathlib import Path
 from typing import Final
 
+from numba import __version__ as numba_version
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from pydantic import JsonValue
@@ -24,14 +27,7 @@ from pydantic import JsonValue
 from skyrange.core.cache_keys import find_callees
 from skyrange.core.compiled import cache_folder, find_cached
 from skyrange.io.processes.program import end_with_parent
-from skyrange.runtime.compilation.signatures import (
-    Kernel,
-    find_functions,
-    load_kernels,
-    name_function,
-    read_list,
-    rebuild_kernel,
-)
+from skyrange.runtime.compilation.signatures import KERNELS, Kernel, load_kernels, name_function, rebuild_kernel
 from skyrange.runtime.cores.division import available_cpus
 
 OnKernel = Callable[[int, int], None]
@@ -47,13 +43,11 @@ def count_kernels() -> tuple[int, int]:
 
 
 def is_cold() -> bool:
-    """Whether the cache has less than half of the functions: what is missing after an edit is compiled when called.
+    """Whether this version has not filled its cache: what is missing after an edit is compiled when called.
 
     False if there is no folder for a cache, because nothing can then be compiled ahead.
     """
-    half = (len(read_list()) + 1) // 2
-    cached = (one for one in find_functions() if find_cached(one))
-    return bool(cache_folder()) and len(list(islice(cached, half))) < half  # the other half is not looked for
+    return bool(cache_folder()) and not _mark().exists()
 
 
 def fill_cache(jobs: int | None = None, on_kernel: OnKernel | None = None) -> int:
@@ -61,21 +55,38 @@ def fill_cache(jobs: int | None = None, on_kernel: OnKernel | None = None) -> in
 
     A kernel that cannot be compiled, because the list of kernels is old, is left out.
     """
-    missing = _find_missing(load_kernels()) if cache_folder() else []
+    if not cache_folder():
+        return 0
+    missing = _find_missing(load_kernels())
     if not missing:
+        _set_mark()
         return 0
     if on_kernel is not None:
         on_kernel(0, len(missing))
     jobs = min(jobs or len(available_cpus()), _MAX_JOBS, len(missing))
     forks = "fork" in multiprocessing.get_all_start_methods()
     context = multiprocessing.get_context("fork" if forks else "spawn")
-    compiled = 0
+    compiled = done = 0
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=(os.getpid(),)) as pool:
         for done, is_compiled in enumerate(_compile_in_order(pool, missing, jobs), 1):
             compiled += is_compiled
             if on_kernel is not None:
                 on_kernel(done, len(missing))
+    if done == len(missing):
+        _set_mark()
     return compiled
+
+
+def _mark() -> Path:
+    """The file which says that this version, with this numba, has filled the cache."""
+    versions = f"{version('skyrange')} {numba_version} ".encode()
+    return Path(cache_folder()) / f"filled-{blake2b(versions + KERNELS.read_bytes(), digest_size=8).hexdigest()}"
+
+
+def _set_mark() -> None:
+    for old in Path(cache_folder()).glob("filled-*"):
+        old.unlink(missing_ok=True)
+    _mark().touch()
 
 
 def _find_missing(kernels: Sequence[Kernel]) -> list[Kernel]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -32,11 +31,6 @@ class Kernel(NamedTuple):
     signature: list[JsonValue]
     function: Any  # a Dispatcher, which mypy takes for a method
     arguments: tuple[types.Type, ...]
-
-
-def find_functions() -> Iterator[Dispatcher]:
-    """The functions of the list that this version has; the module of each is imported when it is asked for."""
-    return (function for function in map(_find_function, read_list()) if function is not None)
 
 
 def load_kernels() -> list[Kernel]:
