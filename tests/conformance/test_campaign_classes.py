@@ -95,10 +95,12 @@ GHOSTLY = CampaignStage("ghost", ("ghost",))
 BOTH = CampaignStage("both", {"ghost", "jump"})
 
 
+@pytest.mark.catalogue
 def test_a_class_conforms() -> None:
     check_attack(script((1.0, GHOSTLY), (3.0, BOTH)), MEANS, acts={"send", "sensor"})
 
 
+@pytest.mark.catalogue
 def test_a_class_that_starts_nothing_does_nothing() -> None:
     check_attack(script((9.0, CampaignStage("wait"))), MEANS, acts=False)
 

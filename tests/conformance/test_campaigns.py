@@ -33,6 +33,7 @@ PATIENT = {"after_s": 1.0, "messages": ["GLOBAL_POSITION_INT"]}
 BLIND = {"name": "a", "acts": ["ghost", "jump"], "until": {"broadcasts": 1}, "timeout_s": 1.0}
 
 
+@pytest.mark.catalogue
 def test_a_campaign_conforms() -> None:
     check_attack(CAMPAIGN, ARMED, acts={"send", "sensor"})
 

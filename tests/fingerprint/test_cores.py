@@ -132,7 +132,10 @@ loss = 0.2
 """
 
 
-@pytest.mark.parametrize("approval", ["approve-all", "authority", "federated", "hashgraph"])
+@pytest.mark.parametrize(
+    "approval",
+    ["approve-all", *(pytest.param(one, marks=pytest.mark.slow) for one in ("authority", "federated")), "hashgraph"],
+)
 def test_each_kind_of_approval(approval: str, tmp_path: Path) -> None:
     operators = "".join(operator(name, approval, 90.0 * k, 2) for k, name in enumerate("abc"))
     manifest = assert_same(load_text(text(operators)), (("a",), ("b", "c")), tmp_path)
@@ -150,7 +153,8 @@ def test_remote_id_among_cores(parts: tuple[tuple[str, ...], ...], tmp_path: Pat
     assert manifest["counts"]["receptions"] > 0
 
 
-@pytest.mark.parametrize("level", [pytest.param("study", marks=pytest.mark.slow), "summary"])
+@pytest.mark.slow
+@pytest.mark.parametrize("level", ["study", "summary"])
 def test_levels_of_the_record(level: str, tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
     operators = "".join(operator(name, "authority", 40.0 * k, 2, aware) for k, name in enumerate("ab"))

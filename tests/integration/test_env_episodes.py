@@ -211,6 +211,7 @@ def test_an_episode_ends_when_all_have_landed_and_each_mission_is_worth_one() ->
     assert fly(short(), {})[-1]["truncations"] == {"red": True, BLUE: True}
 
 
+@pytest.mark.slow
 def test_scripted_policies_are_better_than_doing_nothing() -> None:
     environment = HoldTheMission(aircraft=1)
     returns = {

@@ -79,6 +79,7 @@ def test_a_live_range_of_five_aircraft_repeats_exactly(tmp_path: Path) -> None:
     assert_repeats([both.live for both in flown])
 
 
+@pytest.mark.slow
 def test_a_live_range_of_one_aircraft_repeats_exactly(tmp_path: Path) -> None:
     scenario = load_text(BRIEF, overrides=["duration_s=2"])
     networks = {"a": virtual(), "b": virtual(), "c": virtual(seed=1)}

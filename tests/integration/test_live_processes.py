@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 
 SCENARIO = """
@@ -25,6 +27,7 @@ vehicles = [{ id = "g1", start = [60.0, 0.0], plan = { path = { points = [[0.0, 
 """
 
 
+@pytest.mark.slow
 def test_a_killed_companion_is_a_lost_link_and_what_it_recorded_stays(tmp_path: Path) -> None:
     async def kill(flight: VirtualFlight) -> None:
         await flight.until(

@@ -136,6 +136,7 @@ def test_the_muted_arm_is_the_scenario_without_its_attack(made: Pair, tmp_path: 
     assert load(tmp_path / "bare").manifest["digests"] == made.run("nominal").manifest["digests"]
 
 
+@pytest.mark.slow
 def test_seeds_make_an_ensemble(tmp_path: Path) -> None:
     with offered():
         found = pair(load_text(scenario(4.0, 7.0)), tmp_path / "out", seeds=2, jobs=2, run_reports=False)

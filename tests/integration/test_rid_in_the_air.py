@@ -196,6 +196,7 @@ def test_a_replay_is_heard_as_what_was_and_labelled(tmp_path: Path) -> None:
     assert heard(made.run("sham"), 12, 22)["parrot", B2] >= 12
 
 
+@pytest.mark.slow
 def test_a_replay_makes_an_aircraft_avoid_one_that_is_gone(tmp_path: Path) -> None:
     """b2 follows b1 75 m behind; 15 s late, b1 is told to be where b2 is now."""
     attack = (

@@ -107,6 +107,7 @@ def folder(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_what_was_compiled_once_is_found(folder: Path) -> None:
     assert ended(started(folder, BOTH)) == {"results": RIGHT, "found": 0, "compiled": 2}
     assert ended(started(folder, BOTH)) == {"results": RIGHT, "found": 2, "compiled": 0}
@@ -122,6 +123,7 @@ def test_code_under_anothers_name_is_not_run_and_is_put_right(folder: Path) -> N
     assert ended(started(folder, BOTH)) == {"results": RIGHT, "found": 2, "compiled": 0}
 
 
+@pytest.mark.slow
 def test_two_that_compile_at_once_leave_both_signatures(folder: Path) -> None:
     program = SLOWLY + "calls(NEIGHBOURS if sys.argv[2] == 'a' else EVERY_SECOND)"
     a, b = started(folder, program, "a"), started(folder, program, "b")
@@ -156,6 +158,7 @@ def test_a_change_in_another_file_is_not_missed(tmp_path: Path, old: str, new: s
     assert ended(started(folder, "calls()")) == {"results": [11, 20, result], "compiled": [0, 0, 1]}
 
 
+@pytest.mark.slow
 def test_another_place_and_time_of_the_files_compile_nothing(tmp_path: Path) -> None:
     folder = write_pair(tmp_path / "one")
     ended(started(folder, "calls()"))
@@ -179,6 +182,7 @@ def test_two_versions_at_once_share_a_folder(tmp_path: Path) -> None:
     assert [one["compiled"] for one in done.values()] == [[0, 0, 0]] * 2
 
 
+@pytest.mark.slow
 def test_an_edit_after_the_import_does_not_change_the_name(tmp_path: Path) -> None:
     folder = write_pair(tmp_path)
     edit = "Path('a_kernel.py').write_text(Path('a_kernel.py').read_text().replace('x + 1', 'x + 2'))"

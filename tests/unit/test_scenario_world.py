@@ -113,6 +113,7 @@ def test_legs_count_and_roofs_may_be_flown_over() -> None:
     assert abs(shift[0]) >= 10 + MARGIN_M
 
 
+@pytest.mark.slow
 def test_nowhere_is_said() -> None:
     city = City([block(0, 0, 900, 30)], "one")
     assert find_clear_shift(city, [Point(0, 0, 0), Point(0, 0, 20)]) is None

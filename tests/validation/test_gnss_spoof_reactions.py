@@ -131,6 +131,7 @@ def once(times: list[float]) -> float | None:
     return times[0] if times else None
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize("spoof", SPOOFS, ids=[spoof.name for spoof in SPOOFS])
 def test_it_reacts_as_arducopter_does(hovering: dict[tuple[float, float, float], Range], spoof: Spoof) -> None:
     seen, want = flown(hovering[spoof.accuracy], spoof), spoof.seen
