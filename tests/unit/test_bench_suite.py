@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.bench.isolation import run_in_process
-from skyrange.bench.suite import cases, execution, observation
+from skyrange.bench.suite import cases, execution, figures, observation
 from skyrange.bench.suite.cases import BENCHMARKS, Benchmark, Case, Quantity, find_benchmarks
 from skyrange.bench.suite.comparison import compare_results, list_differences, list_warnings
 from skyrange.bench.suite.execution import run_benchmarks
@@ -337,3 +337,7 @@ def test_results_without_a_common_case_are_not_compared(suite: list[Benchmark], 
     )
     assert isinstance(done.exception, InputError)
     assert "bench page: --against:" in str(done.exception)
+
+
+def test_without_a_cost_to_compare_there_is_no_figure_of_changes() -> None:
+    assert figures.draw_changes([]) is None

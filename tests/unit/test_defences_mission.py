@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from skyrange.attack.contract import Aircraft, AttackContext
 from skyrange.codec.mavlink import Message, Packer, decode
@@ -387,3 +388,11 @@ def test_no_bytes_raise(kind: DefencePlugin, payloads: list[tuple[bytes, bool]])
             due = tap.next_wakeup()
             if due is not None and due <= now:
                 tap.on_wakeup(now)
+
+
+@pytest.mark.parametrize("names", [("",), ("WPNAV_SPEED", ""), ("wpnav_speed",), ("A" * 17,), ("Ä",), ("A", "A")])
+@pytest.mark.parametrize("field", ["allowed", "watched"])
+def test_what_is_no_name_of_a_parameter_is_refused(field: str, names: tuple[str, ...]) -> None:
+    with pytest.raises(ValidationError, match=r"capital ASCII characters|each parameter once"):
+        WATCH.params.model_validate({field: names})
+    assert getattr(WATCH.params.model_validate({field: ("A", "B" * 16)}), field) == ("A", "B" * 16)

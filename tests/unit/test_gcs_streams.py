@@ -30,3 +30,15 @@ def test_the_profile_is_asked_for_and_again_in_silence(name: str) -> None:
     assert set(aircraft.intervals) == {message for message, _ in wanted.messages}
     # the toy sends no streams: to the operator it stays silent, and is asked every few seconds
     assert len(asked) >= 2 * len(OPERATOR.streams) if name == "operator" else not asked
+
+
+def test_an_operators_streams_are_the_defaults_of_qgroundcontrol() -> None:
+    """APMMavlinkStreamRate.SettingsGroup.json, and the messages that `APMFirmwarePlugin` asks for by themselves."""
+    stream = {name: getattr(mav, f"MAV_DATA_STREAM_{name}") for name in (
+        "RAW_SENSORS", "EXTENDED_STATUS", "RC_CHANNELS", "POSITION", "EXTRA1", "EXTRA2", "EXTRA3",
+    )}  # fmt: skip
+    assert dict(OPERATOR.streams) == dict(zip(stream.values(), (2, 2, 2, 3, 10, 10, 3), strict=True))
+    assert dict(OPERATOR.messages) == {
+        mav.MAVLINK_MSG_ID_HOME_POSITION: 1.0,
+        mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1.0,
+    }

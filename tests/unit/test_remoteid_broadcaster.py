@@ -426,3 +426,28 @@ def test_a_receiver_that_knows_no_geoid_is_helped_by_the_chart() -> None:
     told = Beliefs(np.array([1]), -33.0)
     told.update(np.zeros(1, dtype=np.int64), np.zeros(1, dtype=np.int64), Payloads.of([Packer(1, 1).pack(gps())]))
     assert told.table["geoid_m"][0] == pytest.approx((gps().alt_ellipsoid - gps().alt) * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong"),
+    [
+        ("profile", {"profile": "eu"}),
+        ("transports", {"transports": ("smoke",)}),
+        ("transports", {"transports": ("wifi_beacon", "wifi_beacon")}),
+        ("uas_id", {"uas_id": "no serial number"}),
+        ("uas_id", {"uas_id": "x" * 21, "id_type": 2}),
+        ("uas_id", {"uas_id": "é", "id_type": 2}),
+        ("operator_id", {"operator_id": "x" * 21}),
+        ("text", {"text": "x" * 24}),
+        ("text", {"text": "ü"}),
+    ],
+)
+def test_a_broadcast_that_cannot_be_is_refused_and_its_field_is_named(field: str, wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError) as caught:
+        Broadcast("blue/b1", **wrong)
+    assert [problem.where for problem in caught.value.problems] == [field]
+
+
+def test_the_longest_texts_are_broadcast() -> None:
+    longest = Broadcast("blue/b1", uas_id="x" * 20, id_type=2, operator_id="x" * 20, text="x" * 23)
+    assert longest.text == "x" * 23

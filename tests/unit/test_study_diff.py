@@ -13,6 +13,7 @@ from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.record import Recorder, load
+from skyrange.study.compare import exact
 from skyrange.study.compare.exact import diff
 from tests.unit.record_sample import HEADER, LABELS, MS, NOTES, StillWorld, tell, traffic
 
@@ -204,3 +205,14 @@ def test_other_numeric_platforms_are_mentioned(tmp_path: Path) -> None:
 def test_no_run(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         diff(_run(tmp_path / "a"), tmp_path / "b")
+
+
+@pytest.mark.parametrize(
+    ("a", "b", "same"),
+    [
+        (1, 1, True), (1, 2, False), ("x", "x", True), ("x", "y", False), (None, None, True), (None, 0, False),
+        (0.0, 0.0, True), (0.0, -0.0, False), (float("nan"), float("nan"), True), (1.0, 1.0 + 2**-52, False),
+    ],
+)  # fmt: skip
+def test_cells_are_alike_to_the_bit(a: object, b: object, same: bool) -> None:
+    assert exact._alike(a, b) is same
