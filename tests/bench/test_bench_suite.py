@@ -24,7 +24,9 @@ SMALL: Mapping[str, Callable[[], Sequence[Mapping[str, Any]]]] = {
 }
 
 
-@pytest.mark.parametrize("name", SMALL)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "attacks" else name for name in SMALL]
+)
 def test_a_small_case_has_every_measure(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     measure_here(monkeypatch, fleet, attacks)
     (benchmark,) = find_benchmarks([name])

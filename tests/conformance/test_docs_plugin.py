@@ -45,12 +45,14 @@ def test_there_are_blocks() -> None:
     assert sum(block.words[:1] == ("python",) for page in PAGES.values() for block in blocks(page)) >= 6
 
 
+@pytest.mark.slow
 def test_the_broken_rule_reads_as_shown(ran: dict[str, Ran]) -> None:
     (shown,) = [block.text.strip() for block in blocks(PAGES["approval"]) if block.words == ("text",)]
     assert shown.endswith("…")
     assert ran["approval"].printed[0].startswith(shown.removesuffix("…"))
 
 
+@pytest.mark.slow
 def test_the_run_asked_the_approval_of_the_page(ran: dict[str, Ran]) -> None:
     decided = [line.split() for line in ran["approval"].printed[1:]]
     accepted = [vehicle for vehicle, kind in decided if kind == "decision.approval_accepted"]
@@ -60,6 +62,7 @@ def test_the_run_asked_the_approval_of_the_page(ran: dict[str, Ran]) -> None:
     assert set(rejected) < set(accepted), "who is rejected asks again, for the alternative"
 
 
+@pytest.mark.slow
 def test_the_aircraft_with_the_pages_autopilot_is_held_at_ten_metres(ran: dict[str, Ran]) -> None:
     # after 20 s, with poles near 1 s: the barometer's noise (0.12 m) through its gain, a hand's breadth of drift
     assert abs(ran["autopilot"].names["heights_m"][-1] - 10.0) < 0.4

@@ -171,6 +171,7 @@ def test_levels_of_the_record(level: str, tmp_path: Path) -> None:
     assert verify_run(several).ok
 
 
+@pytest.mark.slow
 def test_links_that_lose_repeat_and_reorder(tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"'
     operators = "".join(operator(name, "authority", 40.0 * k, 2, aware) for k, name in enumerate("ab"))
@@ -250,7 +251,7 @@ side = "gcs"
     seed=st.integers(0, 99),
     data=st.data(),
 )
-@settings(max_examples=examples(8), suppress_health_check=list(HealthCheck), phases=(Phase.explicit, Phase.generate))
+@settings(max_examples=examples(4), suppress_health_check=list(HealthCheck), phases=(Phase.explicit, Phase.generate))
 def test_any_division_of_any_scenario(
     sizes: list[int],
     approvals: list[str],

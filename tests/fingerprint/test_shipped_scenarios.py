@@ -54,9 +54,15 @@ SHORT = {
 """Changes that shorten the flights of many aircraft, and the digests of what then happens; the whole ones are slow."""
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in SHORT else name for name in sorted(EVENTS)]
-)
+DEAR = {"gcs-flood", "gnss-pull-off", "insider", "jammed-corridor", "unsigned-ghost"}
+"""Attacks whose flights are the longest: of the catalogue."""
+
+
+def _mark(name: str) -> tuple[pytest.MarkDecorator, ...]:
+    return (pytest.mark.slow,) if name in SHORT else (pytest.mark.catalogue,) if name in DEAR else ()
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=_mark(name)) for name in sorted(EVENTS)])
 def test_events_are_what_they_were(name: str) -> None:
     record = shared_run(name)
     assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]

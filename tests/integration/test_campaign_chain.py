@@ -15,6 +15,7 @@ from skyrange.study.twins.causal_path import find_causal_path
 from tests.flights import shared_pair
 
 
+@pytest.mark.slow
 def test_the_chain_is_read_from_the_record() -> None:
     flown = shared_pair("chain")
     path = find_causal_path(flown.run("attacked"), flown.propagation.to_pylist())

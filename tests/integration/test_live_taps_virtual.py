@@ -96,6 +96,7 @@ def events(record: RunRecord, kind: str) -> list[tuple[int, Line]]:
     return [(row["time_ns"], json.loads(row["data"])) for row in rows if row["kind"] == kind]
 
 
+@pytest.mark.slow
 def test_a_program_delays_and_alters_commands_and_dies(tmp_path: Path) -> None:
     tool = Tool(meddle_with_orders())
     taps: list[TapProcess] = []

@@ -172,6 +172,7 @@ changes = ["duration_s=8", "attacks.jump.start_s=6"]
 """
 
 
+@pytest.mark.slow
 def test_the_nominal_run_of_a_candidate_is_that_of_its_cell(tmp_path: Path) -> None:
     path = tmp_path / "adaptive.toml"
     path.write_text(ADAPTIVE, encoding="utf-8")

@@ -62,6 +62,7 @@ def rows_of(folder: Path, table: str) -> list[dict[str, Any]]:
     return rows
 
 
+@pytest.mark.slow
 def test_forks_in_mid_flight_go_on_alike(tmp_path: Path) -> None:
     straight = shared_run(load_text(TEXT))
     trunk = Run.start(load_text(TEXT), tmp_path / "trunk")

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from skyrange.utm.hashgraph.events import NO_PARENT, Event
 from skyrange.utm.hashgraph.graph import GraphError, Hashgraph
 from tests.property.hashgraph_oracle import Oracle
+from tests.tiers import examples
 
 NAMES = "abcdefg"
 
@@ -95,7 +96,7 @@ def rows(graph: Hashgraph) -> list[tuple[bytes, int, int]]:
 
 
 @given(gossips())
-@settings(deadline=None)
+@settings(max_examples=examples(40))
 def test_the_order_is_that_of_the_definitions(gossip: Gossip) -> None:
     for name in gossip.stakes:
         graph = gossip.graph(name)

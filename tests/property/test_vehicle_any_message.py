@@ -110,7 +110,7 @@ def sane(r: Range) -> None:
     assert all(math.isfinite(part) for vehicle in fleet.vehicles for part in vehicle.home)
 
 
-@pytest.mark.parametrize("where", ["ground", "guided"])
+@pytest.mark.parametrize("where", [pytest.param("ground", marks=pytest.mark.slow), "guided"])
 @pytest.mark.parametrize("first", range(0, len(IDS), TOGETHER))
 def test_any_fields_of_any_message_are_survived(flying: dict[str, Range], first: int, where: str) -> None:
     @each_case("number", IDS[first : first + TOGETHER])
