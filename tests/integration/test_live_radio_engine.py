@@ -91,6 +91,7 @@ def test_it_is_started_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, si
     assert record.status == "complete"
 
 
+@pytest.mark.slow
 def test_it_is_started_three_times_at_most(tmp_path: Path) -> None:
     record, pids = _flown(tmp_path, "restart", signal.SIGKILL, times=4)
     assert len(set(pids)) == 4
@@ -100,6 +101,7 @@ def test_it_is_started_three_times_at_most(tmp_path: Path) -> None:
     assert record.status == "complete"
 
 
+@pytest.mark.slow
 def test_the_range_goes_on_without_it(tmp_path: Path) -> None:
     record, (pid, same) = _flown(tmp_path, "continue", signal.SIGKILL)
     assert pid == same

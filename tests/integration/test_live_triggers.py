@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
+import pytest
+
 from skyrange.core.time import NS_PER_S
 from skyrange.testing.live import VirtualSystem
 from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
@@ -52,6 +54,7 @@ def test_a_trigger_that_the_world_sees_starts_a_tap_elsewhere(tmp_path: Path) ->
     assert {frames[row["child"] or row["frame"]].link for row in labels} == {"rid_up:blue/b1"}
 
 
+@pytest.mark.slow
 def test_a_tap_whose_process_is_started_anew_acts_on(tmp_path: Path) -> None:
     async def kill_the_companion(flight: VirtualFlight) -> None:
         await flight.decided("world", "events", "event.attack_start")

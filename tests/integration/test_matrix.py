@@ -111,7 +111,7 @@ columns = [
 id = "terminate"
 scenario = "mavlink.command"
 measure = "departure_m"
-changes = ["duration_s=18", "attacks.terminate.start_s=13"]
+changes = ["duration_s=15", "attacks.terminate.start_s=10"]
 """
 
 
@@ -238,6 +238,7 @@ changes = ["duration_s=6", "attacks.ghost.start_s=4"]
 """
 
 
+@pytest.mark.slow
 def test_a_defence_that_cannot_be_declared_leaves_its_cell_with_the_reason(tmp_path: Path) -> None:
     path = tmp_path / "mixed.toml"
     text = SMALL.replace("mavlink.firewall", "remote_id.replay").replace("[[columns]]", GHOST + "[[columns]]")
