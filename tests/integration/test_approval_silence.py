@@ -72,6 +72,7 @@ def test_outside_its_volumes_and_without_an_answer_an_aircraft_flies_home(tmp_pa
     assert outcome(record, "blue/a") == "failed"
 
 
+@pytest.mark.slow
 def test_outside_its_volumes_with_an_answer_it_flies_on_and_others_ask_before_they_depart(tmp_path: Path) -> None:
     record = fly(tmp_path / "run", cut_s=87.0, margin=0.05, late_s=60.0)
     assert not leaves_its_volumes(record)

@@ -196,6 +196,7 @@ def test_heights_above_home_are_flown_as_heights_above_sea_level() -> None:
     assert min(heights(sham, 14.0)) > 6.0
 
 
+@pytest.mark.slow
 def test_an_endless_plan_does_not_land() -> None:
     params = {"vehicles": ["blue/b1"], "form": "endless"}
     live, sham = (flown(PLAN_FILE, params, 54.0, 0.0, sham=each) for each in (False, True))

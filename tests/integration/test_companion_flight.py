@@ -265,7 +265,7 @@ def test_companions_of_many_say_what_companions_of_one_say() -> None:
             ]
             flown.wiring.agents = [*others, *parts]
         notes = Notes()
-        Kernel(flown.wiring, [notes]).advance(40 * NS_PER_S)
+        Kernel(flown.wiring, [notes]).advance(30 * NS_PER_S)
         decided = [s.note for s in notes.spoken if s.note.kind in AVOIDING]
         return notes.digests.frames, sorted(decided, key=repr)
 

@@ -198,7 +198,7 @@ AHEAD = "[[-20, 110], [20, 110], [20, 150], [-20, 150]]"
         ("auto", "authority"),
         pytest.param("guided", "authority", marks=pytest.mark.slow),
         pytest.param("auto", "federated", marks=pytest.mark.slow),
-        ("guided", "hashgraph"),
+        pytest.param("guided", "hashgraph", marks=pytest.mark.slow),
     ],
 )
 def test_an_aircraft_in_flight_goes_around_an_area_that_is_closed_ahead_of_it(mode: str, approval: str) -> None:

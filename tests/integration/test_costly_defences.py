@@ -37,7 +37,7 @@ def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RunRecord]:
     folder = tmp_path_factory.mktemp("costly")
     cost = {"us_per_frame": 2000}
     return {
-        "free": flown(folder / "free", 20),
+        "free": flown(folder / "free", 19),
         "costly": flown(folder / "costly", 25, cost=cost),
         "quiet": flown(folder / "quiet", 20, flood=False, cost=cost),
         "plain": flown(folder / "plain", 20, flood=False),

@@ -244,7 +244,9 @@ def datasets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize(
+    "view", ["episodes", *(pytest.param(view, marks=pytest.mark.slow) for view in VIEWS if view != "episodes")]
+)
 def test_hugging_face_datasets_opens_each_view_with_its_splits(
     sample: Sample, view: str, datasets: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -23,7 +23,7 @@ from skyrange.detect.remote_id.plausibility import REMOTE_ID_PLAUSIBILITY
 from skyrange.record import RunRecord, replay_monitor
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
-from skyrange.study.runs import run
+from skyrange.study.runs import fly as fly_scenario
 
 ON_MAVLINK = {
     "commands": MAVLINK_COMMANDS,
@@ -61,7 +61,7 @@ def fly(name: str, duration_s: float, out: Path, monitors: Any) -> tuple[RunReco
     records = []
     for arm, muted in (("attacked", "false"), ("nominal", "true")):
         scenario = load_scenario(name, [f"duration_s={duration_s}", f"attacks.0.muted={muted}"])
-        records.append(run(scenario, out / arm, monitors=monitors(scenario)))
+        records.append(fly_scenario(scenario, out / arm, report=False, monitors=monitors(scenario)))
     return records[0], records[1]
 
 

@@ -136,7 +136,7 @@ def test_a_replay_leaves_its_victim_verified(delay_s: float, tmp_path: Path) -> 
         assert "contradicted" not in states(record, observer, GREEN)
 
 
-@pytest.mark.parametrize("form", ["acting", "muted", "setting"])
+@pytest.mark.parametrize("form", ["acting", "muted", pytest.param("setting", marks=pytest.mark.slow)])
 def test_an_aircraft_does_not_avoid_where_another_was(form: str, tmp_path: Path) -> None:
     """20 s old broadcasts of green say that it is in blue's way; they carry its address and its signatures."""
     data = parse_toml((FOLDER / "defences" / "remote_id.replay.toml").read_text(encoding="utf-8"))

@@ -120,6 +120,7 @@ def test_equal_seeds_and_actions_give_equal_episodes_to_the_byte(tmp_path: Path)
     assert as_bytes(other) != as_bytes(found[0])
 
 
+@pytest.mark.slow
 def test_later_episodes_have_seeds_that_follow_from_the_given_one() -> None:
     first, second = short(), short()
     for environment in (first, second):

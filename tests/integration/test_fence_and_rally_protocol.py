@@ -257,9 +257,11 @@ def test_rtl_goes_to_the_nearest_rally_point_at_least_as_high_as_it() -> None:
 @pytest.mark.parametrize(
     ("params", "points", "goal"),
     [
-        ({}, [point(0.0, 60.0)], (0.0, 0.0)),  # home is nearer
+        pytest.param({}, [point(0.0, 60.0)], (0.0, 0.0), marks=pytest.mark.slow),  # home is nearer
         ({"RALLY_INCL_HOME": 0}, [point(0.0, 60.0)], (0.0, 60.0)),
-        ({"RALLY_INCL_HOME": 0, "RALLY_LIMIT_KM": 0.03}, [point(0.0, 60.0)], (0.0, 0.0)),  # too far
+        pytest.param(  # too far
+            {"RALLY_INCL_HOME": 0, "RALLY_LIMIT_KM": 0.03}, [point(0.0, 60.0)], (0.0, 0.0), marks=pytest.mark.slow
+        ),
         ({"RALLY_INCL_HOME": 0, "FENCE_ENABLE": 1, "FENCE_RADIUS": 50}, [point(0.0, 60.0)], (0.0, 0.0)),  # outside
     ],
 )

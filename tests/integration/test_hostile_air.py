@@ -153,6 +153,7 @@ def test_an_attacker_who_sends_any_bytes_is_survived_and_counted(tmp_path: Path)
     assert not [row for row in record.table("decisions").to_pylist() if "avoid" in row["kind"]]
 
 
+@pytest.mark.slow
 def test_bodies_of_noise_are_heard_and_counted_by_those_who_hear_them(tmp_path: Path) -> None:
     bodies = [one for k, one in enumerate(garbage(900, seed=2)) if k % 9 in (5, 6)]
     with babbling(bodies):
@@ -200,7 +201,7 @@ class Injects:
         return [Inject(payload, "fwd", src, owner)]
 
 
-@pytest.mark.parametrize("kind", ["rid_down", "rid_data"])
+@pytest.mark.parametrize("kind", ["rid_down", pytest.param("rid_data", marks=pytest.mark.slow)])
 def test_garbage_on_the_companions_links_is_survived_and_counted(kind: str, tmp_path: Path) -> None:
     taps = [TapPlacement(f"{kind}:{B1}", "companion", Injects)]
     record = flown(tmp_path / "run", nearby(own=AVOIDS), taps=taps)

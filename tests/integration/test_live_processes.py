@@ -11,7 +11,7 @@ from tests.integration.live_virtual import VirtualFlight, fly_virtual, prepared
 SCENARIO = """
 name = "live"
 seed = 4
-duration_s = 14
+duration_s = 11
 
 [origin]
 lat = -35.363328

@@ -102,6 +102,7 @@ def test_it_is_started_three_times_at_most(tmp_path: Path) -> None:
     assert record.status == "complete"
 
 
+@pytest.mark.slow
 def test_the_range_goes_on_without_it(tmp_path: Path) -> None:
     record, (pid, same) = _flown(tmp_path, "continue", signal.SIGKILL)
     assert pid == same

@@ -146,6 +146,7 @@ def test_a_program_delays_and_alters_commands_and_dies(tmp_path: Path) -> None:
     assert "event.takeoff" in kinds(record, "blue/b1")
 
 
+@pytest.mark.slow
 def test_a_program_that_never_answers_costs_each_frame_its_hold(tmp_path: Path) -> None:
     class Mute(Tool):
         async def run(self, address: tuple[str, int]) -> int:
@@ -166,7 +167,7 @@ def test_a_program_that_never_answers_costs_each_frame_its_hold(tmp_path: Path) 
     assert not any(frame.fate == "dropped" for frame in frames)
 
 
-@pytest.mark.parametrize(("fail", "aloft"), [("open", True), ("closed", False)])
+@pytest.mark.parametrize(("fail", "aloft"), [pytest.param("open", True, marks=pytest.mark.slow), ("closed", False)])
 def test_while_no_program_is_there_frames_pass_or_are_dropped(fail: str, aloft: bool, tmp_path: Path) -> None:
     async def meddle(flight: VirtualFlight) -> None:
         await tapped(flight, None, fail=fail)

@@ -111,7 +111,7 @@ columns = [
 id = "terminate"
 scenario = "mavlink.command"
 measure = "departure_m"
-changes = ["duration_s=18", "attacks.terminate.start_s=13"]
+changes = ["duration_s=15", "attacks.terminate.start_s=10"]
 """
 
 
