@@ -203,6 +203,7 @@ def test_a_run_that_a_signal_ends_is_flown_when_the_study_goes_on(
     assert run_blocks(folder, LocalPool(2)).failed == []
 
 
+@pytest.mark.slow
 def test_a_full_disk_ends_the_study_and_a_budget_does(
     study: Study, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

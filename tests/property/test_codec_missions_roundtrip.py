@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -138,6 +139,7 @@ def test_every_key_of_a_plan_deleted_or_replaced() -> None:
             outcome(json.dumps(broken))
 
 
+@pytest.mark.slow
 def test_every_line_deleted_doubled_or_cut() -> None:
     for text in (SURVEY, SQUARE):
         lines = text.splitlines(keepends=True)

@@ -100,8 +100,12 @@ def test_links_lead_somewhere(page: Path) -> None:
     assert not broken
 
 
-@each_case("page", PAGES)
-def test_generated_parts_are_up_to_date(page: Path) -> None:
+@pytest.mark.parametrize("third", range(3))
+def test_generated_parts_are_up_to_date(third: int) -> None:
+    each_case("page", PAGES[third::3])(_check_generated_parts)()
+
+
+def _check_generated_parts(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == generate.renewed(text), "run: python docs/generate.py"
     assert text.count("<!-- generated:") == len(generate.BLOCK.findall(text))
@@ -220,16 +224,36 @@ RUNNABLE = [
 ]
 
 
+DEAR_PAGES = {
+    ROOT / "README.md", DOCS / "how-to" / "attack-and-compare.md", DOCS / "how-to" / "make-links-bad.md",
+    DOCS / "how-to" / "run-a-campaign.md", DOCS / "how-to" / "run-a-study.md", DOCS / "how-to" / "train-agents.md",
+    DOCS / "tutorials" / "first-attack.md", DOCS / "tutorials" / "first-flight.md",
+}  # fmt: skip
+"""Pages whose flights take long."""
+
+
 @pytest.mark.catalogue
-@pytest.mark.parametrize("page", RUNNABLE)
+@pytest.mark.parametrize("page", [one for one in RUNNABLE if one.values[0] not in DEAR_PAGES])
 def test_examples_run(
     page: Path, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """What a page tells its reader to do works, in the order in which it is told."""
-    shutil.copytree(flown / "runs", tmp_path / "runs")
+    _run_examples(page, flown, tmp_path, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [one for one in RUNNABLE if one.values[0] in DEAR_PAGES])
+def test_examples_with_long_flights_run(
+    page: Path, flown: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _run_examples(page, flown, tmp_path, monkeypatch)
+
+
+def _run_examples(page: Path, flown: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copytree(flown / "runs", folder / "runs")
     if page.parent == DOCS / "tutorials" or page == ROOT / "README.md":
-        shutil.rmtree(tmp_path / "runs")  # a tutorial starts from nothing
-    run_page(page, tmp_path, monkeypatch, {})
+        shutil.rmtree(folder / "runs")  # a tutorial starts from nothing
+    run_page(page, folder, monkeypatch, {})
 
 
 def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: dict[str, Any]) -> None:
