@@ -17,7 +17,7 @@ import coverage
 from coverage.exceptions import CoverageException
 
 from tools.contexts import RECORD, ROOT, blob_digest, write
-from tools.trace_tests import CONTEXT
+from tools.trace_tests import CONTEXT, FIXTURE, USERS
 
 FAST = "not slow and not realtime and not external"
 
@@ -51,7 +51,7 @@ def main(words: list[str] | None = None) -> int:
     lines, contexts = read_raw(raw, ROOT)
     if not lines:
         sys.exit(f"{raw} has no data of coverage.py; pytest says above why the tests did not run")
-    condense(given.output, ROOT, lines, contexts, costs)
+    condense(given.output, ROOT, lines, contexts, costs, read_users(raw))
     shutil.rmtree(raw)
     print(f"{given.output}: {len(lines)} files, {given.output.stat().st_size / 1e6:.1f} MB")
     return 0
@@ -93,20 +93,34 @@ def read_raw(raw: Path, root: Path) -> tuple[dict[str, dict[int, set[int]]], lis
     return dict(lines), list(numbers)
 
 
+def read_users(raw: Path) -> dict[str, set[str]]:
+    """The tests that use each shared fixture, by the fixture's context."""
+    users: dict[str, set[str]] = defaultdict(set)
+    for path in sorted(raw.glob(f"{USERS}.*")):
+        for node, fixtures in map(json.loads, path.read_text().splitlines()):
+            for fixture in fixtures:
+                users[fixture].add(node)
+    return users
+
+
 def condense(
     output: Path,
     root: Path,
     lines: Mapping[str, Mapping[int, Iterable[int]]],
     contexts: list[str],
     costs: Mapping[str, Any],
+    users: Mapping[str, Iterable[str]],
 ) -> None:
-    """Write the record: the context of a file stands for all its tests."""
-    nodes = sorted({name for name in (*contexts, *costs) if "::" in name})
+    """Write the record: the context of a file stands for all its tests, that of a fixture for those that use it."""
+    nodes = sorted({name for name in (*contexts, *costs) if "::" in name and FIXTURE not in name})
     bit_of = {node: 1 << number for number, node in enumerate(nodes)}
-    of_file: dict[str, int] = defaultdict(int)
+    shared: dict[str, int] = defaultdict(int)
     for node, bit in bit_of.items():
-        of_file[node.partition("::")[0]] |= bit
-    bits = [bit_of.get(context, of_file.get(context, 0)) for context in contexts]
+        shared[node.partition("::")[0]] |= bit
+    for fixture, tests in users.items():
+        for node in tests:
+            shared[fixture] |= bit_of.get(node, 0)
+    bits = [bit_of.get(context, shared.get(context, 0)) for context in contexts]
     tests_of: dict[str, dict[int, int]] = {}
     counts = [0] * len(nodes)
     for name, rows in lines.items():
@@ -120,9 +134,9 @@ def condense(
                 tests_of[name][line] = together
                 if line in inside:
                     _count(counts, together)
-    tests = {node: (count, seconds(costs.get(node, {}))) for node, count in zip(nodes, counts, strict=True)}
+    measured = {node: (count, seconds(costs.get(node, {}))) for node, count in zip(nodes, counts, strict=True)}
     digests = {name: blob_digest((root / name).read_bytes()) for name in lines}
-    write(output, tests, tests_of, digests)
+    write(output, measured, tests_of, digests)
 
 
 def _count(counts: list[int], bits: int) -> None:

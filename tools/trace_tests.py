@@ -1,12 +1,13 @@
 """A plugin of pytest that traces lines with coverage.py, in a context for each test, also in processes that it starts.
 
-What runs once for several tests has the context of their file: fixtures of a wider scope than a function, and functions
-of tests whose results are cached.
+What runs once for several tests has a context that they share: a fixture of a wider scope than a function has its own,
+and the tests that use it are listed in a file; functions of tests whose results are cached have that of the test file.
 """
 
 from __future__ import annotations
 
 import functools
+import json
 import os
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -24,19 +25,28 @@ CONTEXT = "SKYRANGE_TEST_CONTEXT"
 
 _cache = functools.cache
 
+FIXTURE = "::fixture "
+"""What stands in the context of a shared fixture between where it is defined and its name."""
+
+USERS = "fixtures"
+"""Files with this name beside the configuration list the shared fixtures of each test, one for each process."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
 class Tracer:
-    """coverage.py in this process, and the context that it is in: a node id or a file, "" between tests."""
+    """coverage.py in this process, and its context: a node id, a file or a shared fixture, "" between tests."""
 
     def __init__(self) -> None:
         self._coverage: coverage.Coverage | None = None
         self._context = ""
+        self._file = ""
+        self._users = Path()
         self._caches: list[Any] = []
 
     def start(self, configuration: str) -> None:
         """Trace from now on, and in processes that this one starts."""
+        self._users = Path(configuration).with_name(f"{USERS}.{os.getpid()}")
         self._coverage = coverage.Coverage(config_file=configuration, data_suffix=True)
         self._coverage.start()
         os.environ["COVERAGE_PROCESS_START"] = configuration
@@ -52,7 +62,9 @@ class Tracer:
         """What is executed from now on is of `context`."""
         if self._coverage is None or context == self._context:
             return
-        if context.partition("::")[0] != self._context.partition("::")[0]:
+        file = context.partition("::")[0]
+        if file != self._file and FIXTURE not in context:
+            self._file = file
             for cache in self._caches:
                 cache.cache_clear()
         self._context = context
@@ -64,11 +76,19 @@ class Tracer:
         """The test file of the context."""
         return self._context.partition("::")[0]
 
+    def list_fixtures(self, item: pytest.Item) -> None:
+        """Write which fixtures a test shares with others."""
+        definitions = item._fixtureinfo.name2fixturedefs.values() if isinstance(item, pytest.Function) else ()
+        shared = [name_fixture(each[-1]) for each in definitions if each[-1].scope != "function"]
+        if shared and self._coverage is not None:
+            with self._users.open("a") as file:
+                file.write(json.dumps([item.nodeid, shared]) + "\n")
+
     @contextmanager
-    def shared(self) -> Iterator[None]:
-        """What is executed inside is of all tests of the current file."""
+    def shared(self, context: str = "") -> Iterator[None]:
+        """What is executed inside is of the tests that share `context`: by default all of the current file."""
         before = self._context
-        self.switch(self.file)
+        self.switch(context or self.file)
         try:
             yield
         finally:
@@ -85,6 +105,11 @@ class Tracer:
 
         self._caches.append(compute)
         return compute  # type: ignore[return-value]
+
+
+def name_fixture(definition: pytest.FixtureDef[Any]) -> str:
+    """The context of a fixture that several tests share."""
+    return f"{definition.baseid}{FIXTURE}{definition.argname}"
 
 
 TRACER = Tracer()
@@ -135,6 +160,7 @@ def pytest_unconfigure() -> None:
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
     """Trace the fixtures of a test."""
     TRACER.switch(item.nodeid)
+    TRACER.list_fixtures(item)
     return (yield)
 
 
@@ -156,8 +182,8 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_fixture_setup(fixturedef: pytest.FixtureDef[Any]) -> Generator[None, Any, Any]:
-    """Trace a fixture; one that several tests share is of all tests of the file."""
+    """Trace a fixture; one that several tests may share has a context of its own."""
     if fixturedef.scope == "function":
         return (yield)
-    with TRACER.shared():
+    with TRACER.shared(name_fixture(fixturedef)):
         return (yield)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -260,12 +261,18 @@ def test_compiled_functions_constants_and_classes_have_the_tests_of_what_uses_th
     assert tests_of("4") == {"t.py::size"}
 
 
-def test_the_context_of_a_file_stands_for_all_its_tests(tmp_path: Path) -> None:
+def test_shared_contexts_stand_for_the_tests_of_a_file_or_the_users_of_a_fixture(tmp_path: Path) -> None:
     (tmp_path / "m.py").write_text("X = 1\ndef f():\n    return 2\n")
-    lines = {"m.py": {1: [0], 3: [1, 2]}}
+    lines = {"m.py": {1: [0, 3], 3: [1, 2]}}
+    shared = "tests::fixture flight"
+    (tmp_path / "fixtures.7").write_text(json.dumps(["t.py::b", [shared]]) + "\n")
+    users = record_contexts.read_users(tmp_path)
     costs = {"t.py::b": {"call": {"total": 3.0, "compiled": 1.0}, "setup": {"total": 0.5, "compiled": 0.0}}}
-    record_contexts.condense(tmp_path / "c.sqlite", tmp_path, lines, ["t.py::a", "t.py", "u.py::c"], costs)
+    record_contexts.condense(
+        tmp_path / "c.sqlite", tmp_path, lines, ["t.py::a", "t.py", "u.py::c", shared], costs, users
+    )
     known = Contexts(tmp_path / "c.sqlite")
+    assert {known.tests[number].node for number in known.executed("m.py", [1])} == {"t.py::a", "t.py::b"}
     assert {known.tests[number].node for number in known.executed("m.py", [3])} == {"t.py::a", "t.py::b", "u.py::c"}
     assert {test.node: (test.lines, test.seconds) for test in known.tests.values()} == {
         "t.py::a": (1, 0.0),
