@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 from skyrange.core.errors import ComponentError, ShortfallError, SkyrangeError
 from skyrange.core.time import Time
 from skyrange.io.processes.program import end_with_parent
-from skyrange.runtime.compilation.cache_filling import is_cold
+from skyrange.runtime.compilation.cache_filling import fill_cache, is_cold
 from skyrange.runtime.interrupt import Interruptible
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.runs import fly
@@ -52,7 +52,7 @@ def run_all(
 ) -> list[RunResult]:
     """Run every scenario into its folder, `jobs` at a time; returns the results in order.
 
-    If most kernels are not compiled yet, the first run starts alone, and the others use what it compiled.
+    Kernels that this version has not compiled yet are compiled first, so that no two runs compile the same.
     Ctrl-C ends the active runs; the remaining ones do not start and get the exit code of a shortfall.
     """
     if jobs <= 1 or len(flights) <= 1:
@@ -64,12 +64,12 @@ def run_all(
     children: dict[Connection, _Child] = {}
     flying: set[int] = set()
     signalled: set[int] = set()
-    cold = is_cold()
+    if is_cold():
+        fill_cache(jobs)
     with Interruptible() as interrupt:
         try:
             while children or (waiting and not interrupt.requested):
-                most = 1 if cold and not any(results) else jobs
-                while waiting and len(children) < most and not interrupt.requested:
+                while waiting and len(children) < jobs and not interrupt.requested:
                     number = waiting.pop(0)
                     inlet, outlet = context.Pipe(duplex=False)
                     scenario, folder = flights[number]
