@@ -38,7 +38,10 @@ def main(words: list[str] | None = None) -> int:
         for row in rows:
             print(_describe(row))
         return 0
-    waiting = [row for row in rows if "verdict" not in row and (not given.only or row["id"] in given.only.split(","))]
+    only = given.only.split(",") if given.only else [row["id"] for row in rows]
+    if unknown := sorted(set(only) - {row["id"] for row in rows}):
+        sys.exit(f"--only {','.join(unknown)}: expected ids of these faults; `--list` prints them")
+    waiting = [row for row in rows if "verdict" not in row and row["id"] in only]
     if waiting:
         _run(given, sources, rows, [faults[row["id"]] for row in waiting])
     print(table(rows))

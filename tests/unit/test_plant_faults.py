@@ -420,3 +420,10 @@ def test_planted_faults_are_found_by_the_tests_of_their_lines(project: tuple[Cop
     assert (verdicts["number -= 1"].verdict, verdicts["number -= 1"].test) == ("timeout", node("count"))
     assert verdicts["1"].verdict == "not covered"
     assert (root / PATH).read_text() == MODULE
+
+
+def test_an_id_of_no_fault_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(plant_faults, "read_sources", dict)
+    monkeypatch.setattr(plant_faults, "_select", lambda given, sources: ([{"id": "a1"}, {"id": "b2"}], {}))
+    with pytest.raises(SystemExit, match=r"--only c3: expected ids of these faults; `--list` prints them"):
+        plant_faults.main(["--only", "a1,c3"])
