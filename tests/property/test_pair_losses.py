@@ -16,16 +16,20 @@ from hypothesis import strategies as st
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
+from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
+from skyrange.radio.builtin.state import ANTENNAS
+from skyrange.radio.control_link.propagation import Propagation
 from skyrange.radio.propagation.link_budget import NO_SIGNAL, MediumParams, index_positions, received_power_dbm
 from skyrange.radio.propagation.loss_table import NO_TABLE
 from skyrange.radio.propagation.obstruction import Obstacles, has_line_of_sight, obstacle_index, trace_line
 from skyrange.radio.propagation.pair_losses import append_received_powers
+from tests.property.test_loss_table_lookup import TABLES
 from tests.tiers import examples
 
 _BOXES = [(x, y, x + 45.0, y + 40.0) for x in range(-300, 300, 70) for y in range(-300, 300, 60)]
-TOWN = obstacle_index(City([Building(str(k), 12.0 + 9.0 * (k % 5), shapely.box(*b)) for k, b in enumerate(_BOXES)],
-                           "test").walls())  # fmt: skip
+TOWN_CITY = City([Building(str(k), 12.0 + 9.0 * (k % 5), shapely.box(*b)) for k, b in enumerate(_BOXES)], "test")
+TOWN = obstacle_index(TOWN_CITY.walls())
 OPEN = obstacle_index()
 
 
@@ -130,3 +134,26 @@ def test_a_sender_reaches_some_and_not_others() -> None:
     )  # fmt: skip
     assert rows[:count].tolist() == [2]
     assert dbm[0] == pytest.approx(10.0 - (32.4 + 20.0 * math.log10(2437.0) + 20.0 * math.log10(0.9)), abs=0.06)
+
+
+@settings(max_examples=examples(60), deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    spread_m=st.sampled_from([5.0, 300.0, 1500.0]),
+    randomness=st.booleans(),
+    tabled=st.booleans(),
+)
+def test_the_gain_of_a_path_is_the_same_both_ways(seed: int, spread_m: float, randomness: bool, tabled: bool) -> None:
+    """Reciprocity, also of shadowing and fading, in the open and between buildings; to rounding."""
+    rng = np.random.default_rng(seed)
+    n = 12
+    table = TABLES[-1] if tabled else NO_TABLE
+    names = [f"radio{k}" for k in range(n)]
+    antennas = [(str(rng.choice(ANTENNAS)), float(rng.uniform(-3.0, 9.0))) for _ in names]
+    path = Propagation(names, antennas, Chance(seed), TOWN_CITY, randomness, table)
+    pos = rng.uniform([-spread_m, -spread_m, 0.0], [spread_m, spread_m, 60.0], (n, 3))
+    vel = rng.normal(0.0, 8.0, (n, 3))
+    one, other = (ends.astype(np.int64) for ends in np.triu_indices(n, 1))
+    there = path.gains_db(pos, vel, one, other, 2437.0, 1_234_567_890)
+    back = path.gains_db(pos, vel, other, one, 2437.0, 1_234_567_890)
+    assert there == pytest.approx(back, abs=1e-6)

@@ -90,6 +90,15 @@ def test_near_the_jammer_there_is_no_fix_at_its_edge_a_worse_one_and_far_away_th
     assert edge.gnss_enu_m[1].tolist() != [300, 0, 0]
 
 
+def test_a_receiver_that_recovers_is_no_act() -> None:
+    jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10)
+    acts = []
+    for step, away_m in enumerate((9_000, 300, 300, 9_000, 300, 120, 9_000)):
+        now = 3 * S + step * S
+        acts.append(len(jam.on_sensors(now, readings(now, [away_m, 0, 0], [9_000, 0, 0]))))
+    assert acts == [0, 1, 0, 0, 1, 1, 0], "each time that it begins to be degraded, or loses its fix"
+
+
 def test_a_lost_fix_returns_when_the_noise_is_weak_for_long_enough() -> None:
     jam = fault(GNSS_JAM, transmitter_m=[0, 0, 0], power_dbm=-10, reacquire_s=2)
     fixes = {}

@@ -121,6 +121,20 @@ def test_a_constant_offset_leaves_velocities_and_needs_no_other_message() -> Non
     assert (nowhere.lat, nowhere.lon) == (0, 0), "no fix stays no fix"
 
 
+def test_a_drift_upwards_is_in_every_velocity_that_tells_of_it() -> None:
+    """1, 2 and 3 m/s east, north and up, of an aircraft that truly flies 3 m/s north and 4 east and sinks 0.5 m/s."""
+    tap = tap_of(POSITION, {"offset_m": [0.0, 0.0, 5.0], "drift_mps": [1.0, 2.0, 3.0]})
+    true = position(0.0, 0.0, 30.0)
+    true.vz = 50
+    moved = altered(tap, true)
+    assert (moved.vx, moved.vy, moved.vz) == (500, 500, -250)
+    local = altered(tap, dialect.MAVLink_local_position_ned_message(1000, 1.0, 2.0, -30.0, 3.0, 4.0, 0.5))
+    assert (local.vx, local.vy, local.vz) == (5.0, 5.0, -2.5)
+    hud = altered(tap, dialect.MAVLink_vfr_hud_message(0.0, 5.0, 90, 40, 30.0, -0.5))
+    assert (hud.climb, hud.heading) == (2.5, 90)
+    assert hud.groundspeed == pytest.approx(50.0**0.5)
+
+
 def test_a_false_track_does_not_depend_on_the_aircraft() -> None:
     params = {"form": "track", "at": [100.0, 0.0, 50.0], "velocity_mps": [0.0, -2.0, 0.0]}
     for true in (position(0.0, 0.0, 30.0), position(40.0, 7.0, 10.0)):

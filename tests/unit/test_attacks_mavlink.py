@@ -66,14 +66,14 @@ def frame(direction: str, payload: bytes) -> Frame:
 
 
 def injected(one: Tap, now: Time) -> list[Any]:
-    """The messages that it injects until `now`."""
+    """The messages that it injects until `now`. Woken, it asks for a later time, or none: else it would never rest."""
     messages = []
     while (due := one.next_wakeup()) is not None and due <= now:
         for verdict in one.on_wakeup(due):
             assert isinstance(verdict, Inject)
             messages.append(decode(verdict.payload))
-        if one.next_wakeup() == due:
-            break
+        after = one.next_wakeup()
+        assert after is None or after > due
     return messages
 
 
@@ -304,6 +304,7 @@ def test_what_is_read_is_learnt() -> None:
         told(one, 2 + seq, PLAN[seq].message(seq, 255, 190))
     assert one.source.learnt["parameters"] == {"RTL_ALT": (1500.0,)}
     assert one.source.learnt["mission"]["1"] == pytest.approx((22, 40.0, -74.0, 10))
+    assert one.next_wakeup() == 60 * NS_PER_S, "the next round"
 
 
 def is_valid(payload: bytes) -> bool:

@@ -92,6 +92,30 @@ def test_dead_reckoning_integrates_a_turn_and_a_push() -> None:
     assert position == pytest.approx([2.0, 0.0, 0.0], abs=0.04)
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "rests"),
+    [
+        ("gyro_radps", (0.0, 0.0, 0.0), True),
+        ("gyro_radps", (0.0, np.radians(2.8), 0.0), True),
+        ("gyro_radps", (0.0, -np.radians(3.0), 0.0), False),
+        ("accel_mps2", (0.0, 0.0, 8.9), True),
+        ("accel_mps2", (0.0, 0.0, 8.7), False),
+        ("accel_mps2", (4.5, 0.0, 9.80665), True),
+        ("accel_mps2", (4.7, 0.0, 9.80665), False),
+        ("rotor_radps", (0.0, 0.9, 0.0, 0.0), True),
+        ("rotor_radps", (0.0, 0.0, 0.0, 1.0), False),
+    ],
+)
+def test_an_aircraft_rests_below_three_degrees_a_second_at_1_g_with_rotors_that_stand(
+    field: str, value: tuple[float, ...], rests: bool
+) -> None:
+    reckoning, sensors = DeadReckoning(1, FIELD), readings()
+    getattr(sensors, field)[0] = value
+    for step in range(5):
+        reckoning.update(step * 10 * NS_PER_MS, sensors)
+    assert reckoning.resting[0] == rests
+
+
 def test_a_drift_at_rest_is_found_and_a_still_fix_is_not() -> None:
     for speed_mps, least in ((0.0, 0), (0.5, 1)):
         check, sensors, alerts = innovation_check(), readings(), 0

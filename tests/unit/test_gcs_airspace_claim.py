@@ -10,9 +10,10 @@ import shapely
 
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
+from skyrange.core.chance import Chance
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.core.volumes import contains
-from skyrange.gcs.flight.airspace_claim import ROUNDS
+from skyrange.gcs.flight.airspace_claim import LATE_NS, ROUNDS, AirspaceClaim
 from skyrange.gcs.flight.flight import Flight
 from skyrange.gcs.plan import plans
 from skyrange.gcs.plan.alterations import altered
@@ -155,6 +156,17 @@ def test_a_flight_that_is_late_claims_the_time_at_which_it_will_depart() -> None
     assert outcome(run) == ("complete", "")
     first, second = (intent.volumes[0].start_ns for _, intent, _ in approver.asked[:2])
     assert second - first > 25 * NS_PER_S
+
+
+@pytest.mark.parametrize(("late_ns", "kept"), [(-1, True), (0, True), (LATE_NS, True), (LATE_NS + 1, False)])
+def test_an_activation_keeps_the_accepted_volumes_until_the_flight_is_five_seconds_late(
+    late_ns: Time, kept: bool
+) -> None:
+    flight, claim = Flight("op0/a", 1, square(), 8.0), AirspaceClaim(EPOCH, Chance(1))
+    accepted = claim.request(flight, 0).intent
+    activated = claim.activate(flight, 8 * NS_PER_S + late_ns).intent
+    assert activated.state is S.ACTIVATED
+    assert (activated.volumes == accepted.volumes) is kept
 
 
 def test_an_approval_that_is_silent_at_activation_ends_the_flight_on_the_ground() -> None:

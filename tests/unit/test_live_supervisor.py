@@ -136,6 +136,29 @@ def test_ctrl_c_ends_it_and_the_record_is_whole(tmp_path: Path) -> None:
     assert not (flight.folder / ".parts").exists()
 
 
+def test_ctrl_c_while_processes_come_up_starts_nothing_any_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flight, sent = prepared(SCENARIO, tmp_path), list[str]()
+    send = MemoryControlServer.send
+
+    async def record_kind(self: MemoryControlServer, who: str, kind: str, blob: bytes = b"", /, **data: Any) -> None:
+        sent.append(kind)
+        await send(self, who, kind, blob, **data)
+
+    monkeypatch.setattr(MemoryControlServer, "send", record_kind)
+
+    async def interrupt(flight: VirtualFlight) -> None:
+        await flight.until(lambda: "warm_up" in sent, 60.0, "a process that comes up")
+        flight.interrupt.requested = True
+
+    with pytest.raises(ShortfallError, match=r"interrupted at 0\.0 s"):
+        fly_virtual(flight, interrupt)
+    assert set(sent) == {"warm_up", "stop"}
+    assert running(flight.system) == []
+    assert load(flight.folder).status == "interrupted"
+
+
 def test_a_node_is_started_anew_three_times_and_no_more(tmp_path: Path) -> None:
     flight = prepared(SCENARIO.replace("duration_s = 10", "duration_s = 20"), tmp_path, on_death="restart")
 

@@ -298,6 +298,26 @@ def test_a_jammer_covers_a_band_and_keeps_senders_waiting() -> None:
     assert run(40.0, 2437.0) == (0, 10)
 
 
+def test_senders_wait_for_noise_of_62_dbm_whatever_adds_up_to_it() -> None:
+    """IEEE 802.11-2020 17.3.10.6. Two equal jammers are 3.01 dB more than one."""
+    radios = [standing("a", 0.0), standing("j1", 110.0, listening=()), standing("j2", -110.0, listening=())]
+    table = fixed_positions(radios)
+    medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
+    medium.offer(0, batch((1, 1, int(OFDM), 1)))
+    (heard_dbm,) = medium.advance(10 * NS_PER_MS, table).heard.rssi_dbm
+    loss_db = 15.0 - heard_dbm
+
+    def fate(*received_dbm: float) -> TransmissionFate:
+        medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
+        powers = enumerate(received_dbm, 1)
+        medium.emit(0, noise(*((k, 2437.0, 20.0, dbm + loss_db, 0, NS_PER_S) for k, dbm in powers)))
+        medium.offer(0, batch((0, NS_PER_MS, int(OFDM), 0)))
+        return TransmissionFate(medium.advance(NS_PER_S, table).sent.fate[0])
+
+    assert fate(-62.1) == fate(-65.1, -65.1) == TransmissionFate.SENT
+    assert fate(-61.9) == fate(-64.9, -64.9) == TransmissionFate.NO_ACCESS
+
+
 def test_noise_ends_when_it_is_told_to() -> None:
     radios = [standing("a", 0.0), standing("b", 100.0), standing("jam", 110.0, listening=())]
     medium = BuiltinMedium(radios, Chance(1), surroundings=STILL)
