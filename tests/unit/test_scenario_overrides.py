@@ -132,6 +132,12 @@ def test_what_matches_nothing_names_the_nearest() -> None:
         assert expected in said
 
 
+def test_what_is_no_number_names_no_element() -> None:
+    """A superscript and an Arabic digit, which `str.isdigit` accepts, and more digits than `int` reads."""
+    for key in ("\u00b2", "\u0660", "-1", "1" * 5_000):
+        assert "an id, an index from 0" in refused(f"operators.{key}.id=x")
+
+
 def test_files_named_on_the_command_line_are_beside_the_shell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert apply_overrides(DATA, ["city.buildings=town.geojson"])["city"]["buildings"] == str(tmp_path / "town.geojson")

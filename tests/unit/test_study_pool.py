@@ -56,7 +56,7 @@ def test_every_block_is_flown_once_by_processes_that_stay(jobs: int) -> None:
 
 @pytest.mark.parametrize(
     ("fly", "limit_s", "says"),
-    [(_killed_at_two, 30.0, "its process was ended by SIGKILL"), (_hanging_at_two, 0.5, "took longer than 0.5 s")],
+    [(_killed_at_two, 30.0, "its process was ended by SIGKILL"), (_hanging_at_two, 4.0, "took longer than 4 s")],
 )
 def test_a_worker_that_dies_or_hangs_loses_its_own_block_alone(fly: object, limit_s: float, says: str) -> None:
     found = _run(2, fly, limit_s)

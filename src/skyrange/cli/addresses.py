@@ -5,6 +5,7 @@ from __future__ import annotations
 from ipaddress import ip_address
 
 from skyrange.core.errors import InputError
+from skyrange.core.whole_numbers import parse_whole
 
 
 def parse_ip_address(who: str, option: str, text: str) -> str:
@@ -18,6 +19,7 @@ def parse_ip_address(who: str, option: str, text: str) -> str:
 def parse_address(who: str, option: str, text: str, default_port: int) -> tuple[str, int]:
     """IP address and TCP port of `text`: ADDRESS, ADDRESS:PORT or [ADDRESS]:PORT. Raises `InputError`."""
     host, separator, port = text.rpartition(":") if text.count(":") == 1 or "]:" in text else (text, "", "")
-    if separator and not (port.isdigit() and 0 < int(port) < 65_536):
+    number = parse_whole(port) if separator else default_port
+    if number is None or not 0 < number < 65_536:
         raise InputError.one(who, option, text, "ADDRESS or ADDRESS:PORT")
-    return parse_ip_address(who, option, host.strip("[]")), int(port) if separator else default_port
+    return parse_ip_address(who, option, host.strip("[]")), number

@@ -11,6 +11,7 @@ from typing import IO, Final
 from urllib.parse import urlsplit
 
 from skyrange.core.errors import ComponentError
+from skyrange.core.whole_numbers import parse_whole
 
 TIMEOUT_S: Final = 30.0
 """Timeout in seconds of wall time for connecting and for each read."""
@@ -90,5 +91,4 @@ def _chunks(url: str, hint: str) -> Iterator[tuple[bytes, int | None]]:
 
 def _size(headers: Message) -> int | None:
     """The Content-Length that the server states, if it is a number."""
-    said = headers.get("Content-Length", "")
-    return int(said) if said.isascii() and said.isdigit() else None
+    return parse_whole(headers.get("Content-Length", ""))

@@ -18,6 +18,7 @@ from pydantic import BaseModel
 
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.input_files import expand_user
+from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.model.operators import operator_names, vehicle_names
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import FILE_KEYS
@@ -158,8 +159,9 @@ def _elements(part: Sequence[Any], above: tuple[str, ...], key: str, here: tuple
     ids = _ids(part, above)
     if key in ids:
         return [index for index, name in enumerate(ids) if name == key]
-    if key.isdecimal() and int(key) < len(part):
-        return [int(key)]
+    index = parse_whole(key)
+    if index is not None and index < len(part):
+        return [index]
     known = [name for name in ids if name]
     hint = nearest(key, known) or (f"The indices are 0 to {len(part) - 1}." if part else "The list is empty.")
     raise _NoMatchError(Problem(".".join(here), key, "an id, an index from 0, or *", hint))

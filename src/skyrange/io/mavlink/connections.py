@@ -18,6 +18,7 @@ from typing import Any, Final, Literal
 
 from skyrange.codec.mavlink.deframer import Deframer, Piece
 from skyrange.core.errors import InputError, nearest
+from skyrange.core.whole_numbers import parse_whole
 
 Kind = Literal["tcp", "udpin", "udpout", "serial"]
 ADDRESS_FORMS: Final = {
@@ -55,11 +56,12 @@ class Address:
         host, _, number = rest.rpartition(":")
         host = host.removeprefix("[").removesuffix("]")
         most = MAX_BAUD if kind == "serial" else 65_535
-        if not host or not (number.isascii() and number.isdigit() and len(number) < 8 and 1 <= int(number) <= most):
+        port = parse_whole(number)
+        if not host or port is None or not 1 <= port <= most:
             raise InputError.one("wire", where, text, ADDRESS_FORMS[kind])
         if kind != "serial" and not _is_address(host):
             raise InputError.one("wire", where, text, f"{ADDRESS_FORMS[kind]} with an IP address, or localhost")
-        return cls(kind, host, int(number))  # type: ignore[arg-type]
+        return cls(kind, host, port)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host and self.kind != "serial" else self.host

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from skyrange.contracts.params import refuse
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import ID_PATTERN
+from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.named_files import read_text
 from skyrange.scenario.toml_reader import parse_toml
 from skyrange.scenario.validation.error_messages import input_error
@@ -153,9 +154,10 @@ class ServiceConfig(_Table):
     def address(self) -> tuple[str, int]:
         """Host and port of `listen`. Raises `InputError`."""
         host, _, port = self.listen.rpartition(":")
-        if not host or not port.isdigit() or int(port) > 65_535:
+        number = parse_whole(port)
+        if not host or number is None or number > 65_535:
             raise InputError.one(self.name, "listen", repr(self.listen), "an address such as 127.0.0.1:8071")
-        return host.strip("[]"), int(port)
+        return host.strip("[]"), number
 
     @property
     def receivers(self) -> frozenset[str]:

@@ -9,6 +9,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.core.whole_numbers import parse_whole
 from skyrange.scenario.validation import units
 from skyrange.scenario.validation.field_path import field_at, model_of, type_at
 
@@ -116,7 +117,8 @@ def _rest(fault: Problem) -> tuple[str, str, str]:
 
 
 def _path(where: str) -> Loc:
-    return tuple(int(part) if part.isdigit() else part for part in where.split(".") if part)
+    parts = [part for part in where.split(".") if part]
+    return tuple(part if (index := parse_whole(part)) is None else index for part in parts)
 
 
 def _trim(loc: Loc, model: type[BaseModel]) -> Loc:

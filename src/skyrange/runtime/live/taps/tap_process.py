@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.time import NS_PER_S
+from skyrange.core.whole_numbers import parse_whole
 from skyrange.record.folder import PARTS
 from skyrange.record.manifest import MANIFEST
 from skyrange.runtime.live.clock import Clock, MonotonicClock
@@ -185,9 +186,10 @@ def _read_json(path: Path) -> dict[str, Any] | None:
 def parse_loopback(address: str) -> tuple[str, int]:
     """Host and port of `HOST:PORT`; `InputError` unless it is on the loopback, since a tap has no keys."""
     host, _, port = address.rpartition(":")
-    if host not in (LOOPBACK, "localhost", "") or not port.isdecimal() or int(port) > 65_535:
+    number = parse_whole(port)
+    if host not in (LOOPBACK, "localhost", "") or number is None or number > 65_535:
         hint = "From another machine let ssh carry it: ssh -L."
         raise InputError(
             "tap", [Problem("--listen", address, f"a port of the loopback, such as {LOOPBACK}:7000", hint)]
         )
-    return LOOPBACK, int(port)
+    return LOOPBACK, number
