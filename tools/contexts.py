@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 import zlib
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha1
@@ -52,6 +53,9 @@ class Contexts:
             for number, name, digest in self._database.execute("SELECT id, path, digest FROM file")
         }
         self._lines: dict[str, dict[int, int]] = {}
+        self._named: dict[tuple[str, str], set[int]] = defaultdict(set)
+        for number, test in self.tests.items():
+            self._named[test.file, test.node.partition("[")[0].rpartition("::")[2]].add(number)
 
     def digest(self, path: str) -> str | None:
         """The digest by `blob_digest` of the file as it was executed; None if no line of it was."""
@@ -64,6 +68,10 @@ class Contexts:
             rows = self._database.execute("SELECT line, tests FROM line WHERE file = ?", (number,))
             self._lines[path] = {line: int.from_bytes(zlib.decompress(tests), "little") for line, tests in rows}
         return self._lines[path]
+
+    def named(self, path: str, function: str) -> set[int]:
+        """The ids of the tests that a function of a test file is, one for each of its parameters."""
+        return self._named.get((path, function), set())
 
     def executed(self, path: str, lines: Iterable[int]) -> set[int]:
         """The ids of the tests that executed any of these lines of the file."""

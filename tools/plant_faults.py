@@ -19,7 +19,7 @@ from typing import Any
 from tools.contexts import RECORD, ROOT, Contexts, blob_digest
 from tools.fault_runs import BATCHES, Copy, Verdict, group_by_file, list_files, order
 from tools.faults import KINDS, Fault, choose, find_faults
-from tools.source import References, read_sources
+from tools.source import TESTS, References, read_sources
 
 Row = dict[str, Any]
 VERDICTS = ("found", "timeout", "survived", "budget", "not covered")
@@ -109,7 +109,7 @@ def _describe(row: Mapping[str, Any]) -> str:
 
 
 def _run(given: argparse.Namespace, sources: Mapping[str, bytes], rows: list[Row], faults: Sequence[Fault]) -> None:
-    contexts, references = Contexts(given.contexts), References(sources)
+    contexts, references = Contexts(given.contexts), References({**sources, **read_sources(package=TESTS)})
     for path in sorted({fault.path for fault in faults}):
         if contexts.digest(path) not in (None, blob_digest(sources[path])):
             print(f"{path} has changed since the record of the tests: make contexts", file=sys.stderr)

@@ -1,7 +1,7 @@
 """Where the code of the package is executed: functions, classes and constants, and the lines that refer to them.
 
-What coverage.py does not see is found through references by name: compiled functions through the functions that call
-them, and what an import executes through the lines that use the class or the constant.
+What coverage.py does not see is found through references by name: compiled functions through the functions and tests
+that call them, and what an import executes through the lines that use the class or the constant.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from tools.contexts import ROOT, Contexts
 
 PACKAGE = "src/skyrange"
+TESTS = "tests"
 COMPILERS = {"compiled", "inlined"}
 CACHES = {"cache", "lru_cache"}
 
@@ -28,7 +29,8 @@ class Place:
     """Where some code is executed: in the body of a function, or by the import of its module.
 
     `symbols` are the names to look for if no test executes the lines by itself: the compiled function that contains
-    them, the function whose results are cached, or the class or the constants that an import makes.
+    them, the function whose results are cached, or the class or the constants that an import makes. In a test file,
+    whose lines are not traced, they name the function.
     """
 
     path: str
@@ -64,6 +66,10 @@ class Scopes:
         """Where `node` of `statement` is executed; `statement` itself if not given."""
         first, last = lines_of(statement) if node is None else _span(node)
         functions = [scope for scope in self.stack if isinstance(scope, Function | ast.Lambda)]
+        if _is_test(path):
+            outer = next((scope for scope in (*self.stack, statement) if isinstance(scope, Function)), None)
+            if outer is not None:
+                return Place(path, first, last, "test", (outer.name,))
         if self.compiled:
             return Place(path, first, last, "compiled", (self.compiled,))
         if functions:
@@ -121,9 +127,13 @@ def _assigned(statement: ast.stmt) -> Iterator[str]:
             yield node.id
 
 
+def _is_test(path: str) -> bool:
+    return path.startswith(f"{TESTS}/")
+
+
 def module_of(path: str) -> str:
-    """The name of the module in a file below `src`."""
-    parts = Path(path).with_suffix("").parts[1:]
+    """The name of the module in a file below `src`, or in a test file."""
+    parts = Path(path).with_suffix("").parts[0 if _is_test(path) else 1 :]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -152,7 +162,10 @@ def find_places(path: str, text: bytes, lines: Iterable[int]) -> list[Place]:
 
 
 class References:
-    """The places that refer to each name of each module, and the functions of each module."""
+    """The places that refer to each name of each module, and the functions of each module.
+
+    With the test files among `sources` it also finds the tests that refer to a name themselves.
+    """
 
     def __init__(self, sources: Mapping[str, bytes]) -> None:
         self._paths = {module_of(path): path for path in sources}
@@ -199,6 +212,8 @@ class References:
     def _symbol(self, path: str, node: ast.AST) -> Symbol | None:
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load):
             return self._resolve(path, node.id)
+        if isinstance(node, ast.arg) and _is_test(path):  # it may be a fixture
+            return self._resolve(path, node.arg)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             module = self._imports[path].get(node.value.id)
             if module is not None and module[1] == "":
@@ -223,6 +238,8 @@ class References:
         """The tests that execute a place, by the record or through what refers to it."""
         seen = set() if seen is None else seen
         found: set[int] = set()
+        if place.kind == "test":
+            found |= contexts.named(place.path, place.symbols[0])
         if place.kind == "function":
             found |= contexts.executed(place.path, range(place.first, place.last + 1))
         for first, last in place.bodies:

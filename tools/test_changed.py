@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tools.contexts import RECORD, ROOT, Contexts, blob_digest
 from tools.record_contexts import FAST
-from tools.source import PACKAGE, References, find_places, module_of, read_sources
+from tools.source import PACKAGE, TESTS, References, find_places, module_of, read_sources
 
 HUNK = re.compile(rb"^@@ -(\d+)(?:,(\d+))? \+(\d+)(?:,(\d+))? @@", re.MULTILINE)
 UNSEEN = "Not seen: tests that reach the change through files of data, other programs or results that are cached."
@@ -98,7 +98,7 @@ def _executed(root: Path, base: str, modules: Iterable[str], contexts: Contexts)
         else:
             yield from (contexts.tests[test].node for test in contexts.executed(name, contexts.lines(name)))
     if lines:
-        references = References(sources)
+        references = References(sources | read_sources(root, TESTS))
         for name, numbers in lines.items():
             found = contexts.executed(name, numbers)
             for place in find_places(name, sources[name], numbers):

@@ -54,6 +54,8 @@ def assert_same(
     one = fly(scenario, folder / "one", report=False)
     path = run_on_cores(scenario, Division(parts, "", binding), len(parts), folder / "several")
     several = load(path)
+    for name, content in build(scenario).attachments.items():
+        assert (path / name).read_bytes() == (one.path / name).read_bytes() == content, name
     assert several.manifest["digests"] == one.manifest["digests"]
     for table in TABLES:
         assert rows_of(several, table) == rows_of(one, table), table

@@ -22,7 +22,7 @@ from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.design.model import Study, read_study
 from skyrange.study.sweep.execution import worker
 from skyrange.study.sweep.execution.local_pool import LocalPool
-from skyrange.study.sweep.execution.study_run import forget_failures, list_failures, run_blocks
+from skyrange.study.sweep.execution.study_run import forget_failures, list_failures, run_blocks, run_study
 from skyrange.study.sweep.execution.worker import DiskFullError
 from skyrange.study.sweep.folder import StudyFolder, create_folder, open_folder, require_same, require_unchanged
 from skyrange.study.sweep.measurement import TABLES
@@ -160,6 +160,8 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
     monkeypatch.setattr(study_folder, "version", lambda _: "99")
     with pytest.raises(InputError, match="which began it"):
         require_unchanged(folder)
+    with pytest.raises(InputError, match="which began it"):
+        run_study(study, folder.path)
     require_unchanged(folder, other_version=True)
 
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
+from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.frames.frame import Frame
 from skyrange.core.errors import InputError
+from skyrange.core.time import NS_PER_S
 from skyrange.study.compare.given_missions import read_missions
-from skyrange.study.compare.mission_flights import KINDS, ORIGIN, fleet_scenario
+from skyrange.study.compare.mission_flights import KINDS, ORIGIN, _reached_items, fleet_scenario
 from skyrange.study.compare.mission_parity import given_missions
 
 FILE = """QGC WPL 110
@@ -51,3 +56,22 @@ def test_missions_that_lead_far_start_farther_apart(tmp_path: Path) -> None:
     starts = sorted(vehicle.start.east_m for _, vehicle in scenario.fleet)
     assert len(starts) == 2 * len(KINDS)
     assert min(b - a for a, b in itertools.pairwise(starts)) > 2_000.0
+
+
+def test_items_count_as_reached_from_lift_off_to_touchdown_and_by_their_autopilot_alone() -> None:
+    autopilots = {name: Packer(1, 1) for name in ("a/1", "b/1")}
+
+    def report(at_s: float, seq: int, vehicle: str = "a/1", sender: str = "autopilot") -> Frame:
+        ends = f"{vehicle}.{sender}", f"{vehicle}.proxy"
+        payload = autopilots[vehicle].pack(mav.MAVLink_mission_item_reached_message(seq))
+        return Frame(f"autopilot:{vehicle}", "fwd", ends[0], 0, *ends, round(at_s * NS_PER_S), payload)
+
+    other = report(14.0, 3)
+    other.payload = autopilots["a/1"].pack(mav.MAVLink_mission_current_message(3))
+    frames = [
+        report(9.9, 1), report(10.0, 2), report(12.5, 3), report(13.0, 9, sender="proxy"), other, report(20.0, 4),
+        report(20.1, 5), report(31.0, 1, "b/1"),
+    ]  # fmt: skip
+    record: Any = SimpleNamespace(frames_with_payloads=lambda: iter(frames))
+    found = _reached_items(record, {"a/1": (10.0, 20.0), "b/1": (30.0, 40.0)})
+    assert found == {"a/1": [(0.0, 2), (2.5, 3), (10.0, 4)], "b/1": [(1.0, 1)]}

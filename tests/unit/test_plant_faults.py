@@ -261,6 +261,62 @@ def test_compiled_functions_constants_and_classes_have_the_tests_of_what_uses_th
     assert tests_of("4") == {"t.py::size"}
 
 
+def test_tests_that_call_compiled_code_themselves_are_found_by_their_references(tmp_path: Path) -> None:
+    texts = {
+        "src/skyrange/a.py": """\
+            LIMIT = 3
+
+            @compiled
+            def low(x):
+                return x < LIMIT
+            """,
+        "tests/t.py": """\
+            from skyrange.a import LIMIT, low
+
+            WORDS = [low(2)]
+
+            def helper(x):
+                return low(x)
+
+            @pytest.fixture
+            def made():
+                return low(1)
+
+            def test_a():
+                assert helper(2)
+
+            @pytest.mark.parametrize("x", [1, LIMIT])
+            def test_b(x):
+                pass
+
+            def test_c(made):
+                pass
+
+            def test_d():
+                assert WORDS
+
+            def test_e():
+                pass
+            """,
+    }
+    sources = {path: dedent(text).encode() for path, text in texts.items()}
+    nodes = [
+        "tests/t.py::test_a",
+        "tests/t.py::test_b[a::b]",
+        "tests/t.py::test_b[3]",
+        *(f"tests/t.py::test_{k}" for k in "cde"),
+    ]
+    known = record(tmp_path, {"src/skyrange/other.py": {1: set(nodes)}})
+    faults = {fault.before: fault.place for fault in find_faults("src/skyrange/a.py", sources["src/skyrange/a.py"])}
+
+    def tests_of(before: str) -> set[str]:
+        tests = References(sources).tests_at(faults[before], known)
+        return {known.tests[number].node.removeprefix("tests/t.py::test_") for number in tests}
+
+    assert tests_of("x < LIMIT") == {"a", "c", "d"}
+    assert tests_of("3") == {"a", "b[a::b]", "b[3]", "c", "d"}
+
+
 def test_shared_contexts_stand_for_the_tests_of_a_file_or_the_users_of_a_fixture(tmp_path: Path) -> None:
     (tmp_path / "m.py").write_text("X = 1\ndef f():\n    return 2\n")
     lines = {"m.py": {1: [0, 3], 3: [1, 2]}}
