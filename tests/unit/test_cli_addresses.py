@@ -6,7 +6,7 @@ import re
 from ipaddress import IPv4Address, IPv6Address
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from skyrange.cli.addresses import parse_address
@@ -24,6 +24,7 @@ def parse(text: str) -> tuple[str, int]:
 
 
 @given(hosts, ports)
+@example(IPv4Address("10.0.0.1"), 65_535)
 def test_an_address_with_a_port_is_read(host: IPv4Address | IPv6Address, port: int) -> None:
     text = f"[{host}]:{port}" if host.version == 6 else f"{host}:{port}"
     assert parse(text) == (str(host), port)
