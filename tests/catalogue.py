@@ -7,13 +7,14 @@ row see most kinds. Tests of kinds that have changed since then, committed or no
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
@@ -47,12 +48,26 @@ class Choice:
     def take(self, tests: Mapping[str, Iterable[str]]) -> Taken:
         """Choose among tests, by id, each with the files that hold what it is about."""
         changed = {test for test, files in tests.items() if not self.changed.isdisjoint(files)}
-        drawn = {test for test in tests if self._draw(test) % SHARE == 0}
+        drawn = {test for test in tests if self.number_of(test) % SHARE == 0}
         few = len(changed - drawn) <= MOST_CHANGED
         return Taken(frozenset(drawn | changed if few else drawn), 0 if few else len(changed - drawn))
 
-    def _draw(self, test: str) -> int:
+    def number_of(self, test: str) -> int:
+        """A number that this commit gives a test or a case, as good as random."""
         return int.from_bytes(blake2b(f"{self.commit} {test}".encode(), digest_size=8).digest(), "big")
+
+
+T = TypeVar("T")
+
+
+def draw(cases: Iterable[T], count: int = 1) -> list[T]:
+    """`count` of the cases of a dear slow test, by the commit before HEAD; all with SAMPLES=all in the environment."""
+    every = list(cases)
+    if os.environ.get("SAMPLES") == "all":
+        return every
+    choice = Choice.of_checkout()
+    chosen = sorted(range(len(every)), key=lambda number: choice.number_of(f"{number} {every[number]}"))[:count]
+    return [every[number] for number in sorted(chosen)]
 
 
 @dataclass(frozen=True)

@@ -44,16 +44,18 @@ def test_a_row_of_a_transport(transport: TransportKind) -> None:
 @pytest.mark.realtime
 def test_a_row_of_a_range() -> None:
     looks: list[float] = []
+    crossing: set[str] = set()
 
     def look(flown: LiveRange) -> None:
         looks.append(flown.now_s)
+        crossing.update(one.link.name.partition(":")[0] for one in flown.crossings)
 
     row = measure(2, 2.0, "operator", OFFSET, look)
     assert (row["vehicles"], row["flying"], row["processes"]) == (2, 2, 3)
     assert row["held"] is (not row["fell_behind"])
     assert row["cores"] > 0.0
     assert row["aircraft_per_core"] == pytest.approx(2 / row["cores"], rel=0.02)
-    assert set(row["added_ms"]) == {"autopilot", "approval"}  # the rest is within the operator's process
+    assert set(row["added_ms"]) == crossing == {"autopilot", "approval"}  # the rest is within the operator's process
     assert all(0.0 < own["median"] <= own["p99"] for own in row["added_ms"].values())
     # eight telemetry frames of each aircraft in a second go over one socket and three hops
     assert 8 <= row["crossings_per_s"] <= row["frames_per_s"] / 3

@@ -15,6 +15,7 @@ from skyrange.scenario.shipped import SHIPPED
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.compare.agreement import agreement
 from skyrange.study.runs import fly
+from tests.catalogue import draw
 from tests.integration.live_agrees import FLIGHTS, RACES, TOLERANCE_S, Both, fly_both, virtual
 from tests.integration.live_virtual import fly_virtual, prepared
 
@@ -45,25 +46,24 @@ def test_all_that_is_shipped_is_flown_by_the_table() -> None:
     assert set(FLIGHTS) == set(SHIPPED)
 
 
-@pytest.mark.parametrize(
-    ("name", "seconds", "happened", "items_s"),
-    [
-        pytest.param("squares", 24.0, SQUARES, 0.5, marks=pytest.mark.slow),
-        pytest.param("head-on", 44.0, HEAD_ON, 0.5, marks=pytest.mark.slow),
-        pytest.param(
-            "gnss-drift",
-            80.0,
-            {"event.item_reached": 1, "event.attack_start": 1, "event.collision": 1, "event.crash": 1},
-            1.0,
-            marks=pytest.mark.slow,
-        ),
-        pytest.param("squares", 60.0, SQUARES | {"event.landed": 5}, 0.5, marks=pytest.mark.slow),
-        pytest.param("crossing", 140.0, {"event.takeoff": 3, "event.landed": 3}, 0.1, marks=pytest.mark.slow),
-        pytest.param("wind", 160.0, {"event.takeoff": 2, "event.landed": 2}, 0.1, marks=pytest.mark.slow),
-        pytest.param("survey", 185.0, {"event.takeoff": 1, "event.landed": 1}, 0.1, marks=pytest.mark.slow),
-        pytest.param("rid-spoofing", 155.0, {"event.takeoff": 2, "event.attack_start": 1}, 1.0, marks=pytest.mark.slow),
-    ],
-)
+WHOLE: list[tuple[str, float, dict[str, int], float]] = [
+    ("squares", 24.0, SQUARES, 0.5),
+    ("head-on", 44.0, HEAD_ON, 0.5),
+    (
+        "gnss-drift", 80.0,
+        {"event.item_reached": 1, "event.attack_start": 1, "event.collision": 1, "event.crash": 1}, 1.0,
+    ),
+    ("squares", 60.0, SQUARES | {"event.landed": 5}, 0.5),
+    ("crossing", 140.0, {"event.takeoff": 3, "event.landed": 3}, 0.1),
+    ("wind", 160.0, {"event.takeoff": 2, "event.landed": 2}, 0.1),
+    ("survey", 185.0, {"event.takeoff": 1, "event.landed": 1}, 0.1),
+    ("rid-spoofing", 155.0, {"event.takeoff": 2, "event.attack_start": 1}, 1.0),
+]  # fmt: skip
+"""Whole flights: name, seconds, how often what happens at least, and within how many seconds items are reached."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "seconds", "happened", "items_s"), draw(WHOLE, 4))
 def test_the_same_happens_within_the_tolerance(
     name: str, seconds: float, happened: dict[str, int], items_s: float, tmp_path: Path
 ) -> None:

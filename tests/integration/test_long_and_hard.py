@@ -77,8 +77,9 @@ def test_deliveries_over_bad_links_all_arrive_alike_and_keep_nothing(tmp_path: P
             held.append(tracemalloc.get_traced_memory()[0])
     finally:
         tracemalloc.stop()
-    # what was recorded has gone to files: 20 s of it are some 2,500 frames, which take more than 0.5 MB as objects
-    assert min(held[4:]) - min(held[:4]) < 300_000
+    # What was recorded has gone to files, or waits in columns for its row group: 20 s of it are some 2,500 frames and
+    # 800 rows of truth, 0.35 MB. As objects the frames alone would take more than 0.5 MB more.
+    assert min(held[4:]) - min(held[:4]) < 500_000
     run.advance(400.0)
     run.finish()
     assert load_run(tmp_path / "two").manifest["digests"] == record.manifest["digests"]

@@ -7,12 +7,14 @@ below the 10 % that the builtin promises.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import pytest
 
 from skyrange.study.compare.autopilot_parity import Parity
 from tests.ardupilot import needs_arducopter
+from tests.catalogue import draw
 from tests.parity.missions import DEPART_S, WINDS, flown, flown_at
 
 ABSOLUTE = {
@@ -85,8 +87,7 @@ def test_both_fly_alike(wind_mps: float, tmp_path: Path) -> None:
 
 
 @needs_arducopter
-@pytest.mark.parametrize("rates", ["single", "reduced"])
-@pytest.mark.parametrize("wind_mps", sorted(WINDS))
+@pytest.mark.parametrize(("rates", "wind_mps"), draw(product(("single", "reduced"), sorted(WINDS))))
 def test_ardupilot_flies_alike_at_its_cheaper_rates(rates: str, wind_mps: float, tmp_path: Path) -> None:
     parity = flown_at(rates, wind_mps, tmp_path, WINDS[wind_mps])
     assert list(_strays(parity)) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from skyrange.codec import f3411
@@ -17,8 +18,10 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.tables import Tables
-from skyrange.record.read.transmissions import read_decoded_receptions
+from skyrange.record.read.transmissions import FRAME_COLUMNS, read_decoded_receptions
 from skyrange.record.schema import arrow_schema
+from skyrange.record.write.files.derivation import Derivation
+from skyrange.record.write.rows.frame_encoder import FrameEncoder
 from tests.unit.record_sample import HEADER, MS, make_frame, traffic
 
 ORIGIN = {"lat_deg": 40.778, "lon_deg": -73.955, "alt_msl_m": 20.0, "geoid_m": -32.7}
@@ -186,3 +189,27 @@ def test_the_age_of_a_claimed_position_is_that_in_the_nearest_hour(
     recorder.close()
     [seen] = load(tmp_path / "run").table("observations").to_pylist()
     assert seen["timestamp_age_s"] == (age_s if age_s is None else pytest.approx(age_s))
+
+
+def test_frames_that_another_process_recorded_long_before_are_found(tmp_path: Path) -> None:
+    """The rows of a minute and more come at once: no frame that they name is dropped before they are joined."""
+
+    def encoded(frames: Sequence[Any]) -> tuple[pa.Table, pa.RecordBatch]:
+        encoder = FrameEncoder(1 << 20)
+        gathered = encoder.gather(frames)
+        return pa.Table.from_batches([encoder.table(gathered)]), encoder.take_payloads()
+
+    foreign = []
+    for second in (1, 2, 100):
+        frames, payloads = encoded([up("b/b1", second, second * NS_PER_S, whole_body())])
+        bodies = payloads.column("payload")
+        foreign.append(frames.select(list(FRAME_COLUMNS)).append_column("payload", pa.chunked_array([bodies])))
+    frames, payloads = encoded([up("a/a1", n, n * NS_PER_S, whole_body()) for n in range(200)])
+    named = {"link": "rid_up:b/b1", "receiver": "a/a1"}
+    rows = receptions([{**named, "serial": n, "time_ns": n * NS_PER_S + MS} for n in (1, 2, 100)])
+    (tmp_path / ".spool").mkdir()
+    derivation = Derivation(tmp_path, Origin(40.778, -73.955), None)
+    derivation.add(frames, [payloads], [rows], foreign)
+    derivation._observations.finish()
+    found = pq.read_table(derivation.observations_file)
+    assert found.column("mac").to_pylist() == [MAC.hex(":")] * 3

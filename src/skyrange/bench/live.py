@@ -92,15 +92,17 @@ def _busiest(live_range: LiveRange, took_s: float) -> dict[str, float]:
 
 def added_ms(record: RunRecord, live_range: LiveRange) -> dict[str, dict[str, float]]:
     """By kind of link, the time of frames between processes beyond their channel's latency."""
-    latency_ns = {spec.name: spec.channel.latency_ns for spec in live_range.built.wiring.links}
+    crossing = {one.link.name for one in live_range.crossings}
+    links = live_range.built.wiring.links
+    latency_ns = {spec.name: spec.channel.latency_ns for spec in links if spec.name in crossing}
     found: dict[str, list[NDArray[np.float64]]] = {}
     for batch in record.batches("frames", ["link", "sent_ns", "arrived_ns"]):
         rows = pa.Table.from_batches([batch])
         rows = rows.filter(pc.and_(pc.is_valid(rows.column("arrived_ns")), pc.greater_equal(rows.column("sent_ns"), 0)))
         took_ns = pc.subtract(rows.column("arrived_ns"), rows.column("sent_ns"))
-        links = rows.column("link").combine_chunks().dictionary_encode()
-        codes = links.indices.to_numpy(zero_copy_only=False)
-        for code, link in enumerate(links.dictionary.to_pylist()):
+        names = rows.column("link").combine_chunks().dictionary_encode()
+        codes = names.indices.to_numpy(zero_copy_only=False)
+        for code, link in enumerate(names.dictionary.to_pylist()):
             if link in latency_ns:
                 own = took_ns.to_numpy()[codes == code] - latency_ns[link]
                 found.setdefault(link.partition(":")[0], []).append(own)

@@ -87,7 +87,7 @@ class EngineCase:
     def flown(self, cut: int = 0) -> Flight:
         """A whole flight with friendly mail alone; one for each cut, read only."""
         if cut not in self._cut:
-            self._cut[cut] = self.flight(cut).fly(self.until) if cut else self.plain.flight
+            self._cut[cut] = _ended(self.flight(cut).fly(self.until)) if cut else self.plain.flight
         return self._cut[cut]
 
     def fly_with_payloads(self, payloads: Sequence[bytes]) -> Flight:
@@ -112,6 +112,7 @@ class PlainFlight:
         """Fly a case's aircraft. Raises `Broken` for what ends the flight."""
         made = cls(case.flight())
         made.flight.fly(case.until, look=made._look)
+        _ended(made.flight)
         return made
 
     def keeps(self, rule: str) -> None:
@@ -131,6 +132,13 @@ class PlainFlight:
                 check()
             except Broken as broken:
                 self.broken.setdefault(rule if broken.rule is None else broken.rule, broken)
+
+
+def _ended(flight: Flight) -> Flight:
+    """A flight that is only read from now on: its engines are closed, so that others can have what they held."""
+    for engine in flight.engines:
+        engine.close()
+    return flight
 
 
 def check_engine(

@@ -96,14 +96,14 @@ class Derivation:
             self._observations.add_foreign(transmissions)
         for batch in payloads:
             self._payloads.add(batch)
+        for batch in receptions if self.observes else ():  # before the frames, so that none that they name is dropped
+            self._observations.add_receptions(batch)
         if frames is not None:
             frames = unify_dictionaries(frames)
             self._telemetry.add(frames, self._payloads)
             if self.observes:
                 self._observations.add_frames(frames, self._payloads)
             self._payloads.drop_before_window(pc.max(frames.column("payload_id")).as_py())
-        for batch in receptions if self.observes else ():
-            self._observations.add_receptions(batch)
 
     def finish(self, tables: Tables) -> tuple[dict[str, int], int]:
         """Write the rest; returns how many rows each message and observations have. `tables` has all rows."""
