@@ -185,7 +185,7 @@ def test_links_that_lose_repeat_and_reorder(tmp_path: Path) -> None:
 def test_flights_that_land(approval: str, tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
     operators = "".join(operator(name, approval, 40.0 * k, 2, aware) for k, name in enumerate("abc"))
-    manifest = assert_same(load_text(text(operators, RADIO + WEATHER, 110)), (("a",), ("b", "c")), tmp_path)
+    manifest = assert_same(load_text(text(operators, RADIO + WEATHER, 150)), (("a",), ("b", "c")), tmp_path)
     assert {outcome["state"] for outcome in load(tmp_path / "one").outcomes.values()} == {"complete"}
     assert manifest["counts"]["receptions"] > 0
 
