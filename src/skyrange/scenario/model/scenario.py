@@ -36,7 +36,19 @@ from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
-from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
+from skyrange.scenario.model.plan import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Path,
+    Plan,
+    Route,
+    Square,
+    mission_file,
+    path,
+    route,
+    square,
+)
 from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
@@ -54,6 +66,9 @@ __all__ = [
     "DefenceTable",
     "DetectorTable",
     "FaultTable",
+    "Fence",
+    "FenceCircle",
+    "FencePolygon",
     "Fleet",
     "Grid",
     "Link",
