@@ -83,9 +83,13 @@ def test_a_read_back_finds_any_difference_of_a_fence(fence: tuple[MissionItem, .
     assert sent.kind == mav.MAV_MISSION_TYPE_FENCE
     assert _read_back(sent, sent) == "done"
     place = data.draw(st.integers(0, len(fence) - 1))
-    change = data.draw(st.sampled_from([{"x": 1}, {"y": -1}, {"param1": 1.0}, {"command": 1}]))
-    (name, by), (old,) = next(iter(change.items())), (sent.items[place],)
-    altered = (*sent.items[:place], old._replace(**{name: getattr(old, name) + by}), *sent.items[place + 1 :])
+    name, by = data.draw(st.sampled_from((("x", 1.0), ("y", -1.0), ("param1", 1.0), ("command", 1.0))))
+    old = sent.items[place]
+    altered = (
+        *sent.items[:place],
+        old._replace(**{name: type(getattr(old, name))(getattr(old, name) + by)}),
+        *sent.items[place + 1 :],
+    )
     assert _read_back(sent, ItemList(sent.kind, altered)).startswith(f"fence read-back differs at item {place}: ")
 
 
