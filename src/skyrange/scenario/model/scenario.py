@@ -107,7 +107,11 @@ _KNOT_MPS = 1852 / 3600
 class Origin(Model):
     """The origin of all coordinates, a point on Earth. The ground is flat and lies at its height."""
 
-    lat: Number = Field(ge=-89, le=89, description="WGS 84 latitude in degrees, north positive.")
+    lat: Number = Field(
+        ge=-80,
+        le=80,
+        description="WGS 84 latitude in degrees, north positive. The flat map is not accurate nearer to the poles.",
+    )
     lon: Number = Field(ge=-180, le=180, description="WGS 84 longitude in degrees, east positive.")
     alt_msl_m: Number = Field(
         default=0.0, ge=-500, le=9_000, description="Height of the ground above mean sea level, in metres."
