@@ -130,6 +130,9 @@ _SECTIONS = (
     ("Square", "`plan.square`"),
     ("Path", "`plan.path`"),
     ("Route", "`plan.route`"),
+    ("Fence", "`plan.fence`"),
+    ("FenceCircle", "`plan.fence.circles`"),
+    ("FencePolygon", "`plan.fence.polygons`"),
 )
 
 

@@ -25,7 +25,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "Scenarios": "Scenario SHIPPED load_scenario load_toml to_toml json_schema",
         "Surroundings": "Origin City Grid Wind Radio Receiver",
         "Operators and aircraft": "Operator Vehicle Fleet Start Sensors RemoteId Verify Avoidance Autopilots",
-        "Plans": "Plan Square Path Route square path route mission_file",
+        "Plans": "Plan Square Path Route Fence FenceCircle FencePolygon square path route mission_file",
         "Links, processing, attacks, faults, defences, detectors, recording": """Link WifiParams CellularParams
             BaseStation Processing AttackTable FaultTable When DefenceTable DefenceCost DetectorTable Record Live""",
     },

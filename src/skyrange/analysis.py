@@ -12,7 +12,7 @@ from skyrange.core.lazy_exports import export_lazily
 if TYPE_CHECKING:
     from skyrange.codec.f3411 import decode as decode_remote_id
     from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
-    from skyrange.codec.mavlink import decode as decode_mavlink
+    from skyrange.codec.mavlink import decode_anew as decode_mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.record import RunRecord, load, replay_monitor
     from skyrange.study.captures.packet_captures import Capture

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from skyrange.codec.f3411 import encode as encode_remote_id
     from skyrange.codec.f3411.conformance import deviations as find_remote_id_deviations
     from skyrange.codec.mavlink import Packer as MavlinkPacker
-    from skyrange.codec.mavlink import decode as decode_mavlink
+    from skyrange.codec.mavlink import decode_anew as decode_mavlink
     from skyrange.codec.mavlink import dialect as mavlink
     from skyrange.codec.mavlink import message_name as name_mavlink
     from skyrange.contracts.alerts import Alert

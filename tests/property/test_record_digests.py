@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.core.ids import FrameId
 from skyrange.record.digests import Digests, hash_rows
 from skyrange.record.write.memory_observer import MemoryObserver
@@ -32,7 +32,7 @@ frames = st.builds(
 
 def _frame(*values: Any) -> Frame:
     frame = Frame(*values[:10])
-    frame.arrived_ns, frame.fate = values[10], values[11]
+    end_journey(frame, values[11], values[10])
     return frame
 
 
@@ -103,7 +103,7 @@ def test_every_column_of_a_frame_counts(column: str, value: object) -> None:
         return _frame("l", "fwd", "s", 5, "a", "d", 10, b"pa", parent, (cause,), 20, Fate.DELIVERED)
 
     other = build()
-    setattr(other, column, value)
+    object.__setattr__(other, column, value)  # which a frame refuses otherwise
     assert _digest([build()]) != _digest([other])
     assert _digest([build(), build()]) != _digest([build()])
 

@@ -89,7 +89,7 @@ SCENARIOS = st.builds(
         unique_by=lambda operator: operator.id or object(),
     ),
     st.fixed_dictionaries(
-        {"origin": st.tuples(st.floats(-89, 89), st.floats(-180, 180))},
+        {"origin": st.tuples(st.floats(-80, 80), st.floats(-180, 180))},
         optional={
             "seed": st.integers(0, 2**63 - 1),
             "name": st.from_regex(r"\A[A-Za-z0-9][A-Za-z0-9 ._-]{0,20}\Z"),

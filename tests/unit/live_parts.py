@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent, World
-from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.frames.frame import Frame, end_journey
 from skyrange.contracts.links import Channel, LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Note, Outbox
 from skyrange.contracts.verdicts import Label
@@ -80,10 +79,11 @@ class Behind:
 
     def on_frame(self, frame: Frame) -> None:
         if self.offset_ns:
-            frame = copy(frame)
-            frame.sent_ns -= self.offset_ns
-            if frame.arrived_ns != NEVER:
-                frame.arrived_ns -= self.offset_ns
+            told = (frame.link, frame.direction, frame.sender, frame.serial, frame.src, frame.dst)
+            late = Frame(*told, frame.sent_ns - self.offset_ns, frame.payload, frame.parent, frame.causes)
+            arrived_ns = frame.arrived_ns if frame.arrived_ns == NEVER else frame.arrived_ns - self.offset_ns
+            end_journey(late, frame.fate, arrived_ns)
+            frame = late
         self.recorder.on_frame(frame)
 
     on_block = Log.on_block

@@ -41,7 +41,7 @@ def test_waypoints() -> None:
     assert [item.command for item in mission.items] == [22, 16, 16, 178, 16, 177, 20]
     assert mission.items[1] == MissionItem(3, 16, 0, 0, 0, 0, -35.362878, 149.1652241, 10)
     assert math.isnan(mission.items[2].param4)
-    assert (mission.fence, mission.rally, mission.settings) == (None, None, None)
+    assert (mission.fence, mission.rally, mission.settings) == ((), (), None)
     assert mission.source.endswith("square.waypoints")
 
 
@@ -138,8 +138,11 @@ def test_plan_with_a_survey() -> None:
     transects = [16, 206, 16, 206] * 3
     assert [item.command for item in mission.items] == [22, *transects, 178, 16, 177, 20]
     assert mission.home == tuple(plan["mission"]["plannedHomePosition"])
-    assert mission.fence == plan["geoFence"]
-    assert mission.rally == plan["rallyPoints"]
+    assert [(item.command, item.param1) for item in mission.fence] == [(5002, 3.0)] * 3 + [(5003, 400.0)]
+    assert [(one.x, one.y) for one in mission.fence[:3]] == [
+        tuple(c) for c in plan["geoFence"]["polygons"][0]["polygon"]
+    ]
+    assert [[one.x, one.y, one.z] for one in mission.rally] == plan["rallyPoints"]["points"]
     assert mission.settings == {
         "cruiseSpeed": 15,
         "firmwareType": 3,

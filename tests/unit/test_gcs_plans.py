@@ -38,7 +38,7 @@ def item(
 
 
 def auto(*items: MissionItem) -> FlightPlan:
-    return FlightPlan("auto", "m", ORIGIN, Point(*HOME), mission=Mission(items, None, None, None, "m"))
+    return FlightPlan("auto", "m", ORIGIN, Point(*HOME), mission=Mission(items, source="m"))
 
 
 TAKEOFF = item(22, z=10.0)
@@ -96,7 +96,7 @@ def far_mission(home: tuple[float, float, float] | None, frame: int = 3) -> Miss
         item(16, frame=10, x=lat, y=lon, z=25),
         RTL,
     )
-    return Mission(items, home, None, None, "far")
+    return Mission(items, home, source="far")
 
 
 @pytest.mark.parametrize("home", [None, (40.0, -74.0, 10.0)])

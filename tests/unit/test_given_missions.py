@@ -61,16 +61,16 @@ def test_missions_that_lead_far_start_farther_apart(tmp_path: Path) -> None:
 def test_items_count_as_reached_from_lift_off_to_touchdown_and_by_their_autopilot_alone() -> None:
     autopilots = {name: Packer(1, 1) for name in ("a/1", "b/1")}
 
-    def report(at_s: float, seq: int, vehicle: str = "a/1", sender: str = "autopilot") -> Frame:
+    reached, current = mav.MAVLink_mission_item_reached_message, mav.MAVLink_mission_current_message
+
+    def report(at_s: float, seq: int, vehicle: str = "a/1", sender: str = "autopilot", message: Any = reached) -> Frame:
         ends = f"{vehicle}.{sender}", f"{vehicle}.proxy"
-        payload = autopilots[vehicle].pack(mav.MAVLink_mission_item_reached_message(seq))
+        payload = autopilots[vehicle].pack(message(seq))
         return Frame(f"autopilot:{vehicle}", "fwd", ends[0], 0, *ends, round(at_s * NS_PER_S), payload)
 
-    other = report(14.0, 3)
-    other.payload = autopilots["a/1"].pack(mav.MAVLink_mission_current_message(3))
     frames = [
-        report(9.9, 1), report(10.0, 2), report(12.5, 3), report(13.0, 9, sender="proxy"), other, report(20.0, 4),
-        report(20.1, 5), report(31.0, 1, "b/1"),
+        report(9.9, 1), report(10.0, 2), report(12.5, 3), report(13.0, 9, sender="proxy"),
+        report(14.0, 3, message=current), report(20.0, 4), report(20.1, 5), report(31.0, 1, "b/1"),
     ]  # fmt: skip
     record: Any = SimpleNamespace(frames_with_payloads=lambda: iter(frames))
     found = _reached_items(record, {"a/1": (10.0, 20.0), "b/1": (30.0, 40.0)})

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from skyrange.cli.output.live_viewer_notices import tell_when_up
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.core.errors import InputError
 from skyrange.runtime.live.node.viewers import LiveViewers, assign_viewer_ports
 from skyrange.runtime.live.range import prepare_range
@@ -21,7 +21,7 @@ from tests.ports import OFFSET
 
 def said(direction: str, payload: bytes, fate: Fate = Fate.IN_FLIGHT) -> Frame:
     frame = Frame("autopilot:blue/b1", direction, "a", 0, "a", "b", 0, payload)
-    frame.fate = fate
+    end_journey(frame, fate)
     return frame
 
 

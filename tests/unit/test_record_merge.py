@@ -15,7 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.links import AttackPlan, Channel, TapPlacement
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
@@ -286,7 +286,7 @@ def test_frames_that_taps_held(tmp_path: Path) -> None:
     """One where it left, for half a minute; one of two with the same bytes where it came, so it was recorded later."""
     sent = [up(1, 1.0, b"x"), up(2, 1.0, b"x"), up(3, 30.0, b"y"), up(0, 0.0, b"held")]
     late = came(0, 1.1, b"x")
-    late.arrived_ns = 2 * NS_PER_S
+    end_journey(late, late.fate, 2 * NS_PER_S)
     air = part(tmp_path / "air", AIR, [came(1, 1.1, b"x"), late, came(2, 30.1, b"y"), came(3, 30.2, b"held")])
     assert brief(hand(tmp_path, part(tmp_path / "ground", GROUND, sent), air)) == [
         (GROUND, 0, "delivered", 30.2), (GROUND, 1, "delivered", 2.0), (GROUND, 2, "delivered", 1.1),

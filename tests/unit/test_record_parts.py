@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.record.read.telemetry import count_messages
@@ -38,7 +38,7 @@ def _delayed(seed: int) -> Iterator[Frame]:
     held: list[tuple[int, Frame]] = []
     for count, frame in enumerate(traffic(8)):
         if draw.random() < 0.3:
-            frame.arrived_ns = (frame.sent_ns // (50 * MS) + 1) * 50 * MS
+            end_journey(frame, frame.fate, (frame.sent_ns // (50 * MS) + 1) * 50 * MS)
         held.append((count + draw.choice([0, 0, 0, 1, 5, 60]), frame))
         due = [each for at, each in held if at <= count]
         held = [(at, each) for at, each in held if at > count]

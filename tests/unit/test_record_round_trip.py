@@ -255,8 +255,8 @@ def test_tlog_is_read_back_by_pymavlink(tmp_path: Path) -> None:
     tell(recorder, ROUNDS)
     recorder.on_frame(make_frame("gcs:blue/b1", "rev", "tap", 0, 3 * MS, b"\x00garbage", arrived_ns=4 * MS))
     # recorded last, sent first: a tlog is in order of time all the same
-    late = next(iter(traffic(1)))
-    late.link, late.direction, late.sender, late.sent_ns = "gcs:blue/b2", "fwd", "blue.gcs", -50 * MS
+    one = next(iter(traffic(1)))
+    late = make_frame("gcs:blue/b2", "fwd", "blue.gcs", 0, -50 * MS, one.payload, arrived_ns=one.arrived_ns)
     recorder.on_frame(late)
     recorder.close()
     path = tmp_path / "run" / "operators" / "blue.tlog"

@@ -103,7 +103,7 @@ def test_ordering_holds_little(monkeypatch: pytest.MonkeyPatch) -> None:
 GROWTH = """
 import sys
 from collections.abc import Iterator
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.codec.mavlink import Packer, dialect
 from skyrange.record import Recorder
 from skyrange.runtime.memory import peak_memory_mb as peak_mb
@@ -121,7 +121,8 @@ while rows < 600_000:
         parent = None
         for link, sender in ends[k]:
             frame = Frame(link, "rev", sender, count, sender, "x", count * 125_000_000, payload, parent)
-            frame.arrived_ns, frame.fate, parent = frame.sent_ns + 1000, Fate.DELIVERED, frame.id
+            end_journey(frame, Fate.DELIVERED, frame.sent_ns + 1000)
+            parent = frame.id
             recorder.on_frame(frame)
     rows += 300
     if rows in (300_000, 600_000):

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.core.errors import InputError
 from skyrange.record import Recorder, load
@@ -51,27 +51,27 @@ def test_the_order_of_recording_is_no_difference(tmp_path: Path) -> None:
 
 
 def _payload(frame: Frame) -> None:
-    frame.payload = frame.payload[:-1] + b"\0"
+    object.__setattr__(frame, "payload", frame.payload[:-1] + b"\0")
 
 
 def _fate(frame: Frame) -> None:
-    frame.fate = Fate.DROPPED
+    object.__setattr__(frame, "fate", Fate.DROPPED)
 
 
 def _arrival(frame: Frame) -> None:
-    frame.arrived_ns += 1
+    end_journey(frame, frame.fate, frame.arrived_ns + 1)
 
 
 def _parent(frame: Frame) -> None:
-    frame.parent = None
+    object.__setattr__(frame, "parent", None)
 
 
 def _causes(frame: Frame) -> None:
-    frame.causes = (frame.id,)
+    object.__setattr__(frame, "causes", (frame.id,))
 
 
 def _claim(frame: Frame) -> None:
-    frame.src = "somebody else"
+    object.__setattr__(frame, "src", "somebody else")
 
 
 @pytest.mark.parametrize("reach", [1, 25, 131_072])

@@ -13,7 +13,7 @@ from skyrange.city.building_files import files_of
 from skyrange.city.city import City
 from skyrange.city.geojson import MAX_FILE_BYTES as MAX_CITY_BYTES
 from skyrange.codec.f3411 import printable_id
-from skyrange.codec.mission import format_waypoints
+from skyrange.codec.mission import Mission, format_plan, format_waypoints
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import loaded_sources
@@ -119,9 +119,15 @@ def make_attachments(scenario: Scenario, city: City | None) -> dict[str, bytes]:
 
 
 def make_mission_files(plans: Mapping[str, FlightPlan]) -> dict[str, bytes]:
-    """The missions of vehicles as they fly them, in a folder for each operator."""
-    return {
+    """The missions of vehicles as they fly them, in a folder for each operator; as a plan too where it has more."""
+    files = {
         f"missions/flown/{name}.waypoints": format_waypoints(plan.mission).encode()
         for name, plan in plans.items()
         if plan.mission is not None
     }
+    for name, plan in plans.items():
+        if plan.fence or plan.rally:
+            home = plan.origin.geodetic_of(plan.home_enu_m.east_m, plan.home_enu_m.north_m)
+            whole = Mission(plan.items, (*home, plan.origin.alt_msl_m + plan.home_enu_m.up_m), plan.fence, plan.rally)
+            files[f"missions/flown/{name}.plan"] = format_plan(whole).encode()
+    return files

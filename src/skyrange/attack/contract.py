@@ -96,7 +96,10 @@ def no_anchors(authorities: str) -> Sequence[Anchor]:
 
 @dataclass(frozen=True, slots=True)
 class AttackContext:
-    """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links."""
+    """The context of an attack: data of the scenario, and the names of the attack's own endpoint and links.
+
+    Its tables are the attack's own: to alter them alters nothing for others.
+    """
 
     id: str
     """The attack's id, unique in the scenario."""
@@ -128,6 +131,12 @@ class AttackContext:
     defence."""
     anchors: Callable[[str], Sequence[Anchor]] = no_anchors
     """The public DRIP keys that receivers hold before the flight, by `authorities` of the settings of verification."""
+
+    def __post_init__(self) -> None:
+        for name in ("vehicles", "over_air", "receivers"):  # each attack's own
+            object.__setattr__(self, name, dict(getattr(self, name)))
+        for name in ("links", "signed"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
     @property
     def radio(self) -> str:

@@ -18,9 +18,10 @@ from skyrange.city.coordinate_systems import Projection
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
+from skyrange.core.volumes import wrap_longitude
 
 MAX_EXTENT_DEG = 2.0
-"""The flat map is inaccurate beyond this; two longitudes with opposite signs also exceed it."""
+"""The flat map is inaccurate beyond this."""
 
 BUILDING_KEYS: Final = ("building", "building:part", "building_part")
 _OTHER_KINDS: Final = (
@@ -88,6 +89,7 @@ def make_city(
         dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(reading.dropped.items()))
         value = f"{reading.features} features, no building" + (f": {dropped}" if dropped else "")
         raise InputError.one(name, "features", value, "polygons tagged building=…")
+    degrees = _unwrap(degrees)
     west, south = degrees.min(axis=0).tolist()
     east, north = degrees.max(axis=0).tolist()
     if max(east - west, north - south) > MAX_EXTENT_DEG:
@@ -95,11 +97,21 @@ def make_city(
         hint = f"Cut a part out: `ogr2ogr -f GeoJSON -t_srs EPSG:4326 -spat WEST SOUTH EAST NORTH city.geojson {name}`."
         raise InputError.one(name, "features", across, f"one city, at most {MAX_EXTENT_DEG} degrees across", hint)
     if origin is None:
-        origin = Origin(0.5 * (south + north), 0.5 * (west + east))
+        origin = Origin(0.5 * (south + north), wrap_longitude(0.5 * (west + east)))
     east_m, north_m = origin.to_enu(degrees[:, 1], degrees[:, 0])
     lines = shapely.linearrings(np.column_stack((east_m, north_m)), indices=owners.ring_of_vertex)
     shapes = shapely.polygons(lines, indices=owners.polygon_of_ring)
     return _build(name, chosen, shapes, owners.building_of_polygon, reading), origin
+
+
+def _unwrap(degrees: Vertices) -> Vertices:
+    """Vertices without a jump of longitude at the date line (RFC 7946, 3.1.9): within half a turn of the first one."""
+    away = degrees[:, 0] - degrees[0, 0]
+    if np.abs(away).max() <= 180.0:
+        return degrees
+    turns = np.where(away > 180.0, -360.0, np.where(away < -180.0, 360.0, 0.0))
+    unwrapped: Vertices = degrees + np.column_stack((turns, np.zeros(len(turns))))
+    return unwrapped
 
 
 @dataclass(frozen=True, slots=True)

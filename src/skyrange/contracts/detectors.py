@@ -27,6 +27,9 @@ class DetectorContext:
     epoch: Epoch
     chance: Chance
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "vehicles", tuple(self.vehicles))
+
 
 @dataclass(frozen=True, slots=True)
 class DetectorPlugin(Plugin[DetectorContext, Monitor]):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert, find_problem
 from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, InputError, Problem, attribute_error, nearest
 from skyrange.core.ids import Port
 from skyrange.core.time import Time
@@ -43,7 +44,7 @@ class ObservedFrames(Sequence[ObservedFrame]):
     """Frames seen since a monitor's last service time, as columns of one row each; iterating them gives single frames.
 
     Rows are in order of time; ties are settled by port, what was sent before what arrived, sender and its count. The
-    arrays belong to the simulation: they are read, not altered.
+    arrays are read-only, because other monitors are handed the same.
     """
 
     def __init__(
@@ -59,19 +60,19 @@ class ObservedFrames(Sequence[ObservedFrame]):
     ) -> None:
         self.ports = ports
         """Every end at which the monitor listens, in order of link and endpoint: the same throughout a run."""
-        self.places = places
+        self.places = as_read_only(places)
         """(n,) where each frame was seen: its port's place in `ports`."""
-        self.received = received
+        self.received = as_read_only(received)
         """(n,) whether it arrived there, else it was sent from there."""
-        self.at_ns = at_ns
+        self.at_ns = as_read_only(at_ns)
         """(n,) when it arrived or was sent, in ns."""
         self.payloads = payloads
         """n payloads."""
         self.names = names
         """Endpoints that `src` and `dst` number."""
-        self.src = src
+        self.src = as_read_only(src)
         """(n,) the source that it claims: a place in `names`."""
-        self.dst = dst
+        self.dst = as_read_only(dst)
         """(n,) the destination that it claims, likewise."""
 
     def __len__(self) -> int:

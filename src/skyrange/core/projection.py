@@ -18,6 +18,11 @@ _PER_DEGREE = math.pi / 180.0
 _MERIDIONAL_M = SEMI_MAJOR_M * (1.0 - ECCENTRICITY_2) * _PER_DEGREE
 _NORMAL_M = SEMI_MAJOR_M * _PER_DEGREE
 
+_NULL_DEG = 1.5e-7
+"""A point at 0 N, 0 E is given this latitude, 17 mm north, which is neither rounded nor truncated to 0: latitude and
+longitude 0 mean "here" in an item of a mission (ArduPilot, Mode::loc_from_cmd) and "unknown" in Remote ID (ASTM F3411,
+table 8) and in most messages of MAVLink."""
+
 
 @compiled
 def scales(mid_lat_deg: float) -> tuple[float, float]:
@@ -49,13 +54,16 @@ def to_enu(
 
 @compiled
 def geodetic_of(lat0_deg: float, lon0_deg: float, east_m: float, north_m: float) -> tuple[float, float]:
-    """(lat_deg, lon_deg) of a point in metres."""
+    """(lat_deg, lon_deg) of a point in metres, never 0 and 0 in units of 1e-7 degrees: see `_NULL_DEG`."""
     here = lat0_deg
     for _ in range(3):  # a contraction with factor ~1e-6 at city scale: three rounds reach rounding
         north_scale, east_scale = scales(0.5 * (here + lat0_deg))
         here = lat0_deg + north_m / north_scale
     north_scale, east_scale = scales(0.5 * (here + lat0_deg))
-    return here, (lon0_deg + east_m / east_scale + 180.0) % 360.0 - 180.0
+    lon = (lon0_deg + east_m / east_scale + 180.0) % 360.0 - 180.0
+    if abs(here) < _NULL_DEG and abs(lon) < _NULL_DEG:
+        here = _NULL_DEG
+    return here, lon
 
 
 @compiled

@@ -35,6 +35,31 @@ class Volume4D:
             raise ValueError(f"a volume must start before it ends, got {self.start_ns} and {self.end_ns}")
 
 
+def wrap_longitude(lng: float) -> float:
+    """A longitude in degrees within -180…180; one that is stays as it is."""
+    return lng if -180.0 <= lng <= 180.0 else (lng + 180.0) % 360.0 - 180.0
+
+
+def longitude_near(lng: float, reference: float) -> float:
+    """A longitude in degrees, and 360 more or less where that is nearer to `reference`; beyond ±180 if need be."""
+    if lng - reference > 180.0:
+        return lng - 360.0
+    return lng + 360.0 if reference - lng > 180.0 else lng
+
+
+def unwrap_outline(outline: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The (latitude, longitude) of a ring without a jump at ±180: F3548 (Polygon) has the shortest path between two
+    corners. The least longitude is at least -180 and below 180, others may exceed that.
+    """
+    first = outline[0][1]
+    if all(abs(lng - first) <= 180.0 for _, lng in outline):
+        return tuple(outline)
+    near = [(lat, longitude_near(lng, first)) for lat, lng in outline]
+    west = min(lng for _, lng in near)
+    turn = 360.0 if west < -180.0 else -360.0 if west >= 180.0 else 0.0
+    return tuple((lat, lng + turn) for lat, lng in near)
+
+
 def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:
     """Whether a position (degrees, metres above the ellipsoid) lies in one of `volumes` at a time."""
     return any(
@@ -46,6 +71,8 @@ def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up
 def _is_inside(ring: Sequence[tuple[float, float]], lat: float, lon: float) -> bool:
     """Whether a ray from a point to the east crosses a ring an odd number of times."""
     inside = False
+    ring = unwrap_outline(ring)
+    lon = longitude_near(lon, ring[0][1])
     lat_0, lon_0 = ring[-1]
     for lat_1, lon_1 in ring:
         if (lat_0 > lat) != (lat_1 > lat) and lon < lon_0 + (lat - lat_0) / (lat_1 - lat_0) * (lon_1 - lon_0):

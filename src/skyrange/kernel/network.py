@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.frames.payloads import Ints, Payloads
 from skyrange.contracts.links import MIN_LATENCY_NS
 from skyrange.contracts.mailboxes import Arrival, Departure, Note, Outbox, Parents
 from skyrange.contracts.verdicts import Delay, Drop, Inject, Pass, Replace, Verdict
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import Port
-from skyrange.core.time import NEVER, Time, ceil_to
+from skyrange.core.time import Time, ceil_to
 from skyrange.kernel.acts.attack_states import AttackState, note_withheld, takes_effect
 from skyrange.kernel.block_forwarder import BlockForwarder, cut_off
 from skyrange.kernel.directed_link import DirectedLink, RouteHop, RouteQueue, TapSlot, Transit
@@ -277,13 +277,13 @@ class Network:
             if until is not None or replacement is not None:
                 raise ComponentError(f"tap {slot.name}", "dropped a frame and kept it in one answer")
             self._observers.label_tap_act(now, slot, "drop", frame.id)
-            frame.fate = Fate.DROPPED
+            end_journey(frame, Fate.DROPPED)
             self._observers.report_frames([frame])
             return None
         if replacement is not None:
             child = link.make_frame(slot.name, now, replacement, frame.src, frame.dst, frame.id)
             self._observers.label_tap_act(now, slot, "replace", frame.id, child=child.id)
-            frame.fate = Fate.REPLACED
+            end_journey(frame, Fate.REPLACED)
             self._observers.report_frames([frame])
             frame = child
         if until is not None and until > now:
@@ -358,7 +358,7 @@ class Network:
             return
         fate, arrival, twin = link.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
-            frame.fate = fate
+            end_journey(frame, fate)
             self._observers.report_frames([frame])
             return
         self._schedule_arrival(arrival, link, frame, None)
@@ -405,11 +405,10 @@ class Network:
         """Follow fused routes at sending time. `trail` has the hops so far, which are reported at the end."""
         fate, arrival, _ = link.carry(frame.sender, now, len(frame.payload))
         if fate is not Fate.DELIVERED:
-            frame.fate = fate
+            end_journey(frame, fate)
             self._push(now, link.name, frame, REPORT, [*trail, frame])
             return
-        frame.arrived_ns = arrival
-        frame.fate = Fate.DELIVERED
+        end_journey(frame, Fate.DELIVERED, arrival)
         for monitor in link.arrival_monitors:
             monitor.take_frame(arrival, link.number, frame, True)
         trail.append(frame)
@@ -432,7 +431,7 @@ class Network:
         """The last hop of a fused route."""
         fate, arrival, twin = link.carry(frame.sender, sent, len(frame.payload))
         if fate is not Fate.DELIVERED:
-            frame.fate = fate
+            end_journey(frame, fate)
             self._push(sent, link.name, frame, REPORT, [*trail, frame])
             return
         self._schedule_arrival(arrival, link, frame, trail)
@@ -457,8 +456,7 @@ class Network:
 
     def _deliver(self, now: Time, link: DirectedLink, frame: Frame) -> None:
         """Hand a frame to the mailbox and the routes of its receiver."""
-        frame.arrived_ns = now
-        frame.fate = Fate.DELIVERED
+        end_journey(frame, Fate.DELIVERED, now)
         self._observers.report_frames([frame])
         for monitor in link.arrival_monitors:
             monitor.take_frame(now, link.number, frame, True)
@@ -478,7 +476,7 @@ class Network:
         if queue.admit(now, job):
             self._process_waiting(now, queue)
             return
-        job.frame.fate = Fate.OVERFLOW
+        end_journey(job.frame, Fate.OVERFLOW)
         self._observers.report_frames([job.frame])
         note = queue.count_overflow(job.frame.id)
         if note is not None:
@@ -550,6 +548,5 @@ class Network:
         begun = [frame for frame in frames if frame.sent_ns <= now]
         for frame in begun:
             if frame.arrived_ns > now and frame.fate in (Fate.DELIVERED, Fate.IN_FLIGHT):
-                frame.arrived_ns = NEVER
-                frame.fate = Fate.IN_FLIGHT
+                end_journey(frame, Fate.IN_FLIGHT)
         self._observers.report_frames(begun)

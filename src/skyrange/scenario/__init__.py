@@ -18,7 +18,19 @@ if TYPE_CHECKING:
     from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
     from skyrange.scenario.model.links import Link
     from skyrange.scenario.model.operators import Operator
-    from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
+    from skyrange.scenario.model.plan import (
+        Fence,
+        FenceCircle,
+        FencePolygon,
+        Path,
+        Plan,
+        Route,
+        Square,
+        mission_file,
+        path,
+        route,
+        square,
+    )
     from skyrange.scenario.model.processing import Processing
     from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
     from skyrange.scenario.model.scenario import City, Grid, Live, Origin, Record, Scenario, Sensors, Wind, json_schema
@@ -39,6 +51,9 @@ __all__ = [
     "DefenceTable",
     "DetectorTable",
     "FaultTable",
+    "Fence",
+    "FenceCircle",
+    "FencePolygon",
     "Fleet",
     "Grid",
     "Link",

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import shapely
 
 from skyrange.core.time import Time, from_seconds, to_seconds
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, longitude_near, unwrap_outline, wrap_longitude
 from skyrange.utm.airspace.claimed_airspace import Query
 from skyrange.utm.contract import Alternative
 
@@ -86,11 +86,15 @@ def find_alternatives(volumes: Sequence[Volume4D], search: Search, limits: Limit
 
 def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
     """The volume that encloses an intent and all alternatives to it."""
-    lats, lngs = zip(*(corner for one in volumes for corner in one.outline), strict=True)
+    lats, lngs = zip(*(corner for one in _unwrapped(volumes) for corner in one), strict=True)
     aside_deg = (max(map(abs, limits.aside_m), default=0.0) + 1.0) / _M_PER_DEG
     south, north = max(min(lats) - aside_deg, -90.0), min(max(lats) + aside_deg, 90.0)
     wide_deg = aside_deg / max(math.cos(math.radians(max(abs(south), abs(north)))), 1e-6)
-    west, east = max(min(lngs) - wide_deg, -180.0), min(max(lngs) + wide_deg, 180.0)
+    west, east = min(lngs) - wide_deg, max(lngs) + wide_deg
+    if east - west < 180.0:
+        west, east = wrap_longitude(west), wrap_longitude(east)
+    else:  # near a pole
+        west, east = max(west, -180.0), min(east, 180.0)
     spare_ns = from_seconds(_SPARE_S_PER_M * max(map(abs, limits.aside_m), default=0.0))
     climb_m = max(limits.climbs_m, default=0.0)
     return Volume4D(
@@ -100,6 +104,12 @@ def reach(volumes: Sequence[Volume4D], limits: Limits) -> Volume4D:
         min(one.start_ns for one in volumes) - spare_ns,
         max(one.end_ns for one in volumes) + spare_ns + from_seconds(limits.delay_s + _LATER_S_PER_M * climb_m),
     )
+
+
+def _unwrapped(volumes: Sequence[Volume4D]) -> list[list[tuple[float, float]]]:
+    """The outlines with longitudes that all are within half a turn of the first one."""
+    first = volumes[0].outline[0][1]
+    return [[(lat, longitude_near(lng, first)) for lat, lng in one.outline] for one in volumes]
 
 
 def delayed(volumes: Sequence[Volume4D], delay_ns: Time) -> tuple[Volume4D, ...]:
@@ -178,26 +188,28 @@ def _moved(outline: Outline, scales: Sequence[float], east_m: float, north_m: fl
     moved = [(lat + d_lat, lng + east_deg / scale) for (lat, lng), scale in zip(outline, scales, strict=True)]
     lats, lngs = zip(*moved, strict=True)
     if max(lats) > 90.0 or min(lats) < -90.0 or max(lngs) > 180.0 or min(lngs) < -180.0:
-        moved = [(min(max(lat, -90.0), 90.0), min(max(lng, -180.0), 180.0)) for lat, lng in moved]
+        moved = [(min(max(lat, -90.0), 90.0), wrap_longitude(lng)) for lat, lng in moved]
     return tuple(moved)
 
 
 def _hull(corners: Outline) -> Outline:
     """The convex hull of some corners; these themselves if they have no area."""
-    hull = shapely.convex_hull(shapely.linestrings(corners))
-    return tuple(hull.exterior.coords[:-1]) if hull.geom_type == "Polygon" else corners
+    hull = shapely.convex_hull(shapely.linestrings(unwrap_outline(corners)))
+    if hull.geom_type != "Polygon":
+        return corners
+    return tuple((lat, wrap_longitude(lng)) for lat, lng in hull.exterior.coords[:-1])
 
 
 def _right_of(volumes: Sequence[Volume4D]) -> tuple[float, float]:
     """The direction (east, north) to the right of the way from the first volume to the farthest one."""
     lat, lng = _middle(volumes[0])
     scale = math.cos(math.radians(lat))
-    ways = [((there[1] - lng) * scale, there[0] - lat) for there in map(_middle, volumes)]
+    ways = [((longitude_near(there[1], lng) - lng) * scale, there[0] - lat) for there in map(_middle, volumes)]
     east, north = max(ways, key=lambda way: math.hypot(*way))
     length = math.hypot(east, north)
     return (north / length, -east / length) if length > 1e-9 else (1.0, 0.0)
 
 
 def _middle(volume: Volume4D) -> tuple[float, float]:
-    lats, lngs = zip(*volume.outline, strict=True)
+    lats, lngs = zip(*unwrap_outline(volume.outline), strict=True)
     return (min(lats) + max(lats)) / 2.0, (min(lngs) + max(lngs)) / 2.0

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import BodyInputs, Contacts, Floats, Poses, Sensors, Source
 from skyrange.contracts.mailboxes import Note
+from skyrange.core.arrays import as_read_only
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
@@ -448,10 +449,7 @@ class World:
 
     def motion(self) -> tuple[Floats, Floats]:
         """Position of the gear and velocity, (n, 3) each: read-only views that later ticks refill."""
-        views = self._position.view(), self._velocity.view()
-        for view in views:
-            view.flags.writeable = False
-        return views
+        return as_read_only(self._position), as_read_only(self._velocity)
 
     def truth(self) -> Mapping[str, Floats]:
         """The true state as (n,) columns; `throttle` is the mean motor command, flags are 0 or 1."""

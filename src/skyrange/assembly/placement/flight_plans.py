@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Container
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+from skyrange.codec.mission.fence_and_rally import Items, circle, polygon, rally_point, return_point
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import vehicle_id
@@ -28,7 +31,19 @@ def make_flight_plans(scenario: Scenario, of: Container[str] | None = None) -> d
 
 
 def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
-    """The flight plan of `vehicle`, anchored at its start. Raises InputError for a mission file that cannot be read."""
+    """The flight plan of `vehicle`, anchored at its start. Raises InputError for a mission file that cannot be read,
+    or that has a fence or rally points where the scenario has some too.
+    """
+    made = _make_flight_plan(origin, vehicle)
+    fence, rally = _make_fence(origin, vehicle), _make_rally(origin, vehicle)
+    for name, declared, own in (("fence", fence, made.fence), ("rally", rally, made.rally)):
+        if declared and own:
+            problem = f"{len(own)} items in the file, {len(declared)} in the scenario"
+            raise InputError.one(made.name, name, problem, f"one {name}, of the plan file or of the scenario")
+    return replace(made, fence=fence or made.fence, rally=rally or made.rally)
+
+
+def _make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
     plan = vehicle.plan
     home_enu_m = (vehicle.start.east_m, vehicle.start.north_m, 0.0)
     if plan.file is not None:
@@ -47,6 +62,29 @@ def make_flight_plan(origin: Origin, vehicle: Vehicle) -> FlightPlan:
         end=plan.end or "rtl",
         name=name_flight_plan(vehicle),
     )
+
+
+def _make_fence(origin: Origin, vehicle: Vehicle) -> Items:
+    """The items of the fence that the scenario declares."""
+    fence = vehicle.plan.fence
+    if fence is None:
+        return ()
+    at = partial(_place, origin, vehicle)
+    found = [item for one in fence.polygons for item in polygon([at(*point) for point in one.points], one.inclusion)]
+    found += [item for one in fence.circles for item in circle(at(*one.center), one.radius_m, one.inclusion)]
+    if fence.back_to is not None:
+        found += return_point(at(*fence.back_to[:2]), fence.back_to[2])
+    return tuple(found)
+
+
+def _make_rally(origin: Origin, vehicle: Vehicle) -> Items:
+    """The items of the rally points that the scenario declares."""
+    return tuple(rally_point(_place(origin, vehicle, east, north), up) for east, north, up in vehicle.plan.rally)
+
+
+def _place(origin: Origin, vehicle: Vehicle, east_m: float, north_m: float) -> tuple[float, float]:
+    """Latitude and longitude of a point that is given from the start."""
+    return origin.geodetic_of(vehicle.start.east_m + east_m, vehicle.start.north_m + north_m)
 
 
 def name_flight_plan(vehicle: Vehicle) -> str:

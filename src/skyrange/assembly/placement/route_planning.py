@@ -65,5 +65,5 @@ def _planned(scenario: Scenario, name: str, vehicle: Vehicle, city: City | None,
         (round(east - start[0], _ROUNDED), round(north - start[1], _ROUNDED), round(up, _ROUNDED))
         for east, north, up in find_route(city, places, limits, sampling)
     ]
-    own = {name: getattr(plan, name) for name in ("mode", "end", "speed_mps", "rejection_expected")}
+    own = {name: getattr(plan, name) for name in ("mode", "end", "speed_mps", "fence", "rally", "rejection_expected")}
     return vehicle.model_copy(update={"plan": Plan(path=Path(points=tuple(points)), **own)})

@@ -161,10 +161,10 @@ def decode_locations(bodies: Payloads) -> LocationColumns:
     count = len(bodies)
     valid = np.empty(count, dtype=np.bool_)
     located, named = np.empty((2, count), dtype=np.int64)
-    _find_messages(bodies.data, bodies.starts, bodies.sizes, valid, located, named)
+    _find_messages(*bodies.arrays, valid, located, named)
     numbers, codes = np.empty((9, count)), np.empty((9, count), dtype=np.uint8)
     names = np.empty((count, 20), dtype=np.uint8)
-    _read_values(bodies.data, located, named, numbers, codes, names)
+    _read_values(bodies.arrays[0], located, named, numbers, codes, names)
     texts = names.view("S20")[:, 0]
     return LocationColumns._make((valid, located >= 0, *numbers, *codes[:7], named >= 0, *codes[7:], texts))
 

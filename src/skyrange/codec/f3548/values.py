@@ -11,7 +11,7 @@ from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabi
 
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import Epoch, Time
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, wrap_longitude
 
 Body = dict[str, Any]
 
@@ -200,7 +200,7 @@ def _circle(circle: Mapping[str, Any], where: str) -> tuple[tuple[float, float],
     scale = max(math.cos(math.radians(lat)), 1e-6)
     turns = [2.0 * math.pi * corner / _CORNERS for corner in range(_CORNERS)]
     ring = [(lat + across_deg * math.sin(turn), lng + across_deg * math.cos(turn) / scale) for turn in turns]
-    return tuple((min(max(a, -90.0), 90.0), min(max(b, -180.0), 180.0)) for a, b in ring)
+    return tuple((min(max(a, -90.0), 90.0), wrap_longitude(b)) for a, b in ring)
 
 
 def moment_body(time: Time, epoch: Epoch, *, up: bool = False) -> Body:

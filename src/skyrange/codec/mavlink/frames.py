@@ -4,8 +4,8 @@ Writes MAVLink 2 and reads MAVLink 2 and 1, by pymavlink's ardupilotmega dialect
 **not verified**; `codec.mavlink.signing` verifies them for those who hold a key. Output is unsigned, which is
 ArduPilot's default.
 
-Decoded messages are memoised by payload and therefore shared: treat them as immutable. Arrays are tuples. To change a
-message, build another one with its class in `dialect`.
+Messages that `decode` returns are memoised by payload and therefore shared: treat them as immutable. `decode_anew`,
+which plugins are given, returns one of the caller's own. Arrays are tuples.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ __all__ = [
     "Message",
     "Packer",
     "decode",
+    "decode_anew",
     "dialect",
     "encode_payload",
     "message_fields",
@@ -56,12 +57,12 @@ MEMO_FRAMES = 16_384
 """Distinct payloads kept decoded (about 1.3 kB each): enough for what a thousand aircraft send during a few hops."""
 
 
-def _decode(payload: bytes) -> Message:
+def decode_anew(payload: bytes) -> Message:
     """Decode `payload`, which must be exactly one valid frame of MAVLink 2 or 1; raises `DecodeError` otherwise.
 
     Checked: magic, length against the header's, incompatibility flags, a message id of the dialect, checksum. A
     MAVLink 2 payload may lack trailing zeros. Bytes beyond the known definition (extensions of a newer sender) are
-    ignored. Results of the last `MEMO_FRAMES` payloads are memoised.
+    ignored. The message is the caller's own: to alter it alters nothing else.
     """
     size = len(payload)
     if size < MIN_FRAME:
@@ -121,7 +122,8 @@ def _decode(payload: bytes) -> Message:
     return message
 
 
-decode = cast("Callable[[bytes], Message]", lru_cache(maxsize=MEMO_FRAMES)(_decode))
+decode = cast("Callable[[bytes], Message]", lru_cache(maxsize=MEMO_FRAMES)(decode_anew))
+"""`decode_anew` with the results of the last `MEMO_FRAMES` payloads, which all callers share."""
 
 
 class Packer:

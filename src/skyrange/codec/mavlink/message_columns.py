@@ -190,7 +190,7 @@ def _read_ids(data: Bytes, starts: Ints, sizes: Ints, found: Ints) -> None:
 def message_ids(payloads: Payloads) -> Ints:
     """(n,) the message ids in the headers, known or not; -1 for a payload that cannot be a MAVLink frame."""
     found = np.empty(len(payloads), dtype=np.int64)
-    _read_ids(payloads.data, payloads.starts, payloads.sizes, found)
+    _read_ids(*payloads.arrays, found)
     return found
 
 
@@ -254,7 +254,7 @@ def classify_frames(payloads: Payloads) -> Ints:
     """
     if payloads.kinds is None:
         payloads.kinds = np.empty(len(payloads), dtype=np.int64)
-        _classify(payloads.data, payloads.starts, payloads.sizes, *KIND_TABLES, payloads.kinds)
+        _classify(*payloads.arrays, *KIND_TABLES, payloads.kinds)
     return payloads.kinds
 
 
@@ -277,5 +277,5 @@ def unpack_group(payloads: Payloads, kind: int, rows: Ints) -> MessageGroup:
     dtype = payload_dtype(number)
     raw = np.empty((len(rows), dtype.itemsize), dtype=np.uint8)
     head = np.empty((len(rows), 3), dtype=np.int64)
-    _copy_payloads(payloads.data, payloads.starts, rows, head, raw)
+    _copy_payloads(*payloads.arrays[:2], rows, head, raw)
     return MessageGroup(number, rows, head[:, 0], head[:, 1], head[:, 2], raw.view(dtype).reshape(len(rows)))

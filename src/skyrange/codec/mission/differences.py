@@ -40,6 +40,18 @@ LOCATED = frozenset(
 )
 """Commands whose position ArduCopter stores (`AP_Mission::stored_in_location`); it drops x, y, z of the others."""
 
+AREAS = frozenset(
+    {
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION,
+        mav.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+        mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION,
+        mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION,
+        mav.MAV_CMD_NAV_FENCE_RETURN_POINT,
+        mav.MAV_CMD_NAV_RALLY_POINT,
+    }
+)
+"""Commands of fences and rally points, which ArduPilot stores with their position."""
+
 ALT_TOLERANCE_M = 0.0101
 """ArduCopter truncates to whole centimetres; the rest allows for 32-bit rounding."""
 WHOLE_TOLERANCE = 1.0
@@ -73,6 +85,11 @@ class SentItem(Protocol):
         ...
 
     @property
+    def param1(self) -> float:
+        """Parameter 1."""
+        ...
+
+    @property
     def x(self) -> int:
         """Latitude."""
         ...
@@ -92,6 +109,8 @@ def describe_difference(sent: SentItem, got: Any) -> str:
     """How the MISSION_ITEM_INT `got` differs from the item that was `sent`; empty if they are the same item."""
     if got.command != sent.command:
         return f"command is {got.command}, sent {sent.command}"
+    if sent.command in AREAS:
+        return _describe_area(sent, got)
     if sent.command in LOCATED:
         if _datum(got.frame) != _datum(sent.frame):
             return f"frame is {got.frame}, sent {sent.frame}"
@@ -106,6 +125,20 @@ def describe_difference(sent: SentItem, got: Any) -> str:
         if not abs(value - wanted) < tolerance:
             return f"{name} is {value:g}, sent {wanted:g}"
     return ""
+
+
+def _describe_area(sent: SentItem, got: Any) -> str:
+    """How an item of a fence or a rally point differs."""
+    for name, axis in (("latitude", "x"), ("longitude", "y")):
+        if getattr(got, axis) != getattr(sent, axis):
+            return f"{name} is {getattr(got, axis) / 1e7:.7f}, sent {getattr(sent, axis) / 1e7:.7f}"
+    if not abs(got.param1 - sent.param1) <= FLOAT_TOLERANCE + abs(sent.param1) * 1e-6:
+        return f"param1 is {got.param1:g}, sent {sent.param1:g}"
+    if sent.command != mav.MAV_CMD_NAV_RALLY_POINT:
+        return ""  # ArduPilot stores no altitude of a fence
+    if _datum(got.frame) != _datum(sent.frame):
+        return f"frame is {got.frame}, sent {sent.frame}"
+    return "" if abs(got.z - sent.z) < WHOLE_TOLERANCE else f"altitude is {got.z:g} m, sent {sent.z:g} m"
 
 
 def _datum(frame: int) -> str:

@@ -75,14 +75,14 @@ class Mission:
     """A mission as read from a file.
 
     `home` is (latitude °, longitude °, altitude m above mean sea level), or `None` if the file names none. `fence` and
-    `rally` are a plan's `geoFence` and `rallyPoints` objects, unchanged. `settings` are its further mission keys
-    (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source` names the file in messages.
+    `rally` are the items of a plan's fence and rally points (`fence_and_rally`). `settings` are its further mission
+    keys (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source` names the file in messages.
     """
 
     items: tuple[MissionItem, ...]
     home: tuple[float, float, float] | None = None
-    fence: Mapping[str, object] | None = None
-    rally: Mapping[str, object] | None = None
+    fence: tuple[MissionItem, ...] = ()
+    rally: tuple[MissionItem, ...] = ()
     source: str = ""
     settings: Mapping[str, object] | None = None
 

@@ -17,6 +17,7 @@ from typing import NoReturn, TypeAlias
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyrange.codec.mission.fence_and_rally import format_fence, format_rally, parse_fence, parse_rally
 from skyrange.codec.mission.items import (
     FRAMES,
     HOME_EXPECTED,
@@ -41,8 +42,6 @@ DEFAULT_SETTINGS: dict[str, object] = {
     "vehicleType": dialect.MAV_TYPE_QUADROTOR,
 }
 """Settings of a plan whose mission came from another format (speeds in m/s, from the format's page)."""
-NO_FENCE: dict[str, object] = {"circles": [], "polygons": [], "version": 2}
-NO_RALLY: dict[str, object] = {"points": [], "version": 2}
 _OWN_KEYS = frozenset({"items", "plannedHomePosition", "version"})
 
 
@@ -68,12 +67,13 @@ def parse_plan(text: str, name: str) -> Mission:
     home = _home(mission.get("plannedHomePosition"), problems)
     items = _ItemReader(problems)
     items.read(mission.get("items", "missing"))
+    fence_items, rally_items = parse_fence(fence, problems), parse_rally(rally, problems)
     problems.raise_if_any()
     return Mission(
         items=tuple(items.done),
         home=home,
-        fence=fence,
-        rally=rally,
+        fence=fence_items,
+        rally=rally_items,
         source=name,
         settings={key: value for key, value in mission.items() if key not in _OWN_KEYS},
     )
@@ -95,7 +95,7 @@ def format_plan(mission: Mission) -> str:
         )
     document = {
         "fileType": "Plan",
-        "geoFence": NO_FENCE if mission.fence is None else mission.fence,
+        "geoFence": format_fence(mission.fence),
         "groundStation": "skyrange",
         "mission": {
             **(DEFAULT_SETTINGS if mission.settings is None else mission.settings),
@@ -103,7 +103,7 @@ def format_plan(mission: Mission) -> str:
             "plannedHomePosition": list(mission.home),
             "version": 2,
         },
-        "rallyPoints": NO_RALLY if mission.rally is None else mission.rally,
+        "rallyPoints": format_rally(mission.rally),
         "version": 1,
     }
     return json.dumps(document, indent=4, allow_nan=False) + "\n"

@@ -158,7 +158,7 @@ def pack_rows(
     sizes = bodies.sizes + HEADER
     places = np.cumsum(sizes) - sizes
     out = np.empty(int(sizes.sum()), dtype=np.uint8)
-    _write_frames(heads.view(np.uint8), bodies.data, bodies.starts, bodies.sizes, out, places)
+    _write_frames(heads.view(np.uint8), *bodies.arrays, out, places)
     return Payloads(out, places, sizes)
 
 
@@ -183,9 +183,9 @@ def unpack_rows(payloads: Payloads) -> RidColumns:
     count = len(payloads)
     heads, valid = np.empty((count, HEADER), dtype=np.uint8), np.empty(count, dtype=np.bool_)
     bodies = np.empty((2, count), dtype=np.int64)
-    _read_headers(payloads.data, payloads.starts, payloads.sizes, heads, valid, bodies)
+    _read_headers(*payloads.arrays, heads, valid, bodies)
     rows: NDArray[Any] = heads.view(_ROW)[:, 0]
     return RidColumns(
         valid, rows["transport"], rows["channel"], rows["counter"], rows["address"], rows["rssi_cdbm"],
-        rows["time_ns"], Payloads(payloads.data, bodies[0], bodies[1]),
+        rows["time_ns"], Payloads(payloads.arrays[0], bodies[0], bodies[1]),
     )  # fmt: skip

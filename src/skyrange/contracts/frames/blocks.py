@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.frames.payloads import Ints, Payloads
+from skyrange.core.arrays import as_read_only
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import Time
 
@@ -83,8 +84,8 @@ class FrameBlock:
         causes: Causes | None = None,
     ) -> None:
         self.link_table = link_table
-        self.link_numbers = link_numbers
-        self.serial = serial
+        self.link_numbers = as_read_only(link_numbers)
+        self.serial = as_read_only(serial)
         self.sent_ns = sent_ns
         self.arrived_ns = arrived_ns
         self.fate = fate
@@ -138,8 +139,7 @@ class FrameBlock:
                 parent = FrameId(above.link, above.direction, above.src, int(self.parent_serial[row]))
             serial, causes = int(self.serial[row]), () if self.causes is None else self.causes[row]
             frame = Frame(link, direction, src, serial, src, dst, self.sent_ns, self.payload(row), parent, causes)
-            frame.arrived_ns = self.arrived_ns
-            frame.fate = self.fate
+            end_journey(frame, self.fate, self.arrived_ns)
             yield frame
 
 

@@ -28,8 +28,8 @@ class FlightState(StrEnum):
     LISTENING = "listening"  # the station was restarted and does not know whether the aircraft is flying
     REQUESTING = "requesting"  # the intent was submitted to the approval
     CONNECTING = "connecting"  # approved; no heartbeat of the aircraft received yet
-    UPLOADING = "uploading"  # the mission is uploaded
-    VERIFYING = "verifying"  # the mission is read back and compared with what was sent
+    UPLOADING = "uploading"  # the mission, then the fence and the rally points, if the plan has any, are uploaded
+    VERIFYING = "verifying"  # what was uploaded is read back and compared with what was sent
     STREAMING = "streaming"  # telemetry rates are requested
     PREPARING = "preparing"  # GUIDED mode is set, in which ArduCopter lets a ground station arm
     WAITING = "waiting"  # ready; it is too early to arm
@@ -64,6 +64,7 @@ class FlightEvent(StrEnum):
     HEARD = "heard"  # a heartbeat of the aircraft's autopilot arrived
     UPLOADED = "uploaded"
     NOTHING_TO_UPLOAD = "nothing_to_upload"  # a guided plan is not uploaded
+    LIST_VERIFIED = "list_verified"  # and the fence or the rally points are to be uploaded next
     VERIFIED = "verified"
     STREAMS_SET = "streams_set"
     PREPARED = "prepared"
@@ -102,7 +103,12 @@ TRANSITIONS: dict[FlightState, dict[FlightEvent, FlightState]] = {
         E.OVERRULED: S.REQUESTING,
         E.GAVE_UP: S.FAILED,
     },
-    S.VERIFYING: {E.VERIFIED: S.STREAMING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
+    S.VERIFYING: {
+        E.LIST_VERIFIED: S.UPLOADING,
+        E.VERIFIED: S.STREAMING,
+        E.OVERRULED: S.REQUESTING,
+        E.GAVE_UP: S.FAILED,
+    },
     S.STREAMING: {E.STREAMS_SET: S.PREPARING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
     S.PREPARING: {E.PREPARED: S.WAITING, E.OVERRULED: S.REQUESTING, E.GAVE_UP: S.FAILED},
     S.WAITING: {E.DUE: S.ARMING, E.ACTIVATION_DUE: S.ACTIVATING, E.OVERRULED: S.REQUESTING},

@@ -41,6 +41,7 @@ EVENT_NOTES: Mapping[FlightEvent, str] = MappingProxyType(
         FlightEvent.HEARD: "decision.connected",
         FlightEvent.UPLOADED: "decision.uploaded",
         FlightEvent.NOTHING_TO_UPLOAD: "",
+        FlightEvent.LIST_VERIFIED: "decision.verified",
         FlightEvent.VERIFIED: "decision.verified",
         FlightEvent.STREAMS_SET: "decision.streams_set",
         FlightEvent.PREPARED: "decision.prepared",

@@ -36,7 +36,7 @@ from skyrange.gcs.flight.lifecycle import (
 from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
 from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
-from skyrange.gcs.protocols.mission_items import encode_mission
+from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
 from skyrange.gcs.telemetry.belief import Belief, Watch
 from skyrange.gcs.telemetry.streams import StreamProfile, stream_requests
@@ -111,6 +111,8 @@ class FlightSequencer:
     deadline: Time = NEVER
     transfer: Transfer | None = None
     upload: Upload | None = None
+    lists: list[ItemList] = field(default_factory=list)
+    """What is still to be uploaded."""
     exchange: CommandExchange | None = None
     todo: list[Command] = field(default_factory=list)
     refused: set[str] = field(default_factory=set)
@@ -321,21 +323,21 @@ class FlightSequencer:
             self._mission_done(now, out, ref)
 
     def _on_item_request(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if self.upload is not None and self.state in TRANSFERRING and _is_ours(message):
+        if self.upload is not None and self.state in TRANSFERRING and _is_of(message, self.upload):
             self._send(self.upload.on_request(now, message.seq), out, (ref,))
 
     def _on_mission_ack(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if self.transfer is not None and _is_ours(message):
+        if self.transfer is not None and _is_of(message, self.transfer):
             self.transfer.on_ack(now, message.type)
             self._transfer_ended(now, out, (ref,))
 
     def _on_count(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if isinstance(self.transfer, Download) and _is_ours(message):
+        if isinstance(self.transfer, Download) and _is_of(message, self.transfer):
             self._send(self.transfer.on_count(now, message.count), out, (ref,))
             self._transfer_ended(now, out, (ref,))
 
     def _on_item(self, now: Time, message: Message, ref: FrameId, out: Outbox) -> None:
-        if isinstance(self.transfer, Download) and _is_ours(message):
+        if isinstance(self.transfer, Download) and _is_of(message, self.transfer):
             self._send(self.transfer.on_item(now, message), out, (ref,))
             self._transfer_ended(now, out, (ref,))
 
@@ -390,17 +392,22 @@ class FlightSequencer:
             self.submission = self.claim.reroute(self.rerouted, now)
             out.note("decision.reroute_requested", self.flight.vehicle, self.submission.summary(), causes)
             self._submit_intent(self.submission, now, out)
+        if state is FlightState.CONNECTING:
+            self.lists = encode_lists(plan)
         if state is FlightState.CONNECTING and now - self.belief.heard_ns < LINK_TIMEOUT_NS:
             self._raise(FlightEvent.HEARD, now, out, causes)
         elif state is FlightState.UPLOADING:
             if plan.kind == "guided":
                 self.guided = GuidedSequencer.for_plan(plan)
-                self._raise(FlightEvent.NOTHING_TO_UPLOAD, now, out, causes)
-            else:
-                self.upload = Upload(encode_mission(plan), self.flight.system_id, AUTOPILOT_COMPONENT)
+            if self.lists:
+                following = self.lists.pop(0)
+                self.upload = Upload(following.items, self.flight.system_id, AUTOPILOT_COMPONENT, following.kind)
                 self._transfer(self.upload, now, out, causes)
+            else:
+                self._raise(FlightEvent.NOTHING_TO_UPLOAD, now, out, causes)
         elif state is FlightState.VERIFYING and self.upload is not None:
-            download = Download(self.upload.items, self.flight.system_id, AUTOPILOT_COMPONENT)
+            upload = self.upload
+            download = Download(upload.items, self.flight.system_id, AUTOPILOT_COMPONENT, upload.kind)
             self._transfer(download, now, out, causes)
         elif state in _TIMED and now >= self._timed_end_ns():
             self._raise(self._timed_event(), now, out, causes)
@@ -507,8 +514,11 @@ class FlightSequencer:
         if transfer.result != "done":
             self.give_up(transfer.result, now, out, causes)
             return
-        data: dict[str, Scalar] = {"items": len(transfer.items) - 1, "attempts": transfer.attempts}
-        self._raise(FlightEvent.UPLOADED if transfer is self.upload else FlightEvent.VERIFIED, now, out, causes, data)
+        data: dict[str, Scalar] = {"items": len(transfer.items) - transfer.homes, "attempts": transfer.attempts}
+        if transfer.kind != mav.MAV_MISSION_TYPE_MISSION:
+            data["list"] = transfer.name
+        verified = FlightEvent.LIST_VERIFIED if self.lists else FlightEvent.VERIFIED
+        self._raise(FlightEvent.UPLOADED if transfer is self.upload else verified, now, out, causes, data)
 
     def _next_command(self, now: Time, out: Outbox, causes: Refs) -> None:
         """Start the next command, or raise the state's completion event after the last."""
@@ -627,10 +637,10 @@ class FlightSequencer:
             out.note(kind, self.flight.vehicle, {"count": count, "reason": reason}, (ref,))
 
 
-def _is_ours(message: Message) -> bool:
-    """Whether a mission message concerns flight plans (not fences) and is addressed to this station."""
+def _is_of(message: Message, transfer: Transfer) -> bool:
+    """Whether a mission message concerns what is transferred, and is addressed to this station."""
     return (
-        message.mission_type == mav.MAV_MISSION_TYPE_MISSION
+        message.mission_type == transfer.kind
         and message.target_system in (0, STATION_SYSTEM)
         and message.target_component in (0, STATION_COMPONENT)
     )

@@ -75,6 +75,10 @@ class FlightPlan:
     acceptance_m: float = ACCEPTANCE_M
     end: End = "rtl"
     hold_s: float = 0.0
+    fence: tuple[MissionItem, ...] = ()
+    """The items of its fence, which is uploaded with it."""
+    rally: tuple[MissionItem, ...] = ()
+    """Its rally points."""
     unrolled: Unrolled | None = field(default=None, init=False, repr=False, compare=False)
     """What `plan.routes` has found out about the mission, kept because a flight asks for it several times."""
 
@@ -125,7 +129,7 @@ def path(
     if kind == "guided":
         targets = tuple(Point(home.east_m + e, home.north_m + n, home.up_m + u) for e, n, u in route)
         return FlightPlan("guided", name, origin, home, cruise_mps, None, targets, acceptance_m, end)
-    mission = Mission(_items(origin, home, route, cruise_mps, end), _home(origin, home), None, None, name)
+    mission = Mission(_items(origin, home, route, cruise_mps, end), _home(origin, home), source=name)
     return FlightPlan("auto", name, origin, home, cruise_mps, mission, end=end)
 
 
@@ -141,7 +145,8 @@ def from_file(
     """The auto plan in a mission file (`.waypoints`, `.txt`, `.plan`).
 
     With `anchor` the mission keeps its shape in metres but is moved so that its planned home (or, without one, its
-    first item with a position) coincides with the aircraft's home, and its altitudes become relative to home.
+    first item with a position) coincides with the aircraft's home, and its altitudes become relative to home. A fence
+    and rally points are moved with it.
     `cruise_mps` is used for estimates only; the aircraft flies the file's own speed changes. Raises `InputError`
     for an unreadable file, and for altitudes above mean sea level without a planned home.
     """
@@ -149,16 +154,23 @@ def from_file(
     mission = read_mission(Path(file))
     if anchor:
         mission = anchored(mission, origin, home)
-    return FlightPlan("auto", name or Path(file).name, origin, home, cruise_mps, mission)
+    own = name or Path(file).name
+    return FlightPlan("auto", own, origin, home, cruise_mps, mission, fence=mission.fence, rally=mission.rally)
 
 
 def anchored(mission: Mission, origin: Origin, home: Point) -> Mission:
     """`mission` moved to `home`, with altitudes relative to it; `InputError` if an altitude cannot be converted."""
     placed = [(item.x, item.y) for item in mission.items if _is_placed(item)]
-    if not placed:
+    if not placed and (mission.home is None or not (mission.fence or mission.rally)):
         return mission
     planned = (mission.home[0], mission.home[1]) if mission.home is not None else placed[0]
     around = Origin(planned[0], planned[1])  # distances in metres are those at the place for which the plan was drawn
+
+    def shifted(item: MissionItem) -> MissionItem:
+        east_m, north_m = around.enu_of(item.x, item.y)
+        lat, lon = origin.geodetic_of(home.east_m + east_m, home.north_m + north_m)
+        return replace(item, x=lat, y=lon)
+
     items: list[MissionItem] = []
     for seq, item in enumerate(mission.items, start=1):
         if item.command not in LOCATED or item.frame not in GLOBAL_FRAMES:
@@ -175,12 +187,9 @@ def anchored(mission: Mission, origin: Origin, home: Point) -> Mission:
                     "Without a planned home this altitude cannot be re-anchored.",
                 )
             moved = replace(moved, z=item.z - mission.home[2])
-        if _is_placed(item):
-            east_m, north_m = around.enu_of(item.x, item.y)
-            lat, lon = origin.geodetic_of(home.east_m + east_m, home.north_m + north_m)
-            moved = replace(moved, x=lat, y=lon)
-        items.append(moved)
-    return replace(mission, items=tuple(items), home=_home(origin, home))
+        items.append(shifted(moved) if _is_placed(item) else moved)
+    fence, rally = (tuple(map(shifted, area)) for area in (mission.fence, mission.rally))
+    return replace(mission, items=tuple(items), home=_home(origin, home), fence=fence, rally=rally)
 
 
 def _is_placed(item: MissionItem) -> bool:

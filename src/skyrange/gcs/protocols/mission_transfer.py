@@ -1,4 +1,4 @@
-"""Mission upload and read-back: the MAVLink mission protocol, ground station side.
+"""Upload and read-back of missions, fences and rally points: the MAVLink mission protocol, ground station side.
 
 By https://mavlink.io/en/services/mission.html, with its default timeouts: upload (MISSION_COUNT, items on request,
 MISSION_ACK) and download (MISSION_REQUEST_LIST, items on request, MISSION_ACK). Four additions make transfers
@@ -31,8 +31,10 @@ MAX_ATTEMPTS = 3
 """How often a whole transfer is started before it is given up."""
 
 _TEMPORARY = frozenset({mav.MAV_MISSION_ERROR, mav.MAV_MISSION_DENIED, mav.MAV_MISSION_OPERATION_CANCELLED})
-_HOME_SEQ = 0
-"""ArduPilot sets item 0 to its own home, regardless of what was uploaded."""
+_MISSION = int(mav.MAV_MISSION_TYPE_MISSION)
+_NAMES = {
+    _MISSION: "mission", int(mav.MAV_MISSION_TYPE_FENCE): "fence", int(mav.MAV_MISSION_TYPE_RALLY): "rally points"
+}  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -45,10 +47,22 @@ class Transfer:
     items: tuple[MissionItemInt, ...]
     system: int
     component: int
+    kind: int = _MISSION
+    """MAV_MISSION_TYPE."""
     due: Time = NEVER
     retries: int = 0
     attempts: int = 0
     result: str = ""
+
+    @property
+    def homes(self) -> int:
+        """How many items are not the plan's own: ArduPilot sets item 0 of a mission to its home, whatever was sent."""
+        return 1 if self.kind == _MISSION else 0
+
+    @property
+    def name(self) -> str:
+        """What is transferred."""
+        return _NAMES[self.kind]
 
     def begin(self, now: Time) -> list[Message]:
         """Start or restart the transfer; returns the messages to send."""
@@ -105,7 +119,7 @@ class Transfer:
 
 @dataclass(slots=True)
 class Upload(Transfer):
-    """Upload of the mission."""
+    """Upload of one list."""
 
     last_sent: int = -1
     complete: bool = False
@@ -129,7 +143,7 @@ class Upload(Transfer):
             self.complete = self.complete or seq == len(self.items) - 1
             self.retries = 0
             self.due = now + TIMEOUT_NS
-        return [self.items[seq].message(seq, self.system, self.component)]
+        return [self.items[seq].message(seq, self.system, self.component, self.kind)]
 
     def on_ack(self, now: Time, kind: int) -> None:
         """Handle a MISSION_ACK."""
@@ -142,28 +156,26 @@ class Upload(Transfer):
             self._reject(now, kind)
 
     def _refused_item(self) -> str:
-        if self.last_sent <= _HOME_SEQ:
+        if self.last_sent < self.homes:
             return ""
         return f" at item {self.last_sent} (command {self.items[self.last_sent].command})"
 
     def _name(self) -> str:
-        return "mission upload"
+        return f"{self.name} upload"
 
     def _first_message(self) -> Message:
-        return mav.MAVLink_mission_count_message(
-            self.system, self.component, len(self.items), mav.MAV_MISSION_TYPE_MISSION
-        )
+        return mav.MAVLink_mission_count_message(self.system, self.component, len(self.items), self.kind)
 
     def _repeat(self, now: Time) -> list[Message]:
         self.due = now + TIMEOUT_NS
         if self.last_sent < 0:
             return [self._first_message()]
-        return [self.items[self.last_sent].message(self.last_sent, self.system, self.component)]
+        return [self.items[self.last_sent].message(self.last_sent, self.system, self.component, self.kind)]
 
 
 @dataclass(slots=True)
 class Download(Transfer):
-    """Read-back of the mission, compared item by item with what was sent."""
+    """Read-back, compared item by item with what was sent."""
 
     requested: int = -1
     """The number of the requested item; -1 while MISSION_COUNT is awaited."""
@@ -178,17 +190,17 @@ class Download(Transfer):
         if self.result or self.requested >= 0:
             return []
         if count != len(self.items):
-            self._end(f"read-back differs: {count} items, sent {len(self.items)}")
+            self._end(f"{self._differs()}: {count} items, sent {len(self.items)}")
             return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
-        return self._request(now, _HOME_SEQ)
+        return self._request(now, 0)
 
     def on_item(self, now: Time, item: Message) -> list[Message]:
         """Handle a MISSION_ITEM_INT: request the next item, or finish. Items that were not requested are ignored."""
         if self.result or item.seq != self.requested:
             return []
-        problem = describe_difference(self.items[item.seq], item) if item.seq != _HOME_SEQ else ""
+        problem = describe_difference(self.items[item.seq], item) if item.seq >= self.homes else ""
         if problem:
-            self._end(f"read-back differs at item {item.seq}: {problem}")
+            self._end(f"{self._differs()} at item {item.seq}: {problem}")
             return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
         if item.seq == len(self.items) - 1:
             self._end("done")
@@ -200,6 +212,9 @@ class Download(Transfer):
         if not self.result and kind not in (mav.MAV_MISSION_ACCEPTED, mav.MAV_MISSION_INVALID_SEQUENCE):
             self._reject(now, kind)
 
+    def _differs(self) -> str:
+        return "read-back differs" if self.kind == _MISSION else f"{self.name} read-back differs"
+
     def _request(self, now: Time, seq: int) -> list[Message]:
         self.requested = seq
         self.retries = 0
@@ -207,18 +222,16 @@ class Download(Transfer):
         return [self._request_message()]
 
     def _request_message(self) -> Message:
-        return mav.MAVLink_mission_request_int_message(
-            self.system, self.component, self.requested, mav.MAV_MISSION_TYPE_MISSION
-        )
+        return mav.MAVLink_mission_request_int_message(self.system, self.component, self.requested, self.kind)
 
     def _ack_message(self, kind: int) -> Message:
-        return mav.MAVLink_mission_ack_message(self.system, self.component, kind, mav.MAV_MISSION_TYPE_MISSION)
+        return mav.MAVLink_mission_ack_message(self.system, self.component, kind, self.kind)
 
     def _name(self) -> str:
-        return "mission read-back"
+        return f"{self.name} read-back"
 
     def _first_message(self) -> Message:
-        return mav.MAVLink_mission_request_list_message(self.system, self.component, mav.MAV_MISSION_TYPE_MISSION)
+        return mav.MAVLink_mission_request_list_message(self.system, self.component, self.kind)
 
     def _repeat(self, now: Time) -> list[Message]:
         if self.requested < 0:

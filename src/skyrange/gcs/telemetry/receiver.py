@@ -134,7 +134,7 @@ class TelemetryReceiver:
         done = 0
         while True:
             done = _read(
-                now, payloads.data, payloads.starts, payloads.sizes, places, done, self._systems, self._component,
+                now, *payloads.arrays, places, done, self._systems, self._component,
                 *KIND_TABLES, self._role, self._slots, self._latest, self._received, self._beliefs.table, left,
             )  # fmt: skip
             if done == len(payloads):
@@ -142,8 +142,8 @@ class TelemetryReceiver:
             self._add_slot(payloads, done)
 
     def _add_slot(self, payloads: Payloads, row: int) -> None:
-        start, size = payloads.starts.item(row), payloads.sizes.item(row)
-        self._slots[kind_at(payloads.data, start, size, *KIND_TABLES)] = len(self._latest)
+        data, starts, sizes = payloads.arrays
+        self._slots[kind_at(data, starts.item(row), sizes.item(row), *KIND_TABLES)] = len(self._latest)
         count = self._latest.shape[1]
         self._latest = np.concatenate([self._latest, np.zeros((1, count, _WIDEST), dtype=np.uint8)])
         self._received = np.concatenate([self._received, np.zeros((1, count), dtype=np.bool_)])

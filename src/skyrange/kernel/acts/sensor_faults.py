@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sensors, World
+from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
@@ -187,9 +188,7 @@ class _Readings:
     def shown(self) -> Sensors:
         """Read-only views."""
         if self._shown is None:
-            self._shown = Sensors(*[array.view() for array in _arrays_of(self.table)])
-            for array in _arrays_of(self._shown):
-                array.setflags(write=False)
+            self._shown = Sensors(*map(as_read_only, _arrays_of(self.table)))
         return self._shown
 
     @property

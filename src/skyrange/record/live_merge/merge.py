@@ -15,11 +15,12 @@ from typing import Any
 import pyarrow as pa
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.ids import FrameId
+from skyrange.core.time import NEVER
 from skyrange.record.live_merge.crossing_frames import ROWS, CrossingMatcher, RecordingSpans, direction_specs
 from skyrange.record.live_merge.frame_ids import FrameIdMap
 from skyrange.record.live_merge.node_record import INCOMING, NodeRecord
@@ -153,9 +154,7 @@ def _frames(parts: Sequence[NodeRecord], folder: Path, id_maps: Sequence[FrameId
                 None if parent is None else names.resolve_text(parent),
                 tuple(map(names.resolve_text, causes)) if causes else (),
             )
-            frame.fate = Fate(fate)
-            if arrived is not None:
-                frame.arrived_ns = arrived
+            end_journey(frame, Fate(fate), NEVER if arrived is None else arrived)
             yield frame
 
 

@@ -63,6 +63,7 @@ class Path(Model):
 
 
 Ground = tuple[Number, Number]
+Place = Annotated[tuple[Number, Number, Number], BeforeValidator(items)]
 
 
 class Route(Model):
@@ -97,6 +98,45 @@ class Route(Model):
         return self
 
 
+class FenceCircle(Model):
+    """A circle of a fence."""
+
+    center: Ground = Field(description="Centre, [east_m, north_m] in metres from the start.")
+    radius_m: Number = Field(gt=0, le=100_000, description="Radius in metres.")
+    inclusion: bool = Field(default=True, description="Whether the aircraft has to stay inside, or outside.")
+
+
+class FencePolygon(Model):
+    """A polygon of a fence."""
+
+    points: Annotated[tuple[Ground, ...], BeforeValidator(items)] = Field(
+        min_length=3, max_length=255, description="Corners [east_m, north_m] in metres from the start, in order."
+    )
+    inclusion: bool = Field(default=True, description="Whether the aircraft has to stay inside, or outside.")
+
+
+class Fence(Model):
+    """A fence that the ground station uploads. It acts where the autopilot's FENCE_ENABLE is 1."""
+
+    circles: Annotated[tuple[FenceCircle, ...], BeforeValidator(items)] = Field(
+        default=(), max_length=32, description="Circles."
+    )
+    polygons: Annotated[tuple[FencePolygon, ...], BeforeValidator(items)] = Field(
+        default=(), max_length=32, description="Polygons."
+    )
+    back_to: Place | None = Field(
+        default=None,
+        description="Point to which a breach leads back where FENCE_ACTION and FENCE_RET_RALLY ask for it, "
+        "[east_m, north_m, up_m] in metres from the start.",
+    )
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> Fence:
+        if not (self.circles or self.polygons):
+            raise wrong("none", "a circle or a polygon")
+        return self
+
+
 class Plan(Model):
     """A flight plan: exactly one of `square`, `path`, `route` and `file`, and how to fly it."""
 
@@ -128,6 +168,16 @@ class Plan(Model):
         default=None,
         description="Position of a mission file. file: fly at the coordinates in the file (the default); start: shift "
         "the mission so that its home is at the start of the aircraft.",
+    )
+    fence: Fence | None = Field(
+        default=None,
+        description="Fence that the ground station uploads with the plan. A .plan file may have one of its own.",
+    )
+    rally: Annotated[tuple[Place, ...], BeforeValidator(items)] = Field(
+        default=(),
+        max_length=100,
+        description="Rally points that the ground station uploads with the plan, [east_m, north_m, up_m] in metres "
+        "from the start. A .plan file may have its own.",
     )
     rejection_expected: bool = Field(
         default=False,

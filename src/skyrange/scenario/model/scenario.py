@@ -36,7 +36,19 @@ from skyrange.scenario.model.fleet import Fleet, Start, Vehicle
 from skyrange.scenario.model.hosts import Hosts
 from skyrange.scenario.model.links import Link, resolve_channel, resolve_over_air
 from skyrange.scenario.model.operators import Operator, ReplanningRules, VolumeMargins, name_operators
-from skyrange.scenario.model.plan import Path, Plan, Route, Square, mission_file, path, route, square
+from skyrange.scenario.model.plan import (
+    Fence,
+    FenceCircle,
+    FencePolygon,
+    Path,
+    Plan,
+    Route,
+    Square,
+    mission_file,
+    path,
+    route,
+    square,
+)
 from skyrange.scenario.model.processing import Processing
 from skyrange.scenario.model.radio import Avoidance, Radio, Receiver, RemoteId, Verify
 from skyrange.scenario.validation.cross_checks import cross_check
@@ -54,6 +66,9 @@ __all__ = [
     "DefenceTable",
     "DetectorTable",
     "FaultTable",
+    "Fence",
+    "FenceCircle",
+    "FencePolygon",
     "Fleet",
     "Grid",
     "Link",
@@ -92,7 +107,11 @@ _KNOT_MPS = 1852 / 3600
 class Origin(Model):
     """The origin of all coordinates, a point on Earth. The ground is flat and lies at its height."""
 
-    lat: Number = Field(ge=-89, le=89, description="WGS 84 latitude in degrees, north positive.")
+    lat: Number = Field(
+        ge=-80,
+        le=80,
+        description="WGS 84 latitude in degrees, north positive. The flat map is not accurate nearer to the poles.",
+    )
     lon: Number = Field(ge=-180, le=180, description="WGS 84 longitude in degrees, east positive.")
     alt_msl_m: Number = Field(
         default=0.0, ge=-500, le=9_000, description="Height of the ground above mean sea level, in metres."

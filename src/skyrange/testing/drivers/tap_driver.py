@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import FrozenInstanceError
 from typing import Literal
 
 from skyrange.contracts.components import Tap
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.verdicts import Inject, Verdict
 from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S, Time
@@ -55,7 +56,7 @@ def watch(
         due = _due(wish, before, due, now)
         moments.append((now, None if frame is None else frame.id, verdicts, wish))
         if frame is not None and fate is not None:
-            frame.fate, frame.arrived_ns = fate, now
+            end_journey(frame, fate, now)
 
 
 def _due(wish: Time | None, before: Time | None, due: Time | None, now: Time) -> Time | None:
@@ -74,6 +75,9 @@ def _answer(
         verdicts = call(method, *args)
     except Broken:
         raise
+    except FrozenInstanceError as error:
+        expected = "verdicts that say what it wants changed"
+        raise Broken(f"{what}{shown} raised {error!r}", expected, "hands-off") from error
     except Exception as error:
         raise Broken(f"{what}{shown} raised {error!r}", "verdicts, whatever passes") from error
     if not isinstance(verdicts, list | tuple) or isinstance(verdicts, Verdict):

@@ -7,17 +7,17 @@ is delayed, each volume that its own ones meet forbids an interval of delays; th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, unwrap_outline
 from skyrange.utm.airspace.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
 from skyrange.utm.airspace.convex import APART, UNDECIDED, compare
-from skyrange.utm.airspace.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of
+from skyrange.utm.airspace.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of, turned
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -65,6 +65,8 @@ class Airspace:
         self._grid = CellGrid()
         self._wide: dict[int, None] = {}
         """Rows that are in no cell."""
+        self._east_deg = 180.0
+        """The greatest longitude that was ever claimed; more than 180 where a ring crosses the date line."""
 
     def __len__(self) -> int:
         """The number of intents."""
@@ -79,11 +81,12 @@ class Airspace:
         """
         self.remove(intent)
         given = solids_of(volumes)
+        self._east_deg = max(self._east_deg, float(given.boxes[:, 2].max()))
         rows = self._rows[intent] = []
         for place, volume in enumerate(volumes):
             row = self._free.pop() if self._free else self._grow()
             rows.append(row)
-            self._owners[row], self._outlines[row] = intent, volume.outline
+            self._owners[row], self._outlines[row] = intent, unwrap_outline(volume.outline)
             self._claims[row] = rows[0], rank
             for own, new in zip(self._solids, given, strict=True):
                 own[row] = new[place]
@@ -130,9 +133,20 @@ class Airspace:
 
     def _search(self, volumes: Sequence[Volume4D], asked: Solids, ignored: str, lowest_rank: int) -> tuple[Ints, Ints]:
         """Rows and places of claimed volumes and those of a query that overlap, each pair once."""
+        outlines = [unwrap_outline(one.outline) for one in volumes]
+        every = np.arange(len(volumes))
+        # what crosses the date line, or is west of it while claims cross it, is also where it is by a turn less or more
+        across = [(np.flatnonzero(asked.boxes[:, 2] >= 180.0), -360.0)]
+        across.append((np.flatnonzero(asked.boxes[:, 0] + 360.0 <= self._east_deg), 360.0))
+        for some, turn in across:
+            if len(some):
+                pairs: Any = zip(asked, turned(asked, some, turn), strict=True)
+                asked = Solids(*map(np.concatenate, pairs))
+                outlines += [tuple((lat, lng + turn) for lat, lng in outlines[place]) for place in some.tolist()]
+                every = np.concatenate([every, some])
         wide = np.fromiter(self._wide, dtype=np.int64, count=len(self._wide))
         lists, first = self._grid.lists, self._asked
-        self._asked += len(volumes)
+        self._asked += len(every)
         left_out = self._rows[ignored][0] if ignored in self._rows else NONE
         rows, places, verdicts = _search(
             self._solids,
@@ -148,11 +162,11 @@ class Airspace:
         )
         near = np.flatnonzero(verdicts == UNDECIDED)
         if len(near):
-            pairs = np.column_stack((rows[near], places[near]))
+            doubtful = np.column_stack((rows[near], places[near]))
             meeting = verdicts != UNDECIDED
-            meeting[near] = find_meeting(self._outlines, [one.outline for one in volumes], pairs)
+            meeting[near] = find_meeting(self._outlines, outlines, doubtful)
             rows, places = rows[meeting], places[meeting]
-        return rows, places
+        return rows, every[places]
 
     def _grow(self) -> int:
         row = len(self._owners)

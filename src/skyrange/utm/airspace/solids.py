@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
-from skyrange.core.volumes import Volume4D
+from skyrange.core.volumes import Volume4D, unwrap_outline
 from skyrange.utm.airspace.convex import MAX_CORNERS, is_convex
 
 Floats = NDArray[np.float64]
@@ -28,7 +28,8 @@ class Solids(NamedTuple):
     """Volumes as arrays, row by row."""
 
     boxes: Floats
-    """(n, 4) Least longitude and latitude, and greatest; those of a free row meet nothing."""
+    """(n, 4) Least longitude and latitude, and greatest; those of a free row meet nothing. Where a ring crosses the
+    date line, its greatest longitude exceeds 180 (`core.volumes.unwrap_outline`)."""
     heights: Floats
     """(n, 2) Metres."""
     times: Ints
@@ -37,6 +38,14 @@ class Solids(NamedTuple):
     """(n, `MAX_CORNERS`, 2) Corners in longitude and latitude."""
     counts: Ints
     """(n,) How many corners a convex ring has; 0 for another one."""
+
+
+def turned(solids: Solids, places: Ints, by_deg: float) -> Solids:
+    """Some rows, moved in longitude by a whole turn."""
+    boxes, rings = solids.boxes[places], solids.rings[places]
+    boxes[:, [0, 2]] += by_deg
+    rings[:, :, 0] += by_deg
+    return Solids(boxes, solids.heights[places], solids.times[places], rings, solids.counts[places])
 
 
 NOWHERE: Final = (math.inf, math.inf, -math.inf, -math.inf)
@@ -57,7 +66,7 @@ def make_solids(count: int) -> Solids:
 def solids_of(volumes: Sequence[Volume4D]) -> Solids:
     """Volumes, of which there is one at least, as arrays."""
     lengths = np.array([len(volume.outline) for volume in volumes], dtype=np.int64)
-    corners = np.array([corner for volume in volumes for corner in volume.outline])[:, ::-1]
+    corners = np.array([corner for volume in volumes for corner in unwrap_outline(volume.outline)])[:, ::-1]
     rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
     heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
     times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
@@ -104,6 +113,6 @@ def find_invalid(volumes: Sequence[Volume4D]) -> int | None:
     """The place of the first volume whose outline crosses itself or has no area; `None` if all are valid."""
     counts = solids_of(volumes).counts
     for place in np.flatnonzero(counts == 0).tolist():
-        if not shapely.Polygon(volumes[place].outline).is_valid:
+        if not shapely.Polygon(unwrap_outline(volumes[place].outline)).is_valid:
             return int(place)
     return None

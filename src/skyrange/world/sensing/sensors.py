@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.components import READINGS_NS, Floats, Sensors
+from skyrange.core.arrays import as_read_only
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
@@ -107,7 +108,7 @@ class SensorSuite:
             self._deltas,
         )  # fmt: skip
         """Of `sensor_errors.sample`, after the first three."""
-        self._shown = tuple(_locked(array) for array in shown)
+        self._shown = tuple(as_read_only(array) for array in shown)
         self._by_slice: dict[tuple[int | None, int | None, int | None], Sensors] = {}
 
     def __getstate__(self) -> dict[str, Any]:
@@ -151,9 +152,3 @@ class SensorSuite:
                 known = self._by_slice[key] = Sensors(*(array[rows] for array in self._shown))
             return known
         return Sensors(*(array[rows] for array in self._shown))
-
-
-def _locked(array: NDArray[Any]) -> NDArray[Any]:
-    view = array.view()
-    view.flags.writeable = False
-    return view

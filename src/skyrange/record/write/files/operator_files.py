@@ -203,7 +203,7 @@ class OperatorFiles:
             frames = block.payloads.take(np.flatnonzero(mine))
             stamps = (block.time_ns[mine] // 1_000 + self._epoch.utc_us(0)).astype(np.uint64)
             out = np.empty(int(frames.sizes.sum()) + _STAMP_BYTES * len(frames), dtype=np.uint8)
-            _interleave(stamps, frames.data, frames.starts, frames.sizes, out)
+            _interleave(stamps, *frames.arrays, out)
             self._tlog[key].write(out.tobytes())
 
     def __enter__(self) -> OperatorFiles:

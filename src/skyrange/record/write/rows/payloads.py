@@ -106,7 +106,7 @@ class PayloadDeduplicator:
         while True:
             self._make_room(int(payloads.sizes[begin:].sum()))
             done = _assign_ids(
-                payloads.data, payloads.starts, payloads.sizes, begin, self.window_bytes,
+                *payloads.arrays, begin, self.window_bytes,
                 self._slots, self._hashes, self._store, self._ends, self._state, ids, words,
             )  # fmt: skip
             ids[begin:done] += self.start

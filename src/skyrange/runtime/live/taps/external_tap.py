@@ -14,7 +14,7 @@ from typing import Any, Final, Literal, Protocol
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from skyrange.codec.mavlink.deframer import Deframer
-from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.frame import Fate, Frame, end_journey
 from skyrange.contracts.links import LinkEnds
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
@@ -289,14 +289,14 @@ class ExternalTap:
     def _drop(self, now: Time, held: _Held) -> None:
         self.counts.dropped += 1
         self._label(now, "drop", held.frame.id)
-        held.frame.fate = Fate.DROPPED
+        end_journey(held.frame, Fate.DROPPED)
         self.record.on_frame(held.frame)
 
     def _instead(self, now: Time, frame: Frame, payload: bytes) -> Frame:
         """Another frame in the place of `frame`."""
         child = self._own(now, frame.direction, frame.src, frame.dst, payload, frame.id)
         self._label(now, "replace", frame.id, child=child.id)
-        frame.fate = Fate.REPLACED
+        end_journey(frame, Fate.REPLACED)
         self.record.on_frame(frame)
         return child
 

@@ -16,6 +16,7 @@ from s2sphere import LatLng, LatLngRect, RegionCoverer
 
 from skyrange.codec.f3548.values import MAX_ALTITUDE_M, MIN_ALTITUDE_M, Area
 from skyrange.core.time import NEVER, Time
+from skyrange.core.volumes import unwrap_outline, wrap_longitude
 
 LEVEL: Final = 13
 """Level of the cells, which the DSSs of a pool have to agree on; InterUSS has this one."""
@@ -86,8 +87,8 @@ def extent_of(areas: Sequence[Area]) -> Extent:
 
 
 def _box(area: Area) -> tuple[int, int, int, int]:
-    """South, west, north and east in steps."""
-    lats, lngs = zip(*area.outline, strict=True)
+    """South, west, north and east in steps; east may be beyond 180°."""
+    lats, lngs = zip(*unwrap_outline(area.outline), strict=True)
     return (
         math.floor(min(lats) / _STEP_DEG),
         math.floor(min(lngs) / _STEP_DEG),
@@ -103,7 +104,7 @@ def _cover(box: tuple[int, int, int, int]) -> frozenset[int]:
     width_km = (east - west) * _KM_PER_DEG * math.cos(math.radians((south + north) / 2.0))
     if height_km * width_km > MAX_AREA_KM2:
         raise AreaError(f"an area of {height_km * width_km:.0f} km²; at most {MAX_AREA_KM2:.0f} km² are searched")
-    rect = LatLngRect(LatLng.from_degrees(south, west), LatLng.from_degrees(north, east))
+    rect = LatLngRect(LatLng.from_degrees(south, west), LatLng.from_degrees(north, wrap_longitude(east)))
     coverer = RegionCoverer()
     coverer.min_level = coverer.max_level = LEVEL
     coverer.max_cells = 1_000_000

@@ -24,6 +24,7 @@ _UNIT_CM: Final = np.float32(1.1131884502145034)
 _UNITS_PER_M: Final = float(np.float32(89.83204953368922))
 """LATLON_TO_M_INV."""
 _METRES_PER_CM: Final = np.float32(0.01)
+_HALF_TURN_E7: Final = 1_800_000_000
 _LEAST_SCALE: Final = 0.01
 """Of a degree of longitude near the poles (Location::longitude_scale)."""
 
@@ -50,7 +51,7 @@ def truncated(fleet: Fleet, vehicle: Vehicle, place: Vector) -> Vector:
     """
     lat_e7, lon_e7 = vehicle.origin_e7
     lat, lon = fleet.origin.geodetic_of(place[0], place[1])
-    units = lat_e7 + int(lat * 1e7 - lat_e7), lon_e7 + int(lon * 1e7 - lon_e7)
+    units = lat_e7 + int(lat * 1e7 - lat_e7), lon_e7 + int(_diff_longitude(lon * 1e7 - lon_e7))
     return (*_enu_of(fleet, *units), int(place[2] * 100.0) * 0.01)
 
 
@@ -66,11 +67,18 @@ def rounded_destination(fleet: Fleet, vehicle: Vehicle, place: Vector) -> Vector
     to_lat, to_lon = round(lat * 1e7), round(lon * 1e7)
     north_cm = np.float32(to_lat - lat_e7) * _UNIT_CM
     scale = _longitude_scale(int((to_lat + lat_e7) / 2))
-    east_cm = np.float32(float(np.float32(to_lon - lon_e7) * _UNIT_CM) * scale)
+    east_cm = np.float32(float(np.float32(_diff_longitude(to_lon - lon_e7)) * _UNIT_CM) * scale)
     north_units = int(float(north_cm * _METRES_PER_CM) * _UNITS_PER_M)
     scale = _longitude_scale(lat_e7 + int(north_units / 2))
     east_units = int(float(east_cm * _METRES_PER_CM) * _UNITS_PER_M / scale)
     return (*_enu_of(fleet, lat_e7 + north_units, lon_e7 + east_units), place[2])
+
+
+def _diff_longitude(units: float) -> float:
+    """Return a difference of longitudes in 1e-7 degrees, across the date line if that is shorter (diff_longitude)."""
+    if units > _HALF_TURN_E7:
+        return units - 2 * _HALF_TURN_E7
+    return units + 2 * _HALF_TURN_E7 if units < -_HALF_TURN_E7 else units
 
 
 def _longitude_scale(lat_e7: int) -> float:

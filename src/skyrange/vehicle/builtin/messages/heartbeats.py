@@ -51,7 +51,7 @@ def consume_heartbeats(fleet: Fleet, mail: Columns) -> Ints:
     single = np.empty(len(mail.payloads), dtype=np.bool_)
     payloads = mail.payloads
     _mark_heartbeats(
-        fleet.now, payloads.data, payloads.starts, payloads.sizes, mail.places, *KIND_TABLES, stations,
+        fleet.now, *payloads.arrays, mail.places, *KIND_TABLES, stations,
         fleet.system_ids, fleet.checks["gcs_heard_ns"], single,
     )  # fmt: skip
     return np.flatnonzero(single)

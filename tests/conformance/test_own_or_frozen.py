@@ -1,0 +1,175 @@
+"""Is what a plugin is handed its own, or frozen? Plugins that write into it alter nothing, or are named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.contracts.alerts import Alert
+from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
+from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
+from skyrange.contracts.frames.frame import Fate, Frame
+from skyrange.contracts.frames.payloads import Payloads
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.contracts.monitors import Monitor, ObservedFrames
+from skyrange.contracts.plugins import NoParams, Plugin
+from skyrange.core.errors import ComponentError, DecodeError
+from skyrange.core.ids import FrameId, Port
+from skyrange.core.time import NS_PER_S, Time
+from skyrange.defence.contract import Defence, DefencePlugin
+from skyrange.plugin import decode_mavlink
+from skyrange.scenario.toml_reader import load_text
+from skyrange.study.runs import fly
+from skyrange.testing import check_attack
+from tests.registered_kinds import registered
+
+SCENARIO = """
+name = "own"
+seed = 5
+duration_s = 12
+origin = [-35.363328, 149.1652241]
+
+[[operators]]
+id = "blue"
+vehicles = [{ id = "b1", plan = { square = { side_m = 8, alt_m = 8 } } }]
+"""
+
+
+def scribble(payload: bytes) -> None:
+    """Write into every field of a message, and of its header, as a plugin does that takes it for its own."""
+    try:
+        message = decode_mavlink(payload)
+    except DecodeError:
+        return
+    for name in message.fieldnames:
+        value = getattr(message, name)
+        setattr(message, name, 1 if isinstance(value, int) else 1.0 if isinstance(value, float) else value)
+    message.get_header().srcSystem = 99
+    message.get_header().seq = 0
+
+
+@dataclass(slots=True)
+class Scribbler:
+    """A tap that alters what it is handed, and asks for nothing."""
+
+    def on_frame(self, now: Time, frame: Frame) -> Sequence[Any]:
+        scribble(frame.payload)
+        for name in ("payload", "src", "sent_ns", "fate", "causes"):
+            with pytest.raises(AttributeError, match="cannot be altered"):
+                setattr(frame, name, getattr(frame, name))
+        return []
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+    def on_wakeup(self, now: Time) -> Sequence[Any]:
+        return []
+
+
+def write_into(payloads: Payloads) -> None:
+    for array in (payloads.data, payloads.starts, payloads.sizes):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 0
+
+
+class ScribblingMonitor:
+    """A monitor that alters what it sees."""
+
+    service_ns = NS_PER_S // 4
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        for frame in frames:
+            scribble(frame.payload)
+        write_into(frames.payloads)
+        return []
+
+
+class WritingMonitor(ScribblingMonitor):
+    """A monitor that writes into a column, and does not expect the error."""
+
+    def observe(self, now: Time, frames: ObservedFrames) -> Sequence[Alert]:
+        frames.at_ns[:] = 0
+        return []
+
+
+def make_attack(params: NoParams, context: AttackContext) -> Attack:
+    """It alters frames at both ends of every link, also while it is muted."""
+    for table in (context.vehicles, context.over_air, context.receivers):
+        assert isinstance(table, dict)
+        table.clear()
+    ends = (("gcs:*", "companion"), ("gcs:*", "gcs"), ("autopilot:*", "proxy"), ("log:*", "proxy"))
+    return Attack(taps=[TapPlacement(links, side, lambda link: Scribbler()) for links, side in ends])
+
+
+def make_defence(params: NoParams, context: AttackContext) -> Defence:
+    return Defence(taps=[TapPlacement("gcs:*", "companion", lambda link: Scribbler())])
+
+
+ATTACK = AttackPlugin(NoParams, make_attack, "Alters what it is handed, and asks for nothing.")
+DEFENCE = DefencePlugin(NoParams, make_defence, "Alters what it is handed, and asks for nothing.")
+
+
+def detector(monitor: type[ScribblingMonitor]) -> DetectorPlugin:
+    def make(params: NoParams, context: DetectorContext) -> Monitor:
+        return monitor()
+
+    return DetectorPlugin(NoParams, make, "Alters what it sees.")
+
+
+PLUGINS: tuple[tuple[str, Plugin[Any, Any]], ...] = (
+    ("test.attack", ATTACK),
+    ("test.defence", DEFENCE),
+    ("test.seeing", detector(ScribblingMonitor)),
+    ("test.writing", detector(WritingMonitor)),
+)
+
+ATTACKED = '[[attacks]]\nid = "x"\nkind = "test.attack"\nstart_s = {start_s}\n'
+DEFENDED = '[[defences]]\nid = "d"\nkind = "test.defence"\n'
+WATCHED = '[[detectors]]\nid = "m"\nkind = "{kind}"\nlinks = ["gcs:blue/b1"]\nside = "gcs"\n'
+
+
+def digests(folder: Path, more: str = "") -> Any:
+    with registered(*PLUGINS):
+        return fly(load_text(SCENARIO + more), folder, report=False).manifest["digests"]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [ATTACKED.format(start_s=0), DEFENDED, WATCHED.format(kind="test.seeing")],
+    ids=["attack", "defence", "detector"],
+)
+def test_what_a_plugin_writes_into_changes_no_flight(more: str, tmp_path: Path) -> None:
+    plain = digests(tmp_path / "plain")
+    found = digests(tmp_path / "with", more)
+    assert (found["truth"], found["frames"]) == (plain["truth"], plain["frames"])
+
+
+def test_a_write_into_a_column_is_an_error_with_the_name_of_the_plugin(tmp_path: Path) -> None:
+    with pytest.raises(ComponentError, match=r"(?s)m.*read-only"):
+        digests(tmp_path / "run", WATCHED.format(kind="test.writing"))
+
+
+def test_columns_of_frames_are_read_only() -> None:
+    port = Port("x", "x:a")
+    inbox = Inbox([Arrival(port, 5, b"frame", "y", FrameId(port.link, "fwd", "y", 0))])
+    write_into(inbox.columns({port: 0}).payloads)
+    ones = np.ones(1, dtype=np.int64)
+    block = FrameBlock(LinkTable([], ones), ones, ones, 0, 5, Fate.DELIVERED, Payloads.of([b"frame"]))
+    write_into(block.carried())
+    for column in (block.link_numbers, block.serial):
+        with pytest.raises(ValueError, match="read-only"):
+            column[:] = 0
+    assert ones.flags.writeable, "those of their maker are not locked"
+
+
+def test_a_check_gives_one_verdict_however_often_it_is_called() -> None:
+    """It did not while a message that an attack had altered stayed altered for the next flight of the process."""
+    for _ in range(2):
+        check_attack(ATTACK, {}, stop_s=5.0, duration_s=6.0, acts=False)
