@@ -51,10 +51,10 @@ def unwrap_outline(outline: Sequence[tuple[float, float]]) -> tuple[tuple[float,
     """The (latitude, longitude) of a ring without a jump at ±180: F3548 (Polygon) has the shortest path between two
     corners. The least longitude is at least -180 and below 180, others may exceed that.
     """
-    first = outline[0][1]
-    if all(abs(lng - first) <= 180.0 for _, lng in outline):
+    lngs = [lng for _, lng in outline]
+    if max(lngs) - min(lngs) <= 180.0:
         return tuple(outline)
-    near = [(lat, longitude_near(lng, first)) for lat, lng in outline]
+    near = [(lat, longitude_near(lng, lngs[0])) for lat, lng in outline]
     west = min(lng for _, lng in near)
     turn = 360.0 if west < -180.0 else -360.0 if west >= 180.0 else 0.0
     return tuple((lat, lng + turn) for lat, lng in near)

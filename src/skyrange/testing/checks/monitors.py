@@ -140,8 +140,10 @@ def _observe(monitor: Monitor, now: Time, frames: ObservedFrames, call: Call) ->
     except Broken:
         raise
     except Exception as error:
-        payloads = short(list(frames.payloads))
-        raise Broken(f"observe({now}) of frames {payloads} raised {error!r}", "alerts, whatever was seen") from error
+        seen = f"observe({now}) of frames {short(list(frames.payloads))} raised {error!r}"
+        if isinstance(error, ValueError) and "read-only" in str(error):  # numpy's word for a write into what is handed
+            raise Broken(seen, "no write into what it is handed", "hands-off") from error
+        raise Broken(seen, "alerts, whatever was seen") from error
     if not isinstance(alerts, list | tuple) or isinstance(alerts, Alert):
         raise Broken(f"answered observe with {short(alerts)}", "a list or tuple of alerts", "alerts")
     for alert in alerts:

@@ -133,8 +133,7 @@ class Airspace:
 
     def _search(self, volumes: Sequence[Volume4D], asked: Solids, ignored: str, lowest_rank: int) -> tuple[Ints, Ints]:
         """Rows and places of claimed volumes and those of a query that overlap, each pair once."""
-        outlines = [unwrap_outline(one.outline) for one in volumes]
-        every = np.arange(len(volumes))
+        every, turns = np.arange(len(volumes)), np.zeros(len(volumes))
         # what crosses the date line, or is west of it while claims cross it, is also where it is by a turn less or more
         across = [(np.flatnonzero(asked.boxes[:, 2] >= 180.0), -360.0)]
         across.append((np.flatnonzero(asked.boxes[:, 0] + 360.0 <= self._east_deg), 360.0))
@@ -142,8 +141,7 @@ class Airspace:
             if len(some):
                 pairs: Any = zip(asked, turned(asked, some, turn), strict=True)
                 asked = Solids(*map(np.concatenate, pairs))
-                outlines += [tuple((lat, lng + turn) for lat, lng in outlines[place]) for place in some.tolist()]
-                every = np.concatenate([every, some])
+                every, turns = np.concatenate([every, some]), np.concatenate([turns, np.full(len(some), turn)])
         wide = np.fromiter(self._wide, dtype=np.int64, count=len(self._wide))
         lists, first = self._grid.lists, self._asked
         self._asked += len(every)
@@ -164,6 +162,10 @@ class Airspace:
         if len(near):
             doubtful = np.column_stack((rows[near], places[near]))
             meeting = verdicts != UNDECIDED
+            outlines = [
+                tuple((lat, lng + turn) for lat, lng in unwrap_outline(volumes[place].outline))
+                for place, turn in zip(every.tolist(), turns.tolist(), strict=True)
+            ]
             meeting[near] = find_meeting(self._outlines, outlines, doubtful)
             rows, places = rows[meeting], places[meeting]
         return rows, every[places]

@@ -66,7 +66,9 @@ def make_solids(count: int) -> Solids:
 def solids_of(volumes: Sequence[Volume4D]) -> Solids:
     """Volumes, of which there is one at least, as arrays."""
     lengths = np.array([len(volume.outline) for volume in volumes], dtype=np.int64)
-    corners = np.array([corner for volume in volumes for corner in unwrap_outline(volume.outline)])[:, ::-1]
+    corners = np.array([corner for volume in volumes for corner in volume.outline])[:, ::-1]
+    if np.ptp(corners[:, 0]) > 180.0:  # one of them may cross the date line
+        corners = np.array([corner for volume in volumes for corner in unwrap_outline(volume.outline)])[:, ::-1]
     rings, counts, boxes = _gather(np.ascontiguousarray(corners), lengths)
     heights = np.array([(one.lower_m, one.upper_m) for one in volumes])
     times = np.array([(one.start_ns, one.end_ns) for one in volumes], dtype=np.int64)
