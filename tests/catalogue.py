@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, TypeVar
@@ -58,6 +59,7 @@ class Choice:
 
 
 T = TypeVar("T")
+_this_checkout = cache(Choice.of_checkout)
 
 
 def draw(cases: Iterable[T], count: int = 1) -> list[T]:
@@ -65,7 +67,7 @@ def draw(cases: Iterable[T], count: int = 1) -> list[T]:
     every = list(cases)
     if os.environ.get("SAMPLES") == "all":
         return every
-    choice = Choice.of_checkout()
+    choice = _this_checkout()
     chosen = sorted(range(len(every)), key=lambda number: choice.number_of(f"{number} {every[number]}"))[:count]
     return [every[number] for number in sorted(chosen)]
 

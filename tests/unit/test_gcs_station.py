@@ -307,7 +307,7 @@ def test_an_old_acceptance_is_not_believed_before_all_items_were_asked_for() -> 
 @pytest.mark.parametrize(
     ("tamper", "says"),
     [
-        ({4: {"x": -353633281}}, "read-back differs at item 4: latitude is -35.3633281"),
+        ({4: {"x": -353633281}}, "mission read-back differs at item 4: latitude is -35.3633281"),
         ({4: {"y": 1}}, "item 4: longitude"),
         ({3: {"z": 5.05}}, "item 3: altitude is 5.05 m, sent 5.00 m"),
         ({3: {"frame": 0}}, "item 3: frame is 0, sent 3"),
@@ -335,7 +335,7 @@ def test_a_wrong_number_of_items_is_seen() -> None:
     while run.stations[0].states["blue/b1"] is not FlightState.VERIFYING:
         run.step()
     run.aircraft["blue/b1"].items.pop()
-    assert outcome(run.run(30)) == ("failed", "read-back differs: 7 items, sent 8")
+    assert outcome(run.run(30)) == ("failed", "mission read-back differs: 7 items, sent 8")
 
 
 # --- commands -------------------------------------------------------------------------------------

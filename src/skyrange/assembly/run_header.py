@@ -128,6 +128,8 @@ def make_mission_files(plans: Mapping[str, FlightPlan]) -> dict[str, bytes]:
     for name, plan in plans.items():
         if plan.fence or plan.rally:
             home = plan.origin.geodetic_of(plan.home_enu_m.east_m, plan.home_enu_m.north_m)
-            whole = Mission(plan.items, (*home, plan.origin.alt_msl_m + plan.home_enu_m.up_m), plan.fence, plan.rally)
+            settings = plan.mission.settings if plan.mission is not None else None
+            above_m = plan.origin.alt_msl_m + plan.home_enu_m.up_m
+            whole = Mission(plan.items, (*home, above_m), plan.fence, plan.rally, settings=settings)
             files[f"missions/flown/{name}.plan"] = format_plan(whole).encode()
     return files

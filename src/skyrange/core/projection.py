@@ -20,8 +20,8 @@ _NORMAL_M = SEMI_MAJOR_M * _PER_DEGREE
 
 _NULL_DEG = 1.5e-7
 """A point at 0 N, 0 E is given this latitude, 17 mm north, which is neither rounded nor truncated to 0: latitude and
-longitude 0 mean "here" in an item of a mission (ArduPilot, Mode::loc_from_cmd) and "unknown" in Remote ID (ASTM F3411,
-table 8) and in most messages of MAVLink."""
+longitude 0 mean "here" in an item of a mission (ArduPilot, ModeAuto::loc_from_cmd) and "unknown" in Remote ID
+(`codec.f3411`) and in messages of MAVLink."""
 
 
 @compiled

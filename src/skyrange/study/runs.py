@@ -12,6 +12,7 @@ from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Time
+from skyrange.gcs.protocols.mission_transfer import LIST_NAMES
 from skyrange.record import RunRecord, load
 from skyrange.runtime.cores.core import ApproachError
 from skyrange.runtime.cores.division import Division, divide
@@ -122,7 +123,10 @@ def _fly_on_cores(
         return None, str(error)
 
 
-_REJECTIONS = ("mission upload refused", "mission read-back differs", "mode AUTO: ", "mission start: ")
+_REJECTIONS = (
+    *(f"{name} {how}" for name in LIST_NAMES.values() for how in ("upload refused", "read-back differs")),
+    "mode AUTO: ", "mission start: ",
+)  # fmt: skip
 """How the ground station's reason begins where an autopilot rejected the mission (`gcs.flight`)."""
 
 

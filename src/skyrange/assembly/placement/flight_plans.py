@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from skyrange.codec.mission.fence_and_rally import Items, circle, polygon, rally_point, return_point
+from skyrange.codec.mission.fence_and_rally import Items, circle, polygon, rally_point
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import vehicle_id
@@ -72,8 +72,6 @@ def _make_fence(origin: Origin, vehicle: Vehicle) -> Items:
     at = partial(_place, origin, vehicle)
     found = [item for one in fence.polygons for item in polygon([at(*point) for point in one.points], one.inclusion)]
     found += [item for one in fence.circles for item in circle(at(*one.center), one.radius_m, one.inclusion)]
-    if fence.back_to is not None:
-        found += return_point(at(*fence.back_to[:2]), fence.back_to[2])
     return tuple(found)
 
 

@@ -77,7 +77,7 @@ class Frame:
         causes: tuple[FrameId, ...] = (),
     ) -> Frame:
         """A frame that was sent, and has not arrived."""
-        draft: Any = _Draft()  # half the cost of setting each slot of a class that refuses to be altered
+        draft: Any = _Draft()  # its slots can be set without a call of a descriptor for each
         draft.link = link
         draft.direction = direction
         draft.sender = sender

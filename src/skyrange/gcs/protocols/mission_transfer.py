@@ -32,9 +32,10 @@ MAX_ATTEMPTS = 3
 
 _TEMPORARY = frozenset({mav.MAV_MISSION_ERROR, mav.MAV_MISSION_DENIED, mav.MAV_MISSION_OPERATION_CANCELLED})
 _MISSION = int(mav.MAV_MISSION_TYPE_MISSION)
-_NAMES = {
+LIST_NAMES = {
     _MISSION: "mission", int(mav.MAV_MISSION_TYPE_FENCE): "fence", int(mav.MAV_MISSION_TYPE_RALLY): "rally points"
 }  # fmt: skip
+"""What is transferred, by MAV_MISSION_TYPE, as the reason of a flight that fails names it."""
 
 
 @dataclass(slots=True)
@@ -62,7 +63,7 @@ class Transfer:
     @property
     def name(self) -> str:
         """What is transferred."""
-        return _NAMES[self.kind]
+        return LIST_NAMES[self.kind]
 
     def begin(self, now: Time) -> list[Message]:
         """Start or restart the transfer; returns the messages to send."""
@@ -190,7 +191,7 @@ class Download(Transfer):
         if self.result or self.requested >= 0:
             return []
         if count != len(self.items):
-            self._end(f"{self._differs()}: {count} items, sent {len(self.items)}")
+            self._end(f"{self._name()} differs: {count} items, sent {len(self.items)}")
             return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
         return self._request(now, 0)
 
@@ -200,7 +201,7 @@ class Download(Transfer):
             return []
         problem = describe_difference(self.items[item.seq], item) if item.seq >= self.homes else ""
         if problem:
-            self._end(f"{self._differs()} at item {item.seq}: {problem}")
+            self._end(f"{self._name()} differs at item {item.seq}: {problem}")
             return [self._ack_message(mav.MAV_MISSION_OPERATION_CANCELLED)]
         if item.seq == len(self.items) - 1:
             self._end("done")
@@ -211,9 +212,6 @@ class Download(Transfer):
         """Handle a MISSION_ACK; only a rejection has a meaning during a download."""
         if not self.result and kind not in (mav.MAV_MISSION_ACCEPTED, mav.MAV_MISSION_INVALID_SEQUENCE):
             self._reject(now, kind)
-
-    def _differs(self) -> str:
-        return "read-back differs" if self.kind == _MISSION else f"{self.name} read-back differs"
 
     def _request(self, now: Time, seq: int) -> list[Message]:
         self.requested = seq

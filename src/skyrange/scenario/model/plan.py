@@ -124,11 +124,6 @@ class Fence(Model):
     polygons: Annotated[tuple[FencePolygon, ...], BeforeValidator(items)] = Field(
         default=(), max_length=32, description="Polygons."
     )
-    back_to: Place | None = Field(
-        default=None,
-        description="Point to which a breach leads back where FENCE_ACTION and FENCE_RET_RALLY ask for it, "
-        "[east_m, north_m, up_m] in metres from the start.",
-    )
 
     @model_validator(mode="after")
     def _not_empty(self) -> Fence:
