@@ -19,6 +19,7 @@ from skyrange.detect.learned.detector import LEARNED as LEARNED_PLUGIN
 from skyrange.detect.learned.model_file import read_model, write_model
 from skyrange.record import load, replay_monitor
 from skyrange.scenario.model.detectors import DetectorTable
+from skyrange.scenario.toml_reader import load_file
 from skyrange.study.runs import fly
 from skyrange.study.scoring.result_file import read_scores
 from skyrange.study.sweep.design.blocks import check_blocks, city_of, list_blocks, scenario_in
@@ -131,11 +132,14 @@ def test_a_trained_model_alerts_in_a_run_and_over_a_record_as_in_the_scores(
     ]
     assert len(scored) > len(mine) // 4
     scenario = scenario_in(folder.study, folder.study.arms[1], block)
-    table = DetectorTable(id="live", kind="learned.windows", params={"model": str(file)})
+    table = DetectorTable(id="live", kind="learned.windows", params={"file": str(file)})
     again = fly(scenario.model_copy(update={"detectors": (table,)}), tmp_path / "again", report=False)
     flown = load(study / "runs" / block.name / "attacked")
     assert again.manifest["digests"]["fingerprint"] == flown.manifest["digests"]["fingerprint"]
     live = [(row["time_ns"], row["subject"], row["score"]) for row in again.table("alerts").to_pylist()]  # in a run
+    copied = load_file(again.path / "scenario.toml").detectors[0].params["file"]
+    assert copied == str(again.path.absolute() / "given/1-model.json")  # the folder repeats the run
+    assert Path(copied).read_bytes() == file.read_bytes()
     make = partial(LEARNED_PLUGIN, table.settings, None)  # type: ignore[arg-type] # it reads nothing of the context
     placement = MonitorPlacement("later", make, ["gcs:*"], "gcs")
     replayed = [(one.alert.at, one.alert.subject, one.alert.score) for one in replay_monitor(flown, placement)]

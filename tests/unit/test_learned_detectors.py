@@ -113,8 +113,8 @@ def test_a_model_is_read_as_it_was_written(tmp_path: Path) -> None:
 def test_a_damaged_model_is_named(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     path = tmp_path / "model.json"
     path.write_text(json.dumps({**json.loads(model_of("isolation_forest").model_dump_json()), **change}))
-    with pytest.raises(InputError, match=rf"model[:.].*{message}"):
-        LEARNED(LEARNED.params(model=str(path)), None)  # type: ignore[call-arg,arg-type]
+    with pytest.raises(InputError, match=rf"file[:.].*{message}"):
+        LEARNED(LEARNED.params(file=str(path)), None)  # type: ignore[call-arg,arg-type]
 
 
 @pytest.mark.parametrize("text", [b"", b"{", b"[]", b"\xff\xfe", b"[" * 100_000, b'{"format": 1}'])
@@ -255,4 +255,4 @@ def test_labels_are_of_attacks_on_the_aircraft_within_the_window() -> None:
 @pytest.mark.parametrize("algorithm", ["isolation_forest", "gradient_boosting"])
 def test_the_detector_follows_the_contract(tmp_path: Path, algorithm: str) -> None:
     write_model(model_of(algorithm).model_copy(update={"threshold": 1e-6}), tmp_path / "model.json")
-    check_monitor(LEARNED, {"model": str(tmp_path / "model.json")})
+    check_monitor(LEARNED, {"file": str(tmp_path / "model.json")})

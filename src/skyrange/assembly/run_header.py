@@ -18,11 +18,12 @@ from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import loaded_sources
 from skyrange.core.ids import vehicle_id
-from skyrange.core.input_files import read_input
+from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.radio.propagation.loss_table_file import MAX_BYTES as MAX_TABLE_BYTES
-from skyrange.record.folder import LOSS_TABLE, PLUGINS, plain_name
+from skyrange.record.folder import GIVEN_FILES, LOSS_TABLE, PLUGINS, plain_name
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.named_files import list_named_files
 from skyrange.scenario.toml_writer import to_toml
 
 
@@ -110,6 +111,10 @@ def make_attachments(scenario: Scenario, city: City | None) -> dict[str, bytes]:
     if scenario.radio is not None and scenario.radio.table is not None:
         copies[scenario.radio.table] = LOSS_TABLE
         files[LOSS_TABLE] = read_input(Path(scenario.radio.table), "loss table", max_bytes=MAX_TABLE_BYTES)
+    for _, given in list_named_files(scenario.data()):  # of parameters of plugins
+        if given not in copies:
+            copies[given] = f"{GIVEN_FILES}/{len(copies) + 1}-{plain_name(Path(given).name)}"
+            files[copies[given]] = read_input(Path(given), "scenario", max_bytes=MAX_RECORD_BYTES)
     for number, (name, source) in enumerate(loaded_sources(), 1):
         files[f"{PLUGINS}/{number:02}-{plain_name(name)}"] = source
     files["scenario.toml"] = to_toml(scenario, copies).encode()

@@ -19,6 +19,9 @@ PARTS = ".parts"
 PLUGINS = "plugins"
 """The folder, inside a run's folder, of the plugin files that the run was started with."""
 
+GIVEN_FILES = "given"
+"""The folder, inside a run's folder, of the files that parameters of plugins name."""
+
 LOSS_TABLE = "radio/losses.parquet"
 """The file, inside a run's folder, of the loss table on which the run was flown."""
 

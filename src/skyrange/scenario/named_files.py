@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.validation.error_messages import spell_path
 
 FILE_KEYS = frozenset({"file", "buildings", "table"})
-"""Keys whose value is the name of a file that the run reads."""
+"""Keys whose value is the name of a file that the run reads; parameters of plugins too."""
 
 
 def read_text(path: Path, who: str) -> str:
@@ -59,3 +59,29 @@ def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any],
         return part
 
     return visit(data, ()), faults
+
+
+def list_named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """The key and the value of everything in `data` that names a file, at any depth."""
+    for key, part in data.items():
+        if isinstance(part, str) and part and key in FILE_KEYS:
+            yield key, part
+        elif isinstance(part, Mapping):
+            yield from list_named_files(part)
+        elif isinstance(part, (list, tuple)):
+            for one in part:
+                if isinstance(one, Mapping):
+                    yield from list_named_files(one)
+
+
+def rename_files(data: dict[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+    """`data` with the names of files replaced by those that `names` has for them."""
+
+    def visit(part: Any, key: str) -> Any:
+        if isinstance(part, dict):
+            return {name: visit(value, name) for name, value in part.items()}
+        if isinstance(part, list):
+            return [visit(value, "") for value in part]
+        return names.get(part, part) if isinstance(part, str) and key in FILE_KEYS else part
+
+    return {key: visit(value, key) for key, value in data.items()}

@@ -12,8 +12,10 @@ import copy
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import tomli_w
 from pydantic import BaseModel
 
 from skyrange.core.errors import InputError, Problem, nearest
@@ -58,6 +60,27 @@ def apply_overrides(
     if faults:
         raise InputError("--set", faults)
     return changed
+
+
+def read_assignment(assignment: str) -> tuple[str, Any] | None:
+    """The last key and the value of `path=value`; None if it is malformed, which `apply_overrides` reports."""
+    path, equals, text = assignment.partition("=")
+    keys = _keys(path.strip())
+    if not equals or not keys:
+        return None
+    try:
+        return keys[-1], parse_value(text.strip())
+    except ValueError:
+        return None
+
+
+def locate_assignment(assignment: str, folder: Path) -> str:
+    """`path=value` with the name of a file made absolute from `folder`; any other assignment as it is."""
+    found = read_assignment(assignment)
+    if found is None or found[0] not in FILE_KEYS or not isinstance(found[1], str) or not found[1]:
+        return assignment
+    located = tomli_w.dumps({"value": str((folder / expand_user(found[1])).absolute())})
+    return f"{assignment.partition('=')[0]}={located.removeprefix('value = ').strip()}"
 
 
 def _keys(path: str) -> list[str]:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC
-from typing import Any
 
 import tomli_w
 
 from skyrange.scenario.model.scenario import Scenario
+from skyrange.scenario.named_files import rename_files
 
 
 def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
@@ -23,7 +23,6 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             if not operator[key]:  # in a built scenario the vehicles contain them
                 del operator[key]
         for vehicle in operator["vehicles"]:
-            _rename(vehicle["plan"], "file", files or {})
             if not vehicle["params"]:
                 del vehicle["params"]
     for key in ("links", "processing", "attacks", "detectors", "approvals", "hosts"):
@@ -31,11 +30,4 @@ def to_toml(scenario: Scenario, files: Mapping[str, str] | None = None) -> str:
             del data[key]
     if "radio" in data and not data["radio"]["params"]:
         del data["radio"]["params"]
-    _rename(data.get("city", {}), "buildings", files or {})
-    _rename(data.get("radio", {}), "table", files or {})
-    return tomli_w.dumps(data, indent=2)
-
-
-def _rename(table: dict[str, Any], key: str, files: Mapping[str, str]) -> None:
-    if key in table:
-        table[key] = files.get(table[key], table[key])
+    return tomli_w.dumps(rename_files(data, files) if files else data, indent=2)

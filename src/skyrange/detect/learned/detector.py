@@ -36,10 +36,10 @@ ABOUT = "Scores the features of each window of a link with a trained model."
 class LearnedParams(Params):
     """Parameters of the learned detector."""
 
-    model: str = Field(
+    file: str = Field(
         min_length=1,
         description="File of the model, such as studies/detectors/models/gradient-boosting.json; a relative one is "
-        "relative to the working directory.",
+        "relative to the scenario's file.",
     )
     report_above: Number = Field(
         default=1.0,
@@ -77,12 +77,12 @@ class LearnedDetector:
 
 def make_learned(params: LearnedParams, context: DetectorContext | None = None) -> Monitor:
     """A new detector. Raises `InputError` for a file that holds no model."""
-    path = expand_user(params.model).absolute()
+    path = expand_user(params.file).absolute()
     try:
         model = _load(path, path.stat().st_mtime_ns if path.is_file() else 0)
     except InputError as error:
         problems = [
-            replace(one, where="model" if one.where == "file" else f"model.{one.where}") for one in error.problems
+            replace(one, where="file" if one.where == "file" else f"file.{one.where}") for one in error.problems
         ]
         raise InputError("detector", problems) from error
     return LearnedDetector(model, params.report_above)

@@ -60,7 +60,7 @@ A baseline with which detectors are compared, in studies of skyrange. Use it in 
 [[detectors]]
 id = "{name}"
 kind = "learned.windows"
-params = {{ model = "{name}.json" }}
+params = {{ file = "{name}.json" }}
 ```
 
 It is not made for aircraft outside of a simulation: it has never seen one."""

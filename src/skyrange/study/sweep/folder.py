@@ -11,16 +11,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
-from skyrange.city.building_files import files_of
-from skyrange.city.geojson import MAX_FILE_BYTES
 from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
-from skyrange.core.input_files import MAX_RECORD_BYTES, MAX_TEXT_BYTES, parse_json, read_input
+from skyrange.core.input_files import MAX_RECORD_BYTES, parse_json, read_input
 from skyrange.record.folder import make_new_folder
-from skyrange.scenario.shipped import source_of
 from skyrange.study.sweep.block_files import BLOCKS
 from skyrange.study.sweep.design.blocks import Block, list_blocks
-from skyrange.study.sweep.design.model import Study, cities_of, scenarios_of
+from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.design.study_inputs import digest_inputs
 
 FORMAT: Final = "skyrange.study/1"
 MANIFEST: Final = "study.json"
@@ -103,7 +101,7 @@ def require_same(folder: StudyFolder, study: Study) -> None:
     stored = _read_manifest(folder.path)["digest"]
     if stored != digest_of(study):
         changed = [name for name in Study.model_fields if getattr(folder.study, name) != getattr(study, name)]
-        what = ", ".join(changed) or "a file of its scenarios or cities"
+        what = ", ".join(changed) or "a file that it or its scenarios name"
         hint = "Results of both cannot be compared: fly it in a folder of its own."
         raise InputError.one(str(folder.path), "study", f"differs in {what}", "the study that began here", hint)
 
@@ -118,11 +116,6 @@ def require_unchanged(folder: StudyFolder, *, other_version: bool = False) -> No
 
 
 def digest_of(study: Study) -> str:
-    """A digest of what a study flies: its design, and the files of its scenarios and cities."""
+    """A digest of what a study flies: its design, and its input files. Raises `InputError` for one it cannot read."""
     text = json.dumps(study.model_dump(mode="json"), sort_keys=True)
-    found = hashlib.sha256(text.encode())
-    for name in scenarios_of(study):
-        found.update(b"\0" + read_input(source_of(name), "study", "scenario", max_bytes=MAX_TEXT_BYTES))
-    for file in (file for city in cities_of(study) for file in files_of(Path(city))):
-        found.update(b"\0" + read_input(file, "study", "buildings", max_bytes=MAX_FILE_BYTES))
-    return found.hexdigest()
+    return hashlib.sha256(text.encode() + b"\0" + digest_inputs(study)).hexdigest()

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skyrange.core.files import atomic_write
+from skyrange.record.folder import GIVEN_FILES
 from skyrange.study.dataset.description.contents import Contents
 
 REGENERATE: Final = "regenerate.json"
@@ -24,7 +25,7 @@ def write_regenerate(folder: Path, contents: Contents) -> None:
         inputs = {
             name: entry
             for name, entry in (manifest.get("files") or {}).items()
-            if name.startswith(("missions/given/", "plugins/", "city.", "radio/"))
+            if name.startswith(("missions/given/", f"{GIVEN_FILES}/", "plugins/", "city.", "radio/"))
         }
         runs[member.run] = {
             "block": member.block, "arm": member.arm, "split": member.split, "seed": member.seed,

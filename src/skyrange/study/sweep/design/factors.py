@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, refuse
+from skyrange.scenario.named_files import FILE_KEYS
 
 SCENARIO: Final = "scenario"
 BUILDINGS: Final = "buildings"
@@ -68,9 +69,9 @@ class Factor(Model):
 
     @model_validator(mode="before")
     @classmethod
-    def _name_cities(cls, data: Any) -> Any:
-        """Cities are named by their files, so that results do not depend on where these are."""
-        if not isinstance(data, dict) or data.get("key") != BUILDINGS:
+    def _name_files(cls, data: Any) -> Any:
+        """Values that are files are named by these, so that results do not depend on where the files are."""
+        if not isinstance(data, dict) or data.get("key") == SCENARIO or not names_files(str(data.get("key"))):
             return data
         values, named = data.get("values"), data.get("named", {})
         if not isinstance(values, (list, tuple)) or not values or not all(isinstance(one, str) for one in values):
@@ -130,6 +131,11 @@ class Factor(Model):
 def name_buildings(value: str) -> str:
     """The name of a city among those of a factor, which has no folder."""
     return Path(value).name if is_city_file(value) else value or OWN
+
+
+def names_files(key: str) -> bool:
+    """Whether the values of a factor with this key may be names of files."""
+    return key in WHOLE_KEYS or key.rpartition(".")[2] in FILE_KEYS
 
 
 def is_city_file(value: str) -> bool:

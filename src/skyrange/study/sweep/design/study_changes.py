@@ -9,8 +9,9 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from skyrange.core.input_files import expand_user
-from skyrange.scenario.overrides import apply_overrides
-from skyrange.study.sweep.design.factors import BUILDINGS, SCENARIO, is_city_file
+from skyrange.scenario.named_files import locate_files as locate_named_files
+from skyrange.scenario.overrides import apply_overrides, locate_assignment
+from skyrange.study.sweep.design.factors import SCENARIO, is_city_file, names_files
 
 _WAYS: Final[Mapping[str, tuple[str, ...]]] = {
     "values": ("values", "named"),
@@ -40,25 +41,44 @@ def change_data(data: Mapping[str, Any], changes: Iterable[str], root: type[Base
 
 
 def locate_files(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """The table of a study with absolute names of scenario files and of files of buildings, from `folder`."""
+    """The table of a study with absolute names of all files that it names, from `folder`: scenarios, cities, and the
+    files that its changes, factors, detectors and defences name.
+    """
     located = dict(data)
     if isinstance(data.get("scenario"), str):
         located["scenario"] = _beside(folder, data["scenario"], SCENARIO)
     for kind in ("factors", "draws"):
         if isinstance(data.get(kind), list):
             located[kind] = [_locate_values(one, folder) for one in data[kind]]
-    return located
+    if isinstance(data.get("arms"), list):
+        located["arms"] = [_locate_arm(one, folder) for one in data["arms"]]
+    located |= _locate_changes(data, folder)
+    return located | locate_named_files({"detectors": data["detectors"]}, folder)[0] if "detectors" in data else located
+
+
+def _locate_changes(data: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The key `changes` of a study or an arm, if it has one that is a text or a list."""
+    changes = data.get("changes")
+    if isinstance(changes, str):
+        return {"changes": locate_assignment(changes, folder)}
+    if not isinstance(changes, list):
+        return {}
+    return {"changes": [locate_assignment(one, folder) if isinstance(one, str) else one for one in changes]}
+
+
+def _locate_arm(arm: Any, folder: Path) -> Any:
+    return locate_named_files(arm, folder)[0] | _locate_changes(arm, folder) if isinstance(arm, dict) else arm
 
 
 def _locate_values(factor: Any, folder: Path) -> Any:
-    if not isinstance(factor, dict) or factor.get("key") not in (SCENARIO, BUILDINGS):
+    if not isinstance(factor, dict) or not names_files(str(factor.get("key"))):
         return factor
-    located = dict(factor)
+    located, key = dict(factor), str(factor["key"])
     if isinstance(factor.get("values"), list):
         names = factor.get("named", ())
-        located["values"] = [one if one in names else _beside(folder, one, factor["key"]) for one in factor["values"]]
+        located["values"] = [one if one in names else _beside(folder, one, key) for one in factor["values"]]
     if isinstance(factor.get("named"), dict):
-        located["named"] = {name: _beside(folder, one, factor["key"]) for name, one in factor["named"].items()}
+        located["named"] = {name: _beside(folder, one, key) for name, one in factor["named"].items()}
     return located
 
 
@@ -66,7 +86,7 @@ def _beside(folder: Path, value: Any, key: str) -> Any:
     """The path of a file that is named relative to `folder`; what names no file as it is."""
     if not isinstance(value, str):
         return value
-    is_file = is_city_file(value) if key == BUILDINGS else "/" in value or Path(value).suffix == ".toml"
+    is_file = is_city_file(value) if key != SCENARIO else "/" in value or Path(value).suffix == ".toml"
     return str((folder / expand_user(value)).absolute()) if is_file else value
 
 
