@@ -20,7 +20,7 @@ from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import FlightPlan, anchored
 from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
 from skyrange.gcs.protocols.mission_transfer import Download
-from skyrange.study.runs import _REJECTIONS
+from skyrange.study.failed_missions import REJECTIONS
 
 HOME = (47.3977, 8.5456, 408.0)
 TAKEOFF = MissionItem(3, 22, 0.0, 0.0, 0.0, 0.0, HOME[0], HOME[1], 20.0)
@@ -93,7 +93,7 @@ def test_a_read_back_finds_any_difference_of_a_fence(fence: tuple[MissionItem, .
     )
     found = _read_back(sent, ItemList(sent.kind, altered))
     assert found.startswith(f"fence read-back differs at item {place}: ")
-    assert found.startswith(_REJECTIONS), "a run that ends with this reason falls short"
+    assert found.startswith(REJECTIONS), "a run that ends with this reason falls short"
 
 
 def _read_back(sent: ItemList, stored: ItemList) -> str:

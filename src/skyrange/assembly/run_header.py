@@ -22,6 +22,7 @@ from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.gcs.plan.plans import FlightPlan
 from skyrange.radio.propagation.loss_table_file import MAX_BYTES as MAX_TABLE_BYTES
 from skyrange.record.folder import GIVEN_FILES, LOSS_TABLE, PLUGINS, plain_name
+from skyrange.scenario.model.plan import Plan
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.named_files import list_named_files
 from skyrange.scenario.toml_writer import to_toml
@@ -58,6 +59,7 @@ def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) ->
                 "system_id": vehicle.system_id,
                 "home_enu_m": [vehicle.start.east_m, vehicle.start.north_m, 0.0],
                 "plan": name_flight_plan(vehicle),
+                **_describe_expectation(vehicle.plan),
             }
             for operator, vehicle in scenario.fleet
         ],
@@ -77,6 +79,12 @@ def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) ->
         "constraints": [table.model_dump(mode="json") for table in scenario.constraints],
         "city": _describe_city(city) if city is not None else None,
     }
+
+
+def _describe_expectation(plan: Plan) -> dict[str, str]:
+    """What the plan expects of its mission, if it does (`study.failed_missions`)."""
+    expected = "failure" if plan.failure_expected else "rejection" if plan.rejection_expected else ""
+    return {"expected": expected} if expected else {}
 
 
 def _describe_city(city: City) -> dict[str, Any]:

@@ -10,9 +10,7 @@ from skyrange.contracts.components import Observer
 from skyrange.contracts.links import AttackPlan, TapPlacement
 from skyrange.contracts.monitors import MonitorPlacement
 from skyrange.core.errors import ShortfallError
-from skyrange.core.ids import vehicle_id
 from skyrange.core.time import Time
-from skyrange.gcs.protocols.mission_transfer import LIST_NAMES
 from skyrange.record import RunRecord, load
 from skyrange.runtime.cores.core import ApproachError
 from skyrange.runtime.cores.division import Division, divide
@@ -121,33 +119,6 @@ def _fly_on_cores(
         if on_notice is not None:
             on_notice(f"{error}; the run starts again on one core")
         return None, str(error)
-
-
-_REJECTIONS = (
-    *(f"{name} {how}" for name in LIST_NAMES.values() for how in ("upload refused", "read-back differs")),
-    "mode AUTO: ", "mission start: ",
-)  # fmt: skip
-"""How the ground station's reason begins where an autopilot rejected the mission (`gcs.flight`)."""
-
-
-def rejected_missions(record: RunRecord) -> dict[str, str]:
-    """Vehicles whose autopilot rejected the mission, or refused to fly it, with the reason that was recorded."""
-    reasons = {vehicle: str(outcome.get("reason") or "") for vehicle, outcome in record.outcomes.items()}
-    return {vehicle: reason for vehicle, reason in reasons.items() if reason.startswith(_REJECTIONS)}
-
-
-def require_missions(record: RunRecord, scenario: Scenario) -> None:
-    """Raise `ShortfallError` if a mission was rejected for which `scenario` does not expect it."""
-    expected = {
-        vehicle_id(operator.id, vehicle.id) for operator, vehicle in scenario.fleet if vehicle.plan.rejection_expected
-    }
-    found = [f"{name}: {reason}" for name, reason in rejected_missions(record).items() if name not in expected]
-    if found:
-        more = f"; and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-        raise ShortfallError(f"missions were rejected: {'; '.join(found[:_NAMED])}{more}", record.path)
-
-
-_NAMED = 5
 
 
 def _serving(viewers: Viewers, on_progress: OnProgress | None) -> OnProgress:

@@ -19,6 +19,8 @@ from skyrange.world.airframes import AIRFRAMES
 _STREAM = "planning.ompl"
 _ROUNDED = 1
 """Decimals of the points of a path in metres."""
+_REPLACED = {"square", "path", "route", "file", "anchor"}
+"""Keys of a plan that its planned path replaces."""
 
 
 def plan_routes(scenario: Scenario, city: City | None) -> Scenario:
@@ -65,5 +67,5 @@ def _planned(scenario: Scenario, name: str, vehicle: Vehicle, city: City | None,
         (round(east - start[0], _ROUNDED), round(north - start[1], _ROUNDED), round(up, _ROUNDED))
         for east, north, up in find_route(city, places, limits, sampling)
     ]
-    own = {name: getattr(plan, name) for name in ("mode", "end", "speed_mps", "fence", "rally", "rejection_expected")}
+    own = {name: getattr(plan, name) for name in Plan.model_fields.keys() - _REPLACED}
     return vehicle.model_copy(update={"plan": Plan(path=Path(points=tuple(points)), **own)})

@@ -44,8 +44,8 @@ def live(
     from skyrange.runtime.live.range import prepare_range
     from skyrange.runtime.live.supervisor.supervisor import run_range
     from skyrange.scenario.shipped import load
+    from skyrange.study.failed_missions import require_missions
     from skyrange.study.report import write_report
-    from skyrange.study.runs import require_missions
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -84,7 +84,7 @@ def live(
                 print_notice(f"{jumped}; it was set, or the machine was suspended")
     if failure is not None:
         raise failure
-    require_missions(record, scenario)
+    require_missions(record)
 
 
 def node(remote: str, key: Path, address: str | None, wait_s: float) -> None:

@@ -22,6 +22,7 @@ def matrix(
     from skyrange.cli.output.matrix_table import print_matrix
     from skyrange.cli.output.progress import compile_if_cold, map_progress
     from skyrange.core.errors import InputError
+    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.matrix.flights import describe, fly_matrix
     from skyrange.study.matrix.model import read_matrix, select
     from skyrange.study.matrix.report import write_matrix_page, write_matrix_report
@@ -39,7 +40,8 @@ def matrix(
         write_matrix_page(result, page)
     if as_json:
         print_json(describe(result))
-        return
-    print_matrix(terminal(), result)
-    print_text(f"matrix {result.path}")
-    print_text(f"report {report}")
+    else:
+        print_matrix(terminal(), result)
+        print_text(f"matrix {result.path}")
+        print_text(f"report {report}")
+    require_baseline(result.failed_missions, result.path)

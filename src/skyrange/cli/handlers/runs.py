@@ -41,7 +41,8 @@ def run(
     from skyrange.cli.output.run_summary import print_summary
     from skyrange.cli.output.viewer_notices import open_viewers
     from skyrange.scenario.shipped import load
-    from skyrange.study.runs import fly, require_missions
+    from skyrange.study.failed_missions import require_missions
+    from skyrange.study.runs import fly
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -74,7 +75,7 @@ def run(
         print_interlock_notice(record.manifest)
     if shortfall is not None:
         raise shortfall
-    require_missions(record, scenario)
+    require_missions(record)
 
 
 def pair(
@@ -94,6 +95,7 @@ def pair(
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
     from skyrange.scenario.shipped import load
     from skyrange.study.attribution.arms import acting_attacks, plan_arms
+    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
@@ -105,6 +107,7 @@ def pair(
         print_json(_pair_facts(result))
     else:
         print_pair(result)
+    require_baseline(map(str, result.failed_missions), result.path)
 
 
 def _pair_facts(result: Pair) -> dict[str, Any]:
@@ -113,8 +116,10 @@ def _pair_facts(result: Pair) -> dict[str, Any]:
 
     found = {vehicle: {key: one._asdict() for key, one in own.items()} for vehicle, own in result.intervals().items()}
     folder = {"path": str(result.path), "report": str(result.report)}
+    failed = [{**asdict(one), "reasons": dict(one.reasons)} for one in result.failed_missions]
     effects, attribution = result.effects.to_pylist(), result.attribution.to_pylist()
-    facts = {**result.manifest, **folder, "effects": effects, "intervals": found, "attribution": attribution}
+    facts = {**result.manifest, **folder, "failed_missions": failed, "effects": effects, "intervals": found}
+    facts["attribution"] = attribution
     return facts | ({"lie_and_truth": result.lie_and_truth.to_pylist()} if HONEST in result.arms else {})
 
 

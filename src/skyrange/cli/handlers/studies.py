@@ -175,12 +175,26 @@ def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, 
 
 
 def _print_result(result: StudyResult, as_json: bool) -> None:
-    folder = result.folder
+    from skyrange.cli.output.failed_missions import print_failed_missions
+    from skyrange.study.failed_missions import require_baseline
+    from skyrange.study.sweep.execution.study_run import list_failed_missions
+
+    folder, missions = result.folder, list_failed_missions(result.folder)
     if as_json:
         failed = [{"block": block, "error": error} for block, error in result.failed]
         numbers = {"finished": result.finished, "flown": result.flown, "wall_s": round(result.wall_s, 3)}
-        print_json({"study": str(folder.path), **numbers, "busy_share": round(result.busy_share, 3), "failed": failed})
+        print_json(
+            {
+                "study": str(folder.path),
+                **numbers,
+                "busy_share": round(result.busy_share, 3),
+                "failed": failed,
+                "failed_missions": missions,
+            }
+        )
+        require_baseline(missions, folder.path)
         return
+    print_failed_missions(terminal(), missions[:_SHOWN])
     print_text(
         f"{folder.study.name}: {result.finished} of {len(folder.blocks)} blocks are finished, {result.flown} flown in "
         f"{result.wall_s:.1f} s; workers were busy for {100.0 * result.busy_share:.0f} % of the time"
@@ -188,6 +202,7 @@ def _print_result(result: StudyResult, as_json: bool) -> None:
     _print_failures(result.failed)
     print_text(f"study   {folder.path}")
     print_text(f"results {folder.path / 'results'}")
+    require_baseline(missions, folder.path)
 
 
 def _print_failures(failures: Any) -> None:

@@ -20,12 +20,11 @@ def compare(
     as_json: bool,
 ) -> None:
     """`skyrange compare`."""
-    from rich.table import Table
-
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
+    from skyrange.cli.output.variants_table import print_comparison
+    from skyrange.study.failed_missions import require_baseline
     from skyrange.study.variants.flights import compare_variants, read_variants
     from skyrange.study.variants.report import write_comparison_report
-    from skyrange.study.variants.sections import make_tables
 
     chosen = read_variants(variants)
     compile_if_cold(quiet=as_json)
@@ -44,13 +43,8 @@ def compare(
     report = write_comparison_report(result)
     if as_json:
         print_json({**result.describe(), "path": str(result.path), "report": str(report)})
-        return
-    for one in make_tables(result):
-        table = Table(title=one.title, title_justify="left", title_style="bold")
-        for number, text in enumerate(one.head):
-            table.add_column(text, justify="right" if number else "left")
-        for row in one.rows:
-            table.add_row(*row)
-        terminal().print(table)
-    print_text(f"runs   {result.path}")
-    print_text(f"report {report}")
+    else:
+        print_comparison(terminal(), result)
+        print_text(f"runs   {result.path}")
+        print_text(f"report {report}")
+    require_baseline(result.failed_missions, result.path)

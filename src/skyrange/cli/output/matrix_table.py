@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from skyrange.cli.output.failed_missions import print_failed_missions
 from skyrange.study.matrix.sections import make_sections
 
 if TYPE_CHECKING:
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def print_matrix(console: Console, result: MatrixResult) -> None:
-    """Print every section of a matrix as a table."""
+    """Print the missions that failed without an attack, then every section of a matrix as a table."""
     from rich.table import Table
     from rich.text import Text
 
@@ -24,6 +25,7 @@ def print_matrix(console: Console, result: MatrixResult) -> None:
             text.append(f"\n{cell.after}", style="bold" if cell.after_strong else "dim")
         return text
 
+    print_failed_missions(console, result.failed_missions)
     for section in make_sections(result):
         table = Table(title=section.title, title_justify="left", title_style="bold", show_lines=True)
         for name in section.head:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
+from skyrange.cli.output.failed_missions import print_failed_missions
 from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city
 from skyrange.study.twins.lie_and_truth import REACTIONS, format_values, reacts, truth_name
 
@@ -16,12 +17,15 @@ if TYPE_CHECKING:
 
 
 def print_pair(result: Pair) -> None:
-    """Print the aircraft that departed from the twin, and means over seeds if there are several."""
+    """Print the aircraft that departed from the twin, and means over seeds if there are several; first the missions
+    that failed without an attack.
+    """
     from rich.table import Table
 
     from skyrange.study.attribution.attribute import unknown_subsets
 
     console = terminal()
+    print_failed_missions(console, map(str, result.failed_missions))
     rows = [row for row in result.effects.to_pylist() if row["against"] == result.reference]
     own = [row for row in rows if row["seed"] == result.seeds[0] and row["departed_s"] is not None]
     table = Table(

@@ -29,7 +29,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     from rich.text import Text
 
     console = terminal()
-    title = f"{facts['name']} · {facts['status']}"
+    title = f"{facts['name']} · run {facts['status']}"
     rows = facts["vehicles"]
     if len(rows) > MAX_AIRCRAFT:
         _print_operators(console, title, rows)

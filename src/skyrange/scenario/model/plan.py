@@ -179,6 +179,11 @@ class Plan(Model):
         description="Whether the autopilot is expected to reject the mission. Otherwise an item that it will reject is "
         "an error, and a run in which it rejects the mission falls short.",
     )
+    failure_expected: bool = Field(
+        default=False,
+        description="Whether the mission is expected to fail without an attack or a fault too. Otherwise a pair, a "
+        "comparison, a matrix or a study in which it does falls short.",
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Plan:

@@ -28,10 +28,11 @@ from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.compare.gnss_reactions import DEADLINE_S
+from skyrange.study.failed_missions import rejected_missions
 from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.study.measures.time_series import Track, read_notes, truth_tracks
 from skyrange.study.measures.track_deviation import AIRBORNE_M
-from skyrange.study.runs import fly, rejected_missions
+from skyrange.study.runs import fly
 
 Floats = NDArray[np.float64]
 

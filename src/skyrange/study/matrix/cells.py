@@ -42,6 +42,8 @@ class Cell:
 
     row: str
     column: str
+    failed: Sequence[str] = ()
+    """Missions that failed in its nominal and sham runs (`study.failed_missions`)."""
     fault: bool = False
     """Whether the row has benign faults and no attack."""
     assumed: bool = False
@@ -78,7 +80,7 @@ class Cell:
 
     def idle_cell(self, column: str) -> Cell:
         """The cell of one of the `idle` columns."""
-        return replace(self, column=column, idle=(), quiet={})
+        return replace(self, column=column, failed=(), idle=(), quiet={})
 
     @property
     def effect(self) -> Interval | None:
@@ -141,6 +143,7 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
         honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
     return replace(
         cell,
+        failed=list(map(str, flown.failed_missions)),
         effects=effects,
         complete=complete,
         alarms_s=alarms,

@@ -137,6 +137,11 @@ class MatrixResult:
     cells: dict[tuple[str, str], Cell]
     """By row and column; the undefended column is `UNDEFENDED`."""
 
+    @property
+    def failed_missions(self) -> list[str]:
+        """Missions that failed in nominal and sham runs, with the row and the column."""
+        return [f"{row} with {column}: {line}" for (row, column), cell in self.cells.items() for line in cell.failed]
+
     def cell(self, row: str, column: str = UNDEFENDED) -> Cell:
         """The cell of a row and a column."""
         return self.cells[row, column]

@@ -26,6 +26,7 @@ def write_matrix_report(result: MatrixResult) -> Path:
         title=f"{result.matrix.name} · attacks and defences · skyrange",
         style=style,
         name=result.matrix.name,
+        failed=result.failed_missions,
         introduction=_plain(INTRODUCTION.format(seeds=result.matrix.seeds).replace("[pair](pair-folder.md)", "pair")),
         figure=figure,
         sections=[section._replace(text=_plain(section.text)) for section in make_sections(result)],

@@ -120,6 +120,9 @@ def make_sections(result: MatrixResult) -> list[Section]:
 def write_markdown(result: MatrixResult, title: str, figure: str, links: bool) -> str:
     """The page in Markdown; with `links`, cells lead to their reports. `figure` names the image, "" for none."""
     parts = [f"# {title}\n"] if title else []
+    if failed := result.failed_missions:
+        parts.append("**Missions failed without an attack:**\n")
+        parts.append("".join(f"- {line}\n" for line in failed))
     parts.append(INTRODUCTION.format(seeds=result.matrix.seeds))
     if figure:
         parts.append(f"![Effect with each defence, as a share of the undefended effect]({figure})\n")

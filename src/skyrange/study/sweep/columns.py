@@ -12,7 +12,9 @@ from skyrange.study.variants.run_measures import QUANTITIES
 
 HEAD: Final = ("block", "point", "seed", "arm")
 """Columns of all tables, before those of the factors and draws."""
-RUN: Final = ("status", "error", "simulated_s", "vehicles", "city", "families", "fingerprint")
+RUN: Final = (
+    "status", "error", "failed_missions", "simulated_s", "vehicles", "city", "families", "fingerprint",
+)  # fmt: skip
 ALERT: Final = ("time_s", "detector", "kind", "subject", "score")
 ACT: Final = ("attack", "kind", "family", "vehicle", "fault", "first_s", "last_s", "acts")
 

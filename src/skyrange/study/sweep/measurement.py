@@ -14,11 +14,12 @@ from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.dataset.families import FAMILIES, family_of
 from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
+from skyrange.study.failed_missions import find_failed_missions
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.design.blocks import Block, city_of
-from skyrange.study.sweep.design.model import Study
+from skyrange.study.sweep.design.model import Study, StudyArm
 from skyrange.study.twins.effects import effect_rows
 from skyrange.study.variants.run_measures import measure_run
 
@@ -62,6 +63,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 **head,
                 "status": str(manifest["status"]),
                 "error": "",
+                "failed_missions": _describe_failed(arm, record),
                 "simulated_s": float(manifest["simulated_s"]),
                 "vehicles": len(manifest["vehicles"]),
                 "city": city_of(study, block) or name_city(manifest),
@@ -85,6 +87,14 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
             kept = {name: value for name, value in row.items() if name not in _WITHOUT}
             rows[EFFECTS].append({**_head(block, arm_id), "against": study.against, **kept})
     return rows
+
+
+def _describe_failed(arm: StudyArm, record: RunRecord) -> str:
+    """The missions that failed in an arm in which no attack or fault acts; "" for none, and in other arms."""
+    acts = arm.attacks == "active" or arm.faults == "active"
+    if acts and (record.manifest.get("attacks") or record.manifest.get("faults")):
+        return ""
+    return str(find_failed_missions(record, arm.id) or "")
 
 
 def failed_rows(study: Study, block: Block, error: str) -> Rows:

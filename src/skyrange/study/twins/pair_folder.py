@@ -15,6 +15,7 @@ from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json,
 from skyrange.record import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL, SHAM
 from skyrange.study.attribution.attribute import attribution_table
+from skyrange.study.failed_missions import FailedMissions, find_failed_missions
 from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.twins.effects import CHANGES, MEASURES
 from skyrange.study.twins.lie_and_truth import lie_and_truth_table
@@ -103,6 +104,12 @@ class Pair:
         """The table of `honest.parquet`: reactions to the claimed aircraft and to real ones. Empty without that arm."""
         path = self.path / LIE_AND_TRUTH
         return pq.read_table(path) if path.exists() else lie_and_truth_table([])
+
+    @property
+    def failed_missions(self) -> list[FailedMissions]:
+        """Missions that failed in runs without an attack or fault that acts, on which all effects rest."""
+        found = (find_failed_missions(self.run(arm, seed), arm) for seed in self.seeds for arm in self.twins)
+        return [one for one in found if one is not None]
 
     def intervals(self, against: str | None = None) -> dict[str, dict[str, Interval]]:
         """By aircraft and measure, the mean effect over the seeds with its 95 % confidence interval."""

@@ -19,6 +19,8 @@ from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
+from skyrange.study.attribution.arms import acting_attacks
+from skyrange.study.failed_missions import find_failed_missions
 from skyrange.study.levels import require_level
 from skyrange.study.parallel_runs import OnRunProgress, run_all
 from skyrange.study.twins.confidence import Interval, interval
@@ -42,6 +44,8 @@ class Comparison:
     """By variant, in order: the changes of the scenario."""
     measured: Mapping[tuple[str, int], RunMeasures]
     """By variant and seed."""
+    failed_missions: Sequence[str] = ()
+    """Missions that failed in the scenario as it is, if no attack or fault acts in it (`study.failed_missions`)."""
 
     def folder(self, variant: str, seed: int) -> str:
         """The folder of a run, in that of the comparison."""
@@ -67,6 +71,7 @@ class Comparison:
             "format": FORMAT,
             "name": self.name,
             "seeds": list(self.seeds),
+            "failed_missions": list(self.failed_missions),
             "variants": [
                 {
                     "name": variant,
@@ -155,7 +160,11 @@ def compare_variants(
         (variant, number): measure_run(load_run(folder / folder_of(variant, number, numbers)))
         for variant, number in flights
     }
-    result = Comparison(folder, base.name, numbers, all_changes, measured)
+    failed: list[str] = []
+    if not acting_attacks(base):
+        runs = (load_run(folder / folder_of(UNCHANGED, number, numbers)) for number in numbers)
+        failed = [str(found) for run in runs if (found := find_failed_missions(run, UNCHANGED)) is not None]
+    result = Comparison(folder, base.name, numbers, all_changes, measured, failed)
     with atomic_write(folder / MANIFEST) as file:
         file.write(f"{json.dumps(result.describe(), indent=2)}\n".encode())
     return result

@@ -26,6 +26,7 @@ def write_comparison_report(result: Comparison) -> Path:
         title=f"{result.name} · variants · skyrange",
         style=style,
         name=result.name,
+        failed=result.failed_missions,
         seeds=len(result.seeds),
         variants=[
             (variant, ", ".join(changes), [(seed, result.folder(variant, seed)) for seed in result.seeds])

@@ -73,6 +73,7 @@ def render_comparison(pair: Pair) -> str:
             ("arms", " · ".join(pair.arms)),
             ("seed" if len(pair.seeds) == 1 else "seeds", ", ".join(map(str, pair.seeds))),
         ],
+        failed=list(map(str, pair.failed_missions)),
         numbers=_numbers(propagation, own),
         tables=_tables(attacked, propagation, spans),
         defences=_defences(attacked, twin),

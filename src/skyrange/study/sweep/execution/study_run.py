@@ -31,6 +31,7 @@ from skyrange.study.sweep.folder import (
     require_same,
     require_unchanged,
 )
+from skyrange.study.sweep.measurement import RUNS
 from skyrange.study.sweep.results import write_results
 
 OnBlock = Callable[[int, int, float | None], None]
@@ -153,6 +154,14 @@ def list_failures(folder: StudyFolder) -> list[tuple[str, str]]:
     """The blocks with failed runs, and the first error of each."""
     results = (read_block(folder.path / BLOCKS / f"{block.name}.json")[0] for block in folder.finished())
     return [(result.name, result.errors[0]) for result in results if result.failed]
+
+
+def list_failed_missions(folder: StudyFolder) -> list[str]:
+    """Missions that failed in arms in which no attack or fault acts, with the block."""
+    rows = (read_block(folder.path / BLOCKS / f"{block.name}.json")[1][RUNS] for block in folder.finished())
+    return [
+        f"block {row['block']}, {row['failed_missions']}" for own in rows for row in own if row.get("failed_missions")
+    ]
 
 
 def forget_failures(folder: StudyFolder, storage: BlockStorage | None = None) -> None:

@@ -11,7 +11,7 @@ from skyrange.study.figures.pdf import load_converter, save_pdf
 from skyrange.study.figures.svg import Figure
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.design.blocks import is_numeric
-from skyrange.study.sweep.execution.study_run import list_failures
+from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.report.figure import draw_curves
@@ -65,6 +65,7 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
         title=f"{study.name} · study · skyrange",
         style=style,
         name=study.name,
+        failed=list_failed_missions(folder),
         scenario=Path(study.scenario).name,
         baseline=study.against,
         blocks=len(folder.blocks),
