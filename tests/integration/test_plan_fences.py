@@ -95,6 +95,9 @@ def test_fence_and_rally_points_of_a_plan_are_uploaded_read_back_and_obeyed(tmp_
     assert "event.fence_breach" in events(record)
     check_obeyed(record)
     kept = read_mission(record.path / "missions" / "flown" / "blue" / "b1.plan")
+    (told,) = record.manifest["mission_files"]
+    assert (told["items"], told["fence"], told["rally"]) == (3, 6, 1)
+    assert all(one["harmless"] for one in told["ignored"])
     assert (kept.fence, kept.rally) == (read_mission(file).fence, read_mission(file).rally)
 
 

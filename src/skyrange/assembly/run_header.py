@@ -13,7 +13,7 @@ from skyrange.city.building_files import files_of
 from skyrange.city.city import City
 from skyrange.city.geojson import MAX_FILE_BYTES as MAX_CITY_BYTES
 from skyrange.codec.f3411 import printable_id
-from skyrange.codec.mission import Mission, format_plan, format_waypoints
+from skyrange.codec.mission import Mission, format_plan, format_waypoints, read_mission
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import loaded_sources
@@ -78,7 +78,18 @@ def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) ->
         ],
         "constraints": [table.model_dump(mode="json") for table in scenario.constraints],
         "city": _describe_city(city) if city is not None else None,
+        **_describe_mission_files(scenario),
     }
+
+
+def _describe_mission_files(scenario: Scenario) -> dict[str, Any]:
+    """What was used of each mission file, and what it says that no flight uses; nothing without mission files."""
+    files = dict.fromkeys(vehicle.plan.file for _, vehicle in scenario.fleet if vehicle.plan.file is not None)
+    rows = []
+    for mission in map(read_mission, files):
+        used = {"items": len(mission.items), "fence": len(mission.fence), "rally": len(mission.rally)}
+        rows.append({"file": mission.source, **used, "ignored": [one.to_dict() for one in mission.ignored]})
+    return {"mission_files": rows} if rows else {}
 
 
 def _describe_expectation(plan: Plan) -> dict[str, str]:

@@ -19,6 +19,8 @@ _LEFT_OUT = {
     "summary": "truth, sensors, frames, receptions, telemetry, labels and observations",
 }
 """By level of the record."""
+MAX_FILES = 8
+"""Mission files that are printed."""
 MAX_MISHAPS = 12
 """Number of mishaps that are printed; the record and its report contain all."""
 
@@ -54,6 +56,7 @@ def print_summary(facts: dict[str, Any]) -> None:
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
     print_city(console, facts.get("city"))
+    _print_mission_files(console, facts.get("mission_files") or ())
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     _print_trust(console, facts.get("trust"))
@@ -159,6 +162,17 @@ def print_city(console: Console, city: Mapping[str, Any] | None) -> None:
         console.print(f"city   {city['source']}", soft_wrap=True, markup=False)
         for line in describe_reading(city["reading"]):
             console.print(f"       {line}", soft_wrap=True, markup=False)
+
+
+def _print_mission_files(console: Console, files: Sequence[Mapping[str, Any]]) -> None:
+    """Print which mission files say something that no flight uses, up to `MAX_FILES`."""
+    from skyrange.codec.mission.ignored_keys import describe_mission_file
+
+    told = [one for one in files if not all(key["harmless"] for key in one["ignored"])]
+    for one in told[:MAX_FILES]:
+        console.print(f"plan   {describe_mission_file(one)}", soft_wrap=True, markup=False, highlight=False)
+    if len(told) > MAX_FILES:
+        console.print(f"plan   {len(told) - MAX_FILES} more files; they are in manifest.json")
 
 
 def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -23,6 +23,10 @@ POLYGONS = {
 CIRCLES = {True: int(mav.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION), False: int(mav.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)}
 RETURN = int(mav.MAV_CMD_NAV_FENCE_RETURN_POINT)
 RALLY = int(mav.MAV_CMD_NAV_RALLY_POINT)
+FENCE_VERSIONS = (1, 2)
+"""Of `geoFence`, which QGroundControl reads (GeoFenceController.cc)."""
+RALLY_VERSIONS = (1, 2)
+"""Of `rallyPoints` (RallyPointController.cc); both have the same points."""
 MAX_VERTICES = 255
 """Of one polygon: ArduPilot counts them in 8 bits (AC_PolyFence_loader.h)."""
 MAX_RALLY_ALT_M = 32_767
@@ -65,6 +69,7 @@ def parse_fence(fence: Mapping[str, object] | None, problems: ProblemCollector) 
     """The items of a `geoFence` object; what is wrong in it goes to `problems`."""
     if fence is None:
         return ()
+    _check_version(fence, "geoFence", FENCE_VERSIONS, problems)
     items: list[MissionItem] = []
     if fence.get("polygon"):  # of version 1, which has this one alone
         items += _polygon_of(fence["polygon"], True, "geoFence.polygon", problems)
@@ -75,6 +80,7 @@ def parse_fence(fence: Mapping[str, object] | None, problems: ProblemCollector) 
         if not isinstance(round_, dict):
             problems.add(f"{where}.circle", round_, "an object with center and radius")
             continue
+        _check_version(round_, f"{where}.circle", (1,), problems)
         place = _numbers(round_.get("center"), 2, f"{where}.circle.center", problems)
         radius_m = _number(round_.get("radius"))
         if radius_m is None or radius_m <= 0.0:
@@ -90,7 +96,10 @@ def parse_fence(fence: Mapping[str, object] | None, problems: ProblemCollector) 
 
 def parse_rally(rally: Mapping[str, object] | None, problems: ProblemCollector) -> Items:
     """The items of a `rallyPoints` object; what is wrong in it goes to `problems`."""
-    points = rally.get("points", []) if rally is not None else []
+    if rally is None:
+        return ()
+    _check_version(rally, "rallyPoints", RALLY_VERSIONS, problems)
+    points = rally.get("points", [])
     if not isinstance(points, list):
         problems.add("rallyPoints.points", points, "a list of [latitude, longitude, altitude]")
         return ()
@@ -149,6 +158,13 @@ def _polygon_of(corners: object, inclusion: bool, where: str, problems: ProblemC
     return polygon([(place[0], place[1]) for place in places if place], inclusion) if all(places) else ()
 
 
+def _check_version(part: Mapping[str, object], where: str, known: tuple[int, ...], problems: ProblemCollector) -> None:
+    """Add a problem for a version that is not `known`; a part without one is read as the newest."""
+    found = part.get("version", known[-1])
+    if found not in known or isinstance(found, bool):
+        problems.add(f"{where}.version", found, f"one of {known}" if len(known) > 1 else f"{known[0]}")
+
+
 def _entries(fence: Mapping[str, object], key: str, problems: ProblemCollector) -> list[tuple[str, dict[str, object]]]:
     listed = fence.get(key, [])
     if not isinstance(listed, list):
@@ -158,6 +174,7 @@ def _entries(fence: Mapping[str, object], key: str, problems: ProblemCollector) 
     for number, entry in enumerate(listed):
         where = f"geoFence.{key}[{number}]"
         if isinstance(entry, dict):
+            _check_version(entry, where, (1,), problems)
             found.append((where, entry))
         else:
             problems.add(where, entry, "an object")

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NoReturn
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyrange.codec.mission.ignored_keys import Ignored
 from skyrange.core.errors import InputError, Problem
 
 MAX_FILE_BYTES = 16 * 1024 * 1024
@@ -76,7 +77,8 @@ class Mission:
 
     `home` is (latitude °, longitude °, altitude m above mean sea level), or `None` if the file names none. `fence` and
     `rally` are the items of a plan's fence and rally points (`fence_and_rally`). `settings` are its further mission
-    keys (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source` names the file in messages.
+    keys (`cruiseSpeed`, `hoverSpeed`, `vehicleType`, …). `source` names the file in messages; `ignored` is what it says
+    and a flight does not use.
     """
 
     items: tuple[MissionItem, ...]
@@ -85,6 +87,7 @@ class Mission:
     rally: tuple[MissionItem, ...] = ()
     source: str = ""
     settings: Mapping[str, object] | None = None
+    ignored: tuple[Ignored, ...] = field(default=(), compare=False)
 
 
 class ProblemCollector:

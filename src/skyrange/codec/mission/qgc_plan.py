@@ -18,6 +18,7 @@ from typing import NoReturn, TypeAlias
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from skyrange.codec.mission.fence_and_rally import format_fence, format_rally, parse_fence, parse_rally
+from skyrange.codec.mission.ignored_keys import PATTERN, Ignored, ReadObject, list_unread
 from skyrange.codec.mission.items import (
     FRAMES,
     HOME_EXPECTED,
@@ -42,6 +43,15 @@ DEFAULT_SETTINGS: dict[str, object] = {
     "vehicleType": dialect.MAV_TYPE_QUADROTOR,
 }
 """Settings of a plan whose mission came from another format (speeds in m/s, from the format's page)."""
+_MULTIROTORS = frozenset(
+    {
+        dialect.MAV_TYPE_GENERIC, dialect.MAV_TYPE_QUADROTOR, dialect.MAV_TYPE_HEXAROTOR, dialect.MAV_TYPE_OCTOROTOR,
+        dialect.MAV_TYPE_TRICOPTER, dialect.MAV_TYPE_COAXIAL, dialect.MAV_TYPE_HELICOPTER, dialect.MAV_TYPE_DODECAROTOR,
+        dialect.MAV_TYPE_DECAROTOR,
+    }
+)  # fmt: skip
+"""Types of aircraft that ArduCopter flies, and the type of a plan for any aircraft."""
+_FIRMWARES = frozenset({dialect.MAV_AUTOPILOT_GENERIC, dialect.MAV_AUTOPILOT_ARDUPILOTMEGA})
 _OWN_KEYS = frozenset({"items", "plannedHomePosition", "version"})
 
 
@@ -60,7 +70,7 @@ def parse_plan(text: str, name: str) -> Mission:
     fence = _optional_object(plan, "geoFence", problems)
     rally = _optional_object(plan, "rallyPoints", problems)
     mission = plan.get("mission")
-    if not isinstance(mission, dict):
+    if not isinstance(mission, ReadObject):
         problems.stop("mission", "missing" if mission is None else mission, "an object")
     if mission.get("version") != 2:
         problems.add("mission.version", mission.get("version", "missing"), "2")
@@ -69,6 +79,7 @@ def parse_plan(text: str, name: str) -> Mission:
     items.read(mission.get("items", "missing"))
     fence_items, rally_items = parse_fence(fence, problems), parse_rally(rally, problems)
     problems.raise_if_any()
+    ignored = [*_check_vehicle(mission), *list_unread(plan)]
     return Mission(
         items=tuple(items.done),
         home=home,
@@ -76,7 +87,22 @@ def parse_plan(text: str, name: str) -> Mission:
         rally=rally_items,
         source=name,
         settings={key: value for key, value in mission.items() if key not in _OWN_KEYS},
+        ignored=tuple(ignored),
     )
+
+
+def _check_vehicle(mission: ReadObject) -> Iterator[Ignored]:
+    """What the plan says of the aircraft that it was drawn for, if that is another kind than those that fly here."""
+    for key, entry, flown, here in (
+        ("vehicleType", "MAV_TYPE", _MULTIROTORS, "multirotors fly here"),
+        ("firmwareType", "MAV_AUTOPILOT", _FIRMWARES, "ArduPilot's meaning of items counts here"),
+    ):
+        value = mission.get(key)
+        number = _number(value)
+        if value is not None and number not in flown:
+            known = dialect.enums[entry].get(int(number)) if number is not None and number.is_integer() else None
+            name = known.name if known is not None else quote_value(value)
+            yield Ignored(f"mission.{key}", 1, f"the plan is for {name}; {here}", harmless=False)
 
 
 def format_plan(mission: Mission) -> str:
@@ -151,7 +177,7 @@ class _ItemReader:
         if not self.problems.total:
             self._resolve_jumps()
 
-    def _complex_item(self, entry: dict[str, object], where: str) -> None:
+    def _complex_item(self, entry: ReadObject, where: str) -> None:
         transects = entry.get("TransectStyleComplexItem")
         holder, path = (transects, f"{where}.TransectStyleComplexItem") if transects is not None else (entry, where)
         embedded = holder.get("Items") if isinstance(holder, dict) else None
@@ -164,6 +190,9 @@ class _ItemReader:
                 "QGroundControl embeds them in surveys and corridor scans; replace other patterns by waypoints.",
             )
             return
+        for pattern in (entry, holder):
+            if isinstance(pattern, ReadObject):
+                pattern.reason = PATTERN
         for index, item in enumerate(embedded):
             if not isinstance(item, dict) or item.get("type") != "SimpleItem":
                 self.problems.add(f"{path}.Items[{index}]", item, "a SimpleItem object")
@@ -210,10 +239,10 @@ class _ItemReader:
                 self.done[index] = replace(item, param1=float(found[0]))
 
 
-def _load(text: str, name: str) -> dict[str, object]:
+def _load(text: str, name: str) -> ReadObject:
     """The JSON object in `text`: nested no deeper than `MAX_DEPTH`, all numbers finite."""
     try:
-        document = json.loads(text, parse_constant=_refuse_constant)
+        document = json.loads(text, parse_constant=_refuse_constant, object_hook=ReadObject)
     except json.JSONDecodeError as error:
         where = f"line {error.lineno} column {error.colno}"
         near = error.doc[max(error.pos - 10, 0) : error.pos + 10]
@@ -222,7 +251,7 @@ def _load(text: str, name: str) -> dict[str, object]:
         raise InputError.one(name, "file", "brackets nested too deeply", f"at most {MAX_DEPTH} levels") from None
     except ValueError as error:  # a constant JSON does not know, an integer of thousands of digits
         raise InputError.one(name, "file", str(error), "JSON with finite numbers, null for none") from error
-    if not isinstance(document, dict):
+    if not isinstance(document, ReadObject):
         raise InputError.one(name, "file", f"a JSON {type(document).__name__}", "a JSON object with fileType 'Plan'")
     problems = ProblemCollector(name)
     for link, value, depth in _walk(document):
@@ -263,12 +292,12 @@ def _refuse_constant(constant: str) -> NoReturn:
     raise ValueError(f"{constant} is not a JSON number")
 
 
-def _optional_object(plan: dict[str, object], key: str, problems: ProblemCollector) -> dict[str, object] | None:
+def _optional_object(plan: ReadObject, key: str, problems: ProblemCollector) -> ReadObject | None:
     value = plan.get(key)
-    if value is not None and not isinstance(value, dict):
-        problems.add(key, value, "an object")
-        return None
-    return value
+    if value is None or isinstance(value, ReadObject):
+        return value
+    problems.add(key, value, "an object")
+    return None
 
 
 def _home(value: object, problems: ProblemCollector) -> tuple[float, float, float] | None:

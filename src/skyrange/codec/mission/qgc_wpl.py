@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from skyrange.codec.mission.ignored_keys import Ignored
 from skyrange.codec.mission.items import (
     FRAMES,
     GLOBAL_FRAMES,
@@ -69,7 +71,24 @@ def parse_waypoints(text: str, name: str) -> Mission:
     problems.raise_if_any()
     whole = [item for item in items if item is not None]
     position = (whole[0].x, whole[0].y, whole[0].z)
-    return Mission(items=tuple(whole[1:]), home=position if position[:2] != (0.0, 0.0) else None, source=name)
+    return Mission(
+        items=tuple(whole[1:]),
+        home=position if position[:2] != (0.0, 0.0) else None,
+        source=name,
+        ignored=tuple(_list_ignored(lines)),
+    )
+
+
+def _list_ignored(lines: Sequence[tuple[int, str]]) -> Iterator[Ignored]:
+    """What the columns say that the order of the lines overrules."""
+    rows = [line.split()[:2] for _, line in lines[1:]]
+    numbers = [int(sequence) for sequence, _ in rows]
+    if numbers != list(range(len(rows))):
+        astray = sum(number != place for place, number in enumerate(numbers))
+        yield Ignored("sequence", astray, "items are numbered by the order of their lines", harmless=False)
+    current = sum(int(flag) for _, flag in rows[1:])
+    if current:
+        yield Ignored("current", current, "a flight begins with the first item", harmless=False)
 
 
 def format_waypoints(mission: Mission) -> str:

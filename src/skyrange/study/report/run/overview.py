@@ -9,6 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from skyrange.city.reading import describe_reading
+from skyrange.codec.mission.ignored_keys import describe_mission_file
 from skyrange.record.levels import FULL, level_of
 from skyrange.study.figures.svg import format_number
 from skyrange.study.measures.flight_summary import FlightSummary
@@ -120,6 +121,11 @@ def city_lines(manifest: Mapping[str, Any]) -> list[str]:
     city = manifest.get("city")
     reading = city.get("reading") if isinstance(city, Mapping) else None
     return [str(city["source"]), *describe_reading(reading)] if city and reading else []
+
+
+def mission_file_lines(manifest: Mapping[str, Any]) -> list[str]:
+    """A sentence on each mission file: what is used of it, and what no flight uses."""
+    return [describe_mission_file(row) for row in manifest.get("mission_files") or ()]
 
 
 def left_out(notes: Mapping[str, int]) -> str:

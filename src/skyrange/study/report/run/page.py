@@ -60,6 +60,7 @@ def render_run(record: Record) -> str:
         folder=str(run.record.path),
         left_out=overview.left_out(notes),
         city=overview.city_lines(run.record.manifest),
+        mission_files=overview.mission_file_lines(run.record.manifest),
         digests=run.manifest.get("digests") or {},
     )
 
