@@ -72,6 +72,23 @@ def draw(cases: Iterable[T], count: int = 1) -> list[T]:
     return [every[number] for number in sorted(chosen)]
 
 
+IN_TURN: Mapping[str, tuple[int, tuple[str, ...]]] = {
+    "parity": (2, ("gnss", "hover", "cheaper rates", "no wind", "paths of rid-city")),
+    "live ranges": (2, ("our station", "mavproxy", "as in virtual time")),
+    "far ranges": (1, ("machines", "networks")),
+    "live faults": (2, ("station anew", "cut link", "full disk", "idle connections")),
+}
+"""By group of dear slow tests, how many of its members one commit runs."""
+
+
+def in_turn(group: str, member: str) -> pytest.MarkDecorator:
+    """The mark of a test that is a member of a group of `IN_TURN`: it is skipped by commits that do not draw it."""
+    count, members = IN_TURN[group]
+    assert member in members
+    reason = f"of the dear tests {group!r} this commit runs {count} others; SAMPLES=all runs every one"
+    return pytest.mark.skipif(member not in draw(members, count), reason=reason)
+
+
 @dataclass(frozen=True)
 class Taken:
     """The tests that run, and the number of tests of changed kinds that do not, because there are too many."""

@@ -31,6 +31,7 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.runs import fly
+from tests.catalogue import draw
 from tests.tiers import examples
 
 TABLES = ("truth", "sensors", "frames", "receptions", "observations", "decisions", "events", "labels", "alerts")
@@ -181,7 +182,7 @@ def test_links_that_lose_repeat_and_reorder(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("approval", ["authority", "hashgraph"])
+@pytest.mark.parametrize("approval", draw(["authority", "hashgraph"]))
 def test_flights_that_land(approval: str, tmp_path: Path) -> None:
     aware = 'avoidance = "geometric"\nremote_id = { transports = ["bluetooth", "wifi_beacon"] }'
     operators = "".join(operator(name, approval, 40.0 * k, 2, aware) for k, name in enumerate("abc"))

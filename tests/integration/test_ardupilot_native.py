@@ -89,7 +89,8 @@ def test_truth_is_theirs(flown: Path) -> None:
         np.testing.assert_allclose(place[0], (east_m, 0.0, 0.0), atol=0.05)
         np.testing.assert_allclose(place[-1], (east_m, 0.0, 0.0), atol=3.0)  # a landing by GNSS with its wander
         away = np.linalg.norm(place - (east_m, 10.0, 3.0), axis=1)
-        assert away.min() < 3.0, "the waypoint, by the same GNSS"
+        reached_m = 2.0 + 3.0  # WPNAV_RADIUS, within which a waypoint counts as reached, and the wander of the GNSS
+        assert away.min() < reached_m
 
 
 def test_what_they_believe_is_what_our_receiver_tells(flown: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from skyrange.scenario.shipped import SHIPPED, load
+from tests.catalogue import in_turn
 from tests.flights import shared_pair
 
 NO_PATH: dict[str, set[str]] = {
@@ -28,14 +29,15 @@ def test_every_shipped_scenario_with_an_attack_is_here() -> None:
     assert {name for name in SHIPPED if load(name).attacks} == NO_PATH.keys()
 
 
+RID_CITY = pytest.param("rid-city", marks=(pytest.mark.slow, in_turn("parity", "paths of rid-city")))
+
+
 def test_every_effect_of_the_chain_has_a_path() -> None:
     assert_effects_without_a_path("chain")  # other tests read this pair too
 
 
 @pytest.mark.catalogue
-@pytest.mark.parametrize(
-    "name", [*sorted(set(NO_PATH) - {"chain", "rid-city"}), pytest.param("rid-city", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", [*sorted(set(NO_PATH) - {"chain", "rid-city"}), RID_CITY])
 def test_effects_without_a_path_are_the_ones_that_are_known(name: str) -> None:
     assert_effects_without_a_path(name)
 

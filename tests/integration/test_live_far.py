@@ -18,6 +18,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.record.live_merge.frame_ids import UNRECORDED
 from skyrange.runtime.live.taps.external_tap import NOTICED_NS
+from tests.catalogue import in_turn
 from tests.integration.live_machines import (
     ADDRESSES,
     AHEAD_S,
@@ -117,6 +118,7 @@ def check(folder: Path) -> dict[str, Any]:
     return dict(said)
 
 
+@in_turn("far ranges", "machines")
 def test_three_machines_with_a_tap_a_viewer_and_a_process_killed_and_started_anew(tmp_path: Path) -> None:
     keys = range_keys(tmp_path, "lab2", "lab3")
     (tmp_path / "far.toml").write_text(SCENARIO.format(hosts=HOSTS))
@@ -157,6 +159,7 @@ def test_three_machines_with_a_tap_a_viewer_and_a_process_killed_and_started_ane
     assert not Path(there[1]).exists()
 
 
+@in_turn("far ranges", "networks")
 def test_networks_of_their_own_with_a_tap_a_viewer_and_a_process_killed_and_started_anew(tmp_path: Path) -> None:
     (tmp_path / "far.toml").write_text(SCENARIO.format(hosts=""))
     port = 5763 + OFFSET

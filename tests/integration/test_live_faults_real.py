@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from skyrange.record import RunRecord, load
+from tests.catalogue import in_turn
 from tests.integration.live_faults import FAULTS, RealHarmed, harm
 from tests.integration.live_programs import ONE_AIRCRAFT, live, until
 from tests.integration.test_live_faults import assert_link_was_back, assert_rows, assert_station_went_on
@@ -27,6 +28,7 @@ def made(name: str, folder: Path) -> tuple[RealHarmed, RunRecord]:
     return harmed, record
 
 
+@in_turn("live faults", "station anew")
 def test_a_ground_station_is_started_anew_and_goes_on_watching(tmp_path: Path) -> None:
     harmed, record = made("station", tmp_path)
     assert_station_went_on(record, harmed.hit_s)
@@ -49,12 +51,14 @@ def _can_cut() -> bool:
             return False
 
 
+@in_turn("live faults", "cut link")
 @pytest.mark.skipif(not _can_cut(), reason="ss -K cannot end connections here (root, CONFIG_INET_DIAG_DESTROY)")
 def test_a_tcp_link_that_is_cut_is_there_again(tmp_path: Path) -> None:
     _, record = made("link", tmp_path)
     assert_link_was_back(record)
 
 
+@in_turn("live faults", "full disk")
 def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path) -> None:
     harmed, _ = made("disk", tmp_path)
     assert "cannot write" in harmed.err
@@ -62,6 +66,7 @@ def test_a_full_disk_is_named_and_what_was_written_stays(tmp_path: Path) -> None
         assert load(harmed.part(part)).rows("frames") > 0
 
 
+@in_turn("live faults", "idle connections")
 def test_idle_connections_and_a_death_do_not_end_it(tmp_path: Path) -> None:
     """More connections to the control socket than a process may have descriptors, by default 1,024."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

@@ -19,6 +19,7 @@ from pymavlink import mavutil
 from skyrange.core.time import NS_PER_S
 from skyrange.record import load
 from skyrange.study.runs import run
+from tests.catalogue import in_turn
 from tests.integration.live_agrees import fly_both
 from tests.integration.live_programs import MAIN, killed_after, nodes, until
 from tests.integration.test_live_agrees import SQUARES, assert_agrees
@@ -109,6 +110,7 @@ def fly_by_hand(port: int, process: subprocess.Popen[str]) -> dict[str, float]:
     return seen
 
 
+@in_turn("live ranges", "our station")
 def test_it_flies_as_in_virtual_time_while_a_program_of_ours_is_a_ground_station(tmp_path: Path) -> None:
     process = started(tmp_path, 50.0, "--external", "green.gcs", "--json")
     try:
@@ -182,6 +184,7 @@ def fly_by_mavproxy(port: int, folder: Path, process: subprocess.Popen[str]) -> 
     return said
 
 
+@in_turn("live ranges", "mavproxy")
 @pytest.mark.external(missing="" if MAVPROXY else "mavproxy.py is not on PATH")
 def test_mavproxy_is_an_operators_ground_station(tmp_path: Path) -> None:
     process = started(tmp_path, 55.0, "--external", "green.gcs", "--json")
@@ -197,6 +200,7 @@ def test_mavproxy_is_an_operators_ground_station(tmp_path: Path) -> None:
     assert kinds.index("event.takeoff") < kinds.index("event.landed") < kinds.index("event.disarmed")
 
 
+@in_turn("live ranges", "as in virtual time")
 def test_the_same_happens_as_in_virtual_time(tmp_path: Path) -> None:
     both = fly_both("squares", tmp_path, OFFSET, 24.0)
     if both.facts["fell_behind"]:

@@ -9,6 +9,9 @@ import pytest
 
 from skyrange.study.compare.gnss_reactions import TIME_S, ComparedReaction, agreement, compare, settings
 from tests.ardupilot import needs_arducopter
+from tests.catalogue import in_turn
+
+IN_TURN = in_turn("parity", "gnss")
 
 
 @pytest.fixture(scope="module")
@@ -17,6 +20,7 @@ def compared(tmp_path_factory: pytest.TempPathFactory) -> list[ComparedReaction]
     return compare(tmp_path_factory.mktemp("gnss") / "run", chosen)
 
 
+@IN_TURN
 @needs_arducopter
 def test_the_outcome_is_the_same_in_95_percent(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
@@ -25,6 +29,7 @@ def test_the_outcome_is_the_same_in_95_percent(compared: list[ComparedReaction])
     assert found.alike >= 0.95 * found.settings, strays
 
 
+@IN_TURN
 @needs_arducopter
 def test_resets_are_within_a_second(compared: list[ComparedReaction]) -> None:
     found = agreement(compared)
@@ -33,6 +38,7 @@ def test_resets_are_within_a_second(compared: list[ComparedReaction]) -> None:
     assert found.reset_apart_max_s <= TIME_S
 
 
+@IN_TURN
 @needs_arducopter
 def test_the_settings_reach_every_outcome(compared: list[ComparedReaction]) -> None:
     seen = {one.second.outcome for one in compared}

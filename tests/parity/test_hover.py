@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from tests.ardupilot import needs_arducopter
+from tests.catalogue import in_turn
 from tests.parity.hover import MEASURES, hovered
 
 
+@in_turn("parity", "hover")
 @needs_arducopter
 def test_sensors_make_both_wander_alike(tmp_path: Path) -> None:
     builtin, ardupilot = hovered(tmp_path)

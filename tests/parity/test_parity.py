@@ -14,7 +14,7 @@ import pytest
 
 from skyrange.study.compare.autopilot_parity import Parity
 from tests.ardupilot import needs_arducopter
-from tests.catalogue import draw
+from tests.catalogue import draw, in_turn
 from tests.parity.missions import DEPART_S, WINDS, flown, flown_at
 
 ABSOLUTE = {
@@ -76,7 +76,9 @@ def _items(name: str, items: Items, others: Items) -> Iterator[str]:
 
 
 @needs_arducopter
-@pytest.mark.parametrize("wind_mps", sorted(WINDS))
+@pytest.mark.parametrize(
+    "wind_mps", [pytest.param(one, marks=() if one else in_turn("parity", "no wind")) for one in sorted(WINDS)]
+)
 def test_both_fly_alike(wind_mps: float, tmp_path: Path) -> None:
     parity = flown(wind_mps, tmp_path, WINDS[wind_mps])
     assert list(_strays(parity)) == []
@@ -86,6 +88,7 @@ def test_both_fly_alike(wind_mps: float, tmp_path: Path) -> None:
     assert all(parity.first[name].outcome == "complete" for name in seen)
 
 
+@in_turn("parity", "cheaper rates")
 @needs_arducopter
 @pytest.mark.parametrize(("rates", "wind_mps"), draw(product(("single", "reduced"), sorted(WINDS))))
 def test_ardupilot_flies_alike_at_its_cheaper_rates(rates: str, wind_mps: float, tmp_path: Path) -> None:

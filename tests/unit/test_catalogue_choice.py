@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from skyrange.attack.mavlink.mode import MODE
-from tests.catalogue import MOST_CHANGED, SHARE, Choice, files_of
+from tests import catalogue
+from tests.catalogue import IN_TURN, MOST_CHANGED, SHARE, Choice, draw, files_of, in_turn
 
 CATALOGUE = {f"tests/test_kinds.py::test_kind[{number}]": [f"src/kind_{number}.py"] for number in range(1000)}
 FEW, MANY = (frozenset(f"src/kind_{number}.py" for number in range(count)) for count in (5, 10 * MOST_CHANGED))
@@ -62,3 +63,24 @@ def test_a_kind_is_found_by_its_plugin_and_by_its_name(kind: object, request: py
 
 def test_without_a_kind_nothing_is_found(request: pytest.FixtureRequest) -> None:
     assert files_of(request.node) == set()
+
+
+def test_dear_tests_take_turns_and_each_has_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("SAMPLES", raising=False)
+    for group, (count, members) in IN_TURN.items():
+        seen: set[str] = set()
+        for commit in range(40):
+            monkeypatch.setattr(catalogue, "_this_checkout", lambda commit=commit: Choice(str(commit), frozenset()))
+            drawn = draw(members, count)
+            assert len(drawn) == count
+            assert [in_turn(group, one).args[0] for one in members] == [one not in drawn for one in members]
+            seen |= set(drawn)
+        assert seen == set(members)
+    monkeypatch.setenv("SAMPLES", "all")
+    assert not any(in_turn(group, one).args[0] for group, (_, members) in IN_TURN.items() for one in members)
+
+
+def test_every_member_of_a_group_is_a_test() -> None:
+    text = "".join(path.read_text() for path in Path(catalogue.__file__).parent.rglob("test_*.py"))
+    for group, (_, members) in IN_TURN.items():
+        assert [one for one in members if f'in_turn("{group}", "{one}")' not in text] == []
