@@ -69,12 +69,12 @@ def _fill_gps_raw_int(
         o.alt = to_whole((alt_m + up) * 1e3, -I32, I32)
         o.alt_ellipsoid = to_whole((ellipsoid_m + up) * 1e3, -I32, I32)
         if e.gnss_fix >= _FIX_2D:
-            o.eph = to_whole(e.gnss_hdop * 100.0, 0, U16)
-            o.epv = to_whole(min(max(e.gnss_acc[1] / _RANGE_ERROR_M, _DOP_MIN), _DOP_MAX) * 100.0, 0, U16)
+            o.eph = to_whole(e.gnss_hdop * 100.0, 0, U16 - 1)  # 65535 would mean unknown
+            o.epv = to_whole(min(max(e.gnss_acc[1] / _RANGE_ERROR_M, _DOP_MIN), _DOP_MAX) * 100.0, 0, U16 - 1)
         else:
             o.eph = _UNKNOWN_DOP
             o.epv = _UNKNOWN_DOP
-        o.vel = to_whole(math.sqrt(vel_e * vel_e + vel_n * vel_n) * 100.0, 0, U16)
+        o.vel = to_whole(math.sqrt(vel_e * vel_e + vel_n * vel_n) * 100.0, 0, U16 - 1)
         o.cog = int(math.atan2(vel_e, vel_n) * (180.0 / math.pi) % 360.0 * 100.0) % 36_000
         o.satellites_visible = e.gnss_sats
         o.h_acc = to_whole(e.gnss_acc[0] * 1e3, 0, I32)

@@ -140,6 +140,13 @@ def sys_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 @compiled
+def current_ca(current_a: float) -> int:
+    """Return a current in hundredths of an ampere, in compiled code; -1, which would mean unknown, becomes 0."""
+    found = to_whole(current_a * 100.0, -I16, I16)
+    return 0 if found == -1 else found
+
+
+@compiled
 def _fill_sys_status(
     rows: Ints, modes: Ints, stored: Floats,
     estimate: Any, flight: Any, watch: Any, power: Any, boundary: Any, out: Any,
@@ -188,8 +195,8 @@ def _fill_sys_status(
         o.onboard_control_sensors_enabled = enabled
         o.onboard_control_sensors_health = healthy
         o.load = 250  # ‰: the main loop of a flight controller is a quarter busy
-        o.voltage_battery = to_whole(b.voltage * 1e3, 0, U16) if has_battery else 0
-        o.current_battery = to_whole(b.current * 100.0, -I16, I16) if has_battery else -1
+        o.voltage_battery = to_whole(b.voltage * 1e3, 0, U16 - 1) if has_battery else 0  # 65535 would mean unknown
+        o.current_battery = current_ca(b.current) if has_battery else -1
         o.battery_remaining = min(b.remaining_pct, 100) if has_battery else -1
 
 
@@ -206,9 +213,10 @@ def battery_status(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
     out["voltages"] = U16
     out["voltages"][:, 0] = np.where(volts > 0, volts, U16)
     out["temperature"] = I16
-    out["current_battery"] = clip_to_field(power["current"][rows] * 100.0, I16)
-    out["current_consumed"] = clip_to_field(power["consumed_mah"][rows], I32)
-    out["energy_consumed"] = clip_to_field(power["consumed_wh"][rows] * 36.0, I32)
+    current = np.trunc(clip_to_field(power["current"][rows] * 100.0, I16))
+    out["current_battery"] = np.where(current == -1.0, 0.0, current)
+    out["current_consumed"] = clip_to_field(power["consumed_mah"][rows], I32, 0)
+    out["energy_consumed"] = clip_to_field(power["consumed_wh"][rows] * 36.0, I32, 0)
     out["battery_remaining"] = np.minimum(power["remaining_pct"][rows], 100)
     out["charge_state"] = _CHARGE[power["level"][rows]]
 
