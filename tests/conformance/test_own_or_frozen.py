@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
 from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
@@ -143,6 +144,15 @@ WATCHED = '[[detectors]]\nid = "m"\nkind = "{kind}"\nlinks = ["gcs:blue/b1"]\nsi
 def digests(folder: Path, more: str = "") -> Any:
     with registered(*PLUGINS):
         return fly(load_text(SCENARIO + more), folder, report=False).manifest["digests"]
+
+
+def test_a_city_cannot_be_altered() -> None:
+    city = downtown_grid((2, 2), seed=1)
+    for name in ("buildings", "bounds", "source", "reading"):
+        with pytest.raises(AttributeError, match=f"{name} of a city cannot be altered"):
+            setattr(city, name, getattr(city, name))
+    with pytest.raises(AttributeError):
+        city.buildings[0].height_m = 1.0  # type: ignore[misc]
 
 
 @pytest.mark.parametrize(

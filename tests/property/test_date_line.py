@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from skyrange.city.building_files import load_buildings
 from skyrange.codec.f3548.values import Area
-from skyrange.core.geodesy import Origin
+from skyrange.core.geodesy import Origin, unwrap_outline, wrap_longitude
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.core.volumes import Volume4D, contains, unwrap_outline, wrap_longitude
+from skyrange.core.volumes import Volume4D, contains
 from skyrange.utm.airspace.claimed_airspace import Airspace, Query
 from skyrange.utm.alternatives import Limits, find_alternatives, reach
 from skyrange.utm.federated.dss.coverings import extent_of

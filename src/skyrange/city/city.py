@@ -22,7 +22,7 @@ Point3 = tuple[float, float, float]
 
 
 class City:
-    """Buildings on flat ground. Immutable, so a deep copy is the city itself."""
+    """Buildings on flat ground. Immutable: an assignment is an `AttributeError`, and a deep copy is the city itself."""
 
     __slots__ = ("_heights_m", "_tree", "_walls", "bounds", "buildings", "reading", "source")
 
@@ -38,9 +38,15 @@ class City:
         self._tree = shapely.STRtree([building.shape for building in self.buildings])
         self._walls: WallIndex | None = None
         self._heights_m = np.array([building.height_m for building in self.buildings])
+        self._heights_m.flags.writeable = False
         west, south, east, north = shapely.total_bounds(self._tree.geometries).tolist()
         self.bounds: tuple[float, float, float, float] = (west, south, east, north)
         """West, south, east and north edge in metres."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if hasattr(self, name) and name != "_walls":
+            raise AttributeError(f"{name} of a city cannot be altered")
+        object.__setattr__(self, name, value)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> City:
         """Itself, because a city never changes."""

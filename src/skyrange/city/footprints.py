@@ -17,8 +17,7 @@ from skyrange.city.city import City
 from skyrange.city.coordinate_systems import Projection
 from skyrange.city.reading import Reading
 from skyrange.core.errors import InputError
-from skyrange.core.geodesy import Origin
-from skyrange.core.volumes import wrap_longitude
+from skyrange.core.geodesy import Origin, wrap_longitude
 
 MAX_EXTENT_DEG = 2.0
 """The flat map is inaccurate beyond this."""

@@ -9,7 +9,7 @@ The ground is flat: altitude is the origin's plus `up`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
@@ -82,3 +82,28 @@ def _pointwise(
         return convert(lat0_deg, lon0_deg, a, b)
     x, y = convert(lat0_deg, lon0_deg, a.ravel(), b.ravel())
     return x.reshape(a.shape), y.reshape(a.shape)
+
+
+def wrap_longitude(lng: float) -> float:
+    """A longitude in degrees within -180…180; one that is stays as it is."""
+    return lng if -180.0 <= lng <= 180.0 else (lng + 180.0) % 360.0 - 180.0
+
+
+def longitude_near(lng: float, reference: float) -> float:
+    """A longitude in degrees, and 360 more or less where that is nearer to `reference`; beyond ±180 if need be."""
+    if lng - reference > 180.0:
+        return lng - 360.0
+    return lng + 360.0 if reference - lng > 180.0 else lng
+
+
+def unwrap_outline(outline: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """The (latitude, longitude) of a ring without a jump at ±180: F3548 (Polygon) has the shortest path between two
+    corners. The least longitude is at least -180 and below 180, others may exceed that.
+    """
+    lngs = [lng for _, lng in outline]
+    if max(lngs) - min(lngs) <= 180.0:
+        return tuple(outline)
+    near = [(lat, longitude_near(lng, lngs[0])) for lat, lng in outline]
+    west = min(lng for _, lng in near)
+    turn = 360.0 if west < -180.0 else -360.0 if west >= 180.0 else 0.0
+    return tuple((lat, lng + turn) for lat, lng in near)

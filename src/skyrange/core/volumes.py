@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from skyrange.core.geodesy import longitude_near, unwrap_outline
 from skyrange.core.time import Time
 
 
@@ -33,31 +34,6 @@ class Volume4D:
             raise ValueError(f"a volume's lower_m must be below upper_m, got {self.lower_m} and {self.upper_m}")
         if not self.start_ns < self.end_ns:
             raise ValueError(f"a volume must start before it ends, got {self.start_ns} and {self.end_ns}")
-
-
-def wrap_longitude(lng: float) -> float:
-    """A longitude in degrees within -180…180; one that is stays as it is."""
-    return lng if -180.0 <= lng <= 180.0 else (lng + 180.0) % 360.0 - 180.0
-
-
-def longitude_near(lng: float, reference: float) -> float:
-    """A longitude in degrees, and 360 more or less where that is nearer to `reference`; beyond ±180 if need be."""
-    if lng - reference > 180.0:
-        return lng - 360.0
-    return lng + 360.0 if reference - lng > 180.0 else lng
-
-
-def unwrap_outline(outline: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """The (latitude, longitude) of a ring without a jump at ±180: F3548 (Polygon) has the shortest path between two
-    corners. The least longitude is at least -180 and below 180, others may exceed that.
-    """
-    lngs = [lng for _, lng in outline]
-    if max(lngs) - min(lngs) <= 180.0:
-        return tuple(outline)
-    near = [(lat, longitude_near(lng, lngs[0])) for lat, lng in outline]
-    west = min(lng for _, lng in near)
-    turn = 360.0 if west < -180.0 else -360.0 if west >= 180.0 else 0.0
-    return tuple((lat, lng + turn) for lat, lng in near)
 
 
 def contains(volumes: Sequence[Volume4D], time: Time, lat: float, lon: float, up_m: float) -> bool:

@@ -13,8 +13,9 @@ from typing import Final, NamedTuple
 
 import shapely
 
+from skyrange.core.geodesy import longitude_near, unwrap_outline, wrap_longitude
 from skyrange.core.time import Time, from_seconds, to_seconds
-from skyrange.core.volumes import Volume4D, longitude_near, unwrap_outline, wrap_longitude
+from skyrange.core.volumes import Volume4D
 from skyrange.utm.airspace.claimed_airspace import Query
 from skyrange.utm.contract import Alternative
 

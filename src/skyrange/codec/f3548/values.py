@@ -10,8 +10,9 @@ from typing import Any, Final, Self
 from uas_standards.astm.f3548.v21.api import OperationalIntentState, UssAvailabilityState
 
 from skyrange.core.errors import DecodeError
+from skyrange.core.geodesy import wrap_longitude
 from skyrange.core.time import Epoch, Time
-from skyrange.core.volumes import Volume4D, wrap_longitude
+from skyrange.core.volumes import Volume4D
 
 Body = dict[str, Any]
 

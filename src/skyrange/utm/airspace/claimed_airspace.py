@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
+from skyrange.core.geodesy import unwrap_outline
 from skyrange.core.time import NS_PER_S, Time
-from skyrange.core.volumes import Volume4D, unwrap_outline
+from skyrange.core.volumes import Volume4D
 from skyrange.utm.airspace.cell_grid import MAX_WALKED, NONE, CellGrid, Lists, bucket_of, cells_of, count_cells
 from skyrange.utm.airspace.convex import APART, UNDECIDED, compare
 from skyrange.utm.airspace.solids import NOWHERE, Outline, Solids, find_meeting, make_solids, solids_of, turned

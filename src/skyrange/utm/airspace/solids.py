@@ -16,7 +16,8 @@ import shapely
 from numpy.typing import NDArray
 
 from skyrange.core.compiled import compiled
-from skyrange.core.volumes import Volume4D, unwrap_outline
+from skyrange.core.geodesy import unwrap_outline
+from skyrange.core.volumes import Volume4D
 from skyrange.utm.airspace.convex import MAX_CORNERS, is_convex
 
 Floats = NDArray[np.float64]
@@ -29,7 +30,7 @@ class Solids(NamedTuple):
 
     boxes: Floats
     """(n, 4) Least longitude and latitude, and greatest; those of a free row meet nothing. Where a ring crosses the
-    date line, its greatest longitude exceeds 180 (`core.volumes.unwrap_outline`)."""
+    date line, its greatest longitude exceeds 180 (`core.geodesy.unwrap_outline`)."""
     heights: Floats
     """(n, 2) Metres."""
     times: Ints

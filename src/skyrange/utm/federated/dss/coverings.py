@@ -15,8 +15,8 @@ from typing import Final
 from s2sphere import LatLng, LatLngRect, RegionCoverer
 
 from skyrange.codec.f3548.values import MAX_ALTITUDE_M, MIN_ALTITUDE_M, Area
+from skyrange.core.geodesy import unwrap_outline, wrap_longitude
 from skyrange.core.time import NEVER, Time
-from skyrange.core.volumes import unwrap_outline, wrap_longitude
 
 LEVEL: Final = 13
 """Level of the cells, which the DSSs of a pool have to agree on; InterUSS has this one."""
