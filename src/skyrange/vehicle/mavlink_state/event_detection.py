@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from typing import Final
 
 from skyrange.codec.mavlink import Message, decode, dialect, message_id
+from skyrange.codec.mavlink.flight_modes import mode_name
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
@@ -40,12 +41,6 @@ _TEXTS: Final[dict[str, Event]] = {
     "EKF3 IMU0 stopped aiding": ("event.estimator", {"aiding": "none"}),
     "EKF3 IMU0 is using GPS": ("event.estimator", {"aiding": "gnss"}),
 }
-
-
-def mode_name(number: int) -> str:
-    """Name of a HEARTBEAT's custom_mode."""
-    entry = dialect.enums["COPTER_MODE"].get(number)
-    return str(entry.name).removeprefix("COPTER_MODE_") if entry is not None else str(number)
 
 
 class EventDetector:
@@ -85,11 +80,12 @@ class EventDetector:
     def on_report(self, message: Message) -> Iterator[Event]:
         """The events in a message from its private port."""
         kind = message.get_type()
-        if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        if kind == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             if message.custom_mode != self.mode:
                 first, self.mode = self.mode < 0, message.custom_mode
                 if not first:
-                    yield "event.mode", {"mode": mode_name(self.mode), "number": self.mode, "reason": ""}
+                    name = mode_name(message.type, message.autopilot, self.mode)
+                    yield "event.mode", {"mode": name, "number": self.mode, "reason": ""}
             armed = bool(message.base_mode & _ARMED)
             if armed != self.armed:
                 self.armed = armed
