@@ -24,7 +24,8 @@ from tests.tiers import examples
 READ = [
     mav.MAVLINK_MSG_ID_HEARTBEAT, mav.MAVLINK_MSG_ID_ATTITUDE, mav.MAVLINK_MSG_ID_GLOBAL_POSITION_INT,
     mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, mav.MAVLINK_MSG_ID_EKF_STATUS_REPORT, mav.MAVLINK_MSG_ID_STATUSTEXT,
-    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED,
+    mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED, mav.MAVLINK_MSG_ID_HOME_POSITION, mav.MAVLINK_MSG_ID_FENCE_STATUS,
+    mav.MAVLINK_MSG_ID_MISSION_ACK, mav.MAVLINK_MSG_ID_PARAM_VALUE,
 ]  # fmt: skip
 
 
@@ -42,12 +43,14 @@ def frames(draw: st.DrawFn) -> bytes:
 @settings(max_examples=examples(300), deadline=None)
 @given(st.lists(frames() | st.binary(max_size=60), max_size=20))
 def test_any_bytes_of_a_vehicle_are_survived(said: list[bytes]) -> None:
-    session = VehicleSession(VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), False, 10.0)
+    session = VehicleSession(
+        VehicleSpec("blue/b1", 1), make_connection(Address("tcp", "127.0.0.1", 9)), ORIGIN, False, 10.0
+    )
     deframer = Deframer()
     for number, chunk in enumerate(said):
         for piece in deframer.feed(chunk):
             try:
-                session.on_frame(piece, 0.1 * number, ORIGIN)
+                session.on_frame(piece, 0.1 * number)
             except InputError:  # it says that it is no multirotor of ArduCopter
                 beat = decode(piece.data)
                 assert beat.get_type() == "HEARTBEAT"
@@ -85,7 +88,7 @@ class _Kept:
 @given(st.integers(1, 250), st.floats(5, 50), st.lists(st.floats(0.0, 40.0), max_size=10))
 def test_what_we_ask_for_ourselves_passes_a_closed_interlock(system: int, rate_hz: float, steps: list[float]) -> None:
     wire = _Kept()
-    session = VehicleSession(VehicleSpec("blue/b1", system), cast("MavlinkConnection", wire), False, rate_hz)
+    session = VehicleSession(VehicleSpec("blue/b1", system), cast("MavlinkConnection", wire), ORIGIN, False, rate_hz)
     now_s = 0.0
     for step in [0.0, *steps]:
         now_s += step

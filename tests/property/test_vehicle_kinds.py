@@ -59,7 +59,7 @@ class Vehicle:
         self.kind = kind
         self.connected, self.trouble, self.address = True, "", "tcp:127.0.0.1:9"
         self.commanded: list[int] = []
-        self.session = VehicleSession(VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), True, 10.0)
+        self.session = VehicleSession(VehicleSpec("blue/b1", 1), cast("MavlinkConnection", self), ORIGIN, True, 10.0)
         self._packer, self._station = Packer(1, 1), Packer(255, 190)
 
     def write(self, frame: bytes) -> bool:
@@ -67,9 +67,11 @@ class Vehicle:
         return True
 
     def beat(self, mode: int = 0, base_mode: int = mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED) -> None:
-        beat = mav.MAVLink_heartbeat_message(*self.kind, base_mode, mode, 3, 3)
-        for piece in Deframer().feed(self._packer.pack(beat)):
-            self.session.on_frame(piece, 1.0, ORIGIN)
+        self.say(mav.MAVLink_heartbeat_message(*self.kind, base_mode, mode, 3, 3))
+
+    def say(self, message: Any) -> None:
+        for piece in Deframer().feed(self._packer.pack(message)):
+            self.session.on_frame(piece, 1.0)
 
     def refusal(self) -> str:
         """Why its heartbeat is refused; "" if it is not."""
@@ -122,6 +124,19 @@ def test_one_that_becomes_another_is_refused_and_not_commanded_any_more() -> Non
     assert not vehicle.commanded
 
 
+def test_one_that_reboots_is_not_commanded_until_its_next_heartbeat() -> None:
+    vehicle = Vehicle((mav.MAV_TYPE_QUADROTOR, ARDUPILOT))
+    vehicle.beat()
+    for boot_ms in (60_000, 100):
+        vehicle.say(mav.MAVLink_global_position_int_message(boot_ms, 407_780_000, -739_550_000, 0, 0, 0, 0, 0, 0))
+    vehicle.command()
+    assert not vehicle.commanded
+    assert "event.reboot" in [kind for kind, *_ in vehicle.session.take_notes()]
+    vehicle.beat()
+    vehicle.command()
+    assert vehicle.commanded
+
+
 def test_a_mode_is_named_by_the_vehicle_s_own_table() -> None:
     """In notes of engines and of ground stations: 4 is GUIDED on ArduCopter, ACRO on ArduPlane, and 4 on PX4."""
     highest = max(max(mav.enums[enum]) for enum in ENUMS.values()) + 1
@@ -135,7 +150,7 @@ def test_a_mode_is_named_by_the_vehicle_s_own_table() -> None:
 def test_modes_and_arming_of_any_autopilot_are_events() -> None:
     """Of all but those that say that they are none, such as a ground station."""
     for kind in PAIRS:
-        detector, packer = EventDetector(), Packer(1, 1)
+        detector, packer = EventDetector(1, ORIGIN), Packer(1, 1)
         told: list[Any] = []
         for mode, base_mode in ((0, 0), (4, ARMED)):
             frame = packer.pack(mav.MAVLink_heartbeat_message(*kind, base_mode, mode, 3, 3))

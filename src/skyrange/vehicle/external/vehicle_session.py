@@ -45,10 +45,11 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 class VehicleSession:
     """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
-    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, open_: bool, rate_hz: float) -> None:
+    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, open_: bool, rate_hz: float) -> None:
         """`open_` permits motion: the interlock opens once a heartbeat says that the vehicle is one that is flown."""
         self.spec = spec
         self.wire = wire
+        self._origin = origin
         self.interlock = Interlock(spec.system_id)
         self._may_open = open_
         self.status = InstanceStatus.BOOTING
@@ -58,7 +59,7 @@ class VehicleSession:
         """Age of a new position; `None` if there is none since it was last taken."""
         self.lost = 0
         """Frames that the interlock passed, and the connection did not accept."""
-        self._events = EventDetector()
+        self._events = EventDetector(spec.system_id, origin)
         self._packer = Packer(spec.system_id, COMPONENT)
         self._asked: dict[int, float] = {
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: rate_hz,
@@ -111,7 +112,7 @@ class VehicleSession:
 
     # ---------------------------------------------------------------- from it
 
-    def on_frame(self, piece: Piece, now_s: float, origin: Origin) -> None:
+    def on_frame(self, piece: Piece, now_s: float) -> None:
         """Process what it sent. Raises `InputError` for the heartbeat of a vehicle that is not flown."""
         if piece.garbage:
             return
@@ -132,7 +133,7 @@ class VehicleSession:
         elif number == dialect.MAVLINK_MSG_ID_ATTITUDE:
             self.reports.on_attitude(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            self._on_position(message, now_s, origin)
+            self._on_position(message, now_s)
         for kind, details in (*self._events.on_report(message), *self._events.on_public_frame(piece.data)):
             self.note(kind, details)
 
@@ -149,12 +150,12 @@ class VehicleSession:
             )
         self.interlock.open = self._may_open
 
-    def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
+    def _on_position(self, message: Message, now_s: float) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
-            self._events = EventDetector()
+            self._events = self._events.renew()
             self.interlock.open = False  # until its next heartbeat: it may run another firmware
             self.note("event.reboot", {"system_id": self.spec.system_id})
-        late_ns = self.reports.on_position(message, origin, now_s)
+        late_ns = self.reports.on_position(message, self._origin, now_s)
         self._out_of_range = late_ns is None
         if late_ns is None:
             return
