@@ -25,8 +25,11 @@ class Foreign:
     def __init__(
         self, system_id: int = 1, place: Callable[[float], tuple[float, float, float]] = lambda _: (0.0, 0.0, 0.0),
         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0), origin: Origin = ORIGIN,
+        kind: tuple[int, int] = (mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_ARDUPILOTMEGA),
     ) -> None:  # fmt: skip
         self.system_id, self.place, self.velocity, self.origin = system_id, place, velocity, origin
+        self.kind = kind
+        """MAV_TYPE and MAV_AUTOPILOT of its heartbeats."""
         self.quiet = False
         """Says nothing, though it is connected."""
         self.calls = 0
@@ -70,7 +73,7 @@ class Foreign:
         east, north, up = self.velocity
         boot_ms = int(since_s * 1e3)
         said = (
-            mav.MAVLink_heartbeat_message(2, 3, 81, 0, 3, 3),
+            mav.MAVLink_heartbeat_message(*self.kind, 81, 0, 3, 3),
             mav.MAVLink_attitude_message(boot_ms, *self.attitude, 0.0, 0.0, 0.0),
             mav.MAVLink_global_position_int_message(
                 boot_ms, round(lat * 1e7), round(lon * 1e7), round((self.origin.alt_msl_m + up_m) * 1e3),

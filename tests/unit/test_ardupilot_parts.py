@@ -124,7 +124,7 @@ def message(made: object) -> object:
 
 
 def test_changes_are_told_once() -> None:
-    witness = EventDetector()
+    witness = EventDetector(1, Origin(40.0, -73.0))
     armed, auto = dialect.MAV_MODE_FLAG_SAFETY_ARMED, 3
 
     def beat(mode: int, base: int) -> list[str]:
@@ -142,7 +142,7 @@ def test_changes_are_told_once() -> None:
 
 
 def test_belief_that_jumps_is_a_reset_and_belief_that_flies_is_none() -> None:
-    witness = EventDetector()
+    witness = EventDetector(1, Origin(40.0, -73.0))
     status = dialect.MAVLink_ekf_status_report_message(dialect.EKF_POS_HORIZ_ABS, 0, 0, 0, 0, 0)
     list(witness.on_report(message(status)))
     kinds = []

@@ -235,6 +235,22 @@ def test_motion_takes_the_scenario_and_the_command_line(scenario: bool, switch: 
         ride.engine.close()
 
 
+@pytest.mark.parametrize(
+    ("kind", "named"),
+    [
+        ((mav.MAV_TYPE_FIXED_WING, mav.MAV_AUTOPILOT_ARDUPILOTMEGA), "MAV_TYPE_FIXED_WING with MAV_AUTOPILOT_ARDU"),
+        ((mav.MAV_TYPE_QUADROTOR, mav.MAV_AUTOPILOT_PX4), "MAV_TYPE_QUADROTOR with MAV_AUTOPILOT_PX4"),
+    ],
+)
+def test_a_plane_and_a_px4_end_the_run_and_are_asked_for_reports_alone(kind: tuple[int, int], named: str) -> None:
+    with Foreign(kind=kind) as foreign:
+        flown, _ = kernel(made(foreign, motion=True, allow=True, boot_s=5.0))
+        with pytest.raises(InputError, match=f"blue/b1: the heartbeat at tcp:.*{named}.*an ArduCopter multirotor"):
+            flown.advance(TICK)
+        flown.finish()
+        assert {getattr(told, "command", 0) for told in foreign.told} <= {mav.MAV_CMD_SET_MESSAGE_INTERVAL}
+
+
 def test_slower_reports_are_asked_for_anew() -> None:
     """Others ask for the same messages: here nobody heeds us, so it is asked again after 2 s."""
     with Foreign() as foreign:

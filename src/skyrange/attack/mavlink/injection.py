@@ -15,7 +15,7 @@ from pydantic import Field
 from skyrange.attack.contract import AttackContext, Place
 from skyrange.attack.on_path import InjectingTap, InjectionSource, Repetition, TapMaker, place_taps
 from skyrange.attack.victims import Victims, check_vehicles
-from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
+from skyrange.codec.mavlink import Message, Packer, decode, flight_modes, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
@@ -125,11 +125,7 @@ def mode_order(mode: int) -> Order:
     return Order(mav.MAV_CMD_DO_SET_MODE, (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
 
 
-COPTER_MODES: Final = {
-    entry.name.removeprefix("COPTER_MODE_"): number
-    for number, entry in mav.enums["COPTER_MODE"].items()
-    if not entry.name.endswith("_END")
-}
+COPTER_MODES: Final = {name: number for number, name in flight_modes.COPTER_MODES.items()}
 """Numbers of ArduCopter's modes by name."""
 
 

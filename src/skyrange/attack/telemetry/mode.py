@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.telemetry.alteration import CONTROLS, TelemetryLinks, alter_telemetry, put, threat
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import COPTER_MODES
 from skyrange.contracts.params import Number, refuse
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.time import Time, from_seconds
@@ -20,11 +21,7 @@ _LANDED: Final = int(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
 _ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 _NO_TOTAL: Final = 65_535
 """MISSION_CURRENT: the number of items is not known."""
-MODES: Final = {
-    entry.name.removeprefix("COPTER_MODE_"): number
-    for number, entry in mav.enums["COPTER_MODE"].items()
-    if not entry.name.endswith("ENUM_END")
-}
+MODES: Final = {name: number for number, name in COPTER_MODES.items()}
 """ArduCopter's modes by name."""
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 from skyrange.codec.mavlink import Message, Packer, decode
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import mode_name
 from skyrange.contracts.mailboxes import Arrival, Outbox
 from skyrange.contracts.scalars import Scalar
 from skyrange.core.errors import DecodeError
@@ -35,7 +36,7 @@ from skyrange.gcs.flight.lifecycle import (
 )
 from skyrange.gcs.plan.rerouting import reroute
 from skyrange.gcs.plan.routes import estimated_duration_s, is_endless
-from skyrange.gcs.protocols.commands import Command, CommandExchange, enum_name
+from skyrange.gcs.protocols.commands import Command, CommandExchange
 from skyrange.gcs.protocols.mission_items import ItemList, encode_lists
 from skyrange.gcs.protocols.mission_transfer import Download, Transfer, Upload
 from skyrange.gcs.telemetry.belief import Belief, Watch
@@ -275,7 +276,7 @@ class FlightSequencer:
             self.link_lost = False
             out.note("decision.link_restored", self.flight.vehicle, None, (ref,))
         if self.belief.on_heartbeat(now, message.base_mode, message.custom_mode, message.get_seq()):
-            name = enum_name("COPTER_MODE", "COPTER_MODE_", message.custom_mode)
+            name = mode_name(message.type, message.autopilot, message.custom_mode)
             out.note("decision.mode_seen", self.flight.vehicle, {"mode": name}, (ref,))
         if self.state is FlightState.LISTENING:
             self._on_first_heartbeat(now, out, ref)

@@ -100,7 +100,7 @@ class Belief:
 
     @property
     def mode(self) -> int | None:
-        """The ArduCopter mode number of the last heartbeat."""
+        """The `custom_mode` of the last heartbeat: a mode's number in the autopilot's own list."""
         reported = self._get("mode")
         return None if reported < 0 else reported
 

@@ -60,10 +60,10 @@ class Instance:
     sitl: Sitl
     onboard: Packer
     """Packs our frames on the private port."""
+    events: EventDetector
     status: InstanceStatus = InstanceStatus.BOOTING
     deframer: Deframer = field(default_factory=Deframer)
     private: Deframer = field(default_factory=Deframer)
-    events: EventDetector = field(default_factory=EventDetector)
     asked: int = 0
     """How many reports were requested on the private port."""
     signs: bool = False
@@ -76,7 +76,7 @@ class Instance:
 
     def restarted(self, outbox: Outbox) -> None:
         """It has rebooted: forget what was known of it."""
-        self.asked, self.events = 0, EventDetector()
+        self.asked, self.events = 0, self.events.renew()
         outbox.note("event.reboot", self.spec.vehicle, {"system_id": self.spec.system_id})
 
     def lose(self, status: InstanceStatus, outbox: Outbox) -> None:
@@ -197,7 +197,8 @@ class ProcessFleet(EngineBase, ABC):
                 "options": (f"--serial{OPEN}", f"tcp:{opened[row]}") if opened else (),
             }
             packer = Packer(spec.system_id, dialect.MAV_COMP_ID_GPS)
-            self._instances.append(Instance(spec, values, arguments, self._start_process(**arguments), packer))
+            events = EventDetector(spec.system_id, self._origin)
+            self._instances.append(Instance(spec, values, arguments, self._start_process(**arguments), packer, events))
 
     def _own_folder(self, vehicle: str, suffix: str = "") -> Path:
         assert self._folder is not None

@@ -56,12 +56,11 @@ class ExternalEngine(EngineBase):
         self.ports: Sequence[Port] = [Port(endpoint(v, "autopilot"), link_name("autopilot", v)) for v in self.vehicles]
         self.preroll_ns: Time = ceil_to(round(options.boot_s * NS_PER_S), QUANTUM_NS)
         self._places = {port: place for place, port in enumerate(self.ports)}
-        self._origin = origin
         self._options = options
         self._open = (options.allow_motion, motion)
         wires = [make_connection(address) for address in options.addresses(self.vehicles)]
         self._sessions = [
-            VehicleSession(spec, wire, all(self._open), options.rate_hz)
+            VehicleSession(spec, wire, origin, all(self._open), options.rate_hz)
             for spec, wire in zip(specs, wires, strict=True)
         ]
         self._poses = ReportedPoses(len(specs))
@@ -115,7 +114,7 @@ class ExternalEngine(EngineBase):
             for piece in one.wire.read():
                 if tick >= 0:
                     outbox.send(self.ports[row], piece.data)
-                one.on_frame(piece, now_s, self._origin)
+                one.on_frame(piece, now_s)
             one.request_messages(now_s)
             one.update_status(now_s, wall_deadline_s)
             if one.late_ns is not None and one.reports.state is not None:

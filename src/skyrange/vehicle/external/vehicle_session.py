@@ -8,8 +8,10 @@ from typing import Any, Final
 
 from skyrange.codec.mavlink import Message, Packer, decode, dialect, sender_system
 from skyrange.codec.mavlink.deframer import Piece
+from skyrange.codec.mavlink.flight_modes import MULTIROTOR_TYPES, is_arducopter_multirotor, vehicle_name
 from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.mailboxes import Arrival
+from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId
 from skyrange.core.time import Time
@@ -31,6 +33,10 @@ COMPONENT: Final = int(dialect.MAV_COMP_ID_ONBOARD_COMPUTER4)
 """Component of the requests: a computer of the vehicle's own system, other than the companion."""
 AUTOPILOT: Final = int(dialect.MAV_COMP_ID_AUTOPILOT1)
 STATE_HZ: Final = 2.0
+FLOWN: Final = (
+    f"MAV_AUTOPILOT_ARDUPILOTMEGA with {', '.join(dialect.enums['MAV_TYPE'][one].name for one in MULTIROTOR_TYPES)}"
+)
+"""The vehicles that may be connected, in MAVLink's words."""
 
 Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 """Kind, data and causes."""
@@ -39,10 +45,13 @@ Note = tuple[str, Mapping[str, Any], tuple[FrameId, ...]]
 class VehicleSession:
     """One vehicle. Notes wait in `notes`; what repeats is noted at its 1st, 2nd, 4th … time."""
 
-    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, open_: bool, rate_hz: float) -> None:
+    def __init__(self, spec: VehicleSpec, wire: MavlinkConnection, origin: Origin, open_: bool, rate_hz: float) -> None:
+        """`open_` permits motion: the interlock opens once a heartbeat says that the vehicle is one that is flown."""
         self.spec = spec
         self.wire = wire
-        self.interlock = Interlock(spec.system_id, open_)
+        self._origin = origin
+        self.interlock = Interlock(spec.system_id)
+        self._may_open = open_
         self.status = InstanceStatus.BOOTING
         self.notes: list[Note] = []
         self.reports = PositionReports()
@@ -50,7 +59,7 @@ class VehicleSession:
         """Age of a new position; `None` if there is none since it was last taken."""
         self.lost = 0
         """Frames that the interlock passed, and the connection did not accept."""
-        self._events = EventDetector()
+        self._events = EventDetector(spec.system_id, origin)
         self._packer = Packer(spec.system_id, COMPONENT)
         self._asked: dict[int, float] = {
             dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: rate_hz,
@@ -103,8 +112,8 @@ class VehicleSession:
 
     # ---------------------------------------------------------------- from it
 
-    def on_frame(self, piece: Piece, now_s: float, origin: Origin) -> None:
-        """Process what it sent."""
+    def on_frame(self, piece: Piece, now_s: float) -> None:
+        """Process what it sent. Raises `InputError` for the heartbeat of a vehicle that is not flown."""
         if piece.garbage:
             return
         sender = sender_system(piece.data)
@@ -119,19 +128,34 @@ class VehicleSession:
         if number in self._received:
             self._received[number] += 1
         if number == dialect.MAVLINK_MSG_ID_HEARTBEAT:
+            self._identify(message.type, message.autopilot)
             self._heartbeats += 1
         elif number == dialect.MAVLINK_MSG_ID_ATTITUDE:
             self.reports.on_attitude(message)
         elif number == dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT:
-            self._on_position(message, now_s, origin)
+            self._on_position(message, now_s)
         for kind, details in (*self._events.on_report(message), *self._events.on_public_frame(piece.data)):
             self.note(kind, details)
 
-    def _on_position(self, message: Message, now_s: float, origin: Origin) -> None:
+    def _identify(self, vehicle_type: int, autopilot: int) -> None:
+        """Let the interlock open for a vehicle whose modes and commands are those that the range sends."""
+        if not is_arducopter_multirotor(vehicle_type, autopilot):
+            self.interlock.open = False
+            raise InputError.one(
+                f"external vehicle {self.spec.vehicle}",
+                f"the heartbeat at {self.wire.address}",
+                vehicle_name(vehicle_type, autopilot),
+                f"an ArduCopter multirotor: {FLOWN}",
+                "Other vehicles number their modes differently and are not flown. Connect another, or leave it out",
+            )
+        self.interlock.open = self._may_open
+
+    def _on_position(self, message: Message, now_s: float) -> None:
         if message.time_boot_ms + 1000 < self.reports.boot_ms:
-            self._events = EventDetector()
+            self._events = self._events.renew()
+            self.interlock.open = False  # until its next heartbeat: it may run another firmware
             self.note("event.reboot", {"system_id": self.spec.system_id})
-        late_ns = self.reports.on_position(message, origin, now_s)
+        late_ns = self.reports.on_position(message, self._origin, now_s)
         self._out_of_range = late_ns is None
         if late_ns is None:
             return
@@ -162,6 +186,7 @@ class VehicleSession:
             self._reopened_s = now_s  # the first time
         if now_s - max(self._heard_s, self._reopened_s) > silent_s:
             self._reopened_s = now_s
+            self.interlock.open = False  # until its next heartbeat: another vehicle may answer
             self.wire.again(f"nothing was heard for {silent_s:g} s")
 
     def _check_start(self) -> None:

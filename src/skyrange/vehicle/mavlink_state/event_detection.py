@@ -1,21 +1,23 @@
-"""Events aboard an ArduPilot, detected in its MAVLink messages and noted as those of the builtin autopilot.
+"""Events aboard an ArduPilot, read from its messages and noted as those of the builtin autopilot.
 
-A few reports are requested on the private port ten times a second, so an event is detected within 0.1 s; the loss of
-position is detected in STATUSTEXT. No message gives the reason for a change of mode, and causes are not known.
+`AUTOPILOT_EVENTS` lists them. A few reports are requested on the private port ten times a second, so an event is
+detected within 0.1 s; others are read from its texts and from its answers. No message gives the reason for a change of
+mode, and causes are not known.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Final
 
 from skyrange.codec.mavlink import Message, decode, dialect, message_id
+from skyrange.codec.mavlink.flight_modes import mode_name
 from skyrange.core.errors import DecodeError
+from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
-
-Event = tuple[str, Mapping[str, str | int | float | bool]]
-"""Kind and data of a note about the aircraft."""
+from skyrange.vehicle.mavlink_state.answered_requests import ANSWERS, REQUESTS, AnsweredRequests
+from skyrange.vehicle.mavlink_state.status_texts import Event, FenceState, read_status_text
 
 REPORTS: Final = {
     dialect.MAVLINK_MSG_ID_HEARTBEAT: 10.0,
@@ -32,64 +34,59 @@ JUMP_M: Final = 1.5
 _GROUND: Final = int(dialect.MAV_LANDED_STATE_ON_GROUND)
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _DEGREE_M: Final = math.radians(6_378_137.0)
-_HEARD: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_REACHED, dialect.MAVLINK_MSG_ID_STATUSTEXT))
-_ITEMS: Final = frozenset((dialect.MAVLINK_MSG_ID_MISSION_ITEM_INT, dialect.MAVLINK_MSG_ID_MISSION_ITEM))
-_TEXTS: Final[dict[str, Event]] = {
-    "EKF variance": ("event.ekf_failsafe", {"on": True}),
-    "EKF Failsafe Cleared": ("event.ekf_failsafe", {"on": False}),
-    "EKF3 IMU0 stopped aiding": ("event.estimator", {"aiding": "none"}),
-    "EKF3 IMU0 is using GPS": ("event.estimator", {"aiding": "gnss"}),
-}
-
-
-def mode_name(number: int) -> str:
-    """Name of a HEARTBEAT's custom_mode."""
-    entry = dialect.enums["COPTER_MODE"].get(number)
-    return str(entry.name).removeprefix("COPTER_MODE_") if entry is not None else str(number)
+_PUBLIC: Final = ANSWERS | {dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_FENCE_STATUS}
 
 
 class EventDetector:
     """The known state of one aircraft; every change of it is an event."""
 
-    def __init__(self) -> None:
+    def __init__(self, system_id: int, origin: Origin) -> None:
+        """Of the aircraft with this MAVLink system id, in a range with this origin."""
         self.mode = -1
         self.armed = False
         self.landed = True
         self.flags = 0
         """Of the estimator's last report."""
         self._glitching = False
-        self._mission: dict[int, int] = {}
+        self._of = system_id, origin
+        self._requests = AnsweredRequests(system_id, origin)
+        self._fence = FenceState()
         self._place: tuple[Time, float, float, float, float, float, float] | None = None
 
+    def renew(self) -> EventDetector:
+        """Return a detector of the same aircraft that knows nothing yet, as after a reboot."""
+        return EventDetector(*self._of)
+
     def on_upload(self, payload: bytes) -> None:
-        """Process a frame to the autopilot: an uploaded mission item gives the command of its sequence number."""
-        if message_id(payload) in _ITEMS:
+        """Process a frame to the autopilot: its answer may be an event."""
+        if message_id(payload) in REQUESTS:
             try:
-                item = decode(payload)
+                self._requests.on_request(decode(payload))
             except DecodeError:
                 return
-            self._mission[item.seq] = item.command
 
     def on_public_frame(self, payload: bytes) -> Iterator[Event]:
         """The events in a frame from its public port."""
-        if message_id(payload) not in _HEARD:
+        number = message_id(payload)
+        if number not in _PUBLIC:
             return
         message = decode(payload)
-        if message.get_type() == "MISSION_ITEM_REACHED":
-            yield "event.item_reached", {"seq": message.seq, "command": self._mission.get(message.seq, 0)}
+        if number == dialect.MAVLINK_MSG_ID_STATUSTEXT:
+            yield from read_status_text(message.text, self._fence)
+        elif number == dialect.MAVLINK_MSG_ID_FENCE_STATUS:
+            yield from self._fence.on_status(message, self.armed, self.landed)
         else:
-            event = _TEXTS.get(message.text)
-            if event is not None:
-                yield event
+            yield from self._requests.on_answer(message, self.landed)
 
     def on_report(self, message: Message) -> Iterator[Event]:
         """The events in a message from its private port."""
         kind = message.get_type()
-        if kind == "HEARTBEAT" and message.autopilot == dialect.MAV_AUTOPILOT_ARDUPILOTMEGA:
+        if kind == "HEARTBEAT" and message.autopilot != dialect.MAV_AUTOPILOT_INVALID:
             if message.custom_mode != self.mode:
                 first, self.mode = self.mode < 0, message.custom_mode
                 if not first:
-                    yield "event.mode", {"mode": mode_name(self.mode), "number": self.mode, "reason": ""}
+                    name = mode_name(message.type, message.autopilot, self.mode)
+                    yield "event.mode", {"mode": name, "number": self.mode, "reason": ""}
             armed = bool(message.base_mode & _ARMED)
             if armed != self.armed:
                 self.armed = armed
