@@ -33,9 +33,9 @@ noise = 0
 truth_hz = {truth_hz}
 [[operators]]
 id = "a"
-{engine}
   [[operators.vehicles]]
   id = "a1"
+  {engine}
   depart_s = {depart_s}
   plan = {{ path = {{ points = [[0, 0, 4], [4, 2, 4]] }}, end = "land" }}
 """

@@ -14,7 +14,7 @@ HEAD: Final = ("block", "point", "seed", "arm")
 """Columns of all tables, before those of the factors and draws."""
 RUN: Final = ("status", "error", "simulated_s", "vehicles", "city", "families", "fingerprint")
 ALERT: Final = ("time_s", "detector", "kind", "subject", "score")
-ACT: Final = ("attack", "kind", "family", "vehicle", "fault", "first_s", "last_s", "acts")
+ACT: Final = ("attack", "kind", "family", "vehicle", "fault", "first_s", "last_s", "effect_end_s", "acts")
 
 
 def column_of(quantity: str) -> str:
