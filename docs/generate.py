@@ -472,7 +472,7 @@ def score_format() -> str:
         "HeldOut": "`held_out`",
         "DetectorScore": "`detectors`",
         "Threshold": "`threshold`",
-        "SetScore": "`sets`",
+        "SetScore": "`sets` and `effect_sets`",
         "FalseAlarmsByFlights": "`false_alarms`",
         "FalseAlarms": "`nominal`, `sham`, `fault`, `hostile`",
         "Claim": "`claim`",

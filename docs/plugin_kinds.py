@@ -10,6 +10,14 @@ from typing import Any
 
 from markdown_tables import keys, table
 
+PERSISTENCE = {
+    "acts": "its last act",
+    "upload": "the next upload of the ground station, or the flight",
+    "mode": "the next mode that the ground station commands, or the flight",
+    "flight": "the flight",
+}
+"""What ends the effect of an attack, by `AttackPlugin.persists`."""
+
 
 def _shipped(group: str) -> list[tuple[str, Any]]:
     """Kinds of a group that this project ships, by name: its entry points, and nothing that a program registered."""
@@ -52,6 +60,7 @@ def _facts(kind: Any) -> str:
         ("equipment", threat.equipment),
         ("budget", threat.budget),
         ("counterfactual", "its sham" if kind.counterfactual == "sham" else "muted"),
+        ("effect ends with", PERSISTENCE[kind.persists or "acts"]),
         ("load control", controls.load),
         ("content control", controls.content),
         ("placement control", controls.placement),

@@ -20,11 +20,12 @@ def flight(run: str, vehicle: str = "a", *, arm: str = "nominal", **other: Any) 
 
 
 def attack(run: str, vehicle: str = "a", **other: Any) -> dict[str, Any]:
-    """A drift that acts from 1000 to 1060 s and can be observed from 1010 s."""
-    return {
+    """A drift that acts from 1000 to 1060 s and can be observed from 1010 s; its effect ends when it stops."""
+    row = {
         "run": run, "vehicle": vehicle, "attack_id": "x", "kind": "gnss.drift", "family": "gnss",
         "active_s": 1000.0, "stop_s": 1060.0, "observable_s": 1010.0, "effect_s": math.nan,
     } | other  # fmt: skip
+    return {"effect_end_s": row["stop_s"]} | row
 
 
 def alert(run: str, time_s: float, subject: str = "a", *, score: float = 1.0, detector: str = "d") -> dict[str, Any]:

@@ -57,7 +57,7 @@ def test_a_table_shows_hostile_names_as_they_are(
     monkeypatch.setenv("COLUMNS", "300")
     row = {
         "id": HOSTILE, "operator": HOSTILE, "outcome": HOSTILE, "reason": HOSTILE, "mishap": None, "finished_s": None,
-        "distance_m": 1.0, "highest_m": 2.0, "frames_sent": 9, "frames_received": 9,
+        "landed_s": None, "distance_m": 1.0, "highest_m": 2.0, "frames_sent": 9, "frames_received": 9,
     }  # fmt: skip
     facts = {
         "name": HOSTILE, "status": HOSTILE, "vehicles": [row], "mishaps": [{"words": HOSTILE}], "timings": {},

@@ -12,7 +12,8 @@ from skyrange.cli.output import run_summary
 def aircraft(name: str, **changes: Any) -> dict[str, Any]:
     known = {
         "id": name, "operator": name.split("/")[0], "outcome": "complete", "reason": "", "mishap": None,
-        "finished_s": 50.0, "distance_m": 100.0, "highest_m": 20.0, "frames_sent": 9, "frames_received": 9,
+        "finished_s": 50.0, "landed_s": 48.25, "distance_m": 100.0, "highest_m": 20.0,
+        "frames_sent": 9, "frames_received": 9,
     }  # fmt: skip
     return {**known, **changes}
 
@@ -40,6 +41,8 @@ def test_a_collision_explains_an_outcome_better_than_the_ground_station_can(
     assert "disarmed" not in out
     assert "failed (rejected)" in out
     assert "building:2" not in out  # it completed its mission all the same
+    assert "48.25 s" in out
+    assert "50.0" not in out  # the report of the ground station
 
 
 def test_a_large_fleet_is_said_by_operator_and_names_who_did_not_complete(

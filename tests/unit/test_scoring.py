@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,49 @@ def test_windows_of_an_attack(time_s: float, detected: bool, false: int) -> None
     outcome = outcome_of(given)
     assert (outcome.detected_ns[0] != NEVER) == detected
     assert outcome.false_alarms.sum() == false
+
+
+@pytest.mark.parametrize(
+    ("time_s", "detected", "false"),
+    [
+        (1009.9, False, 0),
+        (1070.0, True, 0),
+        (1070.1, True, 0),
+        (1200.0, True, 0),
+        (1310.0, True, 0),
+        (1310.1, False, 1),
+    ],
+)
+def test_windows_of_an_effect(time_s: float, detected: bool, false: int) -> None:
+    """Its effect lasts 240 s longer than it acts: alarms meanwhile detect it; one after it and the grace is false."""
+    given = tables([flight("r", arm="attacked")], [attack("r", effect_end_s=1300.0)], [alert("r", time_s)])
+    index = index_study(given, 10.0, "effect")
+    outcome = match_alarms(index, index_alerts(index, given.alerts, "d"), -math.inf, EPISODE_NS)
+    assert (outcome.detected_ns[0] != NEVER) == detected
+    assert outcome.false_alarms.sum() == false
+    assert index.subjects.exposure_ns.tolist() == [(3600 - 310) * NS_PER_S, 0]
+
+
+def test_both_scores_are_told_and_that_of_the_acts_does_not_depend_on_effects() -> None:
+    flights = [flight(f"r{n}", arm="attacked") for n in range(4)] + [flight("v", split="validation"), flight("n")]
+    alerts = [alert("r0", 1200.0 + 30.0 * number) for number in range(4)] + [alert("r1", 1020.0), alert("r2", 1311.0)]
+    files = [
+        score_detectors(tables(flights, [attack(f"r{n}", effect_end_s=end_s) for n in range(4)], alerts), SETTINGS)
+        for end_s in (1060.0, 1300.0)
+    ]
+    short, lasting = ({one.detector: one for one in file.detectors} for file in files)
+    for name, score in lasting.items():
+        assert score.sets == short[name].sets
+        assert score.effect_sets[0] != score.sets[0]
+        assert short[name].effect_sets == short[name].sets
+    found = lasting["d"].effect_on("all")
+    assert found is not None
+    assert (found.detection.detected, on_all(files[1]).detection.detected) == (2, 1)
+    assert (found.false_alarms.hostile.episodes, on_all(files[1]).false_alarms.hostile.episodes) == (1, 5)
+    assert lasting["always"].effect_sets[0].detection.recall == short["always"].sets[0].detection.recall
+    row = next(one for one in rank_detectors([files[1]]) if one.detector == "d")
+    assert (row.recall, row.effect_recall) == (0.25, 0.5)
+    assert (row.hostile_false_per_h or 0.0) > (row.effect_hostile_false_per_h or 0.0) > 0.0
 
 
 def test_an_alarm_about_another_aircraft_is_false_and_detects_nothing() -> None:
@@ -216,8 +260,15 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_scores(file, tmp_path / "scores.json")
     assert read_scores(tmp_path / "scores.json") == file
     (tmp_path / "other.json").write_text('{"format": "skyrange.bench"}')
-    with pytest.raises(InputError, match=r"skyrange\.scores/1"):
+    with pytest.raises(InputError, match=r"skyrange\.scores/2"):
         read_scores(tmp_path / "other.json")
+    data = file.model_dump(mode="json") | {"format": "skyrange.scores/1"}
+    for score in data["detectors"]:
+        del score["effect_sets"]
+    (tmp_path / "older.json").write_text(json.dumps(data))
+    older = read_scores(tmp_path / "older.json")
+    assert [one.sets for one in older.detectors] == [one.sets for one in file.detectors]
+    assert {row.effect_recall for row in rank_detectors([older])} == {None}
     text = (tmp_path / "scores.json").read_text().replace('"trivial"', '"trivail"')
     (tmp_path / "wrong.json").write_text(text)
     with pytest.raises(InputError, match="trivial"):
@@ -298,6 +349,7 @@ def test_alarms_at_random_detect_what_by_chance_says() -> None:
         ([flight("run-1", arm="attacked")], [attack("run-2")], [], "Did you mean 'run-1'"),
         ([flight("r", arm="attacked")], [attack("r", "z")], [], "an aircraft of run r, or ''"),
         ([flight("r", arm="attacked")], [attack("r", stop_s=1.0)], [], "not before 1000"),
+        ([flight("r", arm="attacked")], [attack("r", effect_end_s=1050.0)], [], "not before stop_s, 1060"),
         ([flight("r", arm="attacked")], [attack("r", observable_s=1.0)], [], "not before active_s"),
         ([flight("r", arm="attacked")], [attack("r"), attack("r")], [], "each episode of acting once"),
         (

@@ -117,7 +117,7 @@ def cost(vehicle: str, delay_s: float | None, departed_s: float | None) -> dict[
 def test_operators_pay_for_all_their_aircraft() -> None:
     table = effect_tables.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0), cost("a/2<b>", None, None)])
     cells = [re.sub(r"<[^>]*>", "", cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", table)]
-    assert cells == ["2", "1", "0", "+3.0\u202fs", "+4.0\u202fm", "0.00\u202fkJ", "2", "2"]
+    assert cells == ["2", "1", "0", "+3.00\u202fs", "+4.0\u202fm", "0.00\u202fkJ", "2", "2"]
     assert effect_tables.render_operators(SUBJECT, [cost("a/1", 3.0, 1.0)]) == "", "one aircraft each says it all"
 
 

@@ -22,7 +22,7 @@ from skyrange.study.measures.aircraft_measures import departures, measure, read_
 from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
 from skyrange.study.twins.confidence import interval, t_quantile
 from skyrange.study.twins.effects import COLUMNS, effect_rows, effects_table
-from skyrange.study.twins.pair_folder import intervals, load_pair
+from skyrange.study.twins.pair_folder import FORMAT, intervals, load_pair
 from skyrange.study.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
 from skyrange.study.twins.propagation import effects_of, propagation_table, trace
 from tests.unit.record_sample import make_frame
@@ -55,6 +55,10 @@ def done(vehicle: str, at_s: int) -> tuple[int, Note]:
     return at_s * S, Note("event.outcome", vehicle, {"state": "complete", "reason": ""})
 
 
+def down(vehicle: str, at_ms: int) -> tuple[int, Note]:
+    return at_ms * S // 1000, Note("event.contact", vehicle, {"speed_mps": 0.5})
+
+
 def two(tmp_path: Path) -> tuple[RunRecord, RunRecord]:
     """Nominal: 1 flies 40 m east at 10 m/s, 2 stands in the air 30 m north of its end. Attacked: 1 goes around."""
     stays = [[40, 30, 20]]
@@ -68,8 +72,10 @@ def two(tmp_path: Path) -> tuple[RunRecord, RunRecord]:
     ]
     hit = (3 * S, Note("event.collision", "a/1", {"with": "a/2"}))
     return (
-        flown(tmp_path / "attacked", np.array(attacked, float), 200.0, [done("a/1", 4), hit]),
-        flown(tmp_path / "nominal", np.array(nominal, float), 150.0, [done("a/1", 3), done("a/2", 3)]),
+        flown(tmp_path / "attacked", np.array(attacked, float), 200.0, [down("a/1", 2730), hit, done("a/1", 4)]),
+        flown(
+            tmp_path / "nominal", np.array(nominal, float), 150.0, [down("a/1", 2500), done("a/1", 3), done("a/2", 3)]
+        ),
     )
 
 
@@ -77,7 +83,9 @@ def test_effects_by_hand(tmp_path: Path) -> None:
     twin, arm = (ArmOutcomes.read(run, 10.0) for run in two(tmp_path))
     one, two_ = effect_rows(7, "nominal", twin, arm, threshold_m=1.0)
     assert (one["vehicle"], one["seed"], one["against"]) == ("a/1", 7, "nominal")
-    assert (one["outcome_twin"], one["outcome"], one["delay_s"]) == ("complete", "complete", 1.0)
+    assert (one["outcome_twin"], one["outcome"], one["delay_s"]) == ("complete", "complete", 0.23)
+    assert (one["finished_twin_s"], one["finished_s"]) == (3.0, 4.0)  # by heartbeats
+    assert (one["landed_twin_s"], one["landed_s"]) == (2.5, 2.73)
     assert one["distance_twin_m"] == pytest.approx(40.0)
     assert one["distance_m"] == pytest.approx(10 + 30 + 24 + math.hypot(6, 30))
     assert one["extra_distance_m"] == pytest.approx(24 + math.hypot(6, 30))
@@ -234,9 +242,15 @@ def test_causes_are_traced_through_parents_causes_and_decisions(tmp_path: Path) 
 
 
 @pytest.mark.parametrize(
-    ("layout", "name"), [("skyrange.pair/2", "propagation.parquet"), ("skyrange.pair/1", "labels.parquet")]
+    ("layout", "name"),
+    [
+        (FORMAT, "propagation.parquet"),
+        ("skyrange.pair/3", "propagation.parquet"),
+        ("skyrange.pair/2", "propagation.parquet"),
+        ("skyrange.pair/1", "labels.parquet"),
+    ],
 )
-def test_the_folder_of_a_pair_is_read_in_both_layouts(layout: str, name: str, tmp_path: Path) -> None:
+def test_the_folder_of_a_pair_is_read_in_every_layout(layout: str, name: str, tmp_path: Path) -> None:
     row = dict.fromkeys(column.name for column in PROPAGATION_COLUMNS) | {
         "seed": 4, "phase": "onset", "at_ns": S, "attack": "x", "kind": "send", "source": "x.radio"
     }  # fmt: skip

@@ -48,7 +48,7 @@ def _rows(block: Block) -> dict[str, list[dict[str, Any]]]:
         rows["runs"].append({**head, **state})
         rows["aircraft"] += [{**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0} for k in range(fleet)]
     act = {"attack": "a", "kind": kind, "family": KINDS[kind], "vehicle": "blue/b0", "fault": False}
-    rows["acts"].append({**head, **act, "first_s": 30.0, "last_s": 60.0, "acts": 1})
+    rows["acts"].append({**head, **act, "first_s": 30.0, "last_s": 60.0, "effect_end_s": 60.0, "acts": 1})
     if kind == "gnss.drift":
         alert = {"time_s": 40.0, "detector": "d", "kind": "k", "subject": "blue/b0", "score": 1.0}
         rows["alerts"].append({**head, **alert})
@@ -107,18 +107,18 @@ def test_the_terminal_shows_recall_on_held_out_and_seen_parts(tmp_path: Path) ->
     assert "new is held out: families: link_timing; cities: new; fleet sizes: 3" in " ".join(said.split())
     lines = said.splitlines()
     rows = [line for line in lines if "│ d " in line]
-    assert len(rows) == 6  # three tables, two files
+    assert len(rows) == 8  # four tables, two files
     attacks = {one.name: one.detection for one in next(s for s in scores.detectors if s.detector == "d").sets}
     unseen, seen = attacks["held-out families"], attacks["seen families"]
-    shares, counts = (line.split("│") for line in lines[lines.index(rows[2]) :][:2])
+    shares, counts = (line.split("│") for line in lines[lines.index(rows[4]) :][:2])
     assert [one.strip() for one in shares[2:4]] == ["0 %", "100 %"]
     assert [one.strip() for one in counts[2:4]] == [f"0/{unseen.attacks}", f"{seen.detected}/{seen.attacks}"]
     assert unseen.attacks == 40
 
 
-def test_without_anything_held_out_there_is_one_table(tmp_path: Path) -> None:
+def test_without_anything_held_out_there_is_a_table_for_each_window(tmp_path: Path) -> None:
     fabricate(tmp_path / "s")
-    assert len(list(tabulate_scores([score_study(tmp_path / "s")]))) == 1
+    assert len(list(tabulate_scores([score_study(tmp_path / "s")]))) == 2
 
 
 def test_a_family_that_does_not_exist_is_refused(tmp_path: Path) -> None:

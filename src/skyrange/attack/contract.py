@@ -35,6 +35,11 @@ Place = tuple[float, float, float]
 
 Counterfactual = Literal["sham", "mute"]
 
+Persistence = Literal["acts", "upload", "mode", "flight"]
+"""What ends the effect of an attack: its last act (`acts`); its ground station's next upload of mission, fence and
+rally points (`upload`); its ground station's next change of the mode (`mode`); nothing but the end of the flight, which
+ends the others too (`flight`)."""
+
 ORACLE = "oracle"
 """The endpoint at the other end of the links of every radio."""
 
@@ -240,6 +245,8 @@ class AttackPlugin(Plugin[AttackContext, Attack]):
     """Whether it has an effect only if it acts from 0 s on, such as one on what is loaded then."""
     move: Callable[[Any, Place], Params] | None = None
     """Moves places within other parameters, in metres east, north and up: `move(params, by)` returns the new ones."""
+    persists: Persistence | None = None
+    """What ends its effect, by which alarms about it are scored. A kind that does not say so counts as `acts`."""
     surface: Sequence[str] = ()
     """What it acts on: roles of links (`gcs`, `log`, `autopilot`, `rid_up`), `medium`, or sensors (`gnss`, `baro`)."""
     effect: str = ""

@@ -12,6 +12,7 @@ from skyrange.contracts.frames.frame import Fate
 from skyrange.core.ids import endpoint
 from skyrange.core.time import NS_PER_S
 from skyrange.record import RunRecord
+from skyrange.study.measures.landings import find_landings_s
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.mishaps import describe_mishap, distinct_mishaps, first_mishaps, mishap_kind
 from skyrange.study.measures.time_series import EMPTY_TRACK, read_notes, truth_tracks
@@ -24,16 +25,18 @@ def summary(record: RunRecord) -> dict[str, Any]:
     """The summary of a run; works for killed and empty runs too.
 
     Per vehicle: `outcome` (complete, failed or unfinished) with `reason` (as its ground station gives it) and
-    `finished_s`; `mishap`, its first collision or crash in words, `None` without one; `distance_m` and `highest_m`
-    from the recorded truth, which depend on its sampling rate; the numbers of frames that were sent on the `gcs` link
-    towards its ground station and that arrived there. Of a ground station outside the range (`station_outside`) nobody
-    records what arrives: `frames_received` are then those that were handed to its socket. `frames_from_station` are the
-    frames of the ground station that arrived at the aircraft. `mishaps` are collisions (once for both aircraft),
-    crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
-    entry: the buildings, and what was kept and dropped of their file; `None` without a city. `mission_files` says what
-    is used of each mission file, and what is ignored. `trust` says how long
-    receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
-    `equivocators` are operators of which a hashgraph has a proof that they signed two events with one self-parent.
+    `finished_s`, the time of that report, which follows the heartbeats; `landed_s`, when it touched down to end the
+    mission, to the world's tick; `mishap`, its first collision or crash in words, `None` without one; `distance_m` and
+    `highest_m` from the recorded truth, which depend on its sampling rate; the numbers of frames that were sent on the
+    `gcs` link towards its ground station and that arrived there. Of a ground station outside the range
+    (`station_outside`) nobody records what arrives: `frames_received` are then those that were handed to its socket.
+    `frames_from_station` are the frames of the ground station that arrived at the aircraft. `mishaps` are collisions
+    (once for both aircraft), crashes, fence breaches and failsafes in order of time, with the details of their events.
+    `city` is the manifest's entry: the buildings, and what was kept and dropped of their file; `None` without a city.
+    `mission_files` says what is used of each mission file, and what is ignored.
+    `trust` says how long receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`);
+    `None` if none does. `equivocators` are operators of which a hashgraph has a proof that they signed two events with
+    one self-parent.
     `cores` says on how many cores the run was, `None` where one was asked for.
     `disk` gives the bytes of each table and of other files of the folder, the most first. `level` is that of the
     record: at `summary`, distances, heights and the frames of each aircraft are `None`, and `frames` is `None` until
@@ -49,6 +52,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     outcomes = record.outcomes
     events = read_notes(record, "events")
     ends = first_mishaps(events)
+    landings_s = find_landings_s(events, outcomes)
     vehicles = []
     for vehicle in manifest.get("vehicles") or []:
         name = vehicle["id"]
@@ -67,6 +71,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
                 "outcome": outcome.get("state") or "unfinished",
                 "reason": outcome.get("reason") or "",
                 "finished_s": outcome.get("finished_s"),
+                "landed_s": landings_s.get(name),
                 "mishap": ends.get(name),
                 "distance_m": round(track.distance_m, 3) if has_truth else None,
                 "highest_m": round(float(track.enu_m[:, 2].max(initial=0.0)), 3) if has_truth else None,

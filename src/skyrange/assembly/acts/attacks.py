@@ -189,6 +189,7 @@ def _adversary(attack: AttackTable, made: Attack) -> dict[str, Any]:
     threat = made.threat or attack.plugin.threat
     return {
         "technique": attack.plugin.technique,
+        "persists": attack.plugin.persists,
         "threat": asdict(threat) if threat is not None else {},
         "radios": [{"endpoint": radio.endpoint, "at_enu_m": list(radio.at_enu_m or ())} for radio in made.radios],
     }

@@ -63,6 +63,7 @@ ECLIPSE = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("uss",),
+    persists="acts",
     effect="the operator gets no decision: its aircraft stay on the ground, or fly within what was accepted; the "
     "others go on while they have more than two thirds of all stake",
     threat=ThreatModel(

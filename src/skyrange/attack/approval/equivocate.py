@@ -87,6 +87,7 @@ EQUIVOCATE = AttackPlugin(
     "Books a corridor twice: tells half of the nodes of a hashgraph of one claim, and half of another.",
     technique="T0856",
     surface=("uss",),
+    persists="flight",
     effect="nodes that decide on different claims for one corridor, if a third of all stake or more is byzantine; "
     "otherwise at most one of the claims is accepted, and the pair of events is a proof",
     threat=ThreatModel(

@@ -79,6 +79,7 @@ FALSE_CONTINGENCY = AttackPlugin(
     "Reports that an aircraft, which does not exist, has left its volumes and flies through a corridor.",
     technique="T0856",
     surface=("approval",),
+    persists="flight",
     effect="nobody may enter the corridor, whatever their priority; flights that were accepted cannot be activated",
     threat=ThreatModel(
         knowledge="where and when others want to fly",

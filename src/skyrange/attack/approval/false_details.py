@@ -74,6 +74,7 @@ FALSE_DETAILS = AttackPlugin(
     "A USS tells others that its intents claim airspace below the ground.",
     technique="T0856",
     surface=("uss",),
+    persists="flight",
     effect="others plan into the airspace that the USS has claimed for its own aircraft, and meet them",
     threat=ThreatModel(
         knowledge="the interface of USSs (ASTM F3548-21)",

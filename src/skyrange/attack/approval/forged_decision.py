@@ -93,6 +93,7 @@ FORGED_DECISION = AttackPlugin(
     "Answers requests for flight approval in the name of the approver.",
     technique="T0856",
     surface=("approval",),
+    persists="flight",
     effect="flights that the approver accepts do not take place, or flights that it rejects do",
     threat=ThreatModel(
         knowledge="the form of requests and answers (ASTM F3548-21); the id of an intent from the request that passes",

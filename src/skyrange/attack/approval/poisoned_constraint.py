@@ -66,6 +66,7 @@ POISONED_CONSTRAINT = AttackPlugin(
     "Closes a corridor instead of the area that a constraint is about.",
     technique="T0856",
     surface=("uss",),
+    persists="flight",
     effect="flights in the corridor are refused, delayed or return; others fly where it is dangerous",
     threat=ThreatModel(
         knowledge="the interface of constraint managers (ASTM F3548-21)",

@@ -64,6 +64,7 @@ SLOW_GOSSIP = AttackPlugin(
     "A member of a hashgraph tells others late of what it knows.",
     technique="T0830",
     surface=("uss",),
+    persists="acts",
     effect="decisions come late for all, if the slow members have a third of all stake or more; otherwise only for "
     "the operator itself",
     threat=ThreatModel(

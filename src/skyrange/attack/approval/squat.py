@@ -66,6 +66,7 @@ SQUAT = AttackPlugin(
     "Claims a corridor for flights that do not exist.",
     technique="T0814",
     surface=("approval",),
+    persists="flight",
     effect="others are rejected, delayed or sent around; with many requests the approval is slow for all",
     threat=ThreatModel(
         knowledge="where and when others want to fly",

@@ -108,6 +108,7 @@ STOLEN_TOKEN = AttackPlugin(
     "Ends the intents of a USS at the DSS, with a token that it has read.",
     technique="T0859",
     surface=("uss",),
+    persists="flight",
     effect="others are accepted into the airspace of aircraft that are about to fly, or fly, and meet them",
     threat=ThreatModel(
         knowledge="the interface of the DSS (ASTM F3548-21)",

@@ -75,6 +75,7 @@ SUPPRESS_NOTIFICATIONS = AttackPlugin(
     "A USS is not told of intents and constraints of others, who believe that it was.",
     technique="T0804",
     surface=("uss",),
+    persists="flight",
     effect="aircraft in flight do not avoid an area that has been closed, nor one of a higher priority",
     threat=ThreatModel(
         knowledge="the interface of USSs (ASTM F3548-21)",

@@ -45,6 +45,7 @@ CAMPAIGN = AttackPlugin(
     places=("receiver_m",),
     move=move_stages,
     surface=("gcs", "log", "autopilot", "medium", "gnss"),
+    persists="flight",
     effect="those of its acts, one after the other, when the victims are where the adversary wants them",
     threat=ThreatModel(
         knowledge="stated in its parameters, and what it observes",

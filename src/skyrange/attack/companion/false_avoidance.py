@@ -135,6 +135,7 @@ FALSE_AVOIDANCE = AttackPlugin(
     "Has a companion computer evade aircraft that are not there, and resume the mission each time.",
     technique="T0831",
     surface=("log",),
+    persists="acts",
     effect="the mission is late and costs more energy, by evasions that look like those of an avoidance",
     threat=ThreatModel(
         knowledge="how an avoidance changes to GUIDED and back; position and mode from telemetry on board",

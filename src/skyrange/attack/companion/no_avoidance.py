@@ -27,6 +27,7 @@ NO_AVOIDANCE = AttackPlugin(
     "Holds back the orders by which a companion computer avoids others, and nothing else.",
     technique="T0837",
     surface=("log",),
+    persists="acts",
     effect="the aircraft does not avoid those that it hears, and its telemetry and broadcasts look normal",
     threat=ThreatModel(
         knowledge="the messages by which a companion commands its autopilot",

@@ -42,6 +42,7 @@ TAKEOVER = AttackPlugin(
     "Has a companion computer fly its aircraft away and hold back the orders of the operator.",
     technique="T0813",
     surface=("log",),
+    persists="mode",
     effect="the aircraft obeys its companion alone; the operator sees it leave and cannot call it back",
     places=(),
     threat=ThreatModel(

@@ -94,6 +94,7 @@ DEAUTHENTICATE = AttackPlugin(
     technique="T0814",
     counterfactual="sham",
     surface=("gcs", "medium"),
+    persists="acts",
     effect="the control link has no association, so that nothing passes in either direction",
     threat=ThreatModel(
         knowledge="channel and addresses of both radios, which every frame tells",

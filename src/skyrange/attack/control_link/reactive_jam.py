@@ -98,6 +98,7 @@ REACTIVE_JAM = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("gcs", "medium"),
+    persists="acts",
     effect="frames of the control link are repeated and lost, while the channel seems free between them",
     threat=ThreatModel(
         knowledge="the channel of the control link; to follow it, the address of its access point",

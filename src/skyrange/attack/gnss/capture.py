@@ -80,6 +80,7 @@ CAPTURE = AttackPlugin(
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="several aircraft report one simulated place at once, some after a loss of lock, and leave their paths",
     threat=ThreatModel(
         knowledge="GPS time and the broadcast ephemerides; the place of a victim that it captures without loss of lock",

@@ -86,6 +86,7 @@ DRIFT = AttackPlugin(
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="the estimated position leaves the true one, and the autopilot flies the opposite way",
     threat=ThreatModel(
         knowledge="the place of each victim, to align code and Doppler with the authentic signals",

@@ -105,6 +105,7 @@ GNSS_TIME = AttackPlugin(
     technique="EX-0014.01",
     counterfactual="mute",
     surface=("gnss",),
+    persists="flight",
     effect="the clock of a disarmed autopilot is set ahead: mission items that wait for a time end early, and Remote "
     "ID has wrong time stamps",
     threat=ThreatModel(

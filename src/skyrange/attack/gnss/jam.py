@@ -206,6 +206,7 @@ GNSS_JAM = AttackPlugin(
     technique="EX-0016.03",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="the receiver has no fix, the estimator stops aiding, and the autopilot fails safe",
     threat=ThreatModel(
         knowledge="nothing",

@@ -49,6 +49,7 @@ JUMP = AttackPlugin(
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="the estimator rejects fixes, then resets to the false position or fails safe",
     threat=ThreatModel(
         knowledge="the place of each victim, to align code and Doppler with the authentic signals",

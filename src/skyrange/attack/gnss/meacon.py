@@ -66,6 +66,7 @@ MEACON = AttackPlugin(
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="receivers lose lock, then report the place of the repeater's antenna at rest, with a delayed clock",
     threat=ThreatModel(
         knowledge="nothing: it needs neither codes nor ephemerides, so encrypted signals are repeated too",

@@ -176,6 +176,7 @@ PULL_OFF = AttackPlugin(
     technique="EX-0014.04",
     counterfactual="mute",
     surface=("gnss",),
+    persists="acts",
     effect="the aircraft accelerates away from its path, and its estimator accepts every fix and reports no glitch",
     threat=ThreatModel(
         knowledge="the place of each victim, to align code and Doppler; noises, gates and claimed accuracy of its "

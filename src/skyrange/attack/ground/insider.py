@@ -165,6 +165,7 @@ INSIDER = AttackPlugin(
     "Has a ground station lead all its aircraft to one place, while its displays show the plan.",
     technique="T0831",
     surface=("gcs",),
+    persists="mode",
     effect="the whole fleet meets at one place, its operator sees it fly the plan, and no signature fails",
     threat=ThreatModel(
         knowledge="the plans that the station uploads and the telemetry that it receives",

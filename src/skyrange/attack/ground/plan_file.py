@@ -266,6 +266,7 @@ PLAN_FILE = AttackPlugin(
     technique="T0873",
     from_start=True,
     surface=("gcs", "approval"),
+    persists="flight",
     effect="approver, ground station and autopilot agree on a plan that is not the operator's, and signatures fit it",
     places=(),
     threat=ThreatModel(

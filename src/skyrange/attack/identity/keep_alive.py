@@ -109,6 +109,7 @@ KEEP_ALIVE = AttackPlugin(
     "Cuts off the ground station and sends heartbeats in its name.",
     technique="T0849",
     surface=ROLES,
+    persists="acts",
     effect="the aircraft flies on without supervision, because its failsafe does not notice the lost station",
     threat=ThreatModel(
         knowledge="the system id of the ground station, which its heartbeats tell",

@@ -163,6 +163,7 @@ SECOND_VEHICLE = AttackPlugin(
     "Sends heartbeats and positions with the system id of an aircraft, beside its own.",
     technique="T0849",
     surface=ROLES,
+    persists="acts",
     effect="the ground station gets two conflicting streams of one aircraft, and acts on both",
     threat=ThreatModel(
         knowledge="the system id of the aircraft and its last reports, which it hears",

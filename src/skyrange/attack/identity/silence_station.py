@@ -77,6 +77,7 @@ SILENCE_STATION = AttackPlugin(
     technique="T0803",
     counterfactual="mute",
     surface=ROLES,
+    persists="acts",
     effect="the failsafe for a lost ground station acts while commands and telemetry still pass",
     threat=ThreatModel(
         knowledge="the id of HEARTBEAT, which is never encrypted",

@@ -51,6 +51,7 @@ BREAK = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=EVERY_LINK,
+    persists="acts",
     effect="the ends lose each other: failsafes for a lost link fire, and recover when it is back",
     threat=ThreatModel(
         knowledge="the length of the failsafes' timeouts",

@@ -126,6 +126,7 @@ CORRUPT = AttackPlugin(
     "Flips bits of selected frames, and can mend their checksums.",
     technique="T0830",
     surface=EVERY_LINK,
+    persists="acts",
     effect="receivers reject damaged frames, or accept values that nobody sent",
     threat=ThreatModel(
         knowledge="nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",

@@ -63,6 +63,7 @@ DELAY = AttackPlugin(
     technique="T0830",
     counterfactual="mute",
     surface=EVERY_LINK,
+    persists="acts",
     effect="commands and reports arrive late, in their order",
     threat=ThreatModel(
         knowledge="nothing for all frames; the message ids to select some",

@@ -52,6 +52,7 @@ DROP = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=EVERY_LINK,
+    persists="acts",
     effect="selected frames never arrive",
     threat=ThreatModel(
         knowledge="which messages to drop, from frames that are not encrypted",

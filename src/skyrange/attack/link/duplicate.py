@@ -76,6 +76,7 @@ DUPLICATE = AttackPlugin(
     "Puts copies of selected frames on a link, some time after them.",
     technique="T0830",
     surface=EVERY_LINK,
+    persists="mode",
     effect="receivers get frames a second time, and obey a command again that a later one replaced",
     threat=ThreatModel(
         knowledge="nothing for all frames; the message ids to select some",

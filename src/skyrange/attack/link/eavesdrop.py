@@ -158,6 +158,7 @@ EAVESDROP = AttackPlugin(
     technique="T0842",
     counterfactual="mute",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="nothing changes for its victims; the attacker knows positions, missions, parameters and system ids",
     threat=ThreatModel(
         knowledge="MAVLink, which is public",

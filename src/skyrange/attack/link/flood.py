@@ -182,6 +182,7 @@ FLOOD = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=ROLES,
+    persists="acts",
     effect="frames wait behind useless ones, and are lost where the queue of the link or of a receiver is full",
     threat=ThreatModel(
         knowledge="the addresses of the link's ends, and the system id of the aircraft",

@@ -62,6 +62,7 @@ REORDER = AttackPlugin(
     technique="T0830",
     counterfactual="mute",
     surface=EVERY_LINK,
+    persists="acts",
     effect="receivers take an older command or report for the newest",
     threat=ThreatModel(
         knowledge="nothing for all frames; the message ids to select some",

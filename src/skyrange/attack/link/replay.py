@@ -118,6 +118,7 @@ REPLAY = AttackPlugin(
     "Records frames of a link and puts them on it again later, once or in a loop.",
     technique="T0855",
     surface=EVERY_LINK,
+    persists="mode",
     effect="an aircraft obeys commands of earlier, or a station sees a flight of earlier",
     threat=ThreatModel(
         knowledge="nothing of the protocol; it learns the frames that it records",

@@ -66,6 +66,7 @@ THROTTLE = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=EVERY_LINK,
+    persists="acts",
     effect="frames queue, and are lost where the queue is full, the more so the more is sent",
     threat=ThreatModel(
         knowledge="nothing",

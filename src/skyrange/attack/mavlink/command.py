@@ -68,6 +68,7 @@ COMMAND = AttackPlugin(
     "Injects a MAVLink command that the operator did not give.",
     technique="T0855",
     surface=("gcs", "log", "autopilot"),
+    persists="mode",
     effect="the aircraft obeys a command that its operator did not give",
     threat=ThreatModel(
         knowledge="system id of the aircraft, and that of the station, from any of their frames",

@@ -144,6 +144,7 @@ EXFILTRATE = AttackPlugin(
     technique="T0802",
     counterfactual="mute",
     surface=("gcs", "log", "autopilot"),
+    persists="acts",
     effect="the attacker learns parameters and mission, and the answers load the link",
     threat=ThreatModel(
         knowledge="system ids, from any frame",

@@ -59,6 +59,7 @@ FENCE = AttackPlugin(
     "Disables the fence of the aircraft, or replaces it by another.",
     technique="T0837",
     surface=("gcs", "log", "autopilot"),
+    persists="flight",
     effect="the fence does not hold the aircraft, or holds it where it should not",
     threat=ThreatModel(
         knowledge="system ids, from any frame",

@@ -121,6 +121,7 @@ GUIDED = AttackPlugin(
     "Changes the aircraft to GUIDED and leads it along a track to another place.",
     technique="T0831",
     surface=("gcs", "log", "autopilot"),
+    persists="mode",
     effect="the aircraft flies to a place that the attacker chose and stays there or lands",
     places=(),
     threat=ThreatModel(

@@ -48,6 +48,7 @@ HOME = AttackPlugin(
     "Moves home or the rally points of the aircraft.",
     technique="T0836",
     surface=("gcs", "log", "autopilot"),
+    persists="flight",
     effect="a return or a failsafe takes the aircraft to a place of the attacker",
     threat=ThreatModel(
         knowledge="system ids, from any frame",

@@ -213,6 +213,7 @@ MALFORMED = AttackPlugin(
     "Sends malformed MAVLink frames, and valid ones with absurd counts and numbers.",
     technique="T0819",
     surface=("gcs", "log", "autopilot"),
+    persists="flight",
     effect="parsers reject and count hostile frames, or act on absurd values",
     threat=ThreatModel(
         knowledge="the protocol, and system ids",

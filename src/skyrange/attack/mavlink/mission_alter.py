@@ -256,6 +256,7 @@ MISSION_ALTER = AttackPlugin(
     "Alters the mission while the operator uploads it, and shows the operator the unaltered one.",
     technique="T0830",
     surface=("gcs", "log", "autopilot"),
+    persists="upload",
     effect="the aircraft flies a mission that differs from the one that the operator verified",
     threat=ThreatModel(
         knowledge="the mission protocol; items are read as they pass",

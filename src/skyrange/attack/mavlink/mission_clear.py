@@ -35,6 +35,7 @@ MISSION_CLEAR = AttackPlugin(
     "Removes the mission of the aircraft in flight.",
     technique="T0809",
     surface=("gcs", "log", "autopilot"),
+    persists="upload",
     effect="the mission ends in the air, and the aircraft holds where it is",
     threat=ThreatModel(
         knowledge="system ids, from any frame",

@@ -52,6 +52,7 @@ MISSION_REPLACE = AttackPlugin(
     "Uploads another mission to the flying aircraft and starts it.",
     technique="T0843",
     surface=("gcs", "log", "autopilot"),
+    persists="upload",
     effect="the aircraft flies a mission of the attacker in AUTO",
     places=(),
     threat=ThreatModel(

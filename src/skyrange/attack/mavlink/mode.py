@@ -79,6 +79,7 @@ MODE = AttackPlugin(
     "Watches the mode of the aircraft and takes it back to one mode whenever the operator or a failsafe changes it.",
     technique="T0858",
     surface=("gcs", "log", "autopilot"),
+    persists="mode",
     effect="no mode that the operator or a failsafe commands lasts",
     threat=ThreatModel(
         knowledge="system ids, and the mode that heartbeats tell",

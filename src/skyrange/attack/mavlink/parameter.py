@@ -144,6 +144,7 @@ PARAMETER = AttackPlugin(
     "Sets parameters of the autopilot, and may show the operator other values.",
     technique="T0836",
     surface=("gcs", "log", "autopilot"),
+    persists="flight",
     effect="the autopilot flies with other limits, gains, failsafes or stream rates than its operator set",
     threat=ThreatModel(
         knowledge="system ids, and names of parameters, which are public",

@@ -107,6 +107,7 @@ RC_OVERRIDE = AttackPlugin(
     "Moves the pilot's sticks by messages, in a mode that obeys them.",
     technique="T0831",
     surface=("gcs", "log", "autopilot"),
+    persists="acts",
     effect="the aircraft is flown by hand by the attacker, until its messages end",
     threat=ThreatModel(
         knowledge="system ids of the aircraft and of the station that it obeys (SYSID_MYGCS)",

@@ -107,6 +107,7 @@ FLOOD = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("medium",),
+    persists="acts",
     effect="senders defer to the flood and collide with it, so that their broadcasts come late or not at all",
     threat=ThreatModel(
         knowledge="the channel in use and the format of ASTM F3411",

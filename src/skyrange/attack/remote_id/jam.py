@@ -110,6 +110,7 @@ JAM = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("medium",),
+    persists="acts",
     effect="receivers near the transmitter miss broadcasts, and senders defer",
     threat=ThreatModel(
         knowledge="the channel in use",

@@ -133,6 +133,7 @@ REPLAY = AttackPlugin(
     "Sends received Remote ID broadcasts again later, from another place.",
     technique="T0856",
     surface=("medium",),
+    persists="acts",
     effect="receivers show aircraft where they were before",
     threat=ThreatModel(
         knowledge="nothing; it learns the broadcasts that it receives",

@@ -201,6 +201,7 @@ SIGNED_GHOST = AttackPlugin(
     technique="T0859",
     honest=True,
     surface=("medium",),
+    persists="acts",
     effect="receivers verify the signatures of an aircraft that is not there, believe it, and avoid it",
     threat=THREATS["registered"],
     controls=Controls(

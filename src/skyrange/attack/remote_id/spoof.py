@@ -260,6 +260,7 @@ SPOOF = AttackPlugin(
     technique="T0856",
     honest=True,
     surface=("medium", "rid_up"),
+    persists="acts",
     effect="receivers show aircraft that are not there, and companions avoid them",
     threat=ThreatModel(
         knowledge="the format of ASTM F3411; for a false position, the UAS ID of its victim",

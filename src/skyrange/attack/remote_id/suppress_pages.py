@@ -262,6 +262,7 @@ SUPPRESS_PAGES = AttackPlugin(
     technique="T0804",
     counterfactual="mute",
     surface=("medium",),
+    persists="acts",
     effect="receivers get positions without signatures: they come to trust nobody, and trust in others grows stale",
     threat=ThreatModel(
         knowledge="the formats of RFC 9575; it learns the senders' periods from what it hears",

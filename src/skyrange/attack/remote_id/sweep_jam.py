@@ -43,6 +43,7 @@ SWEEP_JAM = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("medium",),
+    persists="acts",
     effect="receivers miss a share of the broadcasts on every channel, Bluetooth and Wi-Fi alike",
     threat=ThreatModel(
         knowledge="the channels of the band",

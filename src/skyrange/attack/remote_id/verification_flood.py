@@ -134,6 +134,7 @@ VERIFICATION_FLOOD = AttackPlugin(
     technique="T0814",
     counterfactual="mute",
     surface=("medium",),
+    persists="acts",
     effect="receivers that verify a limited number of signatures per second verify genuine aircraft late or never",
     threat=ThreatModel(
         knowledge="the formats of RFC 9575, and the tag of the root of the registry, which is public",

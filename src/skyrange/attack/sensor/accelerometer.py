@@ -46,6 +46,7 @@ ACCELEROMETER = AttackPlugin(
     technique="EX-0014.03",
     counterfactual="mute",
     surface=("accel",),
+    persists="acts",
     effect="the estimated climb rate and tilt are wrong between fixes: the aircraft sinks, drifts or does not land",
     threat=ThreatModel(
         knowledge="the accelerometer's model, its resonance and its output rate",

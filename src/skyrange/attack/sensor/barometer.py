@@ -42,6 +42,7 @@ BAROMETER = AttackPlugin(
     technique="EX-0014.03",
     counterfactual="mute",
     surface=("baro",),
+    persists="acts",
     effect="the aircraft flies too low or too high by the error, with an estimate that shows nothing",
     threat=ThreatModel(
         knowledge="for a slow shift that passes the estimator's gate: EK3_HGT_I_GATE and EK3_ALT_M_NSE",

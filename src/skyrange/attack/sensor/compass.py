@@ -42,6 +42,7 @@ COMPASS = AttackPlugin(
     technique="EX-0014.03",
     counterfactual="mute",
     surface=("compass",),
+    persists="acts",
     effect="the heading is wrong, so that corrections go the wrong way and the aircraft circles away",
     threat=ThreatModel(
         knowledge="for a field that passes the estimator's gate: the strength of the Earth's field",

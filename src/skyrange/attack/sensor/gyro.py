@@ -50,6 +50,7 @@ GYRO = AttackPlugin(
     technique="EX-0014.03",
     counterfactual="mute",
     surface=("gyro",),
+    persists="acts",
     effect="the rate controllers answer false rotation: the aircraft rocks, tilts or crashes",
     threat=ThreatModel(
         knowledge="the gyroscope's model and so its resonance, 7.9 to 8.3 kHz of an L3G4200D, 26 to 29 kHz of "

@@ -105,6 +105,7 @@ REPLAY = AttackPlugin(
     "Sends signed commands of the past again on a signed link.",
     technique="T0855",
     surface=ROLES,
+    persists="acts",
     effect="a signed link refuses and counts the replayed commands, because their timestamps are old",
     threat=ThreatModel(
         knowledge="none; it records what passes before the attack",

@@ -138,6 +138,7 @@ STOLEN_KEY = AttackPlugin(
     "Gives orders signed with the stolen key of the operator.",
     technique="T0859",
     surface=ROLES,
+    persists="mode",
     effect="a signed link obeys the attacker, because signatures prove the key and not the sender",
     threat=ThreatModel(
         knowledge="the operator's passphrase, which all its aircraft share; with a guessed one the frames are refused",

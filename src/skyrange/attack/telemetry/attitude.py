@@ -110,6 +110,7 @@ ATTITUDE = AttackPlugin(
     "Alters roll, pitch and heading in telemetry.",
     technique="T0856",
     surface=("gcs", "log", "autopilot"),
+    persists="acts",
     effect="the ground station shows an aircraft that is inclined or turned, and a pilot would correct it",
     threat=threat("the messages with attitude and heading"),
     controls=CONTROLS,

@@ -117,6 +117,7 @@ BATTERY = AttackPlugin(
     "Alters charge and voltage of the battery in telemetry.",
     technique="T0856",
     surface=("gcs", "log", "autopilot"),
+    persists="acts",
     effect="the ground station shows a battery that the aircraft does not have",
     threat=threat("the messages with the state of the battery"),
     controls=CONTROLS,

@@ -96,6 +96,7 @@ FALSE_ALARM = AttackPlugin(
     "Reports a failsafe, failed sensors and a lost estimator that the aircraft does not have.",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="Remote ID says emergency, and the aircraft's own avoidance stays off, as in a failsafe",
     threat=threat("the messages that report failures"),
     controls=CONTROLS,

@@ -77,6 +77,7 @@ HIDE_FAILURES = AttackPlugin(
     "Hides failures in telemetry: status, sensor health, estimator, fence and warnings.",
     technique="T0878",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="neither operator nor Remote ID receivers learn of a failsafe",
     threat=threat("the messages that report failures"),
     controls=CONTROLS,

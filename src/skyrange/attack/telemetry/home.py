@@ -56,6 +56,7 @@ HOME = AttackPlugin(
     "Alters the home position in telemetry.",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="the ground station shows a home to which the aircraft would not return",
     threat=threat("the message with the home position"),
     controls=CONTROLS,

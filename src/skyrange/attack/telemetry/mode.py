@@ -122,6 +122,7 @@ MODE = AttackPlugin(
     "Alters mode, armed state and progress of the mission in telemetry.",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="the ground station follows a flight that does not take place: it recalls, gives up or trusts the aircraft",
     threat=threat("the messages with mode and mission, and the numbers of the autopilot's modes"),
     controls=CONTROLS,

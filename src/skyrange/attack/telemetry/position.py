@@ -187,6 +187,7 @@ POSITION = AttackPlugin(
     "Alters the position in telemetry, in all messages that tell one.",
     technique="T0856",
     surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
     effect="receivers of telemetry believe that the aircraft is elsewhere, and guided targets, Remote ID or avoidance "
     "follow",
     threat=threat("the messages that tell a position; the true position from the frames that pass"),

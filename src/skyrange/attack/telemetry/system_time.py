@@ -74,6 +74,7 @@ SYSTEM_TIME = AttackPlugin(
     "Shifts the time in SYSTEM_TIME and TIMESYNC of an autopilot.",
     technique="EX-0014.01",
     surface=("rid_data", "log", "gcs", "autopilot"),
+    persists="acts",
     effect="Remote ID broadcasts have wrong time stamps, and logs of a ground station a wrong time",
     threat=threat("the messages with the time"),
     controls=CONTROLS,

@@ -41,7 +41,7 @@ def print_pair(result: Pair) -> None:
             row["outcome"],
             f"{row['departed_s']:.1f} s",
             f"{row['departure_m']:.1f} m",
-            "–" if row["delay_s"] is None else f"{row['delay_s']:+.1f} s",
+            "–" if row["delay_s"] is None else f"{row['delay_s']:+.2f} s",
             f"{row['extra_distance_m']:+.1f} m",
             "–" if row["extra_energy_j"] is None else f"{row['extra_energy_j'] / 1000.0:+.2f} kJ",
         )

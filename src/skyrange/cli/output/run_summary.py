@@ -39,7 +39,7 @@ def print_summary(facts: dict[str, Any]) -> None:
         title = f"not complete: {len(rows)}" + (f", the first {MAX_AIRCRAFT}" if len(rows) > MAX_AIRCRAFT else "")
     if rows:
         aircraft = Table(title=title, title_justify="left", title_style="bold")
-        for column in ("aircraft", "outcome", "finished", "flown", "highest", "frames to ground station"):
+        for column in ("aircraft", "outcome", "landed", "flown", "highest", "frames to ground station"):
             aircraft.add_column(column, justify="left" if column in ("aircraft", "outcome") else "right")
         for row in rows[:MAX_AIRCRAFT]:
             good = row["outcome"] == "complete"
@@ -48,7 +48,7 @@ def print_summary(facts: dict[str, Any]) -> None:
             aircraft.add_row(
                 row["id"],
                 Text.assemble((row["outcome"], "green" if good else "yellow"), reason),
-                "–" if row["finished_s"] is None else f"{row['finished_s']:.1f} s",
+                "–" if row["landed_s"] is None else f"{row['landed_s']:.2f} s",
                 _metres(row["distance_m"], 0),
                 _metres(row["highest_m"], 1),
                 _frames_text(row),
@@ -180,16 +180,16 @@ def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", title_style="bold")
-    for column in ("operator", "aircraft", "complete", "last finished", "flown, mean", "highest"):
+    for column in ("operator", "aircraft", "complete", "last landed", "flown, mean", "highest"):
         table.add_column(column, justify="left" if column == "operator" else "right")
     for name in dict.fromkeys(row["operator"] for row in rows):
         own = [row for row in rows if row["operator"] == name]
-        finished = [row["finished_s"] for row in own if row["finished_s"] is not None]
+        landed = [row["landed_s"] for row in own if row["landed_s"] is not None]
         table.add_row(
             name,
             f"{len(own):,}",
             f"{sum(row['outcome'] == 'complete' for row in own):,}",
-            f"{max(finished):.1f} s" if finished else "–",
+            f"{max(landed):.2f} s" if landed else "–",
             _metres(_mean([row["distance_m"] for row in own]), 0),
             _metres(max((row["highest_m"] for row in own if row["highest_m"] is not None), default=None), 1),
         )

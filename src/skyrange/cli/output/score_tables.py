@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from rich.table import Table
 
+    from skyrange.study.scoring.leaderboard import LeaderboardRow
     from skyrange.study.scoring.result_file import ScoreFile, SetScore
 
 _ALL: Final = "all"
@@ -19,7 +20,8 @@ _BY_FLIGHT: Final = ("cities", "fleet sizes")
 
 
 def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
-    """The tables of result files: scores on the test, then recall and false alarms on held-out and seen parts of it.
+    """The tables of result files: scores on the test, the same while effects last, then recall and false alarms on
+    held-out and seen parts of it.
 
     What was held out is that of the first file. Raises `InputError` for files that do not compare.
     """
@@ -36,6 +38,8 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
             str(row.rank), row.detector, _share(row.recall), _share(row.by_chance), *rates, _share(row.before_effect)
         )
     yield table
+    if any(row.effect_recall is not None for row in rows):
+        yield _tabulate_effect_scores(first.study, rows)
     scores = {(number, one.detector): one for number, file in enumerate(files) for one in file.detectors}
     ordered = [scores[row.file, row.detector] for row in rows]
     axes = [axis for axis in _AXES if any(one.on(f"{_HELD} {axis}") for one in ordered)]
@@ -58,6 +62,20 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
         for one in ordered:
             table.add_row(one.detector, *(_false(one.on(part)) for part in parts))
         yield table
+
+
+def _tabulate_effect_scores(study: str, rows: Sequence[LeaderboardRow]) -> Table:
+    """What differs if the window of an attack ends with its effect, and not with its last act."""
+    table = _begin(f"{study}: scores while effects last, against windows that end with the last act")
+    table.add_column("detector", no_wrap=True)
+    for head in ("recall", "acts", "by chance", "delay, s", "false per h of attacked runs", "acts"):
+        table.add_column(head)
+    for row in rows:
+        table.add_row(
+            row.detector, _share(row.effect_recall), _share(row.recall), _share(row.effect_by_chance),
+            _rate(row.effect_median_delay_s), _rate(row.effect_hostile_false_per_h), _rate(row.hostile_false_per_h),
+        )  # fmt: skip
+    return table
 
 
 def _begin(title: str) -> Table:

@@ -43,7 +43,7 @@ class Outcome:
 
 OUTCOMES: Final = (
     Outcome("departure", "m", "largest distance from the aircraft's position in the other run at the same time"),
-    Outcome("delay", "s", "difference between the ends of the missions, where both are complete"),
+    Outcome("delay", "s", "difference between the touchdowns that end the missions, where both are complete"),
     Outcome(
         "separation",
         "m",
@@ -93,8 +93,8 @@ def distances(a: ArmOutcomes, b: ArmOutcomes) -> dict[str, Floats]:
     return {
         "departure": departures(a.ticks, b.ticks)[0],
         "delay": _between(
-            [one.finished_s if one.outcome == "complete" else None for one in a.measured],
-            [one.finished_s if one.outcome == "complete" else None for one in b.measured],
+            [one.landed_s if one.outcome == "complete" else None for one in a.measured],
+            [one.landed_s if one.outcome == "complete" else None for one in b.measured],
         ),
         "separation": _between(
             [_capped(one.min_separation_m) for one in a.measured], [_capped(one.min_separation_m) for one in b.measured]

@@ -146,20 +146,25 @@ def _describe_scores(score: DetectorScore, scores: ScoreFile) -> str:
         "",
         f"On the test blocks, which neither training nor the choice of the threshold used. The threshold is the lowest "
         f"with at most {rate:g} false alarms per aircraft-hour on the validation flights: {threshold.episodes} in "
-        f"{threshold.hours:.2f} aircraft-hours. Intervals are exact, at {100 * scores.settings.confidence:g} %.",
+        f"{threshold.hours:.2f} aircraft-hours. Intervals are exact, at {100 * scores.settings.confidence:g} %. An "
+        'alarm detects an attack until its last act, and in the columns "effect" until its effect ends.',
         "",
-        "| set | attacks | recall | false alarms per hour, nominal | of faults | target rate |",
-        "|---|---|---|---|---|---|",
+        "| set | attacks | recall | recall, effect | false alarms per hour, nominal | of faults | target rate |",
+        "|---|---|---|---|---|---|---|",
     ]
-    lines += [_score_row(one) for one in score.sets]
-    lines += ["", "| kind of attack | attacks | recall |", "|---|---|---|"]
-    lines += [f"| `{one.name}` | {one.attacks} | {_estimate(one.recall)} |" for one in score.sets[0].kinds]
+    lines += [_score_row(*both) for both in zip(score.sets, score.effect_sets, strict=True)]
+    lines += ["", "| kind of attack | attacks | recall | recall, effect |", "|---|---|---|---|"]
+    lines += [
+        f"| `{one.name}` | {one.attacks} | {_estimate(one.recall)} | {_estimate(lasting.recall)} |"
+        for one, lasting in zip(score.sets[0].kinds, score.effect_sets[0].kinds, strict=True)
+    ]
     return "\n".join(lines)
 
 
-def _score_row(one: SetScore) -> str:
+def _score_row(one: SetScore, lasting: SetScore) -> str:
     alarms = one.false_alarms
-    numbers = (_estimate(one.detection.recall), _estimate(alarms.nominal.per_h), _estimate(alarms.fault.per_h))
+    recalls = (_estimate(one.detection.recall), _estimate(lasting.detection.recall))
+    numbers = (*recalls, _estimate(alarms.nominal.per_h), _estimate(alarms.fault.per_h))
     return f"| {one.name} | {one.detection.attacks} | {' | '.join(numbers)} | {one.claim.verdict} |"
 
 

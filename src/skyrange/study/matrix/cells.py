@@ -15,6 +15,7 @@ from skyrange.record.read.run import RunRecord
 from skyrange.study.attribution.arms import ATTACKED, HONEST, NOMINAL
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.matrix.latency import measure_transit_ms
+from skyrange.study.measures.aircraft_measures import Measured
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.measures.time_series import read_notes, truth_tracks
@@ -27,9 +28,9 @@ _S_PER_H: Final = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Nominal:
-    """What one nominal run is compared by: when missions ended, energy, frames sent, and their delays."""
+    """What one nominal run is compared by: touchdowns that ended missions, energy, frames sent, and their delays."""
 
-    finished_s: Sequence[float | None]
+    landed_s: Sequence[float | None]
     energy_j: Sequence[float | None]
     frames: int
     transit_ms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
@@ -136,8 +137,9 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
             continue  # what a defence costs does not depend on the attack
         quiet = flown.run(NOMINAL, seed)
         false_alarms.append(len(alert_times_ns(quiet, detectors)))
-        nominal.append(_nominal(quiet))
-        hours.append(_flown_h(quiet, nominal[-1].finished_s))
+        measured = ArmOutcomes.read(quiet, NEAR_M).measured
+        nominal.append(_nominal(quiet, measured))
+        hours.append(_flown_h(quiet, measured))
     honest: list[bool] = []
     if HONEST in flown.arms:
         honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
@@ -200,16 +202,18 @@ def _start_ns(run: RunRecord) -> int | None:
     return min(starts, default=None)
 
 
-def _flown_h(run: RunRecord, finished_s: Sequence[float | None]) -> float:
-    """Aircraft-hours until missions end, or to the end of the run where they do not."""
+def _flown_h(run: RunRecord, measured: Sequence[Measured]) -> float:
+    """Aircraft-hours until the touchdown that ends the mission; of an aircraft that has none, until the mission is
+    reported as ended, or else to the end of the run.
+    """
     last_s = int(pc.max(run.table("truth", ["time_ns"]).column("time_ns")).as_py()) / NS_PER_S
-    return sum(last_s if one is None else one for one in finished_s) / _S_PER_H
+    ends = [one.finished_s if one.landed_s is None else one.landed_s for one in measured]
+    return sum(last_s if one is None else one for one in ends) / _S_PER_H
 
 
-def _nominal(run: RunRecord) -> Nominal:
-    measured = ArmOutcomes.read(run, NEAR_M).measured
+def _nominal(run: RunRecord, measured: Sequence[Measured]) -> Nominal:
     return Nominal(
-        [one.finished_s for one in measured],
+        [one.landed_s for one in measured],
         [one.energy_j for one in measured],
         run.table("frames", ["size"]).num_rows,
         measure_transit_ms(run),
@@ -217,8 +221,8 @@ def _nominal(run: RunRecord) -> Nominal:
 
 
 def added_delay_s(cell: Cell, without: Cell) -> list[float]:
-    """How much later missions end in the nominal runs with a defence, in seconds, by seed and aircraft."""
-    return _differences([one.finished_s for one in cell.nominal], [one.finished_s for one in without.nominal])
+    """How much later missions end by touchdown in the nominal runs with a defence, in s, by seed and aircraft."""
+    return _differences([one.landed_s for one in cell.nominal], [one.landed_s for one in without.nominal])
 
 
 def added_energy_j(cell: Cell, without: Cell) -> list[float]:

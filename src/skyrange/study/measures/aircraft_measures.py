@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.time import NS_PER_S
 from skyrange.record.read.run import RunRecord
+from skyrange.study.measures.landings import find_landings_s
 from skyrange.study.measures.separation import NEAR_M, closest_approaches, min_building_distance_m
 from skyrange.study.measures.time_series import read_notes, vehicles
 from skyrange.study.measures.track_deviation import AIRBORNE_M
@@ -48,6 +49,9 @@ class Measured:
     vehicle: str
     outcome: str
     finished_s: float | None
+    """When its ground station reported the end of the mission, by heartbeats."""
+    landed_s: float | None
+    """When it touched down to end the mission, to the world's tick."""
     distance_m: float
     energy_j: float | None
     min_separation_m: float | None
@@ -121,7 +125,8 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
     """
     fleet = [vehicle.id for vehicle in vehicles(record)]
     hits: dict[str, int] = {}
-    for row in read_notes(record, "events"):
+    events = read_notes(record, "events")
+    for row in events:
         if row.kind == "event.collision":
             hits[row.about] = hits.get(row.about, 0) + 1
     seconds = np.diff(ticks.time_ns) / NS_PER_S
@@ -131,11 +136,13 @@ def measure(record: RunRecord, ticks: Ticks, near_m: float = NEAR_M) -> list[Mea
     names = [*fleet, *ticks.others]
     walls_m = min_building_distance_m(ticks.enu_m, ticks.aloft, record.city)
     outcomes = record.outcomes
+    landings_s = find_landings_s(events, outcomes)
     return [
         Measured(
             vehicle=name,
             outcome=str(outcomes.get(name, {}).get("state") or "unfinished"),
             finished_s=outcomes.get(name, {}).get("finished_s"),
+            landed_s=landings_s.get(name),
             distance_m=float(flown_m[k]),
             energy_j=_finite(energy_j[k]),
             min_separation_m=_finite(near.least_m[k]),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
+from skyrange.study.measures.landings import find_landings_s
 from skyrange.study.measures.mishaps import first_mishaps
 from skyrange.study.measures.time_series import Record, RecordedNote, Track, Vehicle, belief_errors_m
 
@@ -17,9 +18,10 @@ class FlightSummary:
     """One aircraft's flight in numbers; `None` if the record does not contain the data.
 
     `state` is `complete`, `failed` or `unfinished`. `reason` is the reason that the ground station gives; `mishap`
-    describes the aircraft's first true collision or crash, "" if there was none. `airborne_s` is the sum of the times
-    from take-off to landing or crash. `max_gap_m` and `p95_gap_m` are distances between the position that the ground
-    station received and the true position at that time.
+    describes the aircraft's first true collision or crash, "" if there was none. `finished_s` is when the ground
+    station reported the end of the mission, by heartbeats; `landed_s` when the aircraft touched down to end it, to the
+    world's tick. `airborne_s` is the sum of the times from take-off to landing or crash. `max_gap_m` and `p95_gap_m`
+    are distances between the position that the ground station received and the true position at that time.
     """
 
     vehicle: Vehicle
@@ -27,6 +29,7 @@ class FlightSummary:
     reason: str
     mishap: str
     finished_s: float | None
+    landed_s: float | None
     airborne_s: float | None
     distance_m: float
     max_up_m: float | None
@@ -63,6 +66,7 @@ def summarise_flights(
                 reason=str(outcome.get("reason") or ""),
                 mishap=ends.get(vehicle.id, ""),
                 finished_s=None if finished is None else float(finished),
+                landed_s=find_landings_s(own, {vehicle.id: {"finished_s": finished}}).get(vehicle.id),
                 airborne_s=_airborne_s(own, path),
                 distance_m=path.distance_m if path is not None else 0.0,
                 max_up_m=float(path.enu_m[:, 2].max()) if path is not None and len(path) else None,

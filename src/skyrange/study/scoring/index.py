@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from hashlib import blake2b
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -56,7 +56,7 @@ class Attacks:
     begin_ns: NDArray[np.int64]
     """When it could first be detected; `NEVER` if not before the end of its window."""
     end_ns: NDArray[np.int64]
-    """When its window ends: its stop and the grace."""
+    """When its window ends: its stop, or the end of its effect, and the grace."""
     effect_ns: NDArray[np.int64]
     """`NEVER` without an effect."""
     affected: NDArray[np.int64]
@@ -103,8 +103,12 @@ class StudyIndex:
     """BLAKE2b of the rows of flights and attacks, sorted: equal for the same study."""
 
 
-def index_study(tables: StudyTables, grace_s: float) -> StudyIndex:
-    """The index of checked tables; an attack's window ends `grace_s` after its stop."""
+WindowKind = Literal["acts", "effect"]
+"""What ends the window of an attack: its stop, or the end of its effect. The grace comes after it."""
+
+
+def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts") -> StudyIndex:
+    """The index of checked tables; an attack's window ends `grace_s` after its stop, or after the end of its effect."""
     flights = sorted(tables.flights.to_pylist(), key=lambda row: (row["run"], row["vehicle"]))
     first = {row["run"]: row for row in reversed(flights)}
     runs = sorted(first)
@@ -115,7 +119,7 @@ def index_study(tables: StudyTables, grace_s: float) -> StudyIndex:
         tables.attacks.to_pylist(), key=lambda row: (row["run"], row["vehicle"], row["attack_id"], row["active_s"])
     )
     affected = _affected(acts, runs, flights, numbers)
-    windows = _windows(acts, affected, round(grace_s * NS_PER_S))
+    windows = _windows(acts, affected, round(grace_s * NS_PER_S), "stop_s" if window == "acts" else "effect_end_s")
     duration_ns = _to_ns([row["duration_s"] for row in rows])
     subjects = Subjects(
         runs=tuple(row["run"] for row in rows),
@@ -193,10 +197,10 @@ def _affected(
     return found
 
 
-def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns: int) -> Windows:
+def _windows(acts: list[dict[str, object]], affected: list[list[int]], grace_ns: int, end: str) -> Windows:
     counts = [len(numbers) for numbers in affected]
     which = np.repeat(np.arange(len(acts)), counts).astype(np.int64)
-    end_ns = _to_ns([row["stop_s"] for row in acts]) + grace_ns
+    end_ns = _to_ns([row[end] for row in acts]) + grace_ns
     begin_ns = _to_ns([row["observable_s"] for row in acts])
     return Windows(
         attacks=which,

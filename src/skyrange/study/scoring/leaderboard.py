@@ -34,6 +34,15 @@ class LeaderboardRow:
     mean_delay_s: float | None
     """Restricted to the horizon; misses included."""
     before_effect: float | None
+    effect_recall: float | None
+    """With windows that last as long as effects; None for a file that lacks it."""
+    effect_recall_exact: OpenLimits | None
+    effect_by_chance: float | None
+    effect_median_delay_s: float | None
+    hostile_false_per_h: float | None
+    """Of attacked runs, outside of attacks."""
+    effect_hostile_false_per_h: float | None
+    """Of attacked runs, outside of attacks and their effects."""
 
 
 def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[LeaderboardRow]:
@@ -77,7 +86,10 @@ def _place(score: SetScore) -> tuple[bool, bool, float, float]:
 
 def _row(rank: int, files: Sequence[ScoreFile], number: int, score: DetectorScore, on: SetScore) -> LeaderboardRow:
     recall, delay, before = on.detection.recall, on.detection.delay, on.detection.before_effect
-    nominal, fault = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h
+    nominal, fault, hostile = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h, on.false_alarms.hostile.per_h
+    effect = score.effect_on(on.name)
+    lasting = effect.detection if effect else None
+    quieter = effect.false_alarms.hostile.per_h if effect else None
     return LeaderboardRow(
         rank=rank,
         detector=score.detector,
@@ -96,4 +108,10 @@ def _row(rank: int, files: Sequence[ScoreFile], number: int, score: DetectorScor
         median_delay_s=delay.median_s if delay else None,
         mean_delay_s=delay.restricted_mean_s if delay else None,
         before_effect=before.share.value if before else None,
+        effect_recall=lasting.recall.value if lasting and lasting.recall else None,
+        effect_recall_exact=lasting.recall.exact if lasting and lasting.recall else None,
+        effect_by_chance=lasting.by_chance if lasting else None,
+        effect_median_delay_s=lasting.delay.median_s if lasting and lasting.delay else None,
+        hostile_false_per_h=hostile.value if hostile else None,
+        effect_hostile_false_per_h=quieter.value if quieter else None,
     )

@@ -1,4 +1,4 @@
-"""Result file of a scoring: the model of the JSON document `skyrange.scores/1`, its writer and its reader.
+"""Result file of a scoring: the model of the JSON document `skyrange.scores/2`, its writer and its reader.
 
 Whoever scores detectors on the same study with other software can write such a file, and put it beside others.
 """
@@ -16,8 +16,10 @@ from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 
-FORMAT: Final = "skyrange.scores/1"
+FORMAT: Final = "skyrange.scores/2"
 """Value of `format`; the number increases when older versions can no longer read the file."""
+READABLE: Final = (FORMAT, "skyrange.scores/1")
+"""Formats that can be read. Files of `skyrange.scores/1` have no `effect_sets`."""
 OpenLimits = tuple[float, float | None]
 """Lower and upper limit of an interval; an upper limit of null is infinite."""
 
@@ -35,7 +37,7 @@ class ScoreSettings(Model):
         default=10.0,
         ge=0,
         le=1e6,
-        description="Seconds after the stop of an attack in which an alarm detects it still.",
+        description="Seconds after the stop of an attack, or the end of its effect, in which alarms still detect it.",
     )
     horizon_s: float = Field(default=60.0, gt=0, description="Horizon of the restricted mean of delays, in seconds.")
     confidence: float = Field(default=0.95, gt=0.5, lt=1, description="Confidence of all intervals.")
@@ -170,11 +172,23 @@ class DetectorScore(Model):
     detector: str = Field(min_length=1, description="Its name.")
     trivial: bool = Field(description="Whether it is a trivial detector, which looks at nothing.")
     threshold: Threshold | None = Field(description="Its threshold; null for a trivial detector.")
-    sets: tuple[SetScore, ...] = Field(min_length=1, description="Scores on all of the test, and on parts of it.")
+    sets: tuple[SetScore, ...] = Field(
+        min_length=1,
+        description="Scores on all of the test, and on parts of it, with windows that end when attacks stop to act.",
+    )
+    effect_sets: tuple[SetScore, ...] = Field(
+        default=(),
+        description="The same with windows that end when effects do, at the same threshold; empty in a file of "
+        "skyrange.scores/1.",
+    )
 
     def on(self, name: str) -> SetScore | None:
         """The scores on the set `name`; None if there are none."""
         return next((one for one in self.sets if one.name == name), None)
+
+    def effect_on(self, name: str) -> SetScore | None:
+        """The scores on the set `name` with windows that last as long as effects; None if there are none."""
+        return next((one for one in self.effect_sets if one.name == name), None)
 
 
 class HeldOut(Model):
@@ -189,7 +203,9 @@ class HeldOut(Model):
 class ScoreFile(Model):
     """Scores of detectors on one study."""
 
-    format: Literal["skyrange.scores/1"] = Field(default=FORMAT, description="The format of this file.")
+    format: Literal["skyrange.scores/2", "skyrange.scores/1"] = Field(
+        default=FORMAT, description="The format of this file."
+    )
     study: str = Field(description="Name of the study.")
     digest: str = Field(description="Digest of the study's flights and attacks: equal for the same study.")
     software: str = Field(description="What computed the scores, with its version.")
@@ -209,7 +225,7 @@ def read_scores(path: Path) -> ScoreFile:
     who = str(path)
     data: Any = parse_json(read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a file of scores"), who, "file")
     found = data.get("format") if isinstance(data, dict) else None
-    if found != FORMAT:
+    if found not in READABLE:
         raise InputError.one(who, "format", "not there" if found is None else repr(found), f'"{FORMAT}"')
     try:
         return ScoreFile.model_validate(data)

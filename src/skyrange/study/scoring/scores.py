@@ -14,7 +14,7 @@ from skyrange.study.scoring.index import AlertList, StudyIndex, index_alerts, in
 from skyrange.study.scoring.intervals import lowest_claimable_rate
 from skyrange.study.scoring.matching import match_alarms
 from skyrange.study.scoring.measures import Selection, measure_set
-from skyrange.study.scoring.result_file import DetectorScore, HeldOut, ScoreFile, ScoreSettings, Threshold
+from skyrange.study.scoring.result_file import DetectorScore, HeldOut, ScoreFile, ScoreSettings, SetScore, Threshold
 from skyrange.study.scoring.tables import TRIVIAL, StudyTables
 from skyrange.study.scoring.thresholds import choose_threshold
 from skyrange.study.scoring.trivial_detectors import trivial_alerts
@@ -36,17 +36,23 @@ def score_detectors(
     for name in names:
         if not name or name in TRIVIAL:
             raise InputError.one("scoring", "detectors", name, f"a name that is none of {', '.join(TRIVIAL)}")
-    index = index_study(tables, settings.grace_s)
+    index, lasting = (index_study(tables, settings.grace_s, window) for window in ("acts", "effect"))
     if not (index.subjects.splits == "test").any():
         raise InputError.one("tables of the study", "flights, split test", "none", "flights to score detectors on")
     held_out = find_held_out(index)
     selections = select_sets(index, held_out)
     episode_ns = from_seconds(settings.episode_s)
-    scores = [_score_one(index, index_alerts(index, tables.alerts, name), name, selections, settings) for name in names]
-    for name, alerts in trivial_alerts(index, episode_ns).items():
-        outcome = match_alarms(index, alerts, -math.inf, episode_ns)
-        sets = tuple(measure_set(index, outcome, selection, settings) for selection in selections)
-        scores.append(DetectorScore(detector=name, trivial=True, threshold=None, sets=sets))
+    scores = [
+        _score_one(index, lasting, index_alerts(index, tables.alerts, name), name, selections, settings)
+        for name in names
+    ]
+    trivial = [trivial_alerts(one, episode_ns) for one in (index, lasting)]  # `always` alarms where windows begin
+    for name in trivial[0]:
+        sets, effect_sets = (
+            _measure_sets(one, alerts[name], -math.inf, selections, settings)
+            for one, alerts in zip((index, lasting), trivial, strict=True)
+        )
+        scores.append(DetectorScore(detector=name, trivial=True, threshold=None, sets=sets, effect_sets=effect_sets))
     return ScoreFile(
         study=study,
         digest=index.digest,
@@ -100,12 +106,24 @@ def select_sets(index: StudyIndex, held_out: HeldOut) -> list[Selection]:
     return found
 
 
+def _measure_sets(
+    index: StudyIndex, alerts: AlertList, threshold: float, selections: list[Selection], settings: ScoreSettings
+) -> tuple[SetScore, ...]:
+    outcome = match_alarms(index, alerts, threshold, from_seconds(settings.episode_s))
+    return tuple(measure_set(index, outcome, selection, settings) for selection in selections)
+
+
 def _score_one(
-    index: StudyIndex, alerts: AlertList, name: str, selections: list[Selection], settings: ScoreSettings
+    index: StudyIndex,
+    lasting: StudyIndex,
+    alerts: AlertList,
+    name: str,
+    selections: list[Selection],
+    settings: ScoreSettings,
 ) -> DetectorScore:
+    """The scores of one detector; `lasting` is the index with windows that last as long as effects."""
     episode_ns = from_seconds(settings.episode_s)
     choice = choose_threshold(index, alerts, settings.target_per_h, episode_ns)
-    outcome = match_alarms(index, alerts, choice.threshold, episode_ns)
     return DetectorScore(
         detector=name,
         trivial=False,
@@ -115,5 +133,6 @@ def _score_one(
             hours=choice.hours,
             lowest_per_h=lowest_claimable_rate(choice.hours, settings.confidence),
         ),
-        sets=tuple(measure_set(index, outcome, selection, settings) for selection in selections),
+        sets=_measure_sets(index, alerts, choice.threshold, selections, settings),
+        effect_sets=_measure_sets(lasting, alerts, choice.threshold, selections, settings),
     )

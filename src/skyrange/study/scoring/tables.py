@@ -45,6 +45,11 @@ ATTACKS: Final = pa.schema(
         _field("family", pa.string(), "Family of mechanisms that the kind belongs to."),
         _field("active_s", pa.float64(), "Time at which it starts to act, in seconds of simulated time."),
         _field("stop_s", pa.float64(), "Time at which it stops, in seconds; not before active_s."),
+        _field(
+            "effect_end_s",
+            pa.float64(),
+            "Time at which its effect ends, by the record of the run, in seconds; not before stop_s.",
+        ),
         _field("observable_s", pa.float64(), "First time at which the sensor could see it, in seconds; NaN if never."),
         _field("effect_s", pa.float64(), "First effect on the outcome of the aircraft, in seconds; NaN if none."),
     ]
@@ -186,6 +191,9 @@ def _attack_problems(tables: StudyTables) -> list[Problem]:
             problems.append(Problem(f"{where}, run", run, "a run whose flights are hostile"))
         if row["stop_s"] < row["active_s"]:
             problems.append(Problem(f"{where}, stop_s", f"{row['stop_s']:g}", f"not before {row['active_s']:g}"))
+        if row["effect_end_s"] < row["stop_s"]:
+            expected = f"not before stop_s, {row['stop_s']:g}"
+            problems.append(Problem(f"{where}, effect_end_s", f"{row['effect_end_s']:g}", expected))
         problems += [
             Problem(f"{where}, {name}", f"{row[name]:g}", f"not before active_s, {row['active_s']:g}, or NaN")
             for name in ("observable_s", "effect_s")

@@ -17,7 +17,8 @@ RUNS: Final = "runs"
 """Folder of the runs: those that are kept, and those of blocks that are not finished."""
 KEPT: Final = "kept"
 """Folder of the tables that are kept of runs whose folders are not."""
-_FORMAT: Final = "skyrange.block/1"
+_FORMAT: Final = "skyrange.block/2"
+"""Blocks of `skyrange.block/1` have delays between reports of ground stations, by heartbeats."""
 
 
 class BlockResult(NamedTuple):
@@ -51,4 +52,6 @@ def read_block(path: Path) -> tuple[BlockResult, Rows]:
         rows: Rows = data.pop("rows")
         return BlockResult(**{**data, "errors": tuple(data["errors"])}), rows
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError.one("study", str(path), str(error), "the file of a block", "Delete it and resume.") from error
+        raise InputError.one(
+            "study", str(path), str(error), f"the file of a block, {_FORMAT}", "Delete it and resume."
+        ) from error

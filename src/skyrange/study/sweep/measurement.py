@@ -16,6 +16,7 @@ from skyrange.study.dataset.labels import FAULT, SHAM, read_acts
 from skyrange.study.dataset.splits import name_city
 from skyrange.study.failed_missions import find_failed_missions
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
+from skyrange.study.measures.effect_ends import read_effect_ends_ns
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.design.blocks import Block, city_of
@@ -78,7 +79,7 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
             for one, seconds in zip(outcomes[arm.id].measured, aloft_s, strict=True)
         ]
         rows[ALERTS] += [{**head, **one} for one in _alerts(record)]
-        rows[ACTS] += [{**head, **one} for one in _acts(record)]
+        rows[ACTS] += [{**head, **one} for one in measure_acts(record)]
     baseline = outcomes.get(study.against)
     for arm_id, measured in outcomes.items():
         if baseline is None or arm_id == study.against:
@@ -121,9 +122,9 @@ def _alerts(record: RunRecord) -> Iterator[dict[str, Any]]:
             yield {"time_s": to_seconds(row.pop("time_ns")), **row}
 
 
-def _acts(record: RunRecord) -> list[dict[str, Any]]:
-    """When each attack and fault acted on each aircraft first and last; an empty aircraft stands for none in
-    particular.
+def measure_acts(record: RunRecord) -> list[dict[str, Any]]:
+    """When each attack and fault acted on each aircraft first and last, and when the effect ended (that of a fault ends
+    with its last act); an empty aircraft stands for none in particular.
     """
     found = read_acts(record, _own_families(record))
     fleet = {str(row["id"]) for row in record.manifest["vehicles"]}
@@ -134,6 +135,9 @@ def _acts(record: RunRecord) -> list[dict[str, Any]]:
         key = act.author, act.owner if act.owner in fleet else "", act.role == FAULT
         span = spans.setdefault(key, [act.at_ns, act.until_ns, 0])
         span[0], span[1], span[2] = min(span[0], act.at_ns), max(span[1], act.until_ns), span[2] + 1
+    ends_ns = read_effect_ends_ns(
+        record, {(author, vehicle): last for (author, vehicle, fault), (_, last, _) in spans.items() if not fault}
+    )
     return [
         {
             "attack": author,
@@ -143,6 +147,7 @@ def _acts(record: RunRecord) -> list[dict[str, Any]]:
             "fault": fault,
             "first_s": to_seconds(first),
             "last_s": to_seconds(last),
+            "effect_end_s": to_seconds(last if fault else ends_ns[author, vehicle]),
             "acts": count,
         }
         for (author, vehicle, fault), (first, last, count) in sorted(spans.items())

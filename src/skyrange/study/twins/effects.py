@@ -24,9 +24,20 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("vehicle", NAME, "", "operator/vehicle"),
     Column("outcome", NAME, "", "outcome of the mission in the attacked run: complete, failed or unfinished"),
     Column("outcome_twin", NAME, "", "the same in the twin"),
-    Column("finished_s", _F64, "s", "when the mission ended in the attacked run", True),
-    Column("finished_twin_s", _F64, "s", "the same in the twin", True),
-    Column("delay_s", _F64, "s", "arrival delay: attacked minus twin, if both missions are complete", True),
+    Column("landed_s", _F64, "s", "when it touched down to end the mission, in truth, in the attacked run", True),
+    Column("landed_twin_s", _F64, "s", "the same in the twin", True),
+    Column(
+        "delay_s", _F64, "s", "arrival delay: `landed_s` of attacked minus twin, if both missions are complete", True
+    ),
+    Column(
+        "finished_s",
+        _F64,
+        "s",
+        "when the ground station reported the end of the mission, by the heartbeats that it gets, about one a second; "
+        "in the attacked run",
+        True,
+    ),
+    Column("finished_twin_s", _F64, "s", "the same in the twin, by its heartbeats", True),
     Column("distance_m", _F64, "m", "length of the path flown in the attacked run"),
     Column("distance_twin_m", _F64, "m", "the same in the twin"),
     Column("extra_distance_m", _F64, "m", "attacked minus twin"),
@@ -72,14 +83,14 @@ def effect_rows(
     rows = []
     away_m, first_ns = departures(attacked.ticks, twin.ticks, threshold_m)
     for k, (a, b) in enumerate(zip(attacked.measured, twin.measured, strict=True)):
-        done = a.outcome == b.outcome == "complete" and a.finished_s is not None and b.finished_s is not None
+        done = a.outcome == b.outcome == "complete" and a.landed_s is not None and b.landed_s is not None
         row: dict[str, Any] = {"seed": seed, "against": against, "vehicle": a.vehicle, "nearest": a.nearest}
         for name in ("outcome", "near_misses", "collisions"):
             row[name], row[f"{name}_twin"] = getattr(a, name), getattr(b, name)
-        for name in ("finished_s", "distance_m", "energy_j", "min_separation_m", "min_wall_m"):
+        for name in ("landed_s", "finished_s", "distance_m", "energy_j", "min_separation_m", "min_wall_m"):
             stem, unit = name.rsplit("_", 1)
             row[name], row[f"{stem}_twin_{unit}"] = getattr(a, name), getattr(b, name)
-        row["delay_s"] = (a.finished_s or 0.0) - (b.finished_s or 0.0) if done else None
+        row["delay_s"] = round((a.landed_s or 0.0) - (b.landed_s or 0.0), 9) if done else None
         row["extra_distance_m"] = a.distance_m - b.distance_m
         known = a.energy_j is not None and b.energy_j is not None
         row["extra_energy_j"] = (a.energy_j or 0.0) - (b.energy_j or 0.0) if known else None

@@ -71,7 +71,7 @@ REACTIONS: Final = (
     Reaction("avoids", "avoids_s", "s", 1.0, 1),
     Reaction("departs", "departed_s", "s", 1.0, 1),
     Reaction("by", "departure_m", "m", 1.0, 1),
-    Reaction("delay", "delay_s", "s", 1.0, 1),
+    Reaction("delay", "delay_s", "s", 1.0, 2),
     Reaction("detour", "extra_distance_m", "m", 1.0, 1),
     Reaction("energy", "extra_energy_j", "kJ", 1e-3, 2),
     Reaction("near misses", "near_misses", "", 1.0, 0),

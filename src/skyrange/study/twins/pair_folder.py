@@ -20,11 +20,12 @@ from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.twins.effects import CHANGES, MEASURES
 from skyrange.study.twins.lie_and_truth import lie_and_truth_table
 
-FORMAT: Final = "skyrange.pair/3"
-"""The format of a pair's folder. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
+FORMAT: Final = "skyrange.pair/4"
+"""The format of a pair's folder. `skyrange.pair/3` and older have no `landed_s`: their `delay_s` is between reports of
+ground stations, by heartbeats. Before it there was no `ATTRIBUTION`; `skyrange.pair/1` calls `PROPAGATION`
 `labels.parquet`."""
 
-READABLE: Final = (FORMAT, "skyrange.pair/2", "skyrange.pair/1")
+READABLE: Final = (FORMAT, "skyrange.pair/3", "skyrange.pair/2", "skyrange.pair/1")
 MANIFEST: Final = "pair.json"
 EFFECTS: Final = "effects.parquet"
 PROPAGATION: Final = "propagation.parquet"

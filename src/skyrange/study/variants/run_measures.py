@@ -31,7 +31,7 @@ QUANTITIES: Final = (
     Quantity("near misses", "", f"times that two aircraft in the air came nearer than {NEAR_M:g} m"),
     Quantity("least separation", "m", "least distance of two aircraft in the air, centre to centre"),
     Quantity("way flown", "km", "of all aircraft together"),
-    Quantity("last mission ends", "s", "when the last mission was complete"),
+    Quantity("last mission ends", "s", "when the last aircraft with a complete mission touched down"),
     Quantity("requests", "", "requests for approval and activation"),
     Quantity("rejections", "", "requests that were rejected, with or without alternatives"),
     Quantity("answer, median", "s", "from a request to its answer at the ground station"),
@@ -87,7 +87,7 @@ def _count_collisions(record: RunRecord) -> int:
 
 
 def _of_aircraft(measured: Sequence[Measured]) -> dict[str, float | None]:
-    ends = [one.finished_s for one in measured if one.outcome == "complete" and one.finished_s is not None]
+    ends = [one.landed_s for one in measured if one.outcome == "complete" and one.landed_s is not None]
     apart = [one.min_separation_m for one in measured if one.min_separation_m is not None]
     return {
         "missions complete": float(sum(one.outcome == "complete" for one in measured)),

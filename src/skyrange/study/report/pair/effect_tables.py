@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 MAX_ROWS = 200
 
 _MEASURES = (
-    ("delay_s", "arrival delay", "s", 1.0, 1),
+    ("delay_s", "arrival delay", "s", 1.0, 2),
     ("extra_distance_m", "extra distance", "m", 1.0, 1),
     ("extra_energy_j", "extra energy", "kJ", 1e-3, 2),
     ("min_separation_m", "least separation", "m", 1.0, 1),
@@ -106,7 +106,7 @@ def _row(row: Row, places: Mapping[str, int]) -> Mapping[str, Any]:
         "numbers": (
             quantities.MISSING if departed is None else quantities.quantity(departed, "s", 1),
             quantities.quantity(row["departure_m"], "m", 1),
-            quantities.signed(row["delay_s"], "s", 1),
+            quantities.signed(row["delay_s"], "s", 2),
             (*quantities.signed(row["extra_distance_m"], "m", 1), *to_its_end),
             (*quantities.signed(None if energy is None else energy / 1000.0, "kJ", 2), *to_its_end),
             _change(row["min_separation_twin_m"], row["min_separation_m"]),
@@ -124,7 +124,7 @@ def _together(rows: Sequence[Row]) -> Sequence[str | quantities.Quantity]:
         quantities.count(len(rows)),
         quantities.count(sum(row["departed_s"] is not None for row in rows)),
         quantities.count(sum(row["outcome"] != row["outcome_twin"] for row in rows)),
-        quantities.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 1),
+        quantities.signed(sum(row["delay_s"] or 0.0 for row in rows), "s", 2),
         quantities.signed(sum(row["extra_distance_m"] for row in flown), "m", 1),
         quantities.signed(sum(row["extra_energy_j"] or 0.0 for row in flown) / 1000.0, "kJ", 2),
         _counts(sum(row["near_misses_twin"] for row in rows), sum(row["near_misses"] for row in rows)),

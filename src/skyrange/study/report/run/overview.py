@@ -151,7 +151,7 @@ def _outcome(run: RunContents, index: int, flight: FlightSummary, top: float) ->
         "reason": flight.reason,
         **_heights(run.truth[vehicle.id], top, run),
         "numbers": (
-            quantities.duration(flight.finished_s),
+            quantities.duration(flight.landed_s),
             quantities.duration(flight.airborne_s),
             quantities.quantity(flight.distance_m, "m"),
             quantities.quantity(flight.max_up_m, "m"),

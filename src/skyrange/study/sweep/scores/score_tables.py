@@ -64,6 +64,7 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
             "family": row["family"],
             "active_s": row["first_s"],
             "stop_s": row["last_s"],
+            "effect_end_s": row["effect_end_s"],
             "observable_s": row["first_s"],
             "effect_s": _effect_s(effects.get(_run(row), {}), row["vehicle"], row["first_s"]),
         }
