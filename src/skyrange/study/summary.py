@@ -30,8 +30,9 @@ def summary(record: RunRecord) -> dict[str, Any]:
     records what arrives: `frames_received` are then those that were handed to its socket. `frames_from_station` are the
     frames of the ground station that arrived at the aircraft. `mishaps` are collisions (once for both aircraft),
     crashes, fence breaches and failsafes in order of time, with the details of their events. `city` is the manifest's
-    entry: the buildings, and what was kept and dropped of their file; `None` without a city. `trust` says how long
-    receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`); `None` if none does.
+    entry: the buildings, and what was kept and dropped of their file; `None` without a city. `placing` has a row for
+    each aircraft and receiver that was moved. `trust` says how long receivers that verify Remote ID took until they
+    trusted aircraft that sign (`measures.trust`); `None` if none does.
     `equivocators` are operators of which a hashgraph has a proof that they signed two events with one self-parent.
     `cores` says on how many cores the run was, `None` where one was asked for.
     `disk` gives the bytes of each table and of other files of the folder, the most first. `level` is that of the
@@ -101,6 +102,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "timings": manifest.get("timings") or {},
         "cores": manifest.get("cores"),
         "city": manifest.get("city"),
+        "placing": manifest.get("placing") or [],
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,
         "equivocators": _equivocators(record),
