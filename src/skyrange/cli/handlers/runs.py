@@ -140,6 +140,7 @@ def show(folder: Path, as_json: bool) -> None:
     from skyrange.study.summary import summary
 
     result = _open_pair(folder)
+    facts = summary(load(folder)) if result is None else {}
     print_unverified(expand_user(folder), is_pair=result is not None)
     if result is not None:
         if as_json:
@@ -147,7 +148,6 @@ def show(folder: Path, as_json: bool) -> None:
         else:
             print_pair(result)
         return
-    facts = summary(load(folder))
     if as_json:
         print_json(facts)
     else:
@@ -162,13 +162,14 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report.pair.page import write_comparison
 
     result = _open_pair(folder)
+    record = load(folder) if result is None else None
     print_unverified(expand_user(folder), is_pair=result is not None)
     path = expand_user(out) if out is not None else expand_user(folder) / "report.html"
     try:
         if result is not None:
             write_comparison(result, path)
-        else:
-            write_report(load(folder), path)
+        elif record is not None:
+            write_report(record, path)
     except OSError as error:
         raise InputError.one("--out", "file", str(path), f"a file that can be written ({error.strerror})") from None
     if as_json:
