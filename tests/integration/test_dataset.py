@@ -14,6 +14,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -407,6 +408,28 @@ def test_altered_files_are_named(sample: Sample, tmp_path: Path) -> None:
     ended = check()
     assert ended.returncode == 1
     assert sorted(ended.stdout.splitlines()) == ["README.md: FAILED", "runs.parquet: FAILED open or read"]
+
+
+@pytest.mark.parametrize(
+    ("table", "column"), [("frames", "dst"), ("truth", "east_m"), ("labels", "actor"), ("received_sensors", "gnss_fix")]
+)
+def test_a_run_whose_tables_were_altered_is_refused_before_anything_is_written(
+    sample: Sample, tmp_path: Path, table: str, column: str
+) -> None:
+    member = next(one for one in sample.members if one.run == "drift.attacked")
+    received = member.record / "received_sensors.parquet"
+    assert pq.read_table(received).column("time_ns")[0].as_py() >= ONSET_NS  # the drift is in it, and nothing before
+    copy = Path(shutil.copytree(member.record, tmp_path / "copy"))
+    file = copy / f"{table}.parquet"
+    kept = pq.read_table(file)
+    values = kept.column(column).to_pylist()
+    values[-1] = f"{values[-1]}x" if isinstance(values[-1], str) else values[-1] + 1
+    place = kept.column_names.index(column)
+    pq.write_table(kept.set_column(place, kept.field(place), pa.array(values, kept.field(place).type)), file)
+    members = [replace(member, record=copy) if one is member else one for one in sample.members]
+    with pytest.raises(InputError, match=rf"(?s)dataset altered: .*copy: {table}.*skyrange verify"):
+        build_dataset(members, tmp_path / "out", "altered")
+    assert not (tmp_path / "out").exists()
 
 
 def test_members_are_read_from_a_file(sample: Sample, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from skyrange.codec.drip import session_id
 from skyrange.codec.f3411 import BasicId, IdType, Location, encode
+from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.drip.registry import Registration, Registry
 from skyrange.remoteid.drip.schedule import (
     REQUIRED,
@@ -36,7 +37,7 @@ class Air:
     ) -> None:  # fmt: skip
         self.registration = registration or REGISTRY.register("alpha")
         self.tag = self.registration.identity.tag
-        self.sender = Sender(self.registration, legacy=True, rates=rates, start_s=T0)
+        self.sender = Sender(self.registration, legacy=True, rates=rates, start_ns=round(T0 * NS_PER_S))
         self.observer = observer or Observer(REGISTRY.anchors, policy or Policy())
         self.counter = 0
         self.sent: list[tuple[float, int, bytes]] = []
@@ -47,7 +48,7 @@ class Air:
         for body in (identity(self.tag), location(step)):
             self.sender.sent(body)
             self.frame(body, now_s, address)
-        for kind in self.sender.due(now_s + 0.5):
+        for kind in self.sender.due(round((now_s + 1.5) * NS_PER_S)):
             pages = self.sender.make(kind, now_s + 0.5)
             if kind not in lose:
                 self.counter = (self.counter + 1) % 256

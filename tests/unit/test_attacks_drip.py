@@ -144,9 +144,9 @@ def genuine(seconds: int, offset: Time = 300 * MS) -> list[tuple[Time, bytes]]:
         body = encode(MessagePack((Location(2, 47.0 + step * 1e-5, 8.0, 100.0, timestamp_s=step),)))
         sender.sent(body)
         found.append((now, link_payload.pack(RidHeader(Transport.WIFI_BEACON, address=address, time_ns=now), body)))
-        for turn, kind in enumerate(sender.due(step)):
+        for turn, kind in enumerate(sender.due((step + 1) * S)):
             at = now + 35 * MS * (turn + 1)
-            message = encode_sam(sender.message(kind, step, START_S + at / S))
+            message = encode_sam(sender.message(kind, step * S, START_S + at / S))
             pages = encode(MessagePack(tuple(split_with_parity(message, START_S + step, parity=False))))
             found.append((at, link_payload.pack(RidHeader(Transport.WIFI_BEACON, address=address, time_ns=at), pages)))
     return found
@@ -303,7 +303,7 @@ def test_a_period_is_that_of_all_gaps_together() -> None:
 def test_pages_over_bluetooth_are_covered_after_the_first() -> None:
     sender, address = Sender(RANGE.register(VICTIM), legacy=True), sender_address(VICTIM)
     sender.sent(encode(BasicId(1, 2, "A")))
-    (pages, *_) = (sender.make(kind, START_S + 3.0) for kind in sender.due(0.0))
+    (pages, *_) = (sender.make(kind, START_S + 3.0) for kind in sender.due(S))
     frames = [
         (3 * S + 35 * MS * turn, link_payload.pack(RidHeader(Transport.BT4, address=address), encode(page)))
         for turn, page in enumerate(pages)

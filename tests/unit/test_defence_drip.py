@@ -74,8 +74,8 @@ class Air:
         now, body = step * NS_PER_S, said(step if says is None else says, status=status)
         passes = self.hear(now, body)
         if self.signs:
-            self.pages.sent(0, body)
-            self.pages.sign(now, np.array([UTC_S * 1_000_000 + now // 1000]))
+            self.pages.sent(0, now, body)
+            self.pages.sign(now, np.array([UTC_S * 1_000_000 + now // 1000]), np.array([now + NS_PER_S]))
             for page in self.pages.take(now, now + NS_PER_S):
                 assert self.hear(page.at_ns, page.body, counter=page.counter)  # authentication pages pass
         return passes

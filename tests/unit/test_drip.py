@@ -11,6 +11,7 @@ from skyrange.codec.drip import EntityTag, Evidence, SamType, decode_sam, encode
 from skyrange.codec.drip.messages import encode_manifest, manifest_evidence
 from skyrange.codec.f3411 import BasicId, Location, MessagePack, encode
 from skyrange.codec.f3411.authentication import join_pages
+from skyrange.core.time import NS_PER_S
 from skyrange.remoteid.drip.keys import Identity, range_secret, sign
 from skyrange.remoteid.drip.registry import Level, Registration, Registry, child_level, endorse
 from skyrange.remoteid.drip.schedule import (
@@ -298,15 +299,15 @@ def test_required_rates() -> None:
     """RFC 9575, section 6.3."""
     schedule, sent = Schedule(REQUIRED), dict.fromkeys(Kind, 0)
     for now in range(600):
-        for kind in schedule.due(now, 1):
+        for kind in schedule.due((now + 1) * NS_PER_S, 1):
             sent[kind] += 1
-            schedule.done(kind, now)
+            schedule.done(kind, now * NS_PER_S)
     assert sent == {Kind.HDA_UA: 10, Kind.MANIFEST: 120, Kind.RAA_HDA: 2, Kind.APEX_RAA: 2, Kind.WRAPPER: 0}
-    assert [bool(schedule.due(now, 1)) for now in (599, 600)] == [False, True]
-    assert Kind.MANIFEST not in schedule.due(1000, 0)
-    schedule.done(Kind.MANIFEST, 1000)
-    assert Kind.MANIFEST not in schedule.due(1001, 9)
-    assert Kind.MANIFEST in schedule.due(1001, 10)
+    assert [bool(schedule.due(now * NS_PER_S, 1)) for now in (600, 601)] == [False, True]
+    assert Kind.MANIFEST not in schedule.due(1000 * NS_PER_S, 0)
+    schedule.done(Kind.MANIFEST, 1000 * NS_PER_S)
+    assert Kind.MANIFEST not in schedule.due(1001 * NS_PER_S, 9)
+    assert Kind.MANIFEST in schedule.due(1001 * NS_PER_S, 10)
     with pytest.raises(ValueError, match="wrapper"):
         Sender(REGISTRY.register("a"), legacy=True).make(Kind.WRAPPER, 0)
 

@@ -48,8 +48,8 @@ def fly(verifier: Verifier, seconds: int, *, row: int = 0, clock_from_s: int = 0
         body = location(step)
         verifier.receive(row, now, OWN, 0, body)
         verifier.receive(row, now, GHOST, 0, location(step + 500))
-        sender.sent(0, body)
-        sender.sign(now, np.array([UTC_US + now // 1000]))
+        sender.sent(0, now, body)
+        sender.sign(now, np.array([UTC_US + now // 1000]), np.array([now + NS_PER_S]))
         for page in sender.take(now, now + NS_PER_S):
             verifier.receive(row, page.at_ns, OWN, page.counter, page.body)
 
@@ -96,8 +96,8 @@ def test_a_forged_location_in_a_pack_with_a_genuine_link(forged: bool) -> None:
         if forged and step >= 12:
             false = Location(2, 47.5, 8.5, 100.0, speed_mps=5.0, timestamp_s=step)
             verifier.receive(0, now, OWN, 0, encode(MessagePack((false, *link))))
-        sender.sent(0, location(step))
-        sender.sign(now, np.array([UTC_US + now // 1000]))
+        sender.sent(0, now, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]), np.array([now + NS_PER_S]))
         for page in sender.take(now, now + NS_PER_S):
             link = link or _link_of(page.body)
             verifier.receive(0, page.at_ns, OWN, page.counter, page.body)
@@ -139,11 +139,11 @@ def test_copies_go_on_alike() -> None:
 
 def test_pages_of_an_aircraft_without_a_clock() -> None:
     sender = aircraft()
-    sender.sent(0, encode(BasicId(IdType.SERIAL_NUMBER, 2, "A")))
-    sender.sign(0, np.array([-1]))
+    sender.sent(0, 0, encode(BasicId(IdType.SERIAL_NUMBER, 2, "A")))
+    sender.sign(0, np.array([-1]), np.array([NS_PER_S]))
     assert sender.take(0, 10 * NS_PER_S) == []
-    sender.sent(0, location(0))
-    sender.sign(0, np.array([UTC_US]))
+    sender.sent(0, 0, location(0))
+    sender.sign(0, np.array([UTC_US]), np.array([NS_PER_S]))
     found = sender.take(0, 10 * NS_PER_S)
     assert [page.at_ns for page in found] == [PAGE_NS * (place + 1) for place in range(4)]
     assert isinstance(_first(found[0].body), Authentication)
@@ -170,8 +170,8 @@ def test_of_an_address_that_several_use_what_is_verified_is_acted_on(acceptance:
         if step >= 12:
             judged = verifier.receive(0, now, OWN, 0, location(step + 500))
             forged.append(verifier.acts_on(0, 1, now, judged))
-        sender.sent(0, location(step))
-        sender.sign(now, np.array([UTC_US + now // 1000]))
+        sender.sent(0, now, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]), np.array([now + NS_PER_S]))
         for page in sender.take(now, now + NS_PER_S):
             judged = verifier.receive(0, page.at_ns, OWN, page.counter, page.body)
             released += [(one.body, at_ns) for one, at_ns in verifier.release(0, page.at_ns, judged)]
@@ -197,7 +197,7 @@ def test_an_old_location_is_not_acted_on_and_its_sender_is() -> None:
             old = verifier.receive(0, now, OWN, 0, location(step - 20))
             assert not verifier.acts_on(0, 1, now, old)
         assert verifier.acts_on(0, 1, now, verifier.receive(0, now, OWN, 0, location(step)))
-        sender.sent(0, location(step))
-        sender.sign(now, np.array([UTC_US + now // 1000]))
+        sender.sent(0, now, location(step))
+        sender.sign(now, np.array([UTC_US + now // 1000]), np.array([now + NS_PER_S]))
         for page in sender.take(now, now + NS_PER_S):
             verifier.receive(0, page.at_ns, OWN, page.counter, page.body)

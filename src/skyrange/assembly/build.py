@@ -18,6 +18,7 @@ from skyrange.assembly.detectors import build_detectors, describe_monitor
 from skyrange.assembly.network import build_network, list_processing_limits
 from skyrange.assembly.placement.clear_placing import apply_placing
 from skyrange.assembly.placement.flight_plans import make_flight_plans
+from skyrange.assembly.placement.moved_places import describe_moves
 from skyrange.assembly.placement.route_planning import plan_routes
 from skyrange.assembly.placement.start_checks import check_starts
 from skyrange.assembly.radio import LiveMedium, build_radio, describe_medium, make_lookout
@@ -105,7 +106,8 @@ def build(
     moved; the scenario's is needed too. `live` says what a live range does about a dead radio engine.
     """
     city = build_city(scenario)
-    scenario = apply_placing(plan_routes(scenario, city), city)
+    declared = plan_routes(scenario, city)
+    scenario = apply_placing(declared, city)
     over_air = make_links_over_air(scenario)
     links, all_routes = build_network(scenario, over_air.channels)
     approvals = build_approvals(scenario, city)
@@ -192,7 +194,7 @@ def build(
         wiring,
         city,
         from_seconds(scenario.duration_s),
-        make_header(scenario, city, links)
+        make_header(scenario, city, links, describe_moves(declared, scenario))
         | {"attacks": made.rows, "engines": describe_engines(engines), **describe_medium(scenario, air.oracle)}
         | ({"processing": [asdict(limit) for limit in processing]} if processing else {})
         | ({"faults": made.fault_rows} if made.fault_rows else {})

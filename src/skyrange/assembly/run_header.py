@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,10 @@ from skyrange.scenario.named_files import list_named_files
 from skyrange.scenario.toml_writer import to_toml
 
 
-def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) -> dict[str, Any]:
-    """The manifest's part that follows from the scenario and its links."""
+def make_header(
+    scenario: Scenario, city: City | None, links: list[LinkSpec], moves: Sequence[Mapping[str, Any]] = ()
+) -> dict[str, Any]:
+    """The manifest's part that follows from the scenario and its links; `moves` is what placing moved."""
     colors = {operator.id: operator.color for operator in scenario.operators}
     return {
         "name": scenario.name,
@@ -79,6 +81,7 @@ def make_header(scenario: Scenario, city: City | None, links: list[LinkSpec]) ->
         "constraints": [table.model_dump(mode="json") for table in scenario.constraints],
         "city": _describe_city(city) if city is not None else None,
         **_describe_mission_files(scenario),
+        **({"placing": list(moves)} if moves else {}),
     }
 
 

@@ -521,6 +521,24 @@ class World(Protocol):
         ...
 
 
+class ReceivedSensors(NamedTuple):
+    """The readings that the autopilots of some vehicles receive at a tick, after attacks, faults and defences."""
+
+    rows: slice | Ints
+    """Of the vehicles among the world's."""
+    sensors: Sensors
+    """Read-only, and valid until the next tick."""
+
+
+@runtime_checkable
+class SensorObserver(Protocol):
+    """An observer that is also told which readings autopilots received."""
+
+    def on_received(self, received: ReceivedSensors) -> None:
+        """The readings of the vehicles with sensor faults; called before `on_truth` of the same tick."""
+        ...
+
+
 class Observer(Protocol):
     """A component that sees everything and alters nothing. It is told in simulated-time order of completion."""
 

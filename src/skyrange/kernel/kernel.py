@@ -355,7 +355,7 @@ class Kernel:
                 raise attribute_error(f"engine {slot.engine.name}", now, error) from error
         self._finish_engines(now)
         if now >= self._next_truth:
-            self._observers.report_truth(now, world)
+            self._observers.report_truth(now, world, faults.received if faults.present else None)
             self._next_truth = self._truth_after(now)
 
     def _finish_engines(self, now: Time) -> None:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from skyrange.contracts.alerts import Alert, find_problem
 from skyrange.contracts.channel_orders import ChannelOrder
-from skyrange.contracts.components import Observer, World
+from skyrange.contracts.components import Observer, ReceivedSensors, SensorObserver, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
@@ -48,9 +48,13 @@ class ObserverList:
         for observer in self.members:
             observer.on_note(now, source, note)
 
-    def report_truth(self, now: Time, world: World) -> None:
-        """Report that a tick of the world has ended."""
+    def report_truth(self, now: Time, world: World, received: ReceivedSensors | None) -> None:
+        """Report that a tick of the world has ended, and which readings autopilots received, if there are sensor
+        faults.
+        """
         for observer in self.members:
+            if received is not None and isinstance(observer, SensorObserver):
+                observer.on_received(received)
             observer.on_truth(now, world)
 
     def report_alert(self, now: Time, detector: str, alert: Alert) -> None:

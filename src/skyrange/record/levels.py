@@ -19,7 +19,9 @@ LEVELS: Final = (FULL, STUDY, SUMMARY)
 TELEMETRY: Final = "telemetry"
 """Stands for the tables of all MAVLink messages."""
 
-_STUDY: Final = frozenset({"truth", "sensors", "decisions", "events", "labels", "alerts", "observations", "features"})
+_STUDY: Final = frozenset(
+    {"truth", "sensors", "received_sensors", "decisions", "events", "labels", "alerts", "observations", "features"}
+)
 _SUMMARY: Final = frozenset({"decisions", "events", "alerts"})
 _KEPT: Final = {FULL: frozenset({*TABLES, TELEMETRY}), STUDY: _STUDY, SUMMARY: _SUMMARY}
 

@@ -54,6 +54,50 @@ _NOTES = (
     Column("causes", _TEXTS, "", "ids of the frames that caused it, link|direction|sender|serial"),
 )
 
+_READINGS = (
+    Column("gyro_x_radps", _F32, "rad/s", "body rate about forward"),
+    Column("gyro_y_radps", _F32, "rad/s", "body rate about left"),
+    Column("gyro_z_radps", _F32, "rad/s", "body rate about up"),
+    Column("accel_x_mps2", _F32, "m/s²", "specific force forward"),
+    Column("accel_y_mps2", _F32, "m/s²", "specific force left"),
+    Column("accel_z_mps2", _F32, "m/s²", "specific force up; +9.8 at rest and level"),
+    Column("attitude_w", _F32, "", "attitude quaternion, body (FLU) to local (ENU), scalar part"),
+    Column("attitude_x", _F32, "", "attitude quaternion, x"),
+    Column("attitude_y", _F32, "", "attitude quaternion, y"),
+    Column("attitude_z", _F32, "", "attitude quaternion, z"),
+    Column("gnss_east_m", _F32, "m", "GNSS position east of the origin"),
+    Column("gnss_north_m", _F32, "m", "GNSS position north of the origin"),
+    Column("gnss_up_m", _F32, "m", "GNSS position above the origin"),
+    Column("gnss_vel_east_mps", _F32, "m/s", "GNSS velocity east"),
+    Column("gnss_vel_north_mps", _F32, "m/s", "GNSS velocity north"),
+    Column("gnss_vel_up_mps", _F32, "m/s", "GNSS velocity up"),
+    Column("baro_up_m", _F32, "m", "barometric height above the origin"),
+    Column("rangefinder_m", _F32, "m", "height above the ground below"),
+    Column("compass_x_gauss", _F32, "gauss", "magnetic field forward"),
+    Column("compass_y_gauss", _F32, "gauss", "magnetic field left"),
+    Column("compass_z_gauss", _F32, "gauss", "magnetic field up"),
+    Column("gnss_acc_horizontal_m", _F32, "m", "horizontal accuracy that the receiver claims"),
+    Column("gnss_acc_vertical_m", _F32, "m", "vertical accuracy that the receiver claims"),
+    Column("gnss_acc_speed_mps", _F32, "m/s", "speed accuracy that the receiver claims"),
+    Column("gnss_fix", _F32, "", "MAVLink GPS_FIX_TYPE: 1 no fix, 3 3D, 6 RTK fixed"),
+    Column("gnss_satellites", _F32, "", "satellites used"),
+    Column("gnss_time_s", _F32, "s", "simulated time at which the position was measured"),
+    Column("gnss_utc_error_s", _F32, "s", "how far the receiver's UTC is ahead of the true one"),
+    Column("battery_v", _F32, "V", "voltage at the battery's terminals"),
+    Column("battery_a", _F32, "A", "current drawn"),
+)
+"""The readings of an aircraft's sensors at one tick."""
+
+
+def _sensors(stage: str) -> tuple[Column, ...]:
+    """The columns of a table of readings; `stage` says where they were taken."""
+    return (
+        Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
+        Column("vehicle", NAME, "", "operator/vehicle"),
+        *(replace(column, meaning=f"{column.meaning}; {stage}") for column in _READINGS),
+    )
+
+
 TABLES: dict[str, tuple[Column, ...]] = {
     "truth": (
         Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
@@ -88,39 +132,8 @@ TABLES: dict[str, tuple[Column, ...]] = {
         Column("wind_north_mps", _F64, "m/s", "the air's velocity at the aircraft, north"),
         Column("wind_up_mps", _F64, "m/s", "the air's velocity at the aircraft, up"),
     ),
-    "sensors": (
-        Column("time_ns", _I64, "ns", f"the tick, {_TIME}"),
-        Column("vehicle", NAME, "", "operator/vehicle"),
-        Column("gyro_x_radps", _F32, "rad/s", "body rate about forward"),
-        Column("gyro_y_radps", _F32, "rad/s", "body rate about left"),
-        Column("gyro_z_radps", _F32, "rad/s", "body rate about up"),
-        Column("accel_x_mps2", _F32, "m/s²", "specific force forward"),
-        Column("accel_y_mps2", _F32, "m/s²", "specific force left"),
-        Column("accel_z_mps2", _F32, "m/s²", "specific force up; +9.8 at rest and level"),
-        Column("attitude_w", _F32, "", "attitude quaternion, body (FLU) to local (ENU), scalar part"),
-        Column("attitude_x", _F32, "", "attitude quaternion, x"),
-        Column("attitude_y", _F32, "", "attitude quaternion, y"),
-        Column("attitude_z", _F32, "", "attitude quaternion, z"),
-        Column("gnss_east_m", _F32, "m", "GNSS position east of the origin"),
-        Column("gnss_north_m", _F32, "m", "GNSS position north of the origin"),
-        Column("gnss_up_m", _F32, "m", "GNSS position above the origin"),
-        Column("gnss_vel_east_mps", _F32, "m/s", "GNSS velocity east"),
-        Column("gnss_vel_north_mps", _F32, "m/s", "GNSS velocity north"),
-        Column("gnss_vel_up_mps", _F32, "m/s", "GNSS velocity up"),
-        Column("baro_up_m", _F32, "m", "barometric height above the origin"),
-        Column("rangefinder_m", _F32, "m", "height above the ground below"),
-        Column("compass_x_gauss", _F32, "gauss", "magnetic field forward"),
-        Column("compass_y_gauss", _F32, "gauss", "magnetic field left"),
-        Column("compass_z_gauss", _F32, "gauss", "magnetic field up"),
-        Column("gnss_acc_horizontal_m", _F32, "m", "horizontal accuracy that the receiver claims"),
-        Column("gnss_acc_vertical_m", _F32, "m", "vertical accuracy that the receiver claims"),
-        Column("gnss_acc_speed_mps", _F32, "m/s", "speed accuracy that the receiver claims"),
-        Column("gnss_fix", _F32, "", "MAVLink GPS_FIX_TYPE: 1 no fix, 3 3D, 6 RTK fixed"),
-        Column("gnss_satellites", _F32, "", "satellites used"),
-        Column("gnss_time_s", _F32, "s", "simulated time at which the position was measured"),
-        Column("battery_v", _F32, "V", "voltage at the battery's terminals"),
-        Column("battery_a", _F32, "A", "current drawn"),
-    ),
+    "sensors": _sensors("as sensed, before attacks, faults and defences"),
+    "received_sensors": _sensors("as received by the autopilot, after attacks, faults and defences"),
     "receptions": (
         Column("time_ns", _I64, "ns", f"end of the reception, {_TIME}"),
         Column("link", NAME, "", "the rid_up link of the sender's radio"),
@@ -280,9 +293,10 @@ TELEMETRY = (
 )
 """The columns with which the telemetry of every MAVLink message begins, a table for each; its fields follow."""
 
-OPTIONAL = frozenset({"alerts", "observations", "features"})
+OPTIONAL = frozenset({"alerts", "observations", "features", "received_sensors"})
 """Tables that only some runs have: `alerts`, only runs with detectors; `observations`, only runs in which a radio
-decoded something; `features`, only runs at level `study`. In other runs the first two are read as empty."""
+decoded something; `features`, only runs at level `study`; `received_sensors`, only runs in which an autopilot received
+other readings than its sensors gave. In other runs all but `features` are read as empty."""
 
 DERIVED = frozenset({"observations", "features"})
 """Tables that follow from frames and receptions: computed from these where they are recorded, as telemetry is, or else

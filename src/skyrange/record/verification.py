@@ -5,8 +5,8 @@ It finds accidents: a file that is missing, cut off, swapped or changed. Who cha
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames.payloads import Payloads
-from skyrange.core.errors import InputError
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import hash64
 from skyrange.record.digests import Digests, Words
 from skyrange.record.file_hashes import check_file
@@ -95,6 +95,22 @@ def verify_run(record: RunRecord) -> Verification:
     return Verification(
         str(record.path), len(files), len(counts), tuple(computed), unchecked, tuple(dict.fromkeys(problems))
     )
+
+
+def require_verified(who: str, records: Iterable[RunRecord]) -> None:
+    """Raise `InputError` on behalf of `who` if a run is not as its manifest says, with a problem for each such run."""
+    problems: list[Problem] = []
+    for record in records:
+        try:
+            found = verify_run(record).problems
+        except InputError as error:
+            problems += [replace(one, where=f"{error.who}: {one.where}") for one in error.problems]
+            continue
+        if found:
+            hint = f"Fly the run again. `skyrange verify {record.path}` names all {len(found)} problems."
+            problems.append(Problem(str(record.path), found[0], "a run that is as its manifest says", hint))
+    if problems:
+        raise InputError(who, problems)
 
 
 def _check_rows(record: RunRecord, name: str, count: Any) -> Iterator[str]:

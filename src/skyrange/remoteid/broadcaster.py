@@ -167,7 +167,7 @@ class Broadcaster:
         self, pages: AuthenticationPages, now: Time, clocks_us: Ints, places: list[Ints], payloads: list[Payloads]
     ) -> None:
         """Sign what was sent, and send the authentication pages that are due."""
-        pages.sign(now, clocks_us)
+        pages.sign(now, clocks_us, self.due_ns)
         for row, at_ns, transport, counter, body in pages.take(now, now + LEAD_NS):
             if transport != Transport.BT4:
                 counter = self._counters.item(row, transport)
@@ -201,7 +201,7 @@ class Broadcaster:
         self._counters[rows, column] += 1
         if self._pages is not None:
             for place, row in enumerate(rows.tolist()):
-                self._pages.sent(row, bodies[place])
+                self._pages.sent(row, at_ns.item(place), bodies[place])
         return link_rows(transport, ANY_CHANNEL, counter, self.addresses[rows], NO_RSSI, at_ns, bodies)
 
     def _message(self, kind: int, rows: Ints, now: Time, table: Any) -> Bodies:

@@ -33,6 +33,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
     `frames_from_station` are the frames of the ground station that arrived at the aircraft. `mishaps` are collisions
     (once for both aircraft), crashes, fence breaches and failsafes in order of time, with the details of their events.
     `city` is the manifest's entry: the buildings, and what was kept and dropped of their file; `None` without a city.
+    `placing` has a row for each aircraft and receiver that was moved.
     `mission_files` says what is used of each mission file, and what is ignored.
     `trust` says how long receivers that verify Remote ID took until they trusted aircraft that sign (`measures.trust`);
     `None` if none does. `equivocators` are operators of which a hashgraph has a proof that they signed two events with
@@ -108,6 +109,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "cores": manifest.get("cores"),
         "city": manifest.get("city"),
         "mission_files": manifest.get("mission_files") or [],
+        "placing": manifest.get("placing") or [],
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,
         "equivocators": _equivocators(record),

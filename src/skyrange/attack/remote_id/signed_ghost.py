@@ -97,8 +97,9 @@ class SignedForger:
         forger = self.forger
         payloads = forger.make(now)
         for payload in payloads:
-            self.pages.sent(0, link_payload.unpack(payload).body)
-        self.pages.sign(now, np.array([(forger.epoch.unix_ns + now) // 1000], dtype=np.int64))
+            self.pages.sent(0, now, link_payload.unpack(payload).body)
+        clock_us = np.array([(forger.epoch.unix_ns + now) // 1000], dtype=np.int64)
+        self.pages.sign(now, clock_us, np.array([forger.due], dtype=np.int64))
         for page in self.pages.take(now, now + 1):
             counter = page.counter
             if page.transport != Transport.BT4:

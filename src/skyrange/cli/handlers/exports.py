@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from skyrange.cli.output.console import print_json, print_notice, print_text
+from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError
 from skyrange.core.input_files import expand_user
 
@@ -21,6 +21,7 @@ def export_captures(folder: Path, only: str | None, receivers: Sequence[str], ou
     from skyrange.study.captures.received_broadcasts import has_radio
 
     record = load(folder)
+    print_unverified(record.path)
     record.tables.require("frames")
     target = _target(record.path, out)
     if receivers and only == "mavlink":
@@ -44,6 +45,7 @@ def export_files(folder: Path, kinds: Sequence[str], out: Path | None, as_json: 
     from skyrange.record import load
 
     record = load(folder)
+    print_unverified(record.path)
     if {"csv", "tlog"} & set(kinds):
         record.tables.require("frames")
     target = _target(record.path, out)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.addresses import parse_ip_address
-from skyrange.cli.output.console import print_json, print_notice, print_text
+from skyrange.cli.output.console import print_json, print_notice, print_text, print_unverified
 from skyrange.core.errors import InputError, ShortfallError
 from skyrange.core.input_files import expand_user
 
@@ -145,13 +145,14 @@ def show(folder: Path, as_json: bool) -> None:
     from skyrange.study.summary import summary
 
     result = _open_pair(folder)
+    facts = summary(load(folder)) if result is None else {}
+    print_unverified(expand_user(folder), is_pair=result is not None)
     if result is not None:
         if as_json:
             print_json(_pair_facts(result))
         else:
             print_pair(result)
         return
-    facts = summary(load(folder))
     if as_json:
         print_json(facts)
     else:
@@ -166,12 +167,14 @@ def report(folder: Path, out: Path | None, as_json: bool) -> None:
     from skyrange.study.report.pair.page import write_comparison
 
     result = _open_pair(folder)
+    record = load(folder) if result is None else None
+    print_unverified(expand_user(folder), is_pair=result is not None)
     path = expand_user(out) if out is not None else expand_user(folder) / "report.html"
     try:
         if result is not None:
             write_comparison(result, path)
-        else:
-            write_report(load(folder), path)
+        elif record is not None:
+            write_report(record, path)
     except OSError as error:
         raise InputError.one("--out", "file", str(path), f"a file that can be written ({error.strerror})") from None
     if as_json:
@@ -188,6 +191,9 @@ def diff(a: Path, b: Path, tolerance_s: float | None, as_json: bool) -> None:
     from skyrange.study.compare.exact import diff as compare
 
     runs = load(a), load(b)
+    if tolerance_s is not None:  # without it, `compare` verifies both
+        for run in runs:
+            print_unverified(run.path)
     difference: Agreement | Difference = compare(*runs) if tolerance_s is None else agreement(*runs, tolerance_s)
     if as_json:
         print_json(difference.to_dict())

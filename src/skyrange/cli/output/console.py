@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.output.escaping import escape, is_control
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.console import Console
 
 
@@ -25,6 +27,14 @@ def print_text(text: object = "") -> None:
 def print_notice(text: object) -> None:
     """Print one line, or several, on standard error: progress, warnings and errors."""
     print(escape(str(text)), file=sys.stderr, flush=True)
+
+
+def print_unverified(folder: Path, *, is_pair: bool = False) -> None:
+    """Say that a command reads the record of a run, or those of a pair's runs, and does not compare it with its
+    manifest.
+    """
+    which, whose = (f"{folder}/RUN", "of each run ") if is_pair else (folder, "")
+    print_notice(f"not verified: `skyrange verify {which}` compares the record {whose}with its manifest")
 
 
 def print_json(data: Any) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
 from skyrange.cli.output.failed_missions import print_failed_missions
-from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city
+from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city, print_placing
 from skyrange.study.twins.lie_and_truth import REACTIONS, format_values, reacts, truth_name
 
 if TYPE_CHECKING:
@@ -67,7 +67,9 @@ def print_pair(result: Pair) -> None:
     if unknown:
         console.print(f"{unknown} combinations of attacks were not run; effects that need one are unknown (--arms)")
     _print_defences(console, result)
-    print_city(console, result.run(result.reference, result.seeds[0]).manifest.get("city"))
+    manifest = result.run(result.reference, result.seeds[0]).manifest
+    print_city(console, manifest.get("city"))
+    print_placing(console, manifest.get("placing"))
     acts = [row for row in result.propagation.to_pylist() if row["phase"] in ("onset", "act")]
     of_faults = sum(bool(row.get("fault")) for row in acts)  # older folders have no such column
     where = f"labelled in {len(result.seeds)} attacked run{'s' * (len(result.seeds) > 1)}"

@@ -21,6 +21,8 @@ _LEFT_OUT = {
 """By level of the record."""
 MAX_FILES = 8
 """Mission files that are printed."""
+MAX_MOVES = 12
+"""Number of moved places that are printed; the manifest and the report contain all."""
 MAX_MISHAPS = 12
 """Number of mishaps that are printed; the record and its report contain all."""
 
@@ -57,6 +59,7 @@ def print_summary(facts: dict[str, Any]) -> None:
     _print_mishaps(console, facts["mishaps"])
     print_city(console, facts.get("city"))
     _print_mission_files(console, facts.get("mission_files") or ())
+    print_placing(console, facts.get("placing"))
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
     _print_trust(console, facts.get("trust"))
@@ -173,6 +176,19 @@ def _print_mission_files(console: Console, files: Sequence[Mapping[str, Any]]) -
         console.print(f"plan   {describe_mission_file(one)}", soft_wrap=True, markup=False, highlight=False)
     if len(told) > MAX_FILES:
         console.print(f"plan   {len(told) - MAX_FILES} more files; they are in manifest.json")
+
+
+def print_placing(console: Console, moves: Sequence[Mapping[str, Any]] | None) -> None:
+    """Print what `placing = "clear"` moved, the nearest to other aircraft first; nothing if it moved nothing."""
+    from skyrange.study.measures.placing import describe_placing
+
+    lines = describe_placing(moves or ())
+    if not lines:
+        return
+    console.print(f'placed placing = "clear" moved {len(lines)}', soft_wrap=True, markup=False, highlight=False)
+    more = [f"{len(lines) - MAX_MOVES} more are in manifest.json, under placing"] if len(lines) > MAX_MOVES else []
+    for line in (*lines[:MAX_MOVES], *more):
+        console.print(f"       {line}", soft_wrap=True, markup=False, highlight=False)
 
 
 def _print_operators(console: Console, title: str, rows: Sequence[dict[str, Any]]) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import READINGS_NS, Floats, SensorFault, Sensors, World
+from skyrange.contracts.components import READINGS_NS, Floats, ReceivedSensors, SensorFault, Sensors, World
 from skyrange.core.arrays import as_read_only
 from skyrange.core.errors import ComponentError, attribute_error
 from skyrange.core.ids import FrameId
@@ -146,6 +146,11 @@ class SensorFaultInjector:
             return self._muted.tobytes() != self._readings.tobytes()
         table = _arrays_of(self._readings.table)
         return any(one.tobytes() != other[places].tobytes() for one, other in zip(_arrays_of(rows), table, strict=True))
+
+    @property
+    def received(self) -> ReceivedSensors | None:
+        """The readings of the vehicles of all sensor faults, as these left them at this tick; `None` before one."""
+        return ReceivedSensors(self._rows, self._readings.shown) if self._readings.filled else None
 
     def alter(self, rows: Rows, sensors: Sensors) -> Sensors:
         """An engine's sensor readings with what the sensor faults have made of them; `rows` are its world rows."""

@@ -105,7 +105,7 @@ def gather(folders: Sequence[Path], recorder: Recorder, header: Mapping[str, Any
         recorder.on_label(label)
     for now, detector, alert in _alerts(parts):
         recorder.on_alert(now, detector, alert)
-    for table in ("truth", "sensors", "receptions"):
+    for table in ("truth", "sensors", "received_sensors", "receptions"):
         for rows in _interleaved(parts, table):
             named = _with_true_ids(rows, id_maps) if table == "receptions" else rows
             for batch in named.drop_columns(["part", "row"]).combine_chunks().to_batches():

@@ -17,7 +17,7 @@ from typing import Any, Self
 import pyarrow as pa
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import World
+from skyrange.contracts.components import ReceivedSensors, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
@@ -78,6 +78,8 @@ class Recorder:
         self._write_failed = False
         self._closed = False
         self._rows = WaitingRows(state, self._append)
+        self._received: ReceivedSensors | None = None
+        """Of the tick that ends now."""
         self.block_rows = _BLOCK_ROWS
         """So many frames of blocks are written as soon as they are there, without `flush`."""
         self._reception_source: ReceptionSource | None = None
@@ -251,9 +253,14 @@ class Recorder:
         if self._rows.add_alert(now, detector, alert) >= _BATCH_ROWS or monotonic() >= self._due_s:
             self.flush()
 
+    def on_received(self, received: ReceivedSensors) -> None:
+        """Autopilots received such readings in the tick that ends now."""
+        self._received = received
+
     def on_truth(self, now: Time, world: World) -> None:
         """A tick ended; truth is recorded at the first tick at or after each multiple of its period, as are sensors."""
-        if self._rows.add_tick(now, world) >= self._spool_bytes or monotonic() >= self._due_s:
+        received, self._received = self._received, None
+        if self._rows.add_tick(now, world, received) >= self._spool_bytes or monotonic() >= self._due_s:
             self.flush()
 
     def on_rows(self, table: str, batch: pa.RecordBatch) -> None:

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from skyrange.contracts.alerts import Alert
-from skyrange.contracts.components import World
+from skyrange.contracts.components import ReceivedSensors, World
 from skyrange.contracts.frames.blocks import FrameBlock
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
@@ -35,6 +35,7 @@ from skyrange.record.write.rows.receptions import reception_batch
 from skyrange.record.write.rows.ticks import (
     SensorTick,
     TruthTick,
+    received_tick,
     sensor_batch,
     sensor_tick,
     split_ticks,
@@ -63,6 +64,7 @@ class WaitingRows:
         self._alerts: list[AlertRow] = []
         self._truth: list[TruthTick] = []
         self._sensors: list[SensorTick] = []
+        self._received: list[SensorTick] = []
         self._tick_bytes = 0
 
     # ---------------------------------------------------------------- observations
@@ -97,8 +99,11 @@ class WaitingRows:
         self._alerts.append(alert_row(now, detector, alert))
         return len(self._alerts)
 
-    def add_tick(self, now: Time, world: World) -> int:
-        """Take the truth and the sensors at the end of a tick if they are due; returns the bytes of those that wait."""
+    def add_tick(self, now: Time, world: World, received: ReceivedSensors | None) -> int:
+        """Take the truth and the sensors at the end of a tick if they are due; returns the bytes of those that wait.
+
+        `received` are the readings that autopilots received, of the aircraft that have sensor faults.
+        """
         state = self._state
         state.last_ns = max(state.last_ns, now)
         vehicles = tuple(world.vehicles)
@@ -111,6 +116,10 @@ class WaitingRows:
             state.sensors_due = now - now % state.sensors_ns + state.sensors_ns
             self._sensors.append(sensor_tick(now, world))
             self._tick_bytes += self._sensors[-1].values.nbytes
+            altered = None if received is None else received_tick(now, world, received)
+            if altered is not None and altered.vehicles:
+                self._received.append(altered)
+                self._tick_bytes += altered.values.nbytes
         return self._tick_bytes
 
     def clear(self) -> None:
@@ -123,6 +132,7 @@ class WaitingRows:
         self._alerts.clear()
         self._truth.clear()
         self._sensors.clear()
+        self._received.clear()
         self._tick_bytes = 0
 
     # ---------------------------------------------------------------- rows
@@ -162,6 +172,8 @@ class WaitingRows:
                 self._state.leave_out("truth", sum(len(tick.vehicles) for tick in self._truth))
         if self._sensors:
             self._append("sensors", sensor_batch(self._sensors))
+        if self._received:
+            self._append("received_sensors", sensor_batch(self._received))
 
     def write_receptions(self, receptions: Receptions) -> None:
         """Write receptions of frames that were written before, or make observations of them."""

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skyrange.codec.drip import encode_sam, since_2019_s, split_with_parity
 from skyrange.codec.f3411 import Authentication, MessagePack, encode
 from skyrange.codec.remote_id.link_payload import Transport
 from skyrange.contracts.frames.payloads import Ints
-from skyrange.core.time import NEVER, NS_PER_S, Time
+from skyrange.core.time import NEVER, Time
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS, Broadcast
 from skyrange.remoteid.drip.schedule import PAGE_NS, Kind
 from skyrange.remoteid.drip.sender import Sender
-
-AHEAD_S: Final = 1.0
-"""A message that would become due before the next ordinary broadcast, at most a second later, is sent now. So the
-longest times of RFC 9575 are kept."""
 
 
 class DuePage(NamedTuple):
@@ -74,34 +70,37 @@ class AuthenticationPages:
         }
         if not self._queues:
             raise ValueError("no aircraft has a key")
-        self._fresh: set[int] = set()
+        self._fresh: dict[int, Time] = {}
+        """When each aircraft that has broadcast since `sign` did so."""
 
     @property
     def next_ns(self) -> Time:
         """When the next page is due; `NEVER` if none waits."""
         return min((queue.next_ns for queue in self._queues.values() if not queue.is_empty), default=NEVER)
 
-    def sent(self, row: int, body: bytes) -> None:
-        """An ordinary message or pack of an aircraft was broadcast."""
+    def sent(self, row: int, at_ns: Time, body: bytes) -> None:
+        """An ordinary message or pack of an aircraft is broadcast at `at_ns`."""
         queue = self._queues.get(row)
         if queue is not None:
             queue.sender.sent(body)
-            self._fresh.add(row)
+            self._fresh[row] = at_ns
 
-    def sign(self, now: Time, clocks_us: Ints) -> None:
+    def sign(self, now: Time, clocks_us: Ints, next_ns: Ints) -> None:
         """Make the messages that are due for the aircraft that have just broadcast.
 
         `clocks_us` (n,) is the UTC of each aircraft, in µs since 1970; without it (-1) an aircraft signs nothing.
+        `next_ns` (n,) is when each makes its next ordinary broadcast: what would become overdue until then is sent now,
+        so that the longest times of RFC 9575, section 6.3, are kept.
         """
-        for row in sorted(self._fresh):
+        for row, sent_ns in sorted(self._fresh.items()):
             clock_us = clocks_us.item(row)
             if clock_us < 0:
                 continue
             queue, clock_s = self._queues[row], max(0.0, since_2019_s(clock_us * 1000))
             if queue.is_empty:
                 queue.next_ns = max(queue.next_ns, now + PAGE_NS)
-            for kind in queue.sender.due(now / NS_PER_S + AHEAD_S):
-                message = encode_sam(queue.sender.message(kind, now / NS_PER_S, clock_s))
+            for kind in queue.sender.due(next_ns.item(row)):
+                message = encode_sam(queue.sender.message(kind, max(now, sent_ns), clock_s))
                 waiting = queue.manifests if kind is Kind.MANIFEST else queue.links
                 for transport in self._transports[row]:
                     legacy = transport == Transport.BT4

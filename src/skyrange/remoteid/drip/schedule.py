@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
+from math import inf
 from typing import Final, NamedTuple
 
 from skyrange.codec.drip import RECOMMENDED_HASHES
-from skyrange.core.time import NS_PER_MS, Time
+from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
 
 PAGE_NS: Final[Time] = 35 * NS_PER_MS
 """Time between two frames with authentication pages of one aircraft: three times the longest message, eleven pages,
@@ -42,41 +43,33 @@ RECOMMENDED: Final = Rates(hda_ua_s=16.0, evidence_s=1.0, raa_hda_s=32.0, apex_r
 class Schedule:
     """What is due. It sends and signs nothing: `done` says that a message went out."""
 
-    __slots__ = ("_due_s", "rates")
+    __slots__ = ("_due_ns", "_period_ns")
 
-    def __init__(self, rates: Rates = REQUIRED, start_s: float = 0.0) -> None:
-        self.rates = rates
-        self._due_s = {
-            kind: start_s
-            for kind, period_s in (
-                (Kind.HDA_UA, rates.hda_ua_s), (Kind.MANIFEST, rates.evidence_s), (Kind.RAA_HDA, rates.raa_hda_s),
-                (Kind.APEX_RAA, rates.apex_raa_s),
-            )
-            if period_s != float("inf")
-        }  # fmt: skip
+    def __init__(self, rates: Rates = REQUIRED, start_ns: Time = 0) -> None:
+        periods_s = {
+            Kind.HDA_UA: rates.hda_ua_s,
+            Kind.MANIFEST: rates.evidence_s,
+            Kind.RAA_HDA: rates.raa_hda_s,
+            Kind.APEX_RAA: rates.apex_raa_s,
+        }
+        self._period_ns = {kind: round(each * NS_PER_S) for kind, each in periods_s.items() if each != inf}
+        self._due_ns = dict.fromkeys(self._period_ns, start_ns)
 
-    def due(self, now_s: float, pending: int) -> tuple[Kind, ...]:
-        """Kinds whose time has come, the longest overdue first.
+    def due(self, next_ns: Time, pending: int) -> tuple[Kind, ...]:
+        """Kinds whose longest time ends before `next_ns`, the next time at which they could be sent; the longest
+        overdue first.
 
         A Manifest is due with any of the `pending` messages that none has covered yet, and early where these fill it.
         """
         ready = [
-            (due_s, order, kind)
-            for order, (kind, due_s) in enumerate(self._due_s.items())
-            if (due_s <= now_s and (kind != Kind.MANIFEST or pending > 0))
+            (due_ns, order, kind)
+            for order, (kind, due_ns) in enumerate(self._due_ns.items())
+            if (due_ns < next_ns and (kind != Kind.MANIFEST or pending > 0))
             or (kind == Kind.MANIFEST and pending >= RECOMMENDED_HASHES)
         ]
         return tuple(kind for _, _, kind in sorted(ready))
 
-    def done(self, kind: Kind, now_s: float) -> None:
+    def done(self, kind: Kind, at_ns: Time) -> None:
         """A message of `kind` was sent."""
-        if kind in self._due_s:
-            self._due_s[kind] = now_s + self._period_s(kind)
-
-    def _period_s(self, kind: Kind) -> float:
-        rates = self.rates
-        if kind == Kind.HDA_UA:
-            return rates.hda_ua_s
-        if kind == Kind.RAA_HDA:
-            return rates.raa_hda_s
-        return rates.apex_raa_s if kind == Kind.APEX_RAA else rates.evidence_s
+        if kind in self._due_ns:
+            self._due_ns[kind] = at_ns + self._period_ns[kind]

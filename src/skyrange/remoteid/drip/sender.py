@@ -22,6 +22,7 @@ from skyrange.codec.drip import (
 )
 from skyrange.codec.drip.messages import manifest_evidence
 from skyrange.codec.f3411 import Authentication, MessageType
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.remoteid.drip.keys import range_secret, sign
 from skyrange.remoteid.drip.registry import Registration
 from skyrange.remoteid.drip.schedule import REQUIRED, Kind, Rates, Schedule
@@ -40,14 +41,14 @@ class Sender:
     __slots__ = ("_link", "_pending", "_previous", "legacy", "registration", "schedule", "validity_s")
 
     def __init__(
-        self, registration: Registration, *, legacy: bool, rates: Rates = REQUIRED, start_s: float = 0.0,
+        self, registration: Registration, *, legacy: bool, rates: Rates = REQUIRED, start_ns: Time = 0,
         validity_s: int = VALIDITY_S, seed: int = 0,
     ) -> None:  # fmt: skip
         """`legacy`: Bluetooth 4, whose messages have a parity page. `seed`: of the number in the first Manifest."""
         self.registration = registration
         self.legacy = legacy
         self.validity_s = validity_s
-        self.schedule = Schedule(rates, start_s)
+        self.schedule = Schedule(rates, start_ns)
         self._link = link_hash(registration.hda_ua)
         self._previous = range_secret(seed, f"nonce/{registration.identity.tag.hex()}")[:HASH_BYTES]
         self._pending: dict[bytes, None] = {}
@@ -64,25 +65,25 @@ class Sender:
             while len(self._pending) > MAX_PENDING:
                 del self._pending[next(iter(self._pending))]
 
-    def due(self, now_s: float) -> tuple[Kind, ...]:
-        """What has to be sent now (`Schedule.due`)."""
-        return self.schedule.due(now_s, self.pending)
+    def due(self, next_ns: Time) -> tuple[Kind, ...]:
+        """What has to be sent now, where the next time to send is `next_ns` (`Schedule.due`)."""
+        return self.schedule.due(next_ns, self.pending)
 
     def make(self, kind: Kind, now_s: float) -> Pages:
         """The pages of a Link or of the next Manifest, and the note that they are sent (`message`)."""
-        return self._pages(self.message(kind, now_s, now_s), now_s)
+        return self._pages(self.message(kind, round(now_s * NS_PER_S), now_s), now_s)
 
-    def message(self, kind: Kind, now_s: float, clock_s: float) -> SamMessage:
+    def message(self, kind: Kind, at_ns: Time, clock_s: float) -> SamMessage:
         """A Link or the next Manifest, and the note that it is sent.
 
-        `now_s` is the time of the schedule, `clock_s` the UTC that is signed, in seconds since 2019: a clock that jumps
+        `at_ns` is the time of the schedule, `clock_s` the UTC that is signed, in seconds since 2019: a clock that jumps
         does not stop the schedule. A Manifest takes the ten oldest messages that none has covered. For Wrappers
         there is `wrapper`.
         """
         if kind == Kind.WRAPPER:
             raise ValueError("a Wrapper needs the messages that it wraps: call `wrapper`")
         message: SamMessage = self._manifest(clock_s) if kind == Kind.MANIFEST else self._endorsement(kind)
-        self.schedule.done(kind, now_s)
+        self.schedule.done(kind, at_ns)
         return message
 
     def wrapper(self, bodies: Iterable[bytes], now_s: float) -> Pages:

@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 
 from skyrange.core.errors import InputError
 from skyrange.record.read.run import RunRecord, load
+from skyrange.record.verification import require_verified
 from skyrange.study.attribution.arms import NOMINAL
 from skyrange.study.dataset.columns import VIEWS
 from skyrange.study.dataset.description.checksums import write_checksums
@@ -47,8 +48,8 @@ def build_dataset(
     Runs are read one after the other, blocks in order of their names and in each the nominal arm first, so the result
     does not depend on the order of `members`. `published` is a date, YYYY-MM-DD, by default the first of the runs' UTC.
     Raises `InputError` for no members, a member without a split, a block in two splits, a record that does not
-    keep frames, an attack kind without a family, or a folder that exists; `ComponentError` for a view that breaks its
-    declaration.
+    keep frames or is not as its manifest says (`verify_run`), an attack kind without a family, or a folder that exists;
+    `ComponentError` for a view that breaks its declaration.
     """
     settings = settings or ViewSettings()
     if not members:
@@ -62,6 +63,7 @@ def build_dataset(
     for record in records:
         for table in ("frames", "telemetry"):
             record.tables.require(table)
+    require_verified(f"dataset {name}", records)
     traits = [traits_of(member, settings.families) for member in ordered]
     published = published or str(records[0].manifest["start_utc"])[:10]
     described = (name, description, license_url, creator, url, published)

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from skyrange.contracts.components import Sensors, World
+from skyrange.contracts.components import ReceivedSensors, Sensors, World
 from skyrange.core.ids import hash64
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Words
@@ -29,7 +29,7 @@ class TruthTick(NamedTuple):
 
 
 class SensorTick(NamedTuple):
-    """The sensors at one tick: `values` is (n, 29) in the order of the `sensors` table's columns."""
+    """The sensors at one tick: `values` is (n, 30) in the order of the `sensors` table's columns."""
 
     time_ns: Time
     vehicles: tuple[str, ...]
@@ -61,8 +61,18 @@ def sensor_tick(now: Time, world: World) -> SensorTick:
     return SensorTick(now, tuple(world.vehicles[row] for row in rows), values[rows])
 
 
+def received_tick(now: Time, world: World, received: ReceivedSensors) -> SensorTick:
+    """What autopilots received at one tick, of the bodies that exist and to which it is not what was sensed."""
+    rows = np.arange(len(world.vehicles))[received.rows]
+    values = sensor_values(received.sensors)
+    differ = (values.view(np.uint32) != sensor_values(world.sensors(received.rows)).view(np.uint32)).any(axis=1)
+    if world.present is not None:
+        differ &= world.present[rows]
+    return SensorTick(now, tuple(world.vehicles[row] for row in rows[differ].tolist()), values[differ])
+
+
 def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
-    """A copy of one tick's sensors as (n, 29), in the order of the `sensors` table."""
+    """A copy of one tick's sensors as (n, 30), in the order of the `sensors` table."""
     return np.column_stack(
         [
             sensors.gyro_radps,
@@ -77,6 +87,7 @@ def sensor_values(sensors: Sensors) -> NDArray[np.float32]:
             sensors.gnss_fix,
             sensors.gnss_satellites,
             sensors.gnss_time_ns / NS_PER_S,
+            sensors.gnss_utc_error_ns / NS_PER_S,
             sensors.battery_v,
             sensors.battery_a,
         ]
@@ -109,7 +120,7 @@ def split_ticks(batch: pa.RecordBatch) -> list[TruthTick]:
 
 
 def sensor_batch(ticks: Sequence[SensorTick]) -> pa.RecordBatch:
-    """Rows of sensors, tick by tick."""
+    """Rows of `sensors` or `received_sensors`, tick by tick."""
     values = np.concatenate([tick.values for tick in ticks])
     arrays = [_times(ticks), _names([tick.vehicles for tick in ticks])]
     arrays += [pa.array(values[:, place]) for place in range(values.shape[1])]

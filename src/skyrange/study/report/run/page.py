@@ -11,6 +11,7 @@ from skyrange.core.time import NS_PER_S
 from skyrange.study.figures import run as run_figures
 from skyrange.study.figures.palette import ThemeColour
 from skyrange.study.figures.subject import Subject
+from skyrange.study.measures.placing import describe_placing
 from skyrange.study.measures.time_series import Record
 from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.rendering import asset, content_policy, render
@@ -61,6 +62,7 @@ def render_run(record: Record) -> str:
         left_out=overview.left_out(notes),
         city=overview.city_lines(run.record.manifest),
         mission_files=overview.mission_file_lines(run.record.manifest),
+        placing=describe_placing(run.record.manifest.get("placing") or ()),
         digests=run.manifest.get("digests") or {},
     )
 
