@@ -101,6 +101,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "timings": manifest.get("timings") or {},
         "cores": manifest.get("cores"),
         "city": manifest.get("city"),
+        "warnings": manifest.get("warnings") or [],
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,
         "equivocators": _equivocators(record),

@@ -53,6 +53,8 @@ def print_summary(facts: dict[str, Any]) -> None:
             )
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
+    for line in facts.get("warnings", [])[:MAX_MISHAPS]:
+        console.print(f"WARNING: {line}", soft_wrap=True, markup=False, highlight=False)
     print_city(console, facts.get("city"))
     if facts.get("radio"):
         console.print(f"radio  {facts['radio']}", soft_wrap=True, markup=False, highlight=False)
