@@ -186,3 +186,20 @@ def test_dataflash_logs_are_kept_where_asked(tmp_path: Path, before: set[int]) -
     logs = sorted(path.name for path in (tmp_path / "run" / "dataflash").iterdir())
     assert logs == ["op-a1.bin", "op-a2.bin"]
     assert (tmp_path / "run" / "dataflash" / "op-a1.bin").read_bytes()[:2] == b"\xa3\x95"
+
+
+@pytest.mark.slow
+def test_a_low_battery_leads_to_the_same_failsafe_or_to_a_warning(tmp_path: Path) -> None:
+    """By the build: it takes the world's battery, or the scenario is said to have no battery failsafe under it."""
+    low = {"BATT_LOW_VOLT": 12.3, "BATT_LOW_TIMER": 2.0, "BATT_FS_LOW_ACT": 2.0}
+    made = scenario(45.0)
+    fleet = [one.model_copy(update={"params": {**one.params, **low}}) for one in made.operators[0].vehicles[1:]]
+    operator = made.operators[0].model_copy(update={"vehicles": tuple(fleet)})
+    Run.start(made.model_copy(update={"operators": (operator,)}), tmp_path / "run").execute()
+    record = load(tmp_path / "run")
+    events = record.table("events").to_pylist()
+    modes = [row for row in events if row["kind"] == "event.mode"]
+    failsafes = {row["about"] for row in modes if json.loads(row["data"]).get("reason") == "battery_failsafe"}
+    warnings = record.manifest.get("warnings", [])
+    assert "op/b1" in failsafes
+    assert ("op/a2" in failsafes) is not any(line.startswith("op/a2: BATT_LOW_VOLT = 12.3") for line in warnings)

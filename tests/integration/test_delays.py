@@ -10,8 +10,9 @@ from skyrange.record import RunRecord
 from skyrange.scenario.toml_reader import load_text
 from skyrange.study.attribution.outcomes import ArmOutcomes
 from skyrange.study.measures.aircraft_measures import measure, read_ticks
-from skyrange.study.measures.landings import read_landings_s
+from skyrange.study.measures.landings import find_landings_s
 from skyrange.study.measures.separation import NEAR_M
+from skyrange.study.measures.time_series import read_notes
 from skyrange.study.twins.effects import COLUMNS, effect_rows
 from tests.ardupilot import needs_arducopter
 from tests.flights import shared_run
@@ -66,7 +67,7 @@ def check_landing(record: RunRecord) -> None:
     ticks = read_ticks(record)
     down = np.flatnonzero(ticks.aloft[:-1, 0] & ~ticks.aloft[1:, 0]) + 1
     assert len(down), "it did not land"
-    (landed_s,) = read_landings_s(record).values()
+    (landed_s,) = find_landings_s(read_notes(record, "events"), record.outcomes).values()
     assert min(abs(to_seconds(int(at_ns)) - landed_s) for at_ns in ticks.time_ns[down]) <= TICK_S
     (one,) = measure(record, ticks, NEAR_M)
     assert one.landed_s == landed_s

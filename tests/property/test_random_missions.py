@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,8 +24,15 @@ from skyrange.study.compare.mission_flights import (
     compare_flights,
     flight_plan,
 )
-from skyrange.study.compare.mission_parity import is_legal, legal_missions, shrink_mission
-from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
+from skyrange.study.compare.mission_parity import (
+    MissionAgreement,
+    is_legal,
+    legal_missions,
+    page,
+    results,
+    shrink_mission,
+)
+from skyrange.study.compare.random_missions import PlacedItem, RandomMission, random_mission, simpler
 from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.vehicle.builtin.engine import BUILTIN
 
@@ -101,6 +110,36 @@ def test_a_difference_is_named(
     assert one.alike is (miss == "")
 
 
+FLIGHTS = st.builds(
+    FlownMission,
+    rejected=st.sampled_from(("", "", "mission upload refused")),
+    items=st.sampled_from(((), ((10.0, 1),))),
+    modes=st.sampled_from(((), ("GUIDED", "AUTO"))),
+    outcome=st.sampled_from(("complete", "failed", "unfinished")),
+    down_s=st.sampled_from((np.nan, 30.0)),
+    path_m=st.sampled_from((LINE[:0], LINE[:1], LINE, LINE + 5.0 * ASIDE)),
+    crashed=st.sampled_from(("", "", "20.0 s, 0% charge")),
+)
+HOVER = random_mission(0)
+
+
+@given(FLIGHTS, FLIGHTS)
+def test_flights_that_show_nothing_are_never_agreement(first: FlownMission, second: FlownMission) -> None:
+    """Rejected, never lifted, a single point, ended in a crash: alike to the last number, and no evidence."""
+    for pair in ((first, second), (first, first)):
+        one = compare_flights(HOVER, CALM, pair)
+        shows = all(not each.rejected and len(each.path_m) > 1 and not each.crashed for each in pair)
+        assert shows or not one.alike
+        assert [one.alike, bool(one.miss), bool(one.undecided)].count(True) == 1
+        if pair[0] is pair[1]:
+            assert one.alike is shows
+            assert not one.miss
+        agreement = MissionAgreement((one,), {})
+        assert agreement.share == 1.0 or not one.alike
+        assert json.dumps(results(agreement), allow_nan=False)
+        assert f"{int(one.alike)} of {int(not one.undecided)} missions" in next(page(agreement))
+
+
 @settings(deadline=None)
 @given(st.floats(0.2, 3.0), st.floats(1.0, 9.0))
 def test_the_distance_of_tracks_is_geometric(off_m: float, speed: float) -> None:
@@ -131,3 +170,70 @@ def test_a_mission_that_differs_is_shrunk_to_what_differs() -> None:
     assert len(found.mission.items) == 2
     assert found.wind_mps == 0.0
     assert is_legal(found.mission)
+
+
+def _turned(start_deg: float, end_deg: float, rate_degps: float = 30.0, at_s: float = 10.0) -> FlownMission:
+    """A flight along `LINE` with a turn at `at_s`."""
+    times_s = np.linspace(0.0, 30.0, 101)
+    turn = np.clip((times_s - at_s) * rate_degps, 0.0, abs(end_deg - start_deg))
+    heading_deg = start_deg + np.sign(end_deg - start_deg) * turn
+    return _flown((), LINE, time_s=times_s, heading_rad=np.radians(heading_deg))
+
+
+def _with_turn(degrees: float, rate_degps: float, sense: float) -> RandomMission:
+    turn = PlacedItem(mav.MAV_CMD_CONDITION_YAW, (degrees, rate_degps, sense, 0.0))
+    return RandomMission(0, (PlacedItem(mav.MAV_CMD_NAV_TAKEOFF, place_m=(0.0, 0.0, 10.0)), turn))
+
+
+@given(st.integers(0, 359), st.sampled_from((1, -1)), st.sampled_from((0, 360, -360)), st.booleans())
+def test_a_whole_circle_from_the_requested_heading_is_undecided(
+    degrees: int, sense: int, unwrapped: int, swap: bool
+) -> None:
+    """Whichever of the two turns, and however its heading is counted."""
+    stays, turns = _turned(degrees, degrees), _turned(degrees + unwrapped, degrees + unwrapped + 360 * sense)
+    pair = (turns, stays) if swap else (stays, turns)
+    one = compare_flights(_with_turn(float(degrees), 30.0, float(sense)), CALM, pair)
+    assert one.undecided == "rounding"
+    assert not one.alike
+    assert ("the first" in one.detail) is swap
+
+
+@pytest.mark.parametrize(
+    ("turn", "start_deg", "end_deg"),
+    [
+        ((40.0, 30.0, 1.0), 0.0, 360.0),  # another heading is requested
+        ((0.0, 30.0, -1.0), 0.0, 360.0),  # in the other direction
+        ((0.0, 30.0, 0.0), 0.0, 360.0),  # in none
+        ((0.0, 30.0, 1.0), 0.0, 45.0),  # no circle
+    ],
+)
+def test_other_turns_are_not_a_matter_of_rounding(
+    turn: tuple[float, float, float], start_deg: float, end_deg: float
+) -> None:
+    pair = _turned(start_deg, start_deg), _turned(start_deg, end_deg)
+    assert compare_flights(_with_turn(*turn), CALM, pair).undecided == ""
+
+
+def test_a_turn_that_both_make_is_decided() -> None:
+    mission = _with_turn(0.0, 90.0, 1.0)
+    both = _turned(0.0, 360.0, 90.0), _turned(0.0, 360.0, 90.0, 10.6)
+    assert compare_flights(mission, CALM, both).undecided == ""
+    assert compare_flights(mission, CALM, (both[0], both[0])).alike
+
+
+def test_the_missions_reach_turns_to_the_present_heading() -> None:
+    """By both ways: the heading of a leg, and that of the same turn before; in every direction."""
+    along, again = set(), set()
+    for number in range(1_000):
+        items = random_mission(number).items
+        placed = [item for item in items if item.command == mav.MAV_CMD_NAV_WAYPOINT]
+        for before, item in itertools.pairwise(items):
+            if item.command == mav.MAV_CMD_CONDITION_YAW and before.command == mav.MAV_CMD_NAV_WAYPOINT:
+                start, end = placed[placed.index(before) - 1].place_m, before.place_m
+                course = np.degrees(np.arctan2(end[0] - start[0], end[1] - start[1])) % 360.0
+                if item.params[2] and not item.params[3] and course == item.params[0]:
+                    along.add((item.params[0], item.params[2]))
+        turns = [item.params for item in items if item.command == mav.MAV_CMD_CONDITION_YAW]
+        again |= {one[2] for one, two in itertools.pairwise(turns) if one == two and one[2] and not one[3]}
+    assert along >= {(degrees, sense) for degrees in (0.0, 90.0, 180.0, 270.0) for sense in (1.0, -1.0)}
+    assert again == {1.0, -1.0}

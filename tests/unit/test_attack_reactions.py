@@ -64,6 +64,31 @@ def test_a_crash_that_the_twin_does_not_have() -> None:
     assert (found.reaction, found.at_s) == ("crashes", 11.5)
     assert [text for _, text in found.signs] == ["EKF variance", "crash", "mission failed, not complete"]
     assert reaction_of(fell, fell).reaction == "ignores"
+    assert not alike(reaction_of(fell, fell), reaction_of(fell, fell))  # any attack would be ignored by a wreck
+
+
+@pytest.mark.parametrize("down", [{"takeoff_s": None, "landings": ()}, {"lost": ((21.5, "crash"),)}])
+def test_flights_that_show_nothing_are_undecided(down: dict[str, Any]) -> None:
+    """Never off the ground, or ended in a crash with and without the attack: equal flights that are no agreement."""
+    still, more = flown(**down), flown(**down, refusals=((20.0, "mission denied"),))
+    nothing = ComparedAttack("link.delay", reaction_of(still, still), reaction_of(still, still))
+    assert {nothing.first.reaction, reaction_of(more, still).reaction} == {"ignores", "rejects"}
+    assert nothing.undecided
+    assert not nothing.alike
+    assert report.verdict(nothing).startswith("undecided: ")
+    assert report.verdict(ComparedAttack("link.delay", IGNORES, reaction_of(more, still))).startswith("undecided: ")
+    assert agreement([*COMPARED, nothing]) == agreement(COMPARED)
+    assert ComparedAttack("link.delay", reaction_of(NOMINAL), reaction_of(NOMINAL)).alike
+
+
+def test_an_undecided_row_of_a_page_is_not_counted(tmp_path: Path) -> None:
+    page = tmp_path / "parity.md"
+    page.write_text(f"{report.BEGIN}\n{report.END}\n")
+    nothing = replace(IGNORES, undecided="neither takes off")
+    report.renew_page([*COMPARED, ComparedAttack("link.delay", nothing, nothing)], page)
+    report.renew_page(COMPARED[:1], page)
+    assert "Of all 4 attacks these are 3 and 2." in page.read_text()
+    assert "| undecided: neither takes off |" in page.read_text()
 
 
 def test_a_failsafe_that_the_twin_does_not_have_or_at_another_time() -> None:
@@ -221,9 +246,9 @@ def test_the_command_prints_and_renews(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert facts["attacks"][1]["ardupilot"]["reaction"] == "ignores"
 
 
-def test_kinds_are_those_with_an_example_of_one_attack() -> None:
+def test_the_kinds_are_all_that_have_an_example() -> None:
     chosen = chosen_kinds([])
-    assert set(EXAMPLES) - set(chosen) == {"campaign"}
+    assert set(chosen) == set(EXAMPLES)
     assert set(NOT_CARRIED) <= set(chosen)
     with pytest.raises(InputError, match=r"mavlink\.mode"):
         chosen_kinds(["mavlink.mod"])

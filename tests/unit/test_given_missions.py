@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from skyrange.cli.app import app
 from skyrange.codec.mavlink import Packer
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
+from skyrange.study.compare import mission_parity
 from skyrange.study.compare.given_missions import read_missions
-from skyrange.study.compare.mission_flights import KINDS, ORIGIN, _reached_items, fleet_scenario
-from skyrange.study.compare.mission_parity import given_missions
+from skyrange.study.compare.mission_flights import (
+    KINDS,
+    ORIGIN,
+    ComparedMission,
+    _reached_items,
+    fleet_scenario,
+)
+from skyrange.study.compare.mission_parity import MissionAgreement, given_missions, page, results
 
 FILE = """QGC WPL 110
 0\t1\t0\t16\t0\t0\t0\t0\t47.0\t8.0\t400\t1
@@ -33,7 +43,7 @@ def mission_file(folder: Path, name: str, lat: float = 47.001) -> Path:
 
 
 def test_a_mission_is_moved_to_the_start_with_altitudes_above_it(tmp_path: Path) -> None:
-    (mission,) = read_missions([mission_file(tmp_path, "a.waypoints")])
+    ((mission,), _) = read_missions([mission_file(tmp_path, "a.waypoints")])
     placed = mission.at(ORIGIN, (2_000.0, 0.0)).items[1]
     east_m, north_m = ORIGIN.enu_of(placed.x, placed.y)
     assert (east_m, placed.z) == pytest.approx((2_000.0, 20.0), abs=0.1)
@@ -43,15 +53,62 @@ def test_a_mission_is_moved_to_the_start_with_altitudes_above_it(tmp_path: Path)
     assert mission.words.endswith("a.waypoints")
 
 
-def test_all_problems_of_all_files_are_told_before_anything_flies(tmp_path: Path) -> None:
-    grounded = tmp_path / "b.waypoints"
+def unflyable(folder: Path) -> dict[Path, str]:
+    """Files that cannot be read, flown or placed, and what their refusal says."""
+    files = {
+        folder / "none.waypoints": "no such file",
+        folder / "text.waypoints": "QGC WPL",
+        folder / "grounded.waypoints": "expected 22",
+        folder / "far.waypoints": "from home",
+    }
+    text, grounded, far = [*files][1:]
+    text.write_text("not a mission\n")
     grounded.write_text(FILE.format(lat=47.001).replace("\t22\t", "\t16\t"))
-    with pytest.raises(InputError, match=r"b\.waypoints.*expected 22"):
-        given_missions([mission_file(tmp_path, "a.waypoints"), grounded])
+    far.write_text(FILE.format(lat=57.001))
+    return files
+
+
+def test_a_file_that_cannot_be_flown_does_not_keep_the_others_down(tmp_path: Path) -> None:
+    bad = unflyable(tmp_path)
+    first, last = (mission_file(tmp_path, name) for name in ("a.waypoints", "z.waypoints"))
+    flown, refused = given_missions([first, *bad, last])
+    assert [mission.file for mission in flown] == [first, last]
+    assert [mission.number for mission in flown] == [1, len(bad) + 2]
+    assert [one.file for one in refused] == [*bad]
+    for one in refused:
+        assert bad[one.file] in one.reason, one
+    found = MissionAgreement((), {}, tuple(refused))
+    lines = list(page(found))
+    assert f"{len(bad)} missions: 0 flown, {len(bad)} refused. 0 undecided." in lines
+    assert [row["file"] for row in results(found)["refused"]] == [str(file) for file in bad]
+
+
+def test_the_command_says_the_count_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bad = unflyable(tmp_path)
+    flights: list[int] = []
+
+    def compare_fleet(folder: Path, missions: Sequence[Any], *_: Any, **__: Any) -> list[ComparedMission]:
+        flights.append(len(missions))
+        return []
+
+    monkeypatch.setattr(mission_parity, "compare_fleet", compare_fleet)
+    asked = ["parity", "missions", str(mission_file(tmp_path, "a.waypoints")), *map(str, bad), "--out"]
+    said = CliRunner().invoke(app, [*asked, str(tmp_path / "out")])
+    assert said.exit_code == 0, said.output
+    lines = said.stderr.splitlines()
+    assert lines[0] == f"{len(bad) + 1} missions: 1 flown, {len(bad)} refused."
+    assert [line for line in lines if line.startswith("not flown: ")] == lines[1 : len(bad) + 1]
+    assert flights == [1]
+
+
+def test_nothing_flies_if_no_file_can(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a mission that can be flown") as error:
+        given_missions([*unflyable(tmp_path)])
+    assert len(error.value.problems) == len(unflyable(tmp_path))
 
 
 def test_missions_that_lead_far_start_farther_apart(tmp_path: Path) -> None:
-    missions = read_missions([mission_file(tmp_path, "far.waypoints", 47.01)] * 2)
+    missions, _ = read_missions([mission_file(tmp_path, "far.waypoints", 47.01)] * 2)
     scenario = fleet_scenario(missions, (0.0, 0.0), tmp_path)
     starts = sorted(vehicle.start.east_m for _, vehicle in scenario.fleet)
     assert len(starts) == 2 * len(KINDS)

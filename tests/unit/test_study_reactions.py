@@ -74,6 +74,8 @@ def test_alike_means_outcome_and_place() -> None:
     calm = Reaction(None, None, (), None, 6.0)
     assert ComparedReaction(setting, calm, Reaction(None, None, (), None, 7.9)).alike
     assert not ComparedReaction(setting, calm, Reaction(None, None, (), None, 8.1)).alike
+    grounded = Reaction(None, None, (), None, 0.0, took_off=False)
+    assert not ComparedReaction(setting, grounded, grounded).alike
     assert not ComparedReaction(setting, calm, Reaction(1.2, 9.0, (), None, 6.0)).alike
     late = ComparedReaction(
         setting, Reaction(1.2, None, ((10.0, 6.0),), None, 6.0), Reaction(1.2, None, ((8.5, 6.0),), None, 6.0)

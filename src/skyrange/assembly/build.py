@@ -12,6 +12,7 @@ from skyrange.assembly.acts.honest_arm import describe_aircraft
 from skyrange.assembly.acts.own_sensors import list_own_sensors
 from skyrange.assembly.aircraft import build_aircraft, describe_engines
 from skyrange.assembly.approvals import build_approvals
+from skyrange.assembly.battery_warnings import list_battery_warnings
 from skyrange.assembly.city import build_city
 from skyrange.assembly.control_links import LinksOverAir, build_control_links, check_links_over_air, make_links_over_air
 from skyrange.assembly.detectors import build_detectors, describe_monitor
@@ -200,7 +201,8 @@ def build(
         | ({"faults": made.fault_rows} if made.fault_rows else {})
         | ({"honest": describe_aircraft(made.aircraft, scenario)} if made.aircraft else {})
         | ({"defences": defences.rows} if defences.rows else {})
-        | ({"detectors": rows} if rows else {}),
+        | ({"detectors": rows} if rows else {})
+        | ({"warnings": warnings} if (warnings := list_battery_warnings(scenario)) else {}),
         make_attachments(scenario, city) if attached else {},
         make_mission_files(plans),
         air.oracle,

@@ -20,6 +20,11 @@ from skyrange.record.schema import arrow_schema
 OUTCOME = "event.outcome"
 """Kind of the event that ends an aircraft's mission, with `state` (complete or failed) and `reason`."""
 
+CRASH = "event.crash"
+"""Kind of the event, of the world, that an aircraft hit the ground too hard or tipped over."""
+
+COMPLETE = "complete"
+FAILED = "failed"
 UNFINISHED = "unfinished"
 """The state of an aircraft whose outcome was never noted."""
 
@@ -97,14 +102,40 @@ def _columns(table: str, rows: Sequence[Sequence[Any]]) -> list[pa.Array]:
 
 
 def outcome(now: Time, data: Mapping[str, Any]) -> dict[str, Any]:
-    """The manifest entry of an aircraft whose outcome was noted."""
+    """The entry of an aircraft whose outcome was noted, as its ground station reports it."""
     return {"state": data.get("state"), "reason": data.get("reason"), "finished_s": to_seconds(now)}
 
 
-def outcomes(vehicles: Iterable[str], noted: Mapping[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """One entry for every declared aircraft and for every other aircraft with a noted outcome."""
+def outcomes(
+    vehicles: Iterable[str], noted: Mapping[str, dict[str, Any]], crashes: Mapping[str, Time]
+) -> dict[str, dict[str, Any]]:
+    """One entry for every declared aircraft and for every other aircraft with a noted outcome.
+
+    `noted` are outcomes as ground stations report them, `crashes` the times of the first crashes by aircraft. A mission
+    whose aircraft has crashed is not complete, whatever its ground station reports: a station takes a disarmed
+    autopilot for a landed aircraft.
+    """
     unfinished: dict[str, Any] = {"state": UNFINISHED, "reason": "", "finished_s": None}
-    return {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
+    found = {vehicle: dict(noted.get(vehicle, unfinished)) for vehicle in [*dict.fromkeys([*vehicles, *noted])]}
+    for vehicle, entry in found.items():
+        if entry["state"] == COMPLETE and vehicle in crashes:
+            reason = f"crashed at {to_seconds(crashes[vehicle]):.1f} s; its ground station reported complete"
+            entry |= {"state": FAILED, "reason": reason}
+    return found
+
+
+def outcomes_of_events(
+    vehicles: Iterable[str], events: Iterable[tuple[Time, str, str, Mapping[str, Any]]]
+) -> dict[str, dict[str, Any]]:
+    """`outcomes` of events in the order in which they were recorded: time, kind, about, details."""
+    noted: dict[str, dict[str, Any]] = {}
+    crashes: dict[str, Time] = {}
+    for now, kind, about, data in events:
+        if kind == OUTCOME:
+            noted[about] = outcome(now, data)
+        elif kind == CRASH:
+            crashes.setdefault(about, now)
+    return outcomes(vehicles, noted, crashes)
 
 
 def vehicle_ids(manifest: Mapping[str, Any]) -> list[str]:

@@ -110,6 +110,7 @@ def summary(record: RunRecord) -> dict[str, Any]:
         "city": manifest.get("city"),
         "mission_files": manifest.get("mission_files") or [],
         "placing": manifest.get("placing") or [],
+        "warnings": manifest.get("warnings") or [],
         "radio": describe_radio_engine(manifest),
         "trust": trust.facts() if trust.pairs else None,
         "equivocators": _equivocators(record),

@@ -59,6 +59,10 @@ def _opens_none(params: Any, count: int) -> Sequence[int]:
     return ()
 
 
+def _measures_the_worlds(params: Any) -> str:
+    return ""
+
+
 def _accepts_all(item: Any) -> int:
     return 0
 
@@ -80,6 +84,9 @@ class AutopilotPlugin(Plugin[AutopilotContext, Engine]):
     others, which no attack on sensors, no sensor fault and no sensor check can reach."""
     opened_ports: Callable[[Any, int], Sequence[int]] = _opens_none
     """`opened_ports(params, count)`: the ports where that many aircraft obey whoever connects; of each one, or none."""
+    other_battery: Callable[[Any], str] = _measures_the_worlds
+    """`other_battery(params)`: which battery they measure instead of the world's; "" if they measure the world's. Their
+    battery failsafes follow what they measure."""
     mission_result: Callable[[Any], int] = _accepts_all
     """`mission_result(item)`: the MAV_MISSION_RESULT with which they answer the upload of a MISSION_ITEM_INT.
 

@@ -39,13 +39,14 @@ def run(
     from skyrange.cli.output.interlock_notice import print_interlock_notice
     from skyrange.cli.output.progress import compile_if_cold, progress
     from skyrange.cli.output.run_summary import print_summary
-    from skyrange.cli.output.viewer_notices import open_viewers
+    from skyrange.cli.output.viewer_notices import open_viewers, print_warnings
     from skyrange.scenario.shipped import load
     from skyrange.study.failed_missions import require_missions
     from skyrange.study.runs import fly
     from skyrange.study.summary import summary
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
+    print_warnings(scenario)
     shortfall: ShortfallError | None = None
     compile_if_cold(quiet=as_json)
     watched = qgc or viewer_port is not None
@@ -93,12 +94,14 @@ def pair(
     """`skyrange pair`."""
     from skyrange.cli.output.pair_table import print_pair
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
+    from skyrange.cli.output.viewer_notices import print_warnings
     from skyrange.scenario.shipped import load
     from skyrange.study.attribution.arms import acting_attacks, plan_arms
     from skyrange.study.failed_missions import require_baseline
     from skyrange.study.pairing import pair as fly_pair
 
     scenario = load(name, changes, seed=seed, buildings=buildings)
+    print_warnings(scenario)
     compile_if_cold(quiet=as_json)
     flights = seeds * len(plan_arms(acting_attacks(scenario), arms, honest))
     with parallel_progress(scenario.name, flights, quiet=as_json) as on_progress:

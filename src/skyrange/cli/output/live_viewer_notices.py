@@ -5,7 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_notice
-from skyrange.cli.output.viewer_notices import open_port_warning, viewer_address_lines, viewer_counts_text
+from skyrange.cli.output.viewer_notices import (
+    open_port_warning,
+    print_warnings,
+    viewer_address_lines,
+    viewer_counts_text,
+)
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:
@@ -43,6 +48,7 @@ def print_open_ports(flown: LiveRange) -> None:
     """Warn of autopilots that listen on network ports themselves."""
     for line in open_port_warning(flown.built.scenario):
         print_notice(line)
+    print_warnings(flown.built.scenario)
 
 
 def print_viewer_addresses(flown: LiveRange) -> None:

@@ -57,6 +57,8 @@ def print_summary(facts: dict[str, Any]) -> None:
             )
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
+    for line in facts.get("warnings", [])[:MAX_MISHAPS]:
+        console.print(f"WARNING: {line}", soft_wrap=True, markup=False, highlight=False)
     print_city(console, facts.get("city"))
     _print_mission_files(console, facts.get("mission_files") or ())
     print_placing(console, facts.get("placing"))

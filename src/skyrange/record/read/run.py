@@ -18,7 +18,7 @@ from skyrange.core.time import to_seconds
 from skyrange.record.folder import check_folder_name
 from skyrange.record.levels import FULL, keeps, level_of
 from skyrange.record.manifest import RUNNING, origin_of, read_manifest, start_unix_ns_of
-from skyrange.record.notes import OUTCOME, outcome, outcomes, vehicle_ids
+from skyrange.record.notes import CRASH, OUTCOME, outcomes_of_events, vehicle_ids
 from skyrange.record.part_files import table_files
 from skyrange.record.read.features import count_features, features_period_ns, merge_features
 from skyrange.record.read.observations import derive_observations, observations_table
@@ -178,15 +178,17 @@ class RunRecord:
 
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
-        """`state`, `reason` and `finished_s` of every aircraft's mission, by its ground station's last report."""
+        """`state`, `reason` and `finished_s` of every aircraft's mission.
+
+        The state is that which the ground station reported last, but `failed` if the aircraft crashed.
+        """
         declared = self.manifest.get("outcomes")
         if declared is not None and not self.tables.spooled:
             return dict(declared)
-        noted = {}
         table = self.tables.table("events", ["time_ns", "kind", "about", "data"])
-        for row in table.filter(pc.equal(table.column("kind"), OUTCOME)).to_pylist():
-            noted[row["about"]] = outcome(row["time_ns"], json.loads(row["data"]))
-        return outcomes(vehicle_ids(self.manifest), noted)
+        ends = table.filter(pc.is_in(table.column("kind"), pa.array([OUTCOME, CRASH]))).to_pylist()
+        events = ((row["time_ns"], row["kind"], row["about"], json.loads(row["data"])) for row in ends)
+        return outcomes_of_events(vehicle_ids(self.manifest), events)
 
     @property
     def duration(self) -> float:

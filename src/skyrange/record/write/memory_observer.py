@@ -16,7 +16,7 @@ from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.record.digests import Digests
-from skyrange.record.notes import OUTCOME, outcome
+from skyrange.record.notes import outcomes_of_events
 from skyrange.record.write.rows.frame_encoder import FrameEncoder
 from skyrange.record.write.rows.ticks import TruthTick, truth_tick, truth_words
 
@@ -100,11 +100,7 @@ class MemoryObserver:
     @property
     def outcomes(self) -> dict[str, dict[str, Any]]:
         """`state`, `reason` and `finished_s` of each aircraft whose outcome was noted."""
-        return {
-            noted.note.about: outcome(noted.time_ns, noted.note.data)
-            for noted in self.notes
-            if noted.note.kind == OUTCOME
-        }
+        return outcomes_of_events((), ((time_ns, note.kind, note.about, note.data) for time_ns, _, note in self.notes))
 
     def kinds(self, about: str) -> Sequence[str]:
         """The kinds of all notes about a vehicle, operator or endpoint, in order."""

@@ -429,7 +429,7 @@ class Recorder:
         return {
             "simulated_s": to_seconds(state.last_ns),
             "digests": state.digests.to_dict(),
-            "outcomes": outcomes(vehicle_ids(self._manifest), state.outcomes),
+            "outcomes": outcomes(vehicle_ids(self._manifest), state.outcomes, state.crashes),
             **({"not_kept": dict(state.not_kept)} if state.level != FULL else {}),
             **extra,
             "status": status,

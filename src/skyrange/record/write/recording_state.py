@@ -33,6 +33,9 @@ class RecordingState:
     not_kept: dict[str, int] = field(default_factory=dict)
     """Rows observed of tables that the level leaves out."""
     outcomes: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """As ground stations report them, by aircraft."""
+    crashes: dict[str, Time] = field(default_factory=dict)
+    """Times of the first crashes, by aircraft."""
     study_rows: StudyRows | None = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Size and hash of the files that were attached, by name."""
@@ -73,6 +76,7 @@ class RecordingState:
             "counts": self.counts,
             "not_kept": self.not_kept,
             "outcomes": self.outcomes,
+            "crashes": self.crashes,
             "files": self.files,
         }
 
@@ -85,4 +89,5 @@ class RecordingState:
         for table, rows in shard["not_kept"].items():
             self.leave_out(table, rows)
         self.outcomes |= shard["outcomes"]
+        self.crashes |= shard["crashes"]
         self.files |= shard["files"]

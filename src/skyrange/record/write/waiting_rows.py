@@ -19,6 +19,7 @@ from skyrange.contracts.medium import Receptions
 from skyrange.contracts.verdicts import Label
 from skyrange.core.time import Time
 from skyrange.record.notes import (
+    CRASH,
     OUTCOME,
     AlertRow,
     NoteRow,
@@ -87,6 +88,8 @@ class WaitingRows:
             state.digests.add_event(note.about, now, source, note.kind)
             if note.kind == OUTCOME:
                 state.outcomes[note.about] = outcome(now, note.data)
+            elif note.kind == CRASH:
+                state.crashes.setdefault(note.about, now)
         state.last_ns = max(state.last_ns, now)
 
     def add_label(self, label: Label) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from skyrange.codec.mission import Mission, read_mission
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.geodesy import Origin
 from skyrange.gcs.plan.paths import Point
 from skyrange.gcs.plan.plans import anchored
@@ -35,6 +36,25 @@ class GivenMission:
         return str(self.file)
 
 
-def read_missions(files: Sequence[Path]) -> list[GivenMission]:
-    """The missions in `.waypoints`, `.txt` and `.plan` files. Raises `InputError` for a file that cannot be read."""
-    return [GivenMission(number, file, read_mission(file)) for number, file in enumerate(files, start=1)]
+@dataclass(frozen=True, slots=True)
+class RefusedMission:
+    """A mission file that is not flown, and all that is wrong with it."""
+
+    file: Path
+    reason: str
+
+    @classmethod
+    def of(cls, file: Path, problems: Sequence[Problem]) -> RefusedMission:
+        """The refusal for these problems."""
+        return cls(file, "; ".join(map(str, problems)))
+
+
+def read_missions(files: Sequence[Path]) -> tuple[list[GivenMission], list[RefusedMission]]:
+    """The missions in `.waypoints`, `.txt` and `.plan` files, and the files that cannot be read."""
+    missions, refused = [], []
+    for number, file in enumerate(files, start=1):
+        try:
+            missions.append(GivenMission(number, file, read_mission(file)))
+        except InputError as error:
+            refused.append(RefusedMission.of(file, error.problems))
+    return missions, refused

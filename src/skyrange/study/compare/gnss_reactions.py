@@ -21,6 +21,7 @@ from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.measures.time_series import RecordedNote, read_notes, truth_tracks
+from skyrange.study.measures.track_deviation import AIRBORNE_M
 from skyrange.study.runs import fly
 
 KINDS: Final = ("builtin", "ardupilot")
@@ -36,6 +37,7 @@ APART_M: Final = 2_000.0
 """Distance between aircraft, so large that none meets another wherever it is led."""
 ABREAST: Final = 14
 ALT_M: Final = 20.0
+NOT_IN_THE_AIR: Final = "not in the air"
 MOVED_M: Final = 2.0
 """Two aircraft are led to different places if their distances differ by more than this and by more than `SHARE`."""
 SHARE: Final = 0.1
@@ -84,6 +86,8 @@ class Reaction:
     resets: tuple[tuple[float, float], ...]
     failsafe_s: float | None
     led_m: float
+    took_off: bool = True
+    """Whether it was in the air when the attack began."""
 
     @property
     def reset_s(self) -> float | None:
@@ -92,7 +96,12 @@ class Reaction:
 
     @property
     def outcome(self) -> str:
-        """The most severe of ignored, followed, doubted, "doubted, then followed", reset and failsafe that applies."""
+        """The most severe of ignored, followed, doubted, "doubted, then followed", reset and failsafe that applies.
+
+        Or "not in the air", whatever it reports on the ground.
+        """
+        if not self.took_off:
+            return NOT_IN_THE_AIR
         if self.failsafe_s is not None:
             return "failsafe"
         if self.resets:
@@ -112,7 +121,12 @@ class ComparedReaction:
 
     @property
     def alike(self) -> bool:
-        """Whether the outcomes are the same and the aircraft are led equally far, to within 2 m or a tenth."""
+        """Whether the outcomes are the same and the aircraft are led equally far, to within 2 m or a tenth.
+
+        Aircraft that are not in the air agree with none.
+        """
+        if NOT_IN_THE_AIR in (self.first.outcome, self.second.outcome):
+            return False
         near = abs(self.first.led_m - self.second.led_m) <= max(MOVED_M, SHARE * self.second.led_m)
         return self.first.outcome == self.second.outcome and (near or self.first.outcome == "failsafe")
 
@@ -256,6 +270,7 @@ def _reaction(events: Sequence[RecordedNote], track: Any) -> Reaction:
         resets=tuple((at_s, by_m) for at_s, by_m in resets if by_m >= RESET_M),
         failsafe_s=failsafe_s,
         led_m=float(np.sqrt(((end - begin) ** 2).sum())),
+        took_off=bool(begin[2] - track.enu_m[0, 2] > AIRBORNE_M),
     )
 
 

@@ -1,14 +1,15 @@
 """Missions flown by two kinds of autopilot in one run: its scenario, the flights in its record, their differences.
 
 Every mission has two aircraft, one per kind, in one run with the same wind, so that both fly in the same world. A
-mission agrees if both accept its items, report the same items and modes in the same order, at the same times after
-lift-off, fly along the same path, and end alike.
+mission agrees if both accept its items, take off, report the same items and modes in the same order, at the same times
+after lift-off, fly along the same path, and end alike. A mission that both reject, in which neither takes off, or in
+which both crash is undecided: it shows neither agreement nor a difference.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Protocol
@@ -21,13 +22,14 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mission import Mission, format_waypoints
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import endpoint, link_name
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NS_PER_S, Time
 from skyrange.gcs.plan.plans import FlightPlan, from_file
 from skyrange.gcs.plan.routes import enu_points, estimated_duration_s
 from skyrange.record import RunRecord
 from skyrange.runtime.run import OnProgress
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.compare.gnss_reactions import DEADLINE_S
+from skyrange.study.compare.rounded_turns import read_headings, rounded_turn
 from skyrange.study.failed_missions import rejected_missions
 from skyrange.study.measures.path_distance import path_distance_m
 from skyrange.study.measures.time_series import Track, read_notes, truth_tracks
@@ -89,13 +91,25 @@ class FlownMission:
     """When it was last above `AIRBORNE_M`; NaN if it never was."""
     path_m: Floats
     """(n, 3) true positions in the air, relative to the start."""
+    crashed: str = ""
+    """When it crashed, and with what charge, or ""."""
+    time_s: Floats = field(default_factory=lambda: np.zeros(0))
+    """(n,) times of `path_m` and `heading_rad`."""
+    heading_rad: Floats = field(default_factory=lambda: np.zeros(0))
+    """(n,) true headings, clockwise from north, without jumps of a whole circle."""
+
+    @property
+    def took_off(self) -> bool:
+        """Whether it has a path."""
+        return len(self.path_m) >= 2
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedMission:
     """One mission, flown by both in the order of `KINDS`, in a wind of `wind_mps` from `wind_from_deg`.
 
-    `miss` says in which way the flights differ, "" for none; `detail` gives the numbers.
+    `miss` says in which way the flights differ, "" for none; `undecided` why they show neither agreement nor a
+    difference, "" if they do; `detail` gives the numbers.
     """
 
     mission: ComparableMission
@@ -107,11 +121,12 @@ class ComparedMission:
     path_apart_m: float
     time_apart_s: float
     """Greatest difference between the times of an item that both reached."""
+    undecided: str = ""
 
     @property
     def alike(self) -> bool:
         """Whether they agree within the tolerances."""
-        return not self.miss
+        return not self.miss and not self.undecided
 
 
 def flight_plan(mission: ComparableMission) -> FlightPlan:
@@ -178,27 +193,35 @@ def fleet_scenario(
 
 def read(record: RunRecord, missions: Sequence[ComparableMission], wind: tuple[float, float]) -> list[ComparedMission]:
     """Compare the flights recorded in a run of `fleet_scenario`."""
-    tracks = truth_tracks(record)
+    tracks, headings = truth_tracks(record), read_headings(record)
     names = [f"{kind}/{_name(number)}" for number in range(len(missions)) for kind in KINDS]
     lifts = {name: _airborne_span_s(tracks[name]) for name in names}
     items = _reached_items(record, lifts)
     rejected = rejected_missions(record)
     modes: dict[str, list[str]] = {name: [] for name in names}
+    crashes: dict[str, Time] = {}
     for event in read_notes(record, "events"):
         if event.kind == "event.mode" and event.about in modes:
             modes[event.about].append(str(event.data["mode"]))
+        elif event.kind == "event.crash":
+            crashes.setdefault(event.about, event.time_ns)
+    charge = _charges(record, crashes)
 
     def flown(name: str) -> FlownMission:
         lift_s, down_s = lifts[name]
         track = tracks[name]
         at_s = track.time_ns / NS_PER_S
+        aloft = (at_s >= lift_s) & (at_s <= down_s)
         return FlownMission(
             rejected=rejected.get(name, ""),
             items=tuple(items[name]),
             modes=tuple(modes[name]),
             outcome=str(record.outcomes.get(name, {}).get("state") or "unfinished"),
             down_s=down_s - lift_s,
-            path_m=track.enu_m[(at_s >= lift_s) & (at_s <= down_s)] - track.enu_m[0],
+            path_m=track.enu_m[aloft] - track.enu_m[0],
+            time_s=at_s[aloft] - lift_s,
+            heading_rad=np.unwrap(headings[name][aloft]),
+            crashed=f"{crashes[name] / NS_PER_S - lift_s:.1f} s, {charge[name]:.0%} charge" if name in crashes else "",
         )
 
     return [
@@ -210,15 +233,36 @@ def read(record: RunRecord, missions: Sequence[ComparableMission], wind: tuple[f
 def compare_flights(
     mission: ComparableMission, wind: tuple[float, float], flights: tuple[FlownMission, FlownMission]
 ) -> ComparedMission:
-    """Compare two flights of a mission: the first difference, in the order of their importance, is the miss."""
+    """Compare two flights of a mission: the first difference, in the order of their importance, is the miss.
+
+    Flights that show nothing are undecided, before any difference is looked for: after a fall all differ.
+    """
     first, second = flights
     path_apart_m, where = path_distance_m(first.path_m, second.path_m)
     both = list(zip(first.items, second.items, strict=False))
     time_apart_s = max((abs(a[0] - b[0]) for a, b in both if a[1] == b[1]), default=0.0)
     one = ComparedMission(mission, *wind, flights, "", "", path_apart_m, time_apart_s)
+    undecided, detail = _shows_nothing(mission, first, second)
+    if undecided:
+        return replace(one, undecided=undecided, detail=detail)
     for miss, detail in _differences(mission, flights, path_apart_m, where):
         return replace(one, miss=miss, detail=detail)
     return one
+
+
+def _shows_nothing(mission: ComparableMission, first: FlownMission, second: FlownMission) -> tuple[str, str]:
+    """Why two flights show neither agreement nor a difference, with details; "" if they do."""
+    if first.rejected and second.rejected:
+        return "both reject it", f"{first.rejected} / {second.rejected}"
+    if first.rejected or second.rejected:
+        return "", ""
+    if not first.took_off and not second.took_off:
+        return "neither takes off", f"{first.outcome} / {second.outcome}"
+    if first.crashed and second.crashed:
+        return "both crash", f"{first.crashed} / {second.crashed}"
+    if said := rounded_turn(mission, first, second):
+        return "rounding", said
+    return "", ""
 
 
 def _differences(
@@ -227,8 +271,10 @@ def _differences(
     first, second = flights
     if bool(first.rejected) != bool(second.rejected):
         yield "accepted items", f"{first.rejected or 'accepted'} / {second.rejected or 'accepted'}"
-    if first.rejected and second.rejected:
-        return
+    if first.took_off != second.took_off:
+        yield "take-off", " / ".join("takes off" if each.took_off else f"{each.outcome}" for each in flights)
+    if bool(first.crashed) != bool(second.crashed):
+        yield "crash", f"{first.crashed or first.outcome} / {second.crashed or second.outcome}"
     seqs = [[seq for _, seq in flight.items] for flight in flights]
     if seqs[0] != seqs[1]:
         short = min(map(len, seqs))
@@ -260,6 +306,18 @@ def _airborne_span_s(track: Track) -> tuple[float, float]:
     """First and last time above `AIRBORNE_M`; NaN if it never was."""
     high = track.time_ns[track.enu_m[:, 2] > AIRBORNE_M]
     return (float(high[0]) / NS_PER_S, float(high[-1]) / NS_PER_S) if len(high) else (np.nan, np.nan)
+
+
+def _charges(record: RunRecord, crashes: Mapping[str, Time]) -> dict[str, float]:
+    """By aircraft that has crashed, the charge of its battery then, 0 to 1."""
+    if not crashes:
+        return {}
+    table = record.table("truth", ["time_ns", "vehicle", "charge"])
+    names = np.asarray(table.column("vehicle").to_pylist())
+    times_ns, charge = (table.column(name).to_numpy() for name in ("time_ns", "charge"))
+    return {
+        name: float(np.interp(at_ns, times_ns[names == name], charge[names == name])) for name, at_ns in crashes.items()
+    }
 
 
 def _reached_items(record: RunRecord, lifts: Mapping[str, tuple[float, float]]) -> dict[str, list[tuple[float, int]]]:

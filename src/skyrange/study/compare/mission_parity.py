@@ -12,17 +12,25 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
 
-from skyrange.core.errors import InputError
+from skyrange.assembly.build import build
+from skyrange.core.errors import InputError, Problem
 from skyrange.core.files import atomic_write
 from skyrange.gcs.plan.checks import check
 from skyrange.gcs.plan.routes import estimated_duration_s
 from skyrange.runtime.run import OnProgress
-from skyrange.study.compare.given_missions import GivenMission, read_missions
-from skyrange.study.compare.mission_flights import ComparableMission, ComparedMission, compare_fleet, flight_plan
+from skyrange.study.compare.given_missions import GivenMission, RefusedMission, read_missions
+from skyrange.study.compare.mission_flights import (
+    ComparableMission,
+    ComparedMission,
+    compare_fleet,
+    fleet_scenario,
+    flight_plan,
+)
 from skyrange.study.compare.random_missions import RandomMission, random_mission, simpler
 
 FLEET: Final = 20
@@ -35,10 +43,13 @@ LONGEST_S: Final = 130.0
 
 @dataclass(frozen=True, slots=True)
 class MissionAgreement:
-    """All compared missions, and the simplest mission found that differs in the same way, by number."""
+    """All compared missions, the simplest mission found that differs in the same way, by number, and the files that
+    were not flown.
+    """
 
     compared: tuple[ComparedMission, ...]
     shrunk: Mapping[int, ComparedMission]
+    refused: tuple[RefusedMission, ...] = ()
 
     @property
     def alike(self) -> int:
@@ -46,14 +57,24 @@ class MissionAgreement:
         return sum(one.alike for one in self.compared)
 
     @property
+    def decided(self) -> int:
+        """How many agree or differ."""
+        return sum(not one.undecided for one in self.compared)
+
+    @property
     def share(self) -> float:
-        """The share that agrees."""
-        return self.alike / len(self.compared) if self.compared else 1.0
+        """The share of those decided that agrees; NaN if none is decided."""
+        return self.alike / self.decided if self.decided else np.nan
 
     @property
     def misses(self) -> dict[str, int]:
         """How many differ in each way, most frequent first."""
         return dict(Counter(one.miss for one in self.compared if one.miss).most_common())
+
+    @property
+    def undecided(self) -> dict[str, int]:
+        """How many are undecided for each reason, most frequent first."""
+        return dict(Counter(one.undecided for one in self.compared if one.undecided).most_common())
 
 
 def legal_missions(count: int, first: int = 0) -> list[RandomMission]:
@@ -68,13 +89,37 @@ def legal_missions(count: int, first: int = 0) -> list[RandomMission]:
     return found
 
 
-def given_missions(files: Sequence[Path]) -> list[GivenMission]:
-    """The missions in files. Raises `InputError` with all problems of files that cannot be read or flown."""
-    missions = read_missions(files)
-    faults = [problem for mission in missions for problem in check(flight_plan(mission), str(mission.file))]
-    if faults:
-        raise InputError("missions", faults)
-    return missions
+def given_missions(files: Sequence[Path]) -> tuple[list[GivenMission], list[RefusedMission]]:
+    """The missions in files that can be flown, and the files that cannot, in the order of `files`.
+
+    Raises `InputError` with all problems if none can.
+    """
+    missions, refused = read_missions(files)
+    flyable = []
+    for mission in missions:
+        problems = _problems(mission)
+        if problems:
+            refused.append(RefusedMission.of(mission.file, problems))
+        else:
+            flyable.append(mission)
+    refused.sort(key=lambda one: files.index(one.file))
+    if refused and not flyable:
+        problems = [Problem(str(one.file), one.reason, "a mission that can be flown") for one in refused]
+        raise InputError("missions", problems)
+    return flyable, refused
+
+
+def _problems(mission: GivenMission) -> Sequence[Problem]:
+    """What is wrong with a mission, by its ground station or in its run; the builtin stands for both autopilots."""
+    try:
+        if found := check(flight_plan(mission), "mission"):
+            return found
+        with TemporaryDirectory() as scratch:
+            scenario = fleet_scenario([mission], (0.0, 0.0), Path(scratch))
+            build(scenario.model_copy(update={"operators": scenario.operators[:1]}))
+    except InputError as error:
+        return error.problems
+    return []
 
 
 def is_legal(mission: RandomMission) -> bool:
@@ -89,16 +134,17 @@ def compare(
     *,
     first: int = 0,
     given: Sequence[GivenMission] = (),
+    refused: Sequence[RefusedMission] = (),
     rates: str = "reduced",
     shrink: bool = True,
     on_fleet: Callable[[int, int], OnProgress | None] | None = None,
 ) -> MissionAgreement:
     """Fly `count` random missions from number `first` on with both autopilots, in fleets, into run folders in `folder`.
 
-    `given` are flown instead, in calm air. With `shrink`, random missions that differ are made simpler, which takes
-    more runs. `on_fleet` is called with the number of
-    each run and the number of missions in it, and returns what is told of its progress. `folder` gets `missions.json`
-    and `missions.md` after each fleet. Raises the errors of `study.runs.fly`.
+    `given` are flown instead, in calm air; `refused` are listed in the results. With `shrink`, random missions that
+    differ are made simpler, which takes more runs. `on_fleet` is called with the number of each run and the number of
+    missions in it, and returns what is told of its progress. `folder` gets `missions.json` and `missions.md` after each
+    fleet. Raises the errors of `study.runs.fly`.
     """
     missions: Sequence[ComparableMission] = given or legal_missions(count, first)
     compared: list[ComparedMission] = []
@@ -111,16 +157,19 @@ def compare(
         progress = on_fleet(runs, len(fleet)) if on_fleet is not None else None
         return compare_fleet(folder / f"fleet-{runs:03}", fleet, wind, rates, on_progress=progress)
 
+    def found() -> MissionAgreement:
+        return MissionAgreement(tuple(compared), shrunk, tuple(refused))
+
     folder.mkdir(parents=True, exist_ok=True)
     for start in range(0, len(missions), FLEET):
         fleet = missions[start : start + FLEET]
         compared += fly_fleet(fleet, (0.0, 0.0) if given else draw_wind(fleet[0].number))
-        write_results(folder, MissionAgreement(tuple(compared), shrunk))
+        write_results(folder, found())
     if shrink and not given:
-        for one in [one for one in compared if not one.alike]:
+        for one in [one for one in compared if one.miss]:
             shrunk[one.mission.number] = shrink_mission(one, fly_fleet)
-            write_results(folder, MissionAgreement(tuple(compared), shrunk))
-    return MissionAgreement(tuple(compared), shrunk)
+            write_results(folder, found())
+    return found()
 
 
 def draw_wind(number: int) -> tuple[float, float]:
@@ -182,9 +231,12 @@ def results(agreement: MissionAgreement) -> dict[str, Any]:
     """The results as plain data."""
     return {
         "missions": len(agreement.compared),
+        "decided": agreement.decided,
         "alike": agreement.alike,
-        "share": round(agreement.share, 4),
+        "share": round(agreement.share, 4) if agreement.decided else None,
         "misses": agreement.misses,
+        "undecided": agreement.undecided,
+        "refused": [{"file": str(one.file), "reason": one.reason} for one in agreement.refused],
         "compared": [_facts(one) for one in agreement.compared],
         "shrunk": {str(number): _facts(one) for number, one in agreement.shrunk.items()},
     }
@@ -197,6 +249,7 @@ def _facts(one: ComparedMission) -> dict[str, Any]:
         "wind_mps": one.wind_mps,
         "wind_from_deg": one.wind_from_deg,
         "miss": one.miss,
+        "undecided": one.undecided,
         "detail": one.detail,
         "path_apart_m": None if np.isnan(one.path_apart_m) else round(one.path_apart_m, 3),
         "time_apart_s": round(one.time_apart_s, 3),
@@ -206,7 +259,11 @@ def _facts(one: ComparedMission) -> dict[str, Any]:
 def page(agreement: MissionAgreement) -> Iterator[str]:
     """The results as lines of a page in Markdown."""
     compared = agreement.compared
-    yield f"# {len(compared)} missions: {agreement.alike} alike ({agreement.share:.1%})"
+    share = f" ({agreement.share:.1%})" if agreement.decided else ""
+    yield f"# {agreement.alike} of {agreement.decided} missions agree{share}"
+    yield ""
+    yield count_files(len(compared), agreement.refused) + f" {len(compared) - agreement.decided} undecided."
+    yield from (f"- not flown: {one.file}: {one.reason}" for one in agreement.refused)
     yield ""
     alike = [one for one in compared if one.alike]
     if alike:
@@ -221,6 +278,8 @@ def page(agreement: MissionAgreement) -> Iterator[str]:
     yield "|---|---|"
     for miss, count in agreement.misses.items():
         yield f"| {miss} | {count} |"
+    for why, count in agreement.undecided.items():
+        yield f"| undecided: {why} | {count} |"
     yield ""
     yield "| mission | wind | difference | builtin / ArduPilot | shrunk to |"
     yield "|---|---|---|---|---|"
@@ -228,4 +287,10 @@ def page(agreement: MissionAgreement) -> Iterator[str]:
         if not one.alike:
             small = agreement.shrunk.get(one.mission.number, one)
             wind = f"{small.wind_mps:g} m/s from {small.wind_from_deg:g}°" if small.wind_mps else "none"
-            yield f"| {one.mission.number} | {wind} | {one.miss} | {one.detail} | {small.mission.words} |"
+            what = one.miss or f"undecided: {one.undecided}"
+            yield f"| {one.mission.number} | {wind} | {what} | {one.detail} | {small.mission.words} |"
+
+
+def count_files(flown: int, refused: Sequence[RefusedMission]) -> str:
+    """How many missions are flown and how many are not, in words."""
+    return f"{flown + len(refused)} missions: {flown} flown, {len(refused)} refused."

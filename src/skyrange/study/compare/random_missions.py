@@ -22,7 +22,9 @@ REACH_M: Final = 90.0
 LOWEST_M: Final = 6.0
 HIGHEST_M: Final = 30.0
 MOST_ITEMS: Final = 9
-"""Items between take-off and end."""
+"""Items between take-off and end, besides those of a turn to the present heading."""
+TURNS_AGAIN: Final = 0.05
+"""Share of the missions with a turn to the present heading."""
 _RELATIVE: Final = int(mav.MAV_FRAME_GLOBAL_RELATIVE_ALT)
 _ABSOLUTE: Final = int(mav.MAV_FRAME_GLOBAL)
 _JUMPS: Final = (mav.MAV_CMD_DO_JUMP,)
@@ -92,6 +94,9 @@ def random_mission(number: int) -> RandomMission:
     items.append(PlacedItem(take_off, place_m=(0.0, 0.0, up_m), frame=_frame(chance)))
     for _ in range(chance.randint(2, MOST_ITEMS)):
         items += _draw(chance, items)
+    again = Random(f"turn {number}")  # noqa: S311  # of its own, so that other missions stay what they were
+    if again.random() < TURNS_AGAIN:
+        items += _turn_again(again)
     items += _draw_end(chance)
     return RandomMission(number, tuple(items))
 
@@ -155,6 +160,23 @@ def _yaw(chance: Random, items: Sequence[PlacedItem]) -> list[PlacedItem]:
     angle = float(chance.randint(10, 170)) if relative else float(chance.randint(0, 359))
     rate = float(chance.choice((0, 20, 45)))
     return [PlacedItem(mav.MAV_CMD_CONDITION_YAW, (angle, rate, float(chance.choice((-1, 1))), relative))]
+
+
+def _turn_again(chance: Random) -> list[PlacedItem]:
+    """A turn, with a direction, to the heading that the aircraft has: along a leg, or by the same turn before.
+
+    Whether an autopilot turns a whole circle then depends on the sign of a residue.
+    """
+    degrees, (east, north) = chance.choice(((0.0, (0, 1)), (90.0, (1, 0)), (180.0, (0, -1)), (270.0, (-1, 0))))
+    rate, sense = float(chance.choice((30, 45))), float(chance.choice((-1, 1)))
+    up_m = round(chance.uniform(LOWEST_M, HIGHEST_M), 1)
+    from_e_m, from_n_m = (round(chance.uniform(-20.0, 20.0), 1) for _ in range(2))
+    leg_m = round(chance.uniform(20.0, 60.0), 1)
+    turn = PlacedItem(mav.MAV_CMD_CONDITION_YAW, (degrees, rate, sense, 0.0))
+    wait = PlacedItem(mav.MAV_CMD_NAV_DELAY, (8.0, 0.0, 0.0, 0.0))
+    places = [(from_e_m, from_n_m, up_m), (from_e_m + leg_m * east, from_n_m + leg_m * north, up_m)]
+    legs = [PlacedItem(mav.MAV_CMD_NAV_WAYPOINT, place_m=place) for place in places]
+    return [*legs, turn, wait, *([turn, wait] if chance.random() < 0.5 else [])]
 
 
 def _condition(chance: Random, items: Sequence[PlacedItem]) -> list[PlacedItem]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skyrange.core.time import NS_PER_S
+from skyrange.record.notes import outcomes_of_events
 from skyrange.study.measures.landings import find_landings_s
 from skyrange.study.measures.mishaps import first_mishaps
 from skyrange.study.measures.time_series import Record, RecordedNote, Track, Vehicle, belief_errors_m
@@ -47,15 +48,17 @@ def summarise_flights(
     belief: Mapping[str, Track],
     events: Sequence[RecordedNote],
 ) -> list[FlightSummary]:
-    """One `FlightSummary` per aircraft of `fleet`; outcomes are from the manifest, else from `event.outcome`."""
+    """One `FlightSummary` per aircraft of `fleet`; outcomes are from the manifest, else from the events."""
     rows = []
-    declared = record.manifest.get("outcomes") or {}
+    outcomes = record.manifest.get("outcomes") or outcomes_of_events(
+        [vehicle.id for vehicle in fleet],
+        ((event.time_ns, event.kind, event.about.split(".", 1)[0], event.data) for event in events),
+    )
     ends = first_mishaps(events)
     for vehicle in fleet:
         own = [event for event in events if event.about.split(".", 1)[0] == vehicle.id]
-        said = [event for event in own if event.kind == "event.outcome"]
-        outcome = declared.get(vehicle.id) or (dict(said[-1].data) if said else {})
-        finished = outcome.get("finished_s", said[-1].time_ns / NS_PER_S if said else None)
+        outcome = outcomes.get(vehicle.id) or {}
+        finished = outcome.get("finished_s")
         path = truth.get(vehicle.id)
         seen = belief.get(vehicle.id)
         gaps = belief_errors_m(path, seen) if path is not None and seen is not None and len(path) else np.zeros(0)

@@ -11,23 +11,17 @@ from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 from skyrange.core.time import NS_PER_S, Time, to_seconds
-from skyrange.record.read.run import RunRecord
-from skyrange.study.measures.time_series import RecordedNote, read_notes
+from skyrange.study.measures.time_series import RecordedNote
 
 _TOUCHDOWN: Final = "event.contact"
 _TAKEOFF: Final = "event.takeoff"
 
 
-def read_landings_s(record: RunRecord) -> dict[str, float]:
-    """By aircraft whose mission has ended, when it touched down to end it, in s of simulated time.
+def find_landings_s(events: Iterable[RecordedNote], outcomes: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """By aircraft whose mission has ended, when it touched down to end it, in s of simulated time, from a run's events
+    and outcomes (`state`, `finished_s` by aircraft).
 
     An aircraft is missing if its ground station reported no end, or if it never touched down.
-    """
-    return find_landings_s(read_notes(record, "events"), record.outcomes)
-
-
-def find_landings_s(events: Iterable[RecordedNote], outcomes: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """`read_landings_s` of a run's events and outcomes (`state`, `finished_s` by aircraft).
 
     The touchdown that ended a mission is the last one before the report of its end. An aircraft that had taken off
     again by then was in the air when the report was made, which somebody may have forged: its next touchdown counts.

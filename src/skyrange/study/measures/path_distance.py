@@ -15,12 +15,13 @@ _CHUNK: Final = 1024
 
 
 def path_distance_m(first: Floats, second: Floats) -> tuple[float, str]:
-    """Greatest distance of a point of either track (n, 3) from the other track, and where it is; NaN without both.
+    """Greatest distance of a point of either track (n, 3) from the other track, and where it is.
 
+    NaN if either has fewer than two points: what was not flown agrees with nothing.
     This is the Hausdorff distance of the tracks as lines, to within half of `_STEP_M`.
     """
     if len(first) < 2 or len(second) < 2:
-        return (0.0, "") if len(first) < 2 and len(second) < 2 else (np.nan, "")
+        return np.nan, ""
     most, where = 0.0, ""
     for points, line in ((first, resampled(second)), (second, resampled(first))):
         for start in range(0, len(points), _CHUNK):

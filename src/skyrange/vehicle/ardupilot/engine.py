@@ -8,6 +8,7 @@ from skyrange.vehicle.ardupilot.lockstep_fleet import LockstepFleet
 from skyrange.vehicle.ardupilot.native_fleet import NativeFleet
 from skyrange.vehicle.ardupilot.options import Options
 from skyrange.vehicle.ardupilot.process_fleet import ProcessFleet
+from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY, find_binary
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin
 
 
@@ -24,6 +25,26 @@ def _reads_sensors(options: Options) -> bool:
     return options.physics == "shared"
 
 
+def shared_battery() -> str:
+    """Which battery an ArduPilot in lockstep measures instead of the world's: SITL's, if the build takes no other.
+
+    Raises `InputError` as `find_binary` does.
+    """
+    binary = find_binary()
+    if BATTERY in binary.capabilities:
+        return ""
+    return (
+        f"ArduCopter {binary.version} measures SIM_BATT_VOLTAGE (12.6 V) and 0 A, because its JSON backend takes no "
+        "battery. No battery failsafe acts before the world's battery is empty and stops the motors"
+    )
+
+
+def _other_battery(options: Options) -> str:
+    if options.physics == "native":
+        return "ArduPilot's own simulation (native physics) has a battery of its own"
+    return shared_battery()
+
+
 ARDUPILOT = AutopilotPlugin(
     Options,
     _make,
@@ -31,5 +52,6 @@ ARDUPILOT = AutopilotPlugin(
     signs=True,
     reads_sensors=_reads_sensors,
     opened_ports=_opened_ports,
+    other_battery=_other_battery,
 )
 """The autopilot `ardupilot`. Raises `InputError` as `ProcessFleet` does."""

@@ -28,6 +28,7 @@ from skyrange.vehicle.ardupilot.json_backend.json_lines import LineWriter
 from skyrange.vehicle.ardupilot.json_backend.motion import MeanForce, Motion, read_commands, to_ardupilot_motion
 from skyrange.vehicle.ardupilot.options import ProcessOptions
 from skyrange.vehicle.ardupilot.process_fleet import QUANTUM_NS, START_S, WARM_UP_NS, Instance, ProcessFleet
+from skyrange.vehicle.ardupilot.program.arducopter_binary import BATTERY
 from skyrange.vehicle.contract import VehicleSpec
 from skyrange.world.airframes import AIRFRAMES
 
@@ -49,6 +50,7 @@ class LockstepFleet(ProcessFleet):
     ) -> None:
         """As `ProcessFleet`."""
         super().__init__(name, specs, origin, epoch, options)
+        self._feeds_battery = BATTERY in self.binary.capabilities
         self._home_up_m = np.array([spec.home_enu_m[2] for spec in specs])
         self._sitls: list[LockstepSitl] = []
         self._tick: Time | None = None
@@ -110,7 +112,7 @@ class LockstepFleet(ProcessFleet):
         self._live = np.arange(count)
         self._exchanges = BatchExchange(self._sitls, most)
         self._batches = ExchangeBatches(self._per_tick, ticks, moments)
-        self._writer = LineWriter(count, most)
+        self._writer = LineWriter(count, most, self._feeds_battery)
         if count == 1:
             self._core_sharing = CoreSharing(self._sitls[0].program)
 
@@ -135,7 +137,7 @@ class LockstepFleet(ProcessFleet):
             self._mean.add(sensors.accel_mps2)
         self._due = rows
         if len(rows):
-            after = to_ardupilot_motion(sensors, self._home_up_m)
+            after = to_ardupilot_motion(sensors, self._home_up_m, self._feeds_battery)
             if self._skips_ticks:
                 self._mean.apply(after, rows)
             before, self._motion = (self._motion if self._motion is not None else after), after

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from skyrange.vehicle.ardupilot.engine import shared_battery
 from skyrange.vehicle.contract import AutopilotContext, AutopilotPlugin
 from skyrange.vehicle.gazebo.fleet import GazeboFleet
 from skyrange.vehicle.gazebo.options import GazeboOptions
@@ -17,11 +18,16 @@ def _opened_ports(options: GazeboOptions, count: int) -> Sequence[int]:
     return options.opened(count)
 
 
+def _other_battery(options: GazeboOptions) -> str:
+    return shared_battery()
+
+
 GAZEBO = AutopilotPlugin(
     GazeboOptions,
     _make,
     "Runs ArduPilot's ArduCopter, one process per aircraft, in the physics of Gazebo.",
     signs=True,
     opened_ports=_opened_ports,
+    other_battery=_other_battery,
 )
 """The autopilot `gazebo`. Raises `InputError` as `GazeboFleet` does."""

@@ -186,16 +186,22 @@ def missions(
 ) -> None:
     """`skyrange parity missions`."""
     from skyrange.runtime.run import free_folder
-    from skyrange.study.compare.mission_parity import compare, given_missions, page, results
+    from skyrange.study.compare.mission_parity import compare, count_files, given_missions, page, results
 
-    given = given_missions(files)
+    given, refused = given_missions(files)
+    if files and not as_json:
+        print_notice(count_files(len(given), refused))
+        for one in refused:
+            print_notice(f"not flown: {one.file}: {one.reason}")
     folder = out if out is not None else free_folder("mission-parity")
 
     def on_fleet(run: int, flown: int) -> None:
         if not as_json:
             print_notice(f"run {run}: {flown} missions")
 
-    agreement = compare(folder, count, first=first, given=given, rates=rates, shrink=shrink, on_fleet=on_fleet)
+    agreement = compare(
+        folder, count, first=first, given=given, refused=refused, rates=rates, shrink=shrink, on_fleet=on_fleet
+    )
     if as_json:
         print_json({"path": str(folder), **results(agreement)})
         return

@@ -15,6 +15,7 @@ from skyrange.record import RunRecord
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.compare.attacks.reactions import (
+    NO_EFFECT,
     Flight,
     Reaction,
     alike,
@@ -41,6 +42,7 @@ FOLDERS: Final = (
     "companion",
     "approval",
     "control_link",
+    "campaign",
 )
 """The groups of kinds that are compared."""
 NOT_CARRIED: Final[Mapping[str, str]] = {
@@ -48,8 +50,6 @@ NOT_CARRIED: Final[Mapping[str, str]] = {
     "attitude",
 }
 """Kinds that do not reach an ArduPilot under this world, and why not."""
-NO_EFFECT: Final = frozenset(("ignores", "rejects"))
-"""Reactions that do not change a flight."""
 ARDUPILOT_PARAMS: Final[Mapping[str, float]] = {"SIM_FLOAT_EXCEPT": 0.0}
 """Parameters of every ArduPilot. By default its simulation ends the process at a floating-point exception, to find
 faults (libraries/AP_HAL_SITL/Scheduler.cpp, `feenableexcept`); a flight controller goes on."""
@@ -82,6 +82,11 @@ class ComparedAttack:
         return NOT_CARRIED.get(self.kind, "")
 
     @property
+    def undecided(self) -> str:
+        """Why the flights say nothing of the attack, or ""."""
+        return self.first.undecided or self.second.undecided
+
+    @property
     def effective(self) -> bool:
         """Whether the attack changes a flight of either."""
         return not {self.first.reaction, self.second.reaction} <= NO_EFFECT
@@ -102,8 +107,8 @@ class AttackAgreement:
 
 
 def agreement(compared: Sequence[ComparedAttack]) -> AttackAgreement:
-    """The agreement of all compared kinds that reach both autopilots."""
-    both = [one for one in compared if not one.does_not_apply]
+    """The agreement of all compared kinds that reach both autopilots and are not undecided."""
+    both = [one for one in compared if not one.does_not_apply and not one.undecided]
     return count([(one.effective, one.same, one.alike) for one in both])
 
 

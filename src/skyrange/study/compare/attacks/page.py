@@ -13,14 +13,13 @@ from skyrange.core.errors import InputError
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MIB, read_input
 from skyrange.study.compare.attacks.flights import (
-    NO_EFFECT,
     AttackAgreement,
     ComparedAttack,
     agreement,
     compared_kinds,
     count,
 )
-from skyrange.study.compare.attacks.reactions import Reaction
+from skyrange.study.compare.attacks.reactions import NO_EFFECT, Reaction
 
 BEGIN: Final = "<!-- skyrange parity attacks: begin -->"
 END: Final = "<!-- skyrange parity attacks: end -->"
@@ -28,6 +27,7 @@ _BLOCK: Final = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
 _ROW: Final = re.compile(r"^\| `([^`]+)` \|.*\|$", re.MULTILINE)
 YES: Final = "yes"
 _DOES_NOT_APPLY: Final = "does not apply: "
+_UNDECIDED: Final = "undecided: "
 _SHOWN: Final = 3
 """Signs that a cell has; JSON has all."""
 
@@ -84,6 +84,8 @@ def verdict(one: ComparedAttack) -> str:
     """Whether two reactions agree, or why they cannot be compared."""
     if one.does_not_apply:
         return f"{_DOES_NOT_APPLY}{one.does_not_apply}"
+    if one.undecided:
+        return f"{_UNDECIDED}{one.undecided}"
     if one.alike:
         return YES
     return "in the reaction" if one.same else "no"
@@ -94,6 +96,7 @@ def results(compared: Sequence[ComparedAttack]) -> dict[str, Any]:
     rows = [
         {
             "kind": one.kind, "same": one.same, "alike": one.alike, "does_not_apply": one.does_not_apply or None,
+            "undecided": one.undecided or None,
             "builtin": _reaction(one.first), "ardupilot": _reaction(one.second),
         }
         for one in compared
@@ -134,9 +137,9 @@ def renew_page(compared: Sequence[ComparedAttack], page: Path) -> None:
 
 
 def _told(line: str) -> tuple[bool, bool, bool] | None:
-    """Whether the attack of a row is effective, its reactions the same, and alike; `None` if it does not apply."""
+    """Whether the attack of a row is effective, its reactions the same, and alike; `None` if it is not counted."""
     cells = [cell.strip() for cell in line.strip("|").split(" | ")]
     first, second = (cell.partition(",")[0] for cell in cells[1:3])
-    if cells[-1].startswith(_DOES_NOT_APPLY):
+    if cells[-1].startswith((_DOES_NOT_APPLY, _UNDECIDED)):
         return None
     return not {first, second} <= NO_EFFECT, first == second, cells[-1] == YES

@@ -36,6 +36,8 @@ REACTIONS: Final = ("crashes", "fails safe", "stays down", "lands", "obeys", "de
 - rejects: its flight is that of its twin, and it answers with more refusals
 - ignores: its flight is that of its twin, and so are its refusals
 """
+NO_EFFECT: Final = frozenset(("ignores", "rejects"))
+"""Reactions that do not change a flight."""
 DEPARTED_M: Final = 2.0
 """A track changes if it is farther than this from that of the twin at the same time; ArduCopter's WPNAV_RADIUS."""
 PLACE_M: Final = 5.0
@@ -104,6 +106,8 @@ class Reaction:
     departed_m: float
     outcome: str
     nominal_outcome: str
+    undecided: str = ""
+    """Why equal flights do not show that the attack was ignored, or ""."""
 
     @property
     def severity(self) -> int:
@@ -148,17 +152,32 @@ def react(attacked: Flight, nominal: Flight, start_s: float, *, ordered: bool) -
         departed_m=departed_m,
         outcome=attacked.outcome,
         nominal_outcome=nominal.outcome,
+        undecided=_shows_nothing(attacked, nominal) if reaction in NO_EFFECT else "",
     )
 
 
 def alike(first: Reaction, second: Reaction) -> bool:
-    """Whether two reactions are the same, at the same time after the attack's start, and lead equally far."""
+    """Whether two reactions are the same, at the same time after the attack's start, and lead equally far.
+
+    Those that are undecided are not.
+    """
+    if first.undecided or second.undecided:
+        return False
     if first.reaction != second.reaction:
         return False
     if first.at_s is not None and second.at_s is not None and abs(first.at_s - second.at_s) > TIME_S:
         return False
     far = max(FAR_M, FAR_SHARE * max(first.departed_m, second.departed_m))
     return abs(first.departed_m - second.departed_m) <= far
+
+
+def _shows_nothing(attacked: Flight, nominal: Flight) -> str:
+    """Why two flights that are equal would be so under any attack, or ""."""
+    if attacked.takeoff_s is None and nominal.takeoff_s is None:
+        return "neither the attacked nor the nominal flight takes off"
+    if attacked.lost and nominal.lost:
+        return "the attacked and the nominal flight both crash"
+    return ""
 
 
 def _announced(flight: Flight) -> Happened:

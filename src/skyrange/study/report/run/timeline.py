@@ -42,7 +42,7 @@ _SYMBOLS = {
     "event.glitch": ("alarm", "GNSS glitch"),
     "event.ekf_failsafe": ("alarm", "estimator failsafe"),
     "event.signature_refused": ("alarm", "signature refused"),
-    "event.outcome": ("outcome", "mission complete"),
+    "event.outcome": ("outcome", "mission reported complete"),
 }
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from skyrange.contracts.components import Floats
 from skyrange.core.compiled import compiled
-from skyrange.vehicle.ardupilot.json_backend.motion import WIDTH, Motion, interpolate, step_time_s
+from skyrange.vehicle.ardupilot.json_backend.motion import BATTERY_WIDTH, WIDTH, Motion, interpolate, step_time_s
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int64]
@@ -28,21 +28,24 @@ _LINE: Final = (
     b'\n{"timestamp":%.12f,"imu":{"gyro":[%.9g,%.9g,%.9g],"accel_body":[%.9g,%.9g,%.9g]},"position":[0,0,%.9g],'
     b'"quaternion":[%.9g,%.9g,%.9g,%.9g],"velocity":[0,0,0],"rng_1":%.6g,"no_time_sync":1}\n'
 )
+_BATTERY_LINE: Final = _LINE.replace(b',"no', b',"battery":{"voltage":%.6g,"current":%.6g},"no')
 _LENGTH: Final = 512
-"""Longer than any line: 13 numbers of at most 25 characters, 124 between them."""
+"""Longer than any line: 15 numbers of at most 25 characters, 160 between them."""
 _LIKE_C: Final = (b"%.12f", b"%.9g", b"%.6g")
 
 
-def _parts() -> list[bytes]:
+def _parts(text: bytes) -> list[bytes]:
     """The text before, between and after the numbers."""
-    text = _LINE
     for conversion in _LIKE_C:
         text = text.replace(conversion, b"\0")
     return text.split(b"\0")
 
 
-_TEXT: Final = np.frombuffer(b"".join(_parts()), dtype=np.uint8).copy()
-_ENDS: Final = np.cumsum([len(part) for part in _parts()])
+_ALL: Final = [*_parts(_LINE), *_parts(_BATTERY_LINE)]
+_TEXT: Final = np.frombuffer(b"".join(_ALL), dtype=np.uint8).copy()
+_ENDS: Final = np.cumsum([len(part) for part in _ALL])
+_NUMBERS: Final = 1 + WIDTH
+"""In a line without the battery, which has one more part."""
 _POWERS: Final = np.array([float(f"1e{k}") for k in range(23)])
 """Powers of ten, all that a double holds exactly."""
 _MIN_SIZE, _MAX_SIZE = 1e-30, 1e15
@@ -52,12 +55,12 @@ _0, _POINT, _MINUS, _PLUS, _E = (ord(char) for char in "0.-+e")
 class LineWriter:
     """Writes the lines of some aircraft."""
 
-    def __init__(self, count: int, most: int = 1) -> None:
-        """For `count` aircraft, at most `most` lines each."""
+    def __init__(self, count: int, most: int = 1, battery: bool = False) -> None:
+        """For `count` aircraft, at most `most` lines each; `battery` says whether the lines, and motions, have it."""
         self.text = np.zeros((most, count, _LENGTH), dtype=np.uint8)
         """The first line of each aircraft, the second, …, as last written."""
         self.lengths: Ints = np.zeros((most, count), dtype=np.int64)
-        self._said = np.zeros((most, count, 1 + WIDTH))
+        self._said = np.zeros((most, count, 1 + (BATTERY_WIDTH if battery else WIDTH)))
         """Content of the lines: time and motion."""
 
     def write(
@@ -73,7 +76,7 @@ class LineWriter:
         for row in rows:
             for which in range(first[row], first[row] + per_tick[row]):
                 if self.lengths[which, row] == 0:
-                    line = _LINE % (*self._said[which, row].tolist(),)
+                    line = _plain(self._said[which, row])
                     self.text[which, row, : len(line)] = np.frombuffer(line, dtype=np.uint8)
                     self.lengths[which, row] = len(line)
 
@@ -83,8 +86,13 @@ def format_lines(times_s: Sequence[float], motion: Motion) -> list[bytes]:
     text, written = np.zeros(_LENGTH, dtype=np.uint8), []
     for row in np.column_stack((np.array(times_s), motion.rows)):
         length = _line(row, text)
-        written.append(text[:length].tobytes() if length else _LINE % (*row.tolist(),))
+        written.append(text[:length].tobytes() if length else _plain(row))
     return written
+
+
+def _plain(said: Floats) -> bytes:
+    """The line of time and motion, by `%`."""
+    return (_LINE if len(said) == _NUMBERS else _BATTERY_LINE) % (*said.tolist(),)
 
 
 @compiled
@@ -122,11 +130,12 @@ def _write(
 @compiled
 def _line(said: Floats, line: Bytes) -> int:
     """Write time and motion; returns the length, or 0 if this kernel cannot format a number."""
-    at = _fixed12(said[0], line, _copy(0, line, 0))
+    first = 0 if len(said) == _NUMBERS else _NUMBERS + 1
+    at = _fixed12(said[0], line, _copy(first, line, 0))
     for k in range(1, len(said)):
         if at > 0:
-            at = _general(said[k], 9 if k < len(said) - 1 else 6, line, _copy(k, line, at))
-    return _copy(len(said), line, at) if at > 0 else 0
+            at = _general(said[k], 9 if k < _NUMBERS - 1 else 6, line, _copy(first + k, line, at))
+    return _copy(first + len(said), line, at) if at > 0 else 0
 
 
 @compiled

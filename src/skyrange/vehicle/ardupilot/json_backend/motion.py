@@ -22,7 +22,9 @@ _ROOT: Final = math.sqrt(0.5)
 _GYRO, _FORCE, _DOWN, _ATTITUDE, _RANGE = 0, 3, 6, 7, 11
 """Column of each quantity in a row of `Motion`."""
 WIDTH: Final = 12
-"""Length of a row."""
+"""Length of a row without the battery."""
+BATTERY_WIDTH: Final = WIDTH + 2
+"""Length of a row with it."""
 
 
 class Motion:
@@ -31,7 +33,7 @@ class Motion:
     __slots__ = ("rows",)
 
     def __init__(self, rows: Floats) -> None:
-        """`rows` (n, 12), in the order of the properties below."""
+        """`rows` (n, 12), in the order of the properties below; or (n, 14), then voltage in V and current in A."""
         self.rows = rows
 
     @property
@@ -64,9 +66,14 @@ STANDING: Final = Motion(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -9.80665, 0.0, 1.0,
 """One aircraft that stands level at home, heading north."""
 
 
-def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats) -> Motion:
-    """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude."""
-    rows = np.empty((len(home_up_m), WIDTH))
+def to_ardupilot_motion(sensors: Sensors, home_up_m: Floats, battery: bool = False) -> Motion:
+    """Convert sensor readings to ArduPilot's frames. ArduPilot derives its compass from the true attitude.
+
+    With `battery` the rows have its voltage and current too.
+    """
+    rows = np.empty((len(home_up_m), BATTERY_WIDTH if battery else WIDTH))
+    if battery:
+        rows[:, WIDTH], rows[:, WIDTH + 1] = sensors.battery_v, sensors.battery_a
     _to_ned(
         sensors.gyro_radps, sensors.accel_mps2, sensors.baro_up_m, sensors.attitude, sensors.rangefinder_m, home_up_m,
         rows,
@@ -96,7 +103,7 @@ def _to_ned(
 def interpolate(before: Floats, after: Floats, share: float, row: Floats) -> None:
     """Write to `row` the motion that is `share` of the way from one row to the next.
 
-    The specific force is not interpolated, because it is already the mean over the interval.
+    The specific force is not interpolated, because it is already the mean over the interval; nor are range and battery.
     """
     along = 0.0
     for k in range(_ATTITUDE, _RANGE):
@@ -104,7 +111,9 @@ def interpolate(before: Floats, after: Floats, share: float, row: Floats) -> Non
     sign = -1.0 if along < 0.0 else 1.0  # both signs are the same attitude
     for k in range(WIDTH):
         row[k] = before[k] * (sign if _ATTITUDE <= k < _RANGE else 1.0) * (1.0 - share) + after[k] * share
-    row[3], row[4], row[5], row[11] = after[3], after[4], after[5], after[11]
+    row[3], row[4], row[5] = after[3], after[4], after[5]
+    for k in range(_RANGE, len(row)):
+        row[k] = after[k]
     square = 0.0
     for k in range(_ATTITUDE, _RANGE):
         square += row[k] * row[k]

@@ -46,13 +46,16 @@ REQUIRED_OPTIONS: Final = (
 )
 """The command-line options that the engine uses; `--help` must list them."""
 
+BATTERY: Final = "battery of the range"
 CAPABILITIES: Final = {
     "lockstep": b"no_time_sync\0",
+    BATTERY: b"\0rc_12\0",
     "GNSS over MAVLink": b"AP_GPS_MAV",
     "Open Drone ID": b"OpenDroneID",
 }
-"""Optional capabilities of a build, and the bytes that show them in the file: a key of the JSON backend, names of
-classes."""
+"""Optional capabilities of a build, and the bytes that show them in the file: keys of the JSON backend, names of
+classes. Of the battery's own keys, "battery", "voltage" and "current", all are common words; rc_12 is a key of the
+same table that came with them (libraries/SITL/SIM_JSON.h, `keytable`)."""
 
 _FIRMWARE: Final = re.compile(
     rb"(ArduCopter|APM:Copter|ArduPlane|APM:Plane|ArduRover|APM:Rover|ArduSub|Blimp|AntennaTracker|AP_Periph)"

@@ -7,10 +7,12 @@ After ArduCopter/autoyaw.cpp (`yaw_rad`, `rate_rads`, `set_fixed_yaw_rad`) and A
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Final
+
+import numpy as np
 
 from skyrange.core.compiled import compiled
-from skyrange.vehicle.builtin.control.shaping import clamp, wrap_pi
+from skyrange.vehicle.builtin.control.shaping import wrap_pi
 from skyrange.vehicle.builtin.layout import AutoYawMode, Records
 
 _HOLD = int(AutoYawMode.HOLD)
@@ -23,6 +25,8 @@ _RATE = int(AutoYawMode.RATE)
 _CIRCLE = int(AutoYawMode.CIRCLE)
 _LOOK_AHEAD_MPS = 1.0  # YAW_LOOK_AHEAD_MIN_SPEED
 _MIN_SPEED_SHARE = 0.05  # of the speed limit: calculate_yaw_and_rate_yaw
+FLT_EPSILON: Final = 2.0**-23
+"""A smaller rest of a turn is none (`is_zero` of AP_Math.h), and has no sign (`is_positive`, `is_negative`)."""
 
 
 @compiled
@@ -76,9 +80,8 @@ def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     if kind == _ROI:
         f.target_yaw = _yaw_towards(f, e, f.roi[0], f.roi[1])
     elif kind == _FIXED:
-        step = clamp(f.fixed_yaw_offset, -dt_s * f.fixed_yaw_slewrate, dt_s * f.fixed_yaw_slewrate)
-        f.fixed_yaw_offset -= step
-        f.target_yaw = wrap_pi(f.target_yaw + step)
+        _turn_fixed_yaw(f, dt_s)
+        return False, wrap_pi(f.target_yaw), 0.0
     elif kind == _LOOK_AHEAD:
         if e.vel[0] * e.vel[0] + e.vel[1] * e.vel[1] > _LOOK_AHEAD_MPS * _LOOK_AHEAD_MPS:
             f.target_yaw = math.atan2(e.vel[1], e.vel[0])
@@ -90,6 +93,21 @@ def update_yaw_target(e: Any, f: Any, dt_s: float) -> tuple[bool, float, float]:
     elif kind == _CIRCLE:
         f.target_yaw = f.circle_angle
     return False, f.target_yaw, 0.0
+
+
+@compiled
+def _turn_fixed_yaw(f: Any, dt_s: float) -> None:
+    """One step of a fixed turn, in single precision and without wrapping, as ArduCopter computes it.
+
+    So a heading that was turned to differs from the one requested by the residue that it has there. A command to turn
+    there again, with a direction, turns a whole circle or not by the sign of that residue.
+    """
+    most = np.float32(np.float32(dt_s) * np.float32(f.fixed_yaw_slewrate))
+    left = np.float32(-f.fixed_yaw_offset)  # clockwise
+    step = min(max(left, -most), most)
+    yaw = np.float32(0.5 * math.pi - f.target_yaw)
+    f.fixed_yaw_offset = -float(np.float32(left - step))
+    f.target_yaw = 0.5 * math.pi - float(np.float32(yaw + step))
 
 
 @compiled
@@ -109,7 +127,8 @@ def set_fixed_yaw_target(
 ) -> None:  # fmt: skip
     """Set a fixed turn (`set_fixed_yaw_rad`): to an angle, or by one if `relative`; rad, clockwise from north.
 
-    `direction` 1 turns clockwise, -1 counter-clockwise, 0 the shorter way; `rate` 0 is the maximum rate.
+    `direction` 1 turns clockwise, -1 counter-clockwise, 0 the shorter way; `rate` 0 is the maximum rate. The turn to an
+    angle is a difference in single precision; if it is less than `FLT_EPSILON`, it has no direction.
     """
     f: Any = flight[row]
     p: Any = settings[row]
@@ -118,10 +137,11 @@ def set_fixed_yaw_target(
             f.target_yaw = estimate[row].yaw
         left = angle if direction >= 0 else -angle
     else:
-        left = wrap_pi(angle - (0.5 * math.pi - f.target_yaw))
-        if direction < 0 and left > 0.0:
+        yaw = np.float32(0.5 * math.pi - f.target_yaw)
+        left = float(np.float32(wrap_pi(float(np.float32(np.float32(angle) - yaw)))))
+        if direction < 0 and left >= FLT_EPSILON:
             left -= 2.0 * math.pi
-        elif direction > 0 and left < 0.0:
+        elif direction > 0 and left <= -FLT_EPSILON:
             left += 2.0 * math.pi
     most = p.ATC_SLEW_YAW * math.pi / 18_000.0
     f.fixed_yaw_offset = -left
@@ -135,4 +155,4 @@ def reached_fixed_yaw_target(estimate: Records, flight: Records, row: int) -> bo
     f: Any = flight[row]
     if f.auto_yaw_mode != _FIXED:
         return True
-    return f.fixed_yaw_offset == 0.0 and abs(wrap_pi(f.target_yaw - estimate[row].yaw)) <= math.radians(2.0)
+    return abs(f.fixed_yaw_offset) < FLT_EPSILON and abs(wrap_pi(f.target_yaw - estimate[row].yaw)) <= math.radians(2.0)
