@@ -75,9 +75,46 @@ def states(record: RunRecord) -> dict[str, Any]:
     return {name: outcome["state"] for name, outcome in record.outcomes.items()}
 
 
-def check_alike(folder: Path, place: str, **how: Any) -> None:
-    """At a place as at 10° N, 10° E. Items of missions are in 1e-7 degrees, 11 mm of latitude."""
-    here, there = (flown(folder / name, *PLACES.get(name, (10.0, 10.0)), **how) for name in ("reference", place))
+DECIDED: dict[str, Any] = {"approval": "authority", "more": "", "plan": PATH, "duration_s": 60}
+LOITERED: dict[str, Any] = {"approval": "approve-all", "more": "", "duration_s": 70}
+
+
+@pytest.fixture(scope="module")
+def decided(tmp_path_factory: pytest.TempPathFactory) -> RunRecord:
+    """The flight of `DECIDED` at 10° N, 10° E."""
+    return flown(tmp_path_factory.mktemp("reference") / "run", 10.0, 10.0, **DECIDED)
+
+
+@pytest.fixture(scope="module")
+def loitered(tmp_path_factory: pytest.TempPathFactory, loiter: str) -> RunRecord:
+    """The flight of `LOITERED` at 10° N, 10° E."""
+    return flown(tmp_path_factory.mktemp("reference") / "run", 10.0, 10.0, plan=loiter, **LOITERED)
+
+
+@pytest.fixture(scope="module")
+def loiter(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A plan of a file with a loiter and a spline, drawn at 10° N, 10° E."""
+    origin = Origin(10.0, 10.0)
+
+    def item(command: int, param1: float, east_m: float, north_m: float, up_m: float) -> MissionItem:
+        return MissionItem(3, command, param1, 0.0, 0.0, 0.0, *origin.geodetic_of(east_m, north_m), up_m)
+
+    items = (
+        item(22, 0, 0, 0, 10),
+        item(16, 0, 12, 0, 10),
+        item(19, 4, 20, 15, 10),
+        item(82, 0, 0, 20, 10),
+        item(21, 0, 0, 0, 0),
+    )
+    file = tmp_path_factory.mktemp("plan") / "m.plan"
+    file.write_text(format_plan(Mission(items, (10.0, 10.0, 0.0))))
+    return f'{{ file = "{file}", anchor = "start" }}'
+
+
+def check_alike(folder: Path, place: str, here: RunRecord | None = None, **how: Any) -> None:
+    """At a place as at 10° N, 10° E, where `here` was flown. Items of missions are in 1e-7 degrees, 11 mm."""
+    here = flown(folder / "reference", 10.0, 10.0, **how) if here is None else here
+    there = flown(folder / place, *PLACES[place], **how)
     assert {k: one["state"] for k, one in here.outcomes.items()} == {
         k: one["state"] for k, one in there.outcomes.items()
     }
@@ -89,8 +126,8 @@ def check_alike(folder: Path, place: str, **how: Any) -> None:
 
 
 @pytest.mark.parametrize("place", PLACES)
-def test_an_authority_decides_and_aircraft_fly_alike(place: str, tmp_path: Path) -> None:
-    check_alike(tmp_path, place, approval="authority", more="", plan=PATH, duration_s=60)
+def test_an_authority_decides_and_aircraft_fly_alike(place: str, tmp_path: Path, decided: RunRecord) -> None:
+    check_alike(tmp_path, place, decided, **DECIDED)
 
 
 def test_the_federated_approval_decides_alike_on_the_date_line(tmp_path: Path) -> None:
@@ -111,19 +148,5 @@ def test_an_area_that_is_closed_across_the_date_line_is_closed(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("place", ["null island", "near it"])
-def test_a_mission_file_with_a_loiter_flies_alike(place: str, tmp_path: Path) -> None:
-    origin = Origin(10.0, 10.0)
-
-    def item(command: int, param1: float, east_m: float, north_m: float, up_m: float) -> MissionItem:
-        return MissionItem(3, command, param1, 0.0, 0.0, 0.0, *origin.geodetic_of(east_m, north_m), up_m)
-
-    items = (
-        item(22, 0, 0, 0, 10),
-        item(16, 0, 12, 0, 10),
-        item(19, 4, 20, 15, 10),
-        item(82, 0, 0, 20, 10),
-        item(21, 0, 0, 0, 0),
-    )
-    (tmp_path / "m.plan").write_text(format_plan(Mission(items, (10.0, 10.0, 0.0))))
-    plan = f'{{ file = "{tmp_path / "m.plan"}", anchor = "start" }}'
-    check_alike(tmp_path, place, approval="approve-all", more="", plan=plan, duration_s=70)
+def test_a_mission_file_with_a_loiter_flies_alike(place: str, tmp_path: Path, loitered: RunRecord, loiter: str) -> None:
+    check_alike(tmp_path, place, loitered, plan=loiter, **LOITERED)

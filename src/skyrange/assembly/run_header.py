@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from skyrange.codec.mission import Mission, format_plan, format_waypoints, read_
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.plugins import loaded_sources
+from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.input_files import MAX_RECORD_BYTES, read_input
 from skyrange.gcs.plan.plans import FlightPlan
@@ -86,12 +88,16 @@ def make_header(
 
 
 def _describe_mission_files(scenario: Scenario) -> dict[str, Any]:
-    """What was used of each mission file, and what it says that no flight uses; nothing without mission files."""
-    files = dict.fromkeys(vehicle.plan.file for _, vehicle in scenario.fleet if vehicle.plan.file is not None)
+    """What was used of each mission file, and what it says that no flight uses; nothing without mission files.
+
+    A file that cannot be read is left out: the core whose aircraft flies it raises the error.
+    """
     rows = []
-    for mission in map(read_mission, files):
-        used = {"items": len(mission.items), "fence": len(mission.fence), "rally": len(mission.rally)}
-        rows.append({"file": mission.source, **used, "ignored": [one.to_dict() for one in mission.ignored]})
+    for file in dict.fromkeys(vehicle.plan.file for _, vehicle in scenario.fleet if vehicle.plan.file is not None):
+        with suppress(InputError):
+            mission = read_mission(file)
+            used = {"items": len(mission.items), "fence": len(mission.fence), "rally": len(mission.rally)}
+            rows.append({"file": mission.source, **used, "ignored": [one.to_dict() for one in mission.ignored]})
     return {"mission_files": rows} if rows else {}
 
 

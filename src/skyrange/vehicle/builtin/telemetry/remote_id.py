@@ -26,6 +26,7 @@ _NO_TRACK_CDEG: Final = 36_100  # ODID_INV_DIR
 _MAX_MPS, _NO_SPEED_MPS = 254.25, 255.0  # ODID_MAX_SPEED_H, ODID_INV_SPEED_H
 _MAX_CLIMB_MPS, _NO_CLIMB_MPS = 62.0, 63.0  # ODID_MAX_SPEED_V, ODID_INV_SPEED_V
 _NO_TIME_S: Final = 65_535.0  # ODID_INV_TIMESTAMP
+_UNKNOWN_CM: Final = -100_000.0  # ODID_INV_ALT
 _ONE_SECOND: Final = int(dialect.MAV_ODID_TIME_ACC_1_0_SECOND)
 _STANDARD_PRESSURE_OFFSET_M: Final = (1.0 - (1013.25 / 1013.2) ** (1.0 / 5.25588)) / 2.25577e-5
 """Height of 1013.25 hPa, the standard's sea level, over 1013.2 hPa, which is 0 here (ISO 2533)."""
@@ -68,8 +69,11 @@ def open_drone_id_location(fleet: Fleet, rows: Ints, out: MessageTable) -> None:
 
 
 def _centimetres(metres: Floats) -> Floats:
-    """Truncate heights to centimetres, the resolution of ArduPilot's Location."""
-    found: Floats = np.trunc(metres * 100.0) * 0.01
+    """Truncate heights to centimetres, the resolution of ArduPilot's Location; -1000 m, which would mean unknown, is a
+    centimetre more.
+    """
+    centimetres = np.trunc(metres * 100.0)
+    found: Floats = np.where(centimetres == _UNKNOWN_CM, _UNKNOWN_CM + 1.0, centimetres) * 0.01
     return found
 
 
