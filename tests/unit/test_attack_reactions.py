@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
+from skyrange.contracts.plugins import ATTACKS, kinds
 from skyrange.core.errors import InputError
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.compare.attacks import flights as module
@@ -34,6 +35,8 @@ from skyrange.study.compare.attacks.reactions import (
 from skyrange.study.runs import fly
 
 PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "parity.md"
+NOT_FLOWN: dict[str, str] = {}
+"""Kinds that the table does not have, and why."""
 START_S = 10.0
 TIMES_S = np.arange(0.0, 60.0, 0.5)
 
@@ -304,3 +307,11 @@ def test_a_missing_arducopter_is_told_before_the_first_flight(monkeypatch: pytes
         module.compare(tmp_path / "out", ["link.replay"], on_flight=lambda name, *_: told.append(name))
     assert told == []
     assert not (tmp_path / "out").exists()
+
+
+def test_every_kind_of_attack_is_in_the_table_or_its_absence_is_explained() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    block = text[text.index(report.BEGIN) : text.index(report.END)]
+    rows = {line.split("`")[1] for line in block.splitlines() if line.startswith("| `")}
+    assert rows | NOT_FLOWN.keys() == set(kinds(ATTACKS))
+    assert not rows & NOT_FLOWN.keys()
