@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
+from skyrange.attack.radio import down_link, transmitter, up_link
 from skyrange.city.downtown import downtown_grid
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
@@ -18,7 +19,7 @@ from skyrange.contracts.frames.blocks import FrameBlock, LinkTable
 from skyrange.contracts.frames.frame import Fate, Frame
 from skyrange.contracts.frames.payloads import Payloads
 from skyrange.contracts.links import TapPlacement
-from skyrange.contracts.mailboxes import Arrival, Inbox
+from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.monitors import Monitor, ObservedFrames
 from skyrange.contracts.plugins import NoParams, Plugin
 from skyrange.core.errors import ComponentError, DecodeError
@@ -118,6 +119,58 @@ def make_defence(params: NoParams, context: AttackContext) -> Defence:
     return Defence(taps=everywhere())
 
 
+@dataclass
+class Listener:
+    """An agent with a radio that sends nothing; `write` is what it does to what it is handed."""
+
+    name: str
+    up: Port
+    port: Port
+    write: Callable[[Inbox, Port], None]
+    service_ns: Time = NS_PER_S // 10
+    ports: Sequence[Port] = ()
+
+    def __post_init__(self) -> None:
+        self.ports = [self.up, self.port]
+
+    def step(self, now: Time, inbox: Inbox) -> Outbox:
+        self.write(inbox, self.port)
+        return Outbox()
+
+    def next_wakeup(self) -> Time | None:
+        return None
+
+
+def leave(inbox: Inbox, port: Port) -> None:
+    """What an agent does that only looks."""
+
+
+def scribble_over(inbox: Inbox, port: Port) -> None:
+    """Alter all that an agent is handed, as far as it lets itself be altered."""
+    columns = inbox.columns({port: 0})
+    write_into(columns.payloads)
+    for block in inbox.blocks:
+        write_into(block.carried())
+    for arrival in inbox:
+        with pytest.raises(AttributeError):
+            arrival.payload = b""  # type: ignore[misc]
+
+
+def overwrite(inbox: Inbox, port: Port) -> None:
+    """A write that does not expect the error."""
+    if len(inbox):
+        inbox.columns({port: 0}).payloads.data[:] = 0
+
+
+def listening(write: Callable[[Inbox, Port], None]) -> AttackPlugin:
+    def make(params: NoParams, context: AttackContext) -> Attack:
+        agent = Listener(context.radio, Port(context.radio, context.up), Port(context.radio, context.down), write)
+        radio = transmitter(context, (9.0, 9.0, 2.0), 10.0, listens=True)
+        return Attack(agents=[agent], links=[up_link(context), down_link(context)], radios=[radio])
+
+    return AttackPlugin(NoParams, make, "Listens to Remote ID.", counterfactual="mute")
+
+
 ATTACK = AttackPlugin(NoParams, make_attack, "Alters what it is handed, and asks for nothing.")
 DEFENCE = DefencePlugin(NoParams, make_defence, "Alters what it is handed, and asks for nothing.")
 
@@ -132,6 +185,9 @@ def detector(monitor: type[ScribblingMonitor]) -> DetectorPlugin:
 PLUGINS: tuple[tuple[str, Plugin[Any, Any]], ...] = (
     ("test.attack", ATTACK),
     ("test.defence", DEFENCE),
+    ("test.leaving", listening(leave)),
+    ("test.scribbling", listening(scribble_over)),
+    ("test.overwriting", listening(overwrite)),
     ("test.seeing", detector(ScribblingMonitor)),
     ("test.writing", detector(WritingMonitor)),
 )
@@ -141,9 +197,14 @@ DEFENDED = '[[defences]]\nid = "d"\nkind = "test.defence"\n'
 WATCHED = '[[detectors]]\nid = "m"\nkind = "{kind}"\nlinks = ["gcs:blue/b1"]\nside = "gcs"\n'
 
 
-def digests(folder: Path, more: str = "") -> Any:
+BROADCASTING = SCENARIO.replace('id = "b1",', 'id = "b1", remote_id = { transports = ["wifi_beacon"] },').replace(
+    "duration_s = 12", "duration_s = 5"
+)
+
+
+def digests(folder: Path, more: str = "", scenario: str = SCENARIO) -> Any:
     with registered(*PLUGINS):
-        return fly(load_text(SCENARIO + more), folder, report=False).manifest["digests"]
+        return fly(load_text(scenario + more), folder, report=False).manifest["digests"]
 
 
 def test_a_city_cannot_be_altered() -> None:
@@ -164,6 +225,21 @@ def test_what_a_plugin_writes_into_changes_no_flight(more: str, tmp_path: Path) 
     plain = digests(tmp_path / "plain")
     found = digests(tmp_path / "with", more)
     assert (found["truth"], found["frames"]) == (plain["truth"], plain["frames"])
+
+
+ON_AIR = '[radio]\n[[attacks]]\nid = "x"\nkind = "test.{kind}"\nstart_s = 0\nmuted = {muted}\n'
+
+
+@pytest.mark.parametrize("muted", ["true", "false"])
+def test_what_an_agent_writes_into_changes_no_flight(muted: str, tmp_path: Path) -> None:
+    looking = digests(tmp_path / "looking", ON_AIR.format(kind="leaving", muted=muted), BROADCASTING)
+    writing = digests(tmp_path / "writing", ON_AIR.format(kind="scribbling", muted=muted), BROADCASTING)
+    assert writing == looking
+
+
+def test_a_write_of_an_agent_is_an_error_with_its_name(tmp_path: Path) -> None:
+    with pytest.raises(ComponentError, match=r"(?s)x.*read-only"):
+        digests(tmp_path / "run", ON_AIR.format(kind="overwriting", muted="false"), BROADCASTING)
 
 
 def test_a_write_into_a_column_is_an_error_with_the_name_of_the_plugin(tmp_path: Path) -> None:
