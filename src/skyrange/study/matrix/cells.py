@@ -145,7 +145,7 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
         honest = [bool(alert_times_ns(flown.run(HONEST, seed), detectors)) for seed in flown.seeds]
     return replace(
         cell,
-        failed=list(map(str, flown.failed_missions)),
+        failed=tuple(map(str, flown.failed_missions)),
         effects=effects,
         complete=complete,
         alarms_s=alarms,
