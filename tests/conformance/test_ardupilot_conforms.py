@@ -8,10 +8,12 @@ from skyrange.core.time import NS_PER_S
 from skyrange.testing import check_engine
 from skyrange.testing.drivers.default_fleet import FLEET
 from tests.ardupilot import needs_arducopter
+from tests.catalogue import in_turn
 
 pytestmark = needs_arducopter
 
 
+@in_turn("parity", "engine")
 def test_ardupilot_keeps_the_contract() -> None:
     from skyrange.vehicle.ardupilot.engine import ARDUPILOT
 

@@ -9,6 +9,7 @@ import pytest
 
 from skyrange.study.compare.attacks.flights import ComparedAttack, agreement, compare
 from tests.ardupilot import needs_arducopter
+from tests.catalogue import in_turn
 
 ALIKE = {
     "link.drop": "stays down",
@@ -33,12 +34,16 @@ SAME = {"mavlink.mission_clear": "obeys", "mavlink.malformed": "obeys"}
 """Kinds to which both react in the same way, at different times."""
 
 
+IN_TURN = in_turn("parity", "attacks")
+
+
 @pytest.fixture(scope="module")
 def compared(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ComparedAttack]:
     rows = compare(tmp_path_factory.mktemp("attacks"), [*ALIKE, *DIFFER, *SAME])
     return {one.kind: one for one in rows}
 
 
+@IN_TURN
 @needs_arducopter
 @pytest.mark.parametrize(("kind", "reaction"), ALIKE.items())
 def test_both_react_in_the_same_way_and_time(kind: str, reaction: str, compared: dict[str, ComparedAttack]) -> None:
@@ -47,6 +52,7 @@ def test_both_react_in_the_same_way_and_time(kind: str, reaction: str, compared:
     assert one.alike, f"{one.first} against {one.second}"
 
 
+@IN_TURN
 @needs_arducopter
 @pytest.mark.parametrize(("kind", "reactions"), DIFFER.items())
 def test_the_differences_that_the_page_explains(
@@ -56,6 +62,7 @@ def test_the_differences_that_the_page_explains(
     assert (one.first.reaction, one.second.reaction) == reactions
 
 
+@IN_TURN
 @needs_arducopter
 def test_an_empty_mission_ends_the_builtins_at_once_and_arducopters_at_its_next_waypoint(
     compared: dict[str, ComparedAttack],
@@ -68,6 +75,7 @@ def test_an_empty_mission_ends_the_builtins_at_once_and_arducopters_at_its_next_
     assert second.at_s > first.at_s + 5.0
 
 
+@IN_TURN
 @needs_arducopter
 def test_most_agree(compared: dict[str, ComparedAttack]) -> None:
     found = agreement(list(compared.values()))
