@@ -10,6 +10,7 @@ import re
 import textwrap
 from collections.abc import Sequence
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 from pydantic import BaseModel
@@ -194,7 +195,9 @@ def _methods(value: Any) -> dict[str, Any]:
         if base.__module__.startswith("skyrange."):
             for key, each in vars(base).items():
                 method = each.__func__ if isinstance(each, classmethod | staticmethod) else each
-                if not key.startswith("_") and key not in HIDDEN and inspect.isroutine(method):
+                if key.startswith("_") or key in HIDDEN or isinstance(method, cached_property):
+                    continue
+                if inspect.isroutine(method):
                     found[key] = method
     return found
 
@@ -247,7 +250,7 @@ def _members(value: Any) -> str:
         told |= {key: doc for key, doc in _documented(tree.body).items() if key != "__slots__"}
         methods = _methods(base)
         for key, each in vars(base).items():
-            if not key.startswith("_") and isinstance(each, property) and each.__doc__:
+            if not key.startswith("_") and isinstance(each, (property, cached_property)) and each.__doc__:
                 told[key] = each.__doc__
             elif not key.startswith("_") and key in methods and methods[key].__doc__:
                 told[key] = methods[key].__doc__

@@ -13,13 +13,12 @@ from hypothesis import strategies as st
 from skyrange.assembly.build import build
 from skyrange.assembly.city import build_city
 from skyrange.assembly.placement.clear_placing import apply_placing
-from skyrange.assembly.placement.moved_places import describe_moves
+from skyrange.assembly.placement.moved_places import describe_moves, describe_placing
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.core.ids import vehicle_id
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_data
-from skyrange.study.measures.placing import describe_placing
 
 HOVER = {"path": {"points": [[0, 0], [0, 12]], "alt_m": 15}, "end": "land"}
 ORIGIN = {"lat": 40.778, "lon": -73.955}

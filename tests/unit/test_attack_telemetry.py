@@ -22,10 +22,11 @@ from skyrange.attack.telemetry.battery import BATTERY
 from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
 from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
 from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE, MODES
+from skyrange.attack.telemetry.mode import MODE
 from skyrange.attack.telemetry.position import POSITION
 from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.codec.mavlink import Message, Packer, decode, dialect
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import (
     SignatureRefusal,
     Signer,
@@ -194,7 +195,7 @@ def test_a_frame_written_unaltered_is_the_same_to_the_byte() -> None:
 
 def heartbeat(status: int = dialect.MAV_STATE_ACTIVE) -> Message:
     armed = dialect.MAV_MODE_FLAG_SAFETY_ARMED | dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
-    return dialect.MAVLink_heartbeat_message(2, 3, armed, MODES["AUTO"], status, 3)
+    return dialect.MAVLink_heartbeat_message(2, 3, armed, COPTER_MODE_NUMBERS["AUTO"], status, 3)
 
 
 def test_mode_armed_state_and_mission() -> None:

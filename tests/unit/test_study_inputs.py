@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from skyrange.assembly.build import build
 from skyrange.assembly.city import build_city
 from skyrange.core.errors import InputError
 from skyrange.detect.learned.model_file import write_model
+from skyrange.scenario.overrides import read_assignment, set_key
 from skyrange.scenario.toml_reader import load_file, load_text
 from skyrange.study.radio_map.places import MapLayout
 from skyrange.study.sweep.design.blocks import list_blocks, scenario_in
@@ -144,3 +147,8 @@ def test_files_are_beside_the_study_wherever_it_is_started(
     assert study.factors[0].levels == ("one.waypoints", "two.waypoints")  # the results name no folder
     changed = change_study(study, ["changes=['operators.blue.vehicles.b1.plan.file=here.waypoints']"])
     assert str(tmp_path / "here.waypoints") in changed.changes[0]
+
+
+@given(st.text(max_size=20))
+def test_any_text_that_a_change_sets_is_read_again(text: str) -> None:
+    assert read_assignment(set_key("plan.file", text)) == ("file", text)

@@ -6,10 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyrange.attack.mavlink.injection import COPTER_MODES, STATION, mode_order
+from skyrange.attack.mavlink.injection import STATION, mode_order
 from skyrange.attack.on_path import ends_of
 from skyrange.codec.mavlink import Packer, sender_system
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, TapPlacement
 from skyrange.contracts.verdicts import Drop, Inject, Verdict
@@ -23,7 +24,7 @@ STATION_SYSTEM: Final = STATION[0]
 CONSOLE: Final = (STATION_SYSTEM, int(mav.MAV_COMP_ID_USER2))
 """MAVLink system and component id of the commands: a component of its own in the station's system, so that the sequence
 numbers of the station's frames stay what they are."""
-_MODES: Final = {BlueAct.RESUME: COPTER_MODES["AUTO"], BlueAct.RETURN: COPTER_MODES["RTL"]}
+_MODES: Final = {BlueAct.RESUME: COPTER_MODE_NUMBERS["AUTO"], BlueAct.RETURN: COPTER_MODE_NUMBERS["RTL"]}
 
 
 @dataclass(slots=True)

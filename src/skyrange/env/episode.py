@@ -10,7 +10,7 @@ from typing import Any, Final
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.assembly.placement.flight_plans import make_flight_plan
 from skyrange.attack.gnss.drift import DriftTrack
-from skyrange.attack.mavlink.injection import COPTER_MODES
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.components import World
 from skyrange.core.errors import InputError, Problem
 from skyrange.core.ids import operator_of, vehicle_id
@@ -141,7 +141,7 @@ def _make_parts(scenario: Scenario, step_ns: Time, rewards: Rewards) -> tuple[Pa
     fleet = {vehicle_id(operator.id, vehicle.id): vehicle for operator, vehicle in scenario.fleet}
     origin, clock, systems = scenario.origin.datum, Clock(step_ns), {name: one.system_id for name, one in fleet.items()}
     red = RedChoice()
-    plan, taps = make_red_team(systems, red, clock, mode=COPTER_MODES[RED_MODE], track=DRIFT)
+    plan, taps = make_red_team(systems, red, clock, mode=COPTER_MODE_NUMBERS[RED_MODE], track=DRIFT)
     plans, defences = [plan], []
     monitors = {RED: TelemetryFeatures(list(fleet), origin, step_ns, received=False)}
     blue = {}

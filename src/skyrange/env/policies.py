@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.attack.mavlink.injection import COPTER_MODES
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.core.errors import InputError
 from skyrange.env.acts import RED, BlueAct, RedAct
 from skyrange.env.observations import describe
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Policy = Callable[[NDArray[np.float32]], Any]
 """Chooses an agent's action by its observation (aircraft, features)."""
-_HELD: Final = frozenset(float(COPTER_MODES[name]) for name in ("AUTO", "GUIDED", "RTL"))
+_HELD: Final = frozenset(float(COPTER_MODE_NUMBERS[name]) for name in ("AUTO", "GUIDED", "RTL"))
 """Modes in which the scripted operator leaves an aircraft alone."""
 _SILENT_S: Final = 2.0
 
@@ -81,7 +81,7 @@ class ScriptedRed:
             found = [
                 row
                 for row, seen in enumerate(describe(observation))
-                if seen["armed"] and seen["up_m"] > 5.0 and seen["mode"] == COPTER_MODES["AUTO"]
+                if seen["armed"] and seen["up_m"] > 5.0 and seen["mode"] == COPTER_MODE_NUMBERS["AUTO"]
             ]
             if not found:
                 return 0

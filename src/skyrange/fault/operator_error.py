@@ -8,10 +8,11 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, Order, Sender, inject, mode_order
+from skyrange.attack.mavlink.injection import Injection, Order, Sender, inject, mode_order
 from skyrange.attack.on_path import Repetition
 from skyrange.attack.victims import Victims
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import (
     LAST_TIMESTAMP,
     is_signed,
@@ -86,7 +87,7 @@ def make(params: WrongCommand, context: FaultContext) -> FaultParts:
     if params.command == "speed":
         order = Order(mav.MAV_CMD_DO_CHANGE_SPEED, (float(mav.SPEED_TYPE_GROUNDSPEED), params.speed_mps, -1.0))
     else:
-        order = mode_order(COPTER_MODES[_MODES[params.command]])
+        order = mode_order(COPTER_MODE_NUMBERS[_MODES[params.command]])
     inject(Injection(vehicles=params.vehicles), context, Mistake)  # raises for strangers with their places in the list
     taps = []
     for vehicle in params.vehicles:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,47 +41,45 @@ def check_file(path: Path, where: str, *, suggest: bool = True) -> Problem | Non
         return Problem(where, str(path), f"a valid file name ({error})")
 
 
+def _change_files(data: Mapping[str, Any], change: Callable[[str, tuple[str | int, ...]], str]) -> dict[str, Any]:
+    """A copy of `data` with `change(name, path)` for the name of each file, at any depth."""
+
+    def visit(part: Any, path: tuple[str | int, ...]) -> Any:
+        if isinstance(part, Mapping):
+            return {key: visit(value, (*path, key)) for key, value in part.items()}
+        if isinstance(part, (list, tuple)):
+            return [visit(value, (*path, index)) for index, value in enumerate(part)]
+        return change(part, path) if isinstance(part, str) and part and path[-1] in FILE_KEYS else part
+
+    return {key: visit(value, (key,)) for key, value in data.items()}
+
+
 def locate_files(data: Mapping[str, Any], folder: Path) -> tuple[dict[str, Any], list[Problem]]:
     """`data` with the names of files made absolute from `folder`, and a problem for each file that does not exist."""
     faults: list[Problem] = []
 
-    def visit(part: Any, loc: tuple[str | int, ...]) -> Any:
-        if isinstance(part, Mapping):
-            return {key: visit(value, (*loc, key)) for key, value in part.items()}
-        if isinstance(part, (list, tuple)):
-            return [visit(value, (*loc, index)) for index, value in enumerate(part)]
-        if isinstance(part, str) and part and loc[-1] in FILE_KEYS:
-            path = folder / expand_user(part)
-            fault = check_file(path, spell_path(loc, data), suggest=len(faults) < MAX_LINES)
-            if fault is not None:
-                faults.append(fault)
-            return str(path.absolute())
-        return part
+    def locate(name: str, path: tuple[str | int, ...]) -> str:
+        file = folder / expand_user(name)
+        fault = check_file(file, spell_path(path, data), suggest=len(faults) < MAX_LINES)
+        if fault is not None:
+            faults.append(fault)
+        return str(file.absolute())
 
-    return visit(data, ()), faults
+    return _change_files(data, locate), faults
 
 
-def list_named_files(data: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def list_named_files(data: Mapping[str, Any]) -> list[tuple[str, str]]:
     """The key and the value of everything in `data` that names a file, at any depth."""
-    for key, part in data.items():
-        if isinstance(part, str) and part and key in FILE_KEYS:
-            yield key, part
-        elif isinstance(part, Mapping):
-            yield from list_named_files(part)
-        elif isinstance(part, (list, tuple)):
-            for one in part:
-                if isinstance(one, Mapping):
-                    yield from list_named_files(one)
+    found: list[tuple[str, str]] = []
+
+    def note(name: str, path: tuple[str | int, ...]) -> str:
+        found.append((str(path[-1]), name))
+        return name
+
+    _change_files(data, note)
+    return found
 
 
-def rename_files(data: dict[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
+def rename_files(data: Mapping[str, Any], names: Mapping[str, str]) -> dict[str, Any]:
     """`data` with the names of files replaced by those that `names` has for them."""
-
-    def visit(part: Any, key: str) -> Any:
-        if isinstance(part, dict):
-            return {name: visit(value, name) for name, value in part.items()}
-        if isinstance(part, list):
-            return [visit(value, "") for value in part]
-        return names.get(part, part) if isinstance(part, str) and key in FILE_KEYS else part
-
-    return {key: visit(value, key) for key, value in data.items()}
+    return _change_files(data, lambda name, _: names.get(name, name))

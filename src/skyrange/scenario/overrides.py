@@ -9,13 +9,14 @@ file name that is not TOML is text.
 from __future__ import annotations
 
 import copy
+import json
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import tomli_w
 from pydantic import BaseModel
 
 from skyrange.core.errors import InputError, Problem, nearest
@@ -74,13 +75,33 @@ def read_assignment(assignment: str) -> tuple[str, Any] | None:
         return None
 
 
+def set_key(key: str, value: Any) -> str:
+    """The `key=value` that sets a key; raises `InputError` for a number that is not finite."""
+    return f"{key}={_toml(value)}"
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML on one line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        if not math.isfinite(value):
+            raise InputError.one("--set", "value", repr(value), "a finite number")
+        return repr(value)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, dict):
+        return f"{{{', '.join(f'{json.dumps(key)} = {_toml(each)}' for key, each in value.items())}}}"
+    # whole numbers and text are the same in both, but TOML has no surrogate pairs, and no unescaped DEL
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
 def locate_assignment(assignment: str, folder: Path) -> str:
     """`path=value` with the name of a file made absolute from `folder`; any other assignment as it is."""
     found = read_assignment(assignment)
     if found is None or found[0] not in FILE_KEYS or not isinstance(found[1], str) or not found[1]:
         return assignment
-    located = tomli_w.dumps({"value": str((folder / expand_user(found[1])).absolute())})
-    return f"{assignment.partition('=')[0]}={located.removeprefix('value = ').strip()}"
+    return set_key(assignment.partition("=")[0], str((folder / expand_user(found[1])).absolute()))
 
 
 def _keys(path: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -37,9 +37,8 @@ class FailedMissions:
 
     def __str__(self) -> str:
         named = [f"{vehicle}: {reason}" for vehicle, reason in self.reasons.items()]
-        more = f"; and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
         count = f"{len(named)} of {self.missions} mission{'s' * (self.missions > 1)} failed"
-        return f"{self.arm}, seed {self.seed}: {count}: {'; '.join(named[:_NAMED])}{more}"
+        return f"{self.arm}, seed {self.seed}: {count}: {_join(named)}"
 
 
 def rejected_missions(record: RunRecord) -> dict[str, str]:
@@ -53,8 +52,7 @@ def require_missions(record: RunRecord) -> None:
     expecting = _expectations(record)
     found = [f"{name}: {reason}" for name, reason in rejected_missions(record).items() if not expecting.get(name)]
     if found:
-        more = f"; and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-        raise ShortfallError(f"missions were rejected: {'; '.join(found[:_NAMED])}{more}", record.path)
+        raise ShortfallError(f"missions were rejected: {_join(found)}", record.path)
 
 
 def find_failed_missions(record: RunRecord, arm: str) -> FailedMissions | None:
@@ -77,9 +75,14 @@ def require_baseline(found: Iterable[str], folder: Path) -> None:
     """Raise `ShortfallError` if missions failed in arms in which nothing acts: effects are differences from these."""
     lines = list(found)
     if lines:
-        more = f"; and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
         hint = "an aircraft that is meant to fail says so with plan.failure_expected"
-        raise ShortfallError(f"missions failed without an attack: {' | '.join(lines[:_NAMED])}{more} ({hint})", folder)
+        raise ShortfallError(f"missions failed without an attack: {_join(lines)} ({hint})", folder)
+
+
+def _join(lines: Sequence[str]) -> str:
+    """The first lines in one, and how many more there are."""
+    more = f"; and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
+    return f"{'; '.join(lines[:_NAMED])}{more}"
 
 
 def _expectations(record: RunRecord) -> dict[str, str]:

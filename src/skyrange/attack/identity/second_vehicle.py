@@ -13,9 +13,10 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Contro
 from skyrange.attack.identity.silence_station import ROLES
 from skyrange.attack.on_path import InjectingTap, Names, Repetition, side_of
 from skyrange.attack.telemetry.alteration import put, read_fields, telemetry_links, write_fields
-from skyrange.attack.telemetry.mode import MODES, ModeName
+from skyrange.attack.telemetry.mode import ModeName
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.params import Enu, Number, Params
@@ -137,7 +138,7 @@ class _MakeTap:
 
     def __call__(self, link: str) -> InjectingTap:
         params, context = self.params, self.context
-        mode = None if params.mode is None else MODES[params.mode]
+        mode = None if params.mode is None else COPTER_MODE_NUMBERS[params.mode]
         stream = SecondStream(
             (params.at, params.velocity_mps, mode, params.armed),
             context.vehicles[link.partition(":")[2]].system_id,

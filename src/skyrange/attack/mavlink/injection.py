@@ -15,7 +15,7 @@ from pydantic import Field
 from skyrange.attack.contract import AttackContext, Place
 from skyrange.attack.on_path import InjectingTap, InjectionSource, Repetition, TapMaker, place_taps
 from skyrange.attack.victims import Victims, check_vehicles
-from skyrange.codec.mavlink import Message, Packer, decode, flight_modes, message_id, sender_system
+from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
@@ -123,10 +123,6 @@ class Order:
 def mode_order(mode: int) -> Order:
     """DO_SET_MODE to an ArduCopter mode."""
     return Order(mav.MAV_CMD_DO_SET_MODE, (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
-
-
-COPTER_MODES: Final = {name: number for number, name in flight_modes.COPTER_MODES.items()}
-"""Numbers of ArduCopter's modes by name."""
 
 
 def geodetic(origin: Origin, place: Place) -> Place:

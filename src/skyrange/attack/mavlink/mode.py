@@ -9,8 +9,9 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.mavlink.injection import Injection, ModeKeeper, Sender, inject
 from skyrange.attack.on_path import Repetition
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number, refuse
@@ -20,8 +21,8 @@ from skyrange.core.time import Time, from_seconds
 
 def known_mode(name: str) -> str:
     """The name of a mode of ArduCopter; else a fault."""
-    if name not in COPTER_MODES:
-        raise refuse(Problem("", name, "a mode of ArduCopter such as 'LOITER'", nearest(name, COPTER_MODES)))
+    if name not in COPTER_MODE_NUMBERS:
+        raise refuse(Problem("", name, "a mode of ArduCopter such as 'LOITER'", nearest(name, COPTER_MODE_NUMBERS)))
     return name
 
 
@@ -69,7 +70,7 @@ class ModeHolder:
 def make(params: HeldMode, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not in the scenario."""
     period_ns = from_seconds(params.every_s)
-    mode = COPTER_MODES[params.mode]
+    mode = COPTER_MODE_NUMBERS[params.mode]
     return Attack(taps=inject(params, context, ModeHolder, context.schedule, mode, period_ns))
 
 

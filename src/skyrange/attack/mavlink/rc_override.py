@@ -9,10 +9,11 @@ from typing import Literal
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import COPTER_MODES, Injection, ModeKeeper, Sender, inject
+from skyrange.attack.mavlink.injection import Injection, ModeKeeper, Sender, inject
 from skyrange.attack.on_path import Repetition
 from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule
 from skyrange.contracts.params import Number
@@ -95,7 +96,7 @@ class StickSource:
 def make(params: StickOverride, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for aircraft that are not in the scenario."""
     sticks = (params.forward, params.right, params.throttle, params.yaw)
-    mode = None if params.mode == "none" else COPTER_MODES[params.mode]
+    mode = None if params.mode == "none" else COPTER_MODE_NUMBERS[params.mode]
     period_ns = from_seconds(1.0 / params.rate_hz)
     manual = params.message == "MANUAL_CONTROL"
     return Attack(taps=inject(params, context, StickSource, context.schedule, sticks, manual, period_ns, mode))

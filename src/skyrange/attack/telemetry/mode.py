@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_validator
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.attack.telemetry.alteration import CONTROLS, TelemetryLinks, alter_telemetry, put, threat
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.codec.mavlink.flight_modes import COPTER_MODES
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.params import Number, refuse
 from skyrange.core.errors import Problem, nearest
 from skyrange.core.time import Time, from_seconds
@@ -21,13 +21,11 @@ _LANDED: Final = int(mav.MAVLINK_MSG_ID_EXTENDED_SYS_STATE)
 _ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 _NO_TOTAL: Final = 65_535
 """MISSION_CURRENT: the number of items is not known."""
-MODES: Final = {name: number for number, name in COPTER_MODES.items()}
-"""ArduCopter's modes by name."""
 
 
 def _known_mode(name: str) -> str:
-    if name not in MODES:
-        raise refuse(Problem("", name, "a mode of ArduCopter such as 'AUTO'", nearest(name, MODES)))
+    if name not in COPTER_MODE_NUMBERS:
+        raise refuse(Problem("", name, "a mode of ArduCopter such as 'AUTO'", nearest(name, COPTER_MODE_NUMBERS)))
     return name
 
 
@@ -111,7 +109,7 @@ class ModeAlteration:
 
 def make(params: FalseMode, context: AttackContext) -> Attack:
     """The attack. Raises `InputError` for links that the scenario does not have, or that carry no telemetry."""
-    mode = None if params.mode is None else MODES[params.mode]
+    mode = None if params.mode is None else COPTER_MODE_NUMBERS[params.mode]
     alteration = ModeAlteration(mode, params.armed, params.mission, from_seconds(params.item_s))
     return alter_telemetry(params.links, context, alteration)
 

@@ -39,7 +39,8 @@ def run(
     from skyrange.cli.output.interlock_notice import print_interlock_notice
     from skyrange.cli.output.progress import compile_if_cold, progress
     from skyrange.cli.output.run_summary import print_summary
-    from skyrange.cli.output.viewer_notices import open_viewers, print_warnings
+    from skyrange.cli.output.viewer_notices import open_viewers
+    from skyrange.cli.output.warnings import print_warnings
     from skyrange.scenario.shipped import load
     from skyrange.study.failed_missions import require_missions
     from skyrange.study.runs import fly
@@ -94,7 +95,7 @@ def pair(
     """`skyrange pair`."""
     from skyrange.cli.output.pair_table import print_pair
     from skyrange.cli.output.progress import compile_if_cold, parallel_progress
-    from skyrange.cli.output.viewer_notices import print_warnings
+    from skyrange.cli.output.warnings import print_warnings
     from skyrange.scenario.shipped import load
     from skyrange.study.attribution.arms import acting_attacks, plan_arms
     from skyrange.study.failed_missions import require_baseline

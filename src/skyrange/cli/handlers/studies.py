@@ -175,7 +175,7 @@ def _fly(folder: StudyFolder, executor: Executor, storage: BlockStorage | None, 
 
 
 def _print_result(result: StudyResult, as_json: bool) -> None:
-    from skyrange.cli.output.failed_missions import print_failed_missions
+    from skyrange.cli.output.warnings import print_failed_missions
     from skyrange.study.failed_missions import require_baseline
     from skyrange.study.sweep.execution.study_run import list_failed_missions
 

@@ -5,12 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from skyrange.cli.output.console import print_notice
-from skyrange.cli.output.viewer_notices import (
-    open_port_warning,
-    print_warnings,
-    viewer_address_lines,
-    viewer_counts_text,
-)
+from skyrange.cli.output.viewer_notices import open_port_warning, viewer_address_lines, viewer_counts_text
+from skyrange.cli.output.warnings import print_warnings
 from skyrange.core.ids import vehicle_id
 
 if TYPE_CHECKING:

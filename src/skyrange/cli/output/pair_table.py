@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
-from skyrange.cli.output.failed_missions import print_failed_missions
 from skyrange.cli.output.run_summary import MAX_AIRCRAFT, print_city, print_placing
+from skyrange.cli.output.warnings import print_failed_missions
 from skyrange.study.twins.lie_and_truth import REACTIONS, format_values, reacts, truth_name
 
 if TYPE_CHECKING:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from skyrange.cli.output.console import terminal
+from skyrange.cli.output.warnings import shorten_warnings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,8 +58,8 @@ def print_summary(facts: dict[str, Any]) -> None:
             )
         console.print(aircraft)
     _print_mishaps(console, facts["mishaps"])
-    for line in facts.get("warnings", [])[:MAX_MISHAPS]:
-        console.print(f"WARNING: {line}", soft_wrap=True, markup=False, highlight=False)
+    for line in shorten_warnings(facts.get("warnings", [])):
+        console.print(line, soft_wrap=True, markup=False, highlight=False)
     print_city(console, facts.get("city"))
     _print_mission_files(console, facts.get("mission_files") or ())
     print_placing(console, facts.get("placing"))
@@ -182,7 +183,7 @@ def _print_mission_files(console: Console, files: Sequence[Mapping[str, Any]]) -
 
 def print_placing(console: Console, moves: Sequence[Mapping[str, Any]] | None) -> None:
     """Print what `placing = "clear"` moved, the nearest to other aircraft first; nothing if it moved nothing."""
-    from skyrange.study.measures.placing import describe_placing
+    from skyrange.assembly.placement.moved_places import describe_placing
 
     lines = describe_placing(moves or ())
     if not lines:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from skyrange.cli.output.failed_missions import print_failed_missions
+from skyrange.cli.output.warnings import print_failed_missions
 from skyrange.study.variants.sections import make_tables
 
 if TYPE_CHECKING:

@@ -37,17 +37,6 @@ def open_viewers(scenario: Scenario, wanted: bool, first_port: int | None, host:
         print_notice(viewer_counts_text(viewers.counts))
 
 
-def print_warnings(scenario: Scenario) -> None:
-    """Print what of a scenario is without effect, before it is flown; the manifest has it too, under `warnings`."""
-    from skyrange.assembly.battery_warnings import list_battery_warnings
-
-    lines = list_battery_warnings(scenario)
-    for line in lines[:MAX_LINES]:
-        print_notice(f"WARNING: {line}")
-    if len(lines) > MAX_LINES:
-        print_notice(f"WARNING: {len(lines) - MAX_LINES} more aircraft measure another battery: see manifest.json")
-
-
 def viewer_address_lines(addresses: Sequence[Address], system_ids: dict[str, int]) -> list[str]:
     """Lines with the address of each aircraft for viewers, and how to connect."""
     lines = ["viewers can connect here (read-only; data from viewers is discarded):"]

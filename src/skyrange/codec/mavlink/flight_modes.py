@@ -24,6 +24,8 @@ def _read_enum(name: str) -> FlightModes:
 
 
 COPTER_MODES: Final = _read_enum("COPTER_MODE")
+COPTER_MODE_NUMBERS: Final = MappingProxyType({name: number for number, name in COPTER_MODES.items()})
+"""Numbers of ArduCopter's modes by name."""
 _PLANE: Final = _read_enum("PLANE_MODE")
 _ROVER: Final = _read_enum("ROVER_MODE")
 MULTIROTOR_TYPES: Final = (

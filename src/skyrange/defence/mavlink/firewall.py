@@ -11,10 +11,11 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.mavlink.command import COMMANDS
-from skyrange.attack.mavlink.injection import COPTER_MODES, read
+from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import Messages, TapMaker
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number, Whole, items, refuse
 from skyrange.contracts.verdicts import Drop, Verdict
@@ -44,8 +45,8 @@ def _commands(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def _modes(names: tuple[str, ...]) -> tuple[str, ...]:
     for place, name in enumerate(names):
-        if name not in COPTER_MODES:
-            raise refuse(Problem(str(place), name, "a flight mode such as 'AUTO'", nearest(name, COPTER_MODES)))
+        if name not in COPTER_MODE_NUMBERS:
+            raise refuse(Problem(str(place), name, "a flight mode such as 'AUTO'", nearest(name, COPTER_MODE_NUMBERS)))
     return names
 
 
@@ -206,7 +207,7 @@ class _Maker:
             self.rules,
             _find_messages(self.rules),
             frozenset(COMMANDS[name] for name in self.rules.commands),
-            frozenset(COPTER_MODES[name] for name in self.rules.modes),
+            frozenset(COPTER_MODE_NUMBERS[name] for name in self.rules.modes),
             self.origin,
             (east_m, north_m),
             Alarm(vehicle),

@@ -109,8 +109,14 @@ def require_same(folder: StudyFolder, study: Study) -> None:
 def require_unchanged(folder: StudyFolder, *, other_version: bool = False) -> None:
     """Raise `InputError` if the scenario, or unless `other_version` skyrange, has changed since the study began."""
     require_same(folder, folder.study)
+    if not other_version:
+        require_version(folder)
+
+
+def require_version(folder: StudyFolder) -> None:
+    """Raise `InputError` if skyrange has changed since the study began."""
     now = version("skyrange")
-    if folder.version != now and not other_version:
+    if folder.version != now:
         hint = "Runs of two versions may differ: install that version, or say --other-version to mix them."
         raise InputError.one(str(folder.path), "skyrange", now, f"version {folder.version}, which began it", hint)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,7 +107,7 @@ class Pair:
         path = self.path / LIE_AND_TRUTH
         return pq.read_table(path) if path.exists() else lie_and_truth_table([])
 
-    @property
+    @cached_property
     def failed_missions(self) -> list[FailedMissions]:
         """Missions that failed in runs without an attack or fault that acts, on which all effects rest."""
         found = (find_failed_missions(self.run(arm, seed), arm) for seed in self.seeds for arm in self.twins)

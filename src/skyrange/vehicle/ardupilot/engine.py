@@ -25,7 +25,7 @@ def _reads_sensors(options: Options) -> bool:
     return options.physics == "shared"
 
 
-def shared_battery() -> str:
+def shared_battery(_options: object) -> str:
     """Which battery an ArduPilot in lockstep measures instead of the world's: SITL's, if the build takes no other.
 
     Raises `InputError` as `find_binary` does.
@@ -42,7 +42,7 @@ def shared_battery() -> str:
 def _other_battery(options: Options) -> str:
     if options.physics == "native":
         return "ArduPilot's own simulation (native physics) has a battery of its own"
-    return shared_battery()
+    return shared_battery(options)
 
 
 ARDUPILOT = AutopilotPlugin(

@@ -18,16 +18,12 @@ def _opened_ports(options: GazeboOptions, count: int) -> Sequence[int]:
     return options.opened(count)
 
 
-def _other_battery(options: GazeboOptions) -> str:
-    return shared_battery()
-
-
 GAZEBO = AutopilotPlugin(
     GazeboOptions,
     _make,
     "Runs ArduPilot's ArduCopter, one process per aircraft, in the physics of Gazebo.",
     signs=True,
     opened_ports=_opened_ports,
-    other_battery=_other_battery,
+    other_battery=shared_battery,
 )
 """The autopilot `gazebo`. Raises `InputError` as `GazeboFleet` does."""

@@ -7,11 +7,11 @@ from typing import Any
 
 from markupsafe import Markup
 
+from skyrange.assembly.placement.moved_places import describe_placing
 from skyrange.core.time import NS_PER_S
 from skyrange.study.figures import run as run_figures
 from skyrange.study.figures.palette import ThemeColour
 from skyrange.study.figures.subject import Subject
-from skyrange.study.measures.placing import describe_placing
 from skyrange.study.measures.time_series import Record
 from skyrange.study.report import quantities, reception_tables
 from skyrange.study.report.rendering import asset, content_policy, render

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 from statistics import NormalDist
@@ -12,6 +10,7 @@ from typing import Any, Final
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.ids import hash64
+from skyrange.scenario.overrides import set_key
 from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study
 
@@ -70,11 +69,6 @@ def change_of(factor: Factor, level: Any) -> str:
     return set_key(factor.key, factor.value_of(level))
 
 
-def set_key(key: str, value: Any) -> str:
-    """The change of the scenario that sets a key, as `--set` has it."""
-    return f"{key}={_toml(value)}"
-
-
 def _levels(factor: Factor) -> Sequence[Any]:
     if factor.levels:
         return factor.levels
@@ -100,18 +94,3 @@ def _unit_points(study: Study, count: int, dimensions: int) -> Iterator[list[flo
             raise InputError.one("study", "sampling", study.sampling, "grid or random without scipy", hint) from error
         kind = qmc.LatinHypercube if study.sampling == "latin-hypercube" else qmc.Sobol
         yield from kind(dimensions, rng=study.first_seed).random(count).tolist()
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML on one line."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise InputError.one("study", "value", repr(value), "a finite number")
-        return repr(value)
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, dict):
-        return f"{{{', '.join(f'{json.dumps(key)} = {_toml(each)}' for key, each in value.items())}}}"
-    return json.dumps(value)  # text and whole numbers are the same in both

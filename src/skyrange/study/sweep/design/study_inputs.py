@@ -24,11 +24,12 @@ def list_inputs(study: Study) -> list[Path]:
     for a scenario that cannot be read.
     """
     found: dict[Path, None] = {}
+    own = list(_named_by(study))
     for name in scenarios_of(study):
         source = source_of(name)
         data = parse_toml(read_text(source, name), name)
         found[source] = None
-        for key, value in [*list_named_files(data), *_named_by(study)]:
+        for key, value in [*list_named_files(data), *own]:
             path = source.parent / expand_user(value)
             found.update(dict.fromkeys(files_of(path) if key == BUILDINGS else [path]))
     return list(found)

@@ -29,7 +29,7 @@ from skyrange.study.sweep.folder import (
     digest_of,
     open_folder,
     require_same,
-    require_unchanged,
+    require_version,
 )
 from skyrange.study.sweep.measurement import RUNS
 from skyrange.study.sweep.results import write_results
@@ -77,7 +77,7 @@ def run_study(
     if (path / MANIFEST).is_file():
         folder = open_folder(path)
         require_same(folder, chosen)
-        require_unchanged(folder)
+        require_version(folder)
     else:
         check_blocks(chosen, list_blocks(chosen))
         folder = create_folder(chosen, path)

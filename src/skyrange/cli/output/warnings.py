@@ -1,0 +1,35 @@
+"""Warnings on the terminal: what of a scenario is without effect, and missions that failed without an attack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from skyrange.cli.output.console import print_notice
+from skyrange.core.errors import MAX_LINES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from skyrange.scenario.model.scenario import Scenario
+
+
+def print_warnings(scenario: Scenario) -> None:
+    """Print what of a scenario is without effect, before it is flown; the manifest has it too, under `warnings`."""
+    from skyrange.assembly.battery_warnings import list_battery_warnings
+
+    for line in shorten_warnings(list_battery_warnings(scenario)):
+        print_notice(line)
+
+
+def shorten_warnings(lines: Sequence[str]) -> list[str]:
+    """The first warnings, and how many more there are."""
+    more = [f"WARNING: {len(lines) - MAX_LINES} more are in manifest.json, under warnings"] * (len(lines) > MAX_LINES)
+    return [*(f"WARNING: {line}" for line in lines[:MAX_LINES]), *more]
+
+
+def print_failed_missions(console: Console, lines: Iterable[str]) -> None:
+    """Print a line for each run; commands do so first, because effects are differences from these runs."""
+    for line in lines:
+        text = f"failed without an attack: {line}"
+        console.print(text, style="yellow", soft_wrap=True, markup=False, highlight=False)
