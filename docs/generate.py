@@ -474,13 +474,14 @@ def score_format() -> str:
         "Threshold": "`threshold`",
         "SetScore": "`sets` and `effect_sets`",
         "FalseAlarmsByFlights": "`false_alarms`",
-        "FalseAlarms": "`nominal`, `sham`, `fault`, `hostile`",
+        "FalseAlarms": "`nominal`, `sham`, `fault`, `hostile`; `reached`",
         "Claim": "`claim`",
         "Detection": "`detection`",
         "GroupDetection": "`kinds` and `families`",
         "Delay": "`delay`",
         "BeforeEffect": "`before_effect`",
         "Precision": "`precision`",
+        "EqualRate": "`equal_rate`",
         "Estimate": "ratios: `per_h`, `recall`, `share`",
     }
     assert set(places) == set(models)

@@ -21,11 +21,11 @@ from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.techniques import describe_technique
 from skyrange.record import RunRecord
 from skyrange.scenario.shipped import EXAMPLES, FAULT_EXAMPLES, load, source_of
+from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.time_series import read_notes
 from skyrange.study.pairing import pair
 from skyrange.study.report.pair.page import draw_pair_plan
-from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.twins.pair_folder import Pair
 
 ROOT: Final = Path(__file__).parents[1]
@@ -177,16 +177,18 @@ def _effects(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
             samples = [
                 factor * (row[column] - (row.get(f"{column}_twin") or 0.0)) for row in own if row[column] is not None
             ]
-            found += _row(f"{vehicle}: {title}", unit, interval(samples))
+            found += _row(f"{vehicle}: {title}", unit, estimate_mean(samples))
     return found
 
 
 def _row(what: str, unit: str, value: Interval | None) -> list[tuple[str, str, str]]:
-    if value is None or value.low is None or value.high is None or not value.excludes_zero:
+    """A difference whose interval excludes zero; one without an interval where all seeds agree, or most of them."""
+    if value is None or abs(value.mean) < 0.05:
         return []
-    if max(abs(value.low), abs(value.high)) < 0.05:
-        return []
-    return [(what, f"{value.mean:+.1f} {unit}".rstrip(), f"{value.low:+.1f} to {value.high:+.1f}")]
+    mean = f"{value.mean:+.1f} {unit}".rstrip()
+    if value.low is None or value.high is None:
+        return [(what, mean, value.without)]
+    return [(what, mean, f"{value.low:+.1f} to {value.high:+.1f}")] if value.excludes_zero else []
 
 
 def _counts(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
@@ -203,7 +205,7 @@ def _count_rows(
     without = [count(flown.run(baseline, seed)) for seed in flown.seeds]
     found = []
     for name in sorted(set().union(*attacked, *without)):
-        value = interval([float(a[name] - b[name]) for a, b in zip(attacked, without, strict=True)])
+        value = estimate_mean([float(a[name] - b[name]) for a, b in zip(attacked, without, strict=True)])
         if value is not None and abs(value.mean) >= FEWEST:
             found += _row(f"{title} `{name}`", "", value)
     return found

@@ -18,10 +18,10 @@ from measure_attacks import SECTION, describe_effects, tell_story, write
 
 from skyrange.scenario.shipped import DEFENCE_EXAMPLES, load
 from skyrange.study.attribution.arms import NOMINAL
+from skyrange.study.inference.means import estimate_mean
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.pairing import pair
 from skyrange.study.report.pair.page import draw_pair_plan
-from skyrange.study.twins.confidence import interval
 from skyrange.study.twins.pair_folder import Pair
 
 ROOT: Final = Path(__file__).parents[1]
@@ -72,7 +72,7 @@ def _describe_alarms(acting: Pair) -> str:
     detectors = [row["id"] for row in acting.run(NOMINAL).manifest["defences"]]
     cell = measure_cell(acting, Cell("", ""), "departure_m", detectors)
     told = [at for at in cell.alarms_s if at is not None]
-    mean = interval(told)
+    mean = estimate_mean(told)
     when = "No alarm"
     if mean is not None:
         when = f"First alarm {mean.mean:.1f} s after the attack began, with {len(told)} of {SEEDS} seeds"

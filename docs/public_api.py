@@ -72,7 +72,7 @@ TOPICS: dict[str, dict[str, str]] = {
         "MAVLink": "decode_mavlink name_mavlink",
         "Detectors": "replay_monitor",
         "Studies": """Study Factor StudyArm LearnedTable read_study run_study StudyResult read_study_results
-            bootstrap_mean write_study_report""",
+            estimate_mean write_study_report""",
         "Scores of detectors": """score_study ScoreSettings ScoreFile read_scores write_scores rank_detectors
             LeaderboardRow""",
         "Data sets": """DatasetMember read_dataset_members list_dataset_members

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from skyrange.study.exports.kml_file import write_kml as export_kml
     from skyrange.study.exports.mcap_file import write_mcap as export_mcap
     from skyrange.study.figures import altitude, plan_view, track_deviation, trajectories_3d
+    from skyrange.study.inference.means import Interval, estimate_mean
     from skyrange.study.measures.receptions import reception_summaries, summarise_receptions
     from skyrange.study.measures.trust import TrustPair, TrustSummary, remote_id_trust
     from skyrange.study.report import write_report
@@ -48,11 +49,9 @@ if TYPE_CHECKING:
     from skyrange.study.sweep.design.factors import Factor
     from skyrange.study.sweep.design.model import LearnedTable, Study, StudyArm, read_study
     from skyrange.study.sweep.execution.study_run import StudyResult, run_study
-    from skyrange.study.sweep.report.bootstrap import bootstrap_mean
     from skyrange.study.sweep.report.page import write_study_report
     from skyrange.study.sweep.results import read_results as read_study_results
     from skyrange.study.sweep.scores.score_tables import score_study
-    from skyrange.study.twins.confidence import Interval
     from skyrange.study.twins.pair_folder import Pair, load_pair
 
 __all__ = [
@@ -82,7 +81,6 @@ __all__ = [
     "altitude",
     "assign_splits",
     "audit_dataset",
-    "bootstrap_mean",
     "build_dataset",
     "check_held_out",
     "compare_autopilots",
@@ -91,6 +89,7 @@ __all__ = [
     "compare_runs",
     "decode_mavlink",
     "decode_remote_id",
+    "estimate_mean",
     "export_kml",
     "export_mavlink",
     "export_mcap",

@@ -106,7 +106,7 @@ def test_the_departure_is_that_of_the_run_with_the_cause_alone(heard: Pair) -> N
 def test_the_page_names_the_cause(heard: Pair) -> None:
     page = heard.report.read_text(encoding="utf-8")
     section = page[page.index('id="attribution"') : page.index('id="effects"')]
-    for words in ("departure", "drift", "ghost", "both", "none", "the difference of 1 placebo"):
+    for words in ("departure", "drift", "ghost", "both", "none", "these runs repeat to the byte"):
         assert words in section
 
 

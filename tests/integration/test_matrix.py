@@ -17,7 +17,7 @@ from skyrange.study.matrix.flights import fly_matrix
 from skyrange.study.matrix.model import read_matrix, select
 from skyrange.study.matrix.report import write_matrix_report
 from skyrange.study.matrix.sections import write_markdown
-from skyrange.study.matrix.summary import cost_of, describe_cell, stops
+from skyrange.study.matrix.summary import cost_of, describe_cell
 from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair, load_pair
 
@@ -64,14 +64,16 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     )
     assert told[-1] == (6, 6)
     stopped, undefended = result.cell("terminate", "firewall"), result.cell("terminate")
-    assert stops(stopped, undefended)
+    assert result.verdicts.in_every_flight("terminate", "firewall")
+    assert not result.verdicts.stops("terminate", "firewall"), "two seeds show nothing"
     assert stopped.effects == [0.0, 0.0]
     assert min(undefended.effects) > 10.0
     assert stopped.alarm_s is not None
     assert stopped.alarm_s < 1.0
     mode = result.cell("mode", "firewall")
     assert mode.best_adaptive is not None
-    assert sum(mode.best_adaptive.effects) >= max(sum(mode.effects), *(sum(one.effects) for one in mode.adaptive))
+    chosen = max([mode, *mode.adaptive], key=lambda one: one.effects[0])
+    assert mode.best_adaptive.effects == chosen.effects[1:], "chosen by the first seed, told of the second"
     loiter = mode.adaptive[1]
     tried = load_pair(tmp_path / "small" / loiter.folder)
     assert (tried.arms, tried.baseline, loiter.nominal) == (["sham", "attacked"], "sham", [])
@@ -80,7 +82,8 @@ def test_a_matrix_tells_what_each_defence_stops_and_costs(file: Path, tmp_path: 
     assert loiter.alarms_s[0] is not None  # not on the list of modes
     assert describe_cell(result, matrix.rows[0], "firewall").adaptive == "non-adaptive"
     cost = cost_of(result, matrix.columns[0])
-    assert (cost.stopped, cost.of, cost.false_alarms, cost.frames_per_h) == (1, 2, 0, 0.0)
+    assert (cost.all, cost.false_alarms, cost.frames_per_h, cost.broken) == ((0, 1, 2), 0, 0.0, 0)
+    assert cost.false_per_h[1] > 10.0, "a quarter of an hour without an alarm"
     assert cost.energy is not None
     assert cost.energy.mean == 0.0
     report = write_matrix_report(result).read_text(encoding="utf-8")
@@ -205,7 +208,8 @@ def test_the_command_prints_and_writes_a_page(file: Path, tmp_path: Path) -> Non
     undefended, firewall, barometer = cells
     assert min(undefended["effects"]) > 10.0
     assert firewall["effects"] == [0.0]
-    assert not stops(Cell(**firewall), Cell(**undefended)), "one seed shows nothing"
+    (verdict,) = json.loads(shown.stdout)["verdicts"]
+    assert (verdict["below"], verdict["seeds"], verdict["stops"]) == (1, 1, False), "one seed shows nothing"
     assert undefended["idle"] == ["barometer"]
     assert (barometer["effects"], barometer["folder"]) == (undefended["effects"], undefended["folder"])
     assert "| `terminate (m)` |" in page.read_text(encoding="utf-8")

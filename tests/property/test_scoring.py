@@ -12,9 +12,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from skyrange.core.time import NEVER, NS_PER_S
+from skyrange.study.inference.exact_intervals import proportion_interval, rate_interval
 from skyrange.study.scoring.episodes import find_episodes
 from skyrange.study.scoring.index import index_alerts, index_study
-from skyrange.study.scoring.intervals import proportion_interval, rate_interval
 from skyrange.study.scoring.leaderboard import rank_detectors
 from skyrange.study.scoring.matching import Outcome, match_alarms
 from skyrange.study.scoring.result_file import Estimate, ScoreSettings
@@ -148,15 +148,14 @@ def test_the_order_of_rows_changes_nothing_and_intervals_contain_their_points(
             estimates = [found.per_h for _, found in one.false_alarms]
             for group in (one.detection, *one.kinds, *one.families):
                 estimates += [group.recall, group.before_effect.share if group.before_effect else None]
-                if group.delay is not None and group.delay.restricted_mean_blocks is not None:
-                    low, high = group.delay.restricted_mean_blocks
-                    assert high is not None
-                    assert low <= group.delay.restricted_mean_s <= high <= group.delay.horizon_s + 1e-9
+                if group.delay is not None:
+                    assert group.delay.restricted_mean_clusters is None, "there are fewer clusters than that takes"
+                    assert group.delay.restricted_mean_s <= group.delay.horizon_s + 1e-9
             check = [found for found in estimates if isinstance(found, Estimate)]
             assert check
             for found in check:
-                for limits in (found.exact, found.blocks):
-                    assert limits is None or limits[0] <= found.value <= (limits[1] or 0.0)
+                for limits in (found.exact, found.clustered):
+                    assert limits is None or limits[0] <= found.value <= (math.inf if limits[1] is None else limits[1])
             for precision in one.precision:
                 low, high = precision.limits
                 assert precision.value is None or low <= precision.value <= high

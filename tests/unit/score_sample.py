@@ -12,10 +12,11 @@ from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables,
 
 
 def flight(run: str, vehicle: str = "a", *, arm: str = "nominal", **other: Any) -> dict[str, Any]:
-    """A flight of an hour in the test part; its arm says whether it is hostile or has a fault."""
+    """A flight of an hour in the test part; its arm says whether an attack or a fault acts. Its block is a cluster."""
     return {
-        "run": run, "block": run, "arm": arm, "split": "test", "city": "plain", "aircraft": 1, "vehicle": vehicle,
-        "duration_s": 3600.0, "hostile": arm == "attacked", "fault": arm == "fault",
+        "run": run, "block": run, "cluster": other.get("block", run), "flight": "", "arm": arm, "split": "test",
+        "city": "plain", "aircraft": 1, "vehicle": vehicle, "duration_s": 3600.0, "own_from_s": 0.0, "shared_s": 0.0,
+        "hostile": arm == "attacked", "fault": arm == "fault",
     } | other  # fmt: skip
 
 

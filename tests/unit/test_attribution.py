@@ -28,7 +28,7 @@ from skyrange.study.attribution.attribute import (
     unknown_subsets,
     with_authors,
 )
-from skyrange.study.attribution.outcomes import NAMES, ArmOutcomes, floors, limits
+from skyrange.study.attribution.outcomes import NAMES, PLACEBO_LEVEL, ArmOutcomes, Limits, floors, limits
 
 SCENARIO = """
 name = "two"
@@ -114,12 +114,49 @@ def test_an_effect_is_beyond_what_placebos_do() -> None:
         {"departure": np.array([0.0, 0.4]), "delay": np.array([np.nan, 0.0])},
         {"departure": np.array([6.0, 0.2]), "delay": np.array([2.0, 0.0])},
     ]
-    found = limits(placebos, floor)
-    assert found["departure"].tolist() == [6.0, 1.0]
-    assert found["delay"].tolist() == [2.0, 0.0]
-    assert limits([], floor)["departure"].tolist() == [1.0, 1.0]
-    many = [{"departure": np.array([float(k), 0.0]), "delay": np.zeros(2)} for k in range(1, 201)]
-    assert limits(many, floor)["departure"].tolist() == [199.0, 1.0]
+    found = limits(placebos, floor, repeats=False)
+    assert found.of["departure"].tolist() == [6.0, 1.0]
+    assert found.of["delay"].tolist() == [2.0, 0.0]
+    assert found.placebos["delay"].tolist() == [1, 2], "a placebo without the outcome is none, and not a zero"
+    assert found.levels["delay"].tolist() == pytest.approx([1 / 2, 1 / 3])
+    none = limits([], floor, repeats=False)
+    assert (none.of["departure"].tolist(), none.levels["departure"].tolist()) == ([1.0, 1.0], [1.0, 1.0])
+    exact = limits(placebos, floor, repeats=True)
+    assert exact.levels["departure"].tolist() == pytest.approx([1 / 3, 0.0]), "a sham that moves it counts all the same"
+    assert limits([], floor, repeats=True).levels["delay"].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("replicates", [500, pytest.param(20_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [1, 5, 19])
+def test_without_an_effect_a_limit_is_exceeded_as_often_as_it_says(count: int, replicates: int) -> None:
+    chance = np.random.default_rng(1)
+    floor = {"departure": np.zeros(1)}
+    exceeded = shown = 0
+    for _ in range(replicates):
+        draws = chance.lognormal(0.0, 2.0, count + 1)
+        found = limits([{"departure": draws[k : k + 1]} for k in range(count)], floor, repeats=False)
+        assert found.levels["departure"][0] == pytest.approx(1.0 / (count + 1))
+        exceeded += draws[-1] > found.of["departure"][0]
+        shown += draws[-1] > found.of["departure"][0] and found.levels["departure"][0] <= PLACEBO_LEVEL
+    level = 1.0 / (count + 1)
+    assert exceeded / replicates == pytest.approx(level, abs=3.3 * (level * (1 - level) / replicates) ** 0.5)
+    assert shown / replicates <= PLACEBO_LEVEL + 3.3 * (0.0475 / replicates) ** 0.5
+
+
+def bounds(level: float = 0.0, placebos: int = 0, **given: float) -> Limits:
+    of = distances(**given)
+    return Limits(of, {name: np.full(1, placebos) for name in of}, {name: np.full(1, level) for name in of})
+
+
+def test_with_too_few_placebos_nobody_is_named() -> None:
+    away, departed = {A: distances(departure=9.0)}, {A: [4_000_000_000]}
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.5, 1, departure=1.0)), True)
+    assert [(row["relation"], row["shown"], row["placebos"], row["level"]) for row in rows] == [
+        ("unknown", False, 1, 0.5)
+    ]
+    assert authors(rows) == {(1, "blue/1"): Authors((), "not enough placebos")}
+    enough = relate(Comparison(1, ["blue/1"], away, departed, bounds(0.05, 19, departure=1.0)), True)
+    assert [(row["relation"], row["shown"]) for row in enough] == [("both", True)]
 
 
 def distances(**given: float) -> dict[str, np.ndarray]:
@@ -132,7 +169,7 @@ A, B, AB = frozenset("a"), frozenset("b"), frozenset("ab")
 def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() -> None:
     away = {AB: distances(departure=30.0, mission=1.0), A: distances(departure=30.0), B: distances(departure=0.5)}
     departed: dict[frozenset[str], Sequence[int | None]] = {AB: [7_000_000_000], A: [7_000_000_000], B: [None]}
-    rows = relate(Comparison(1, ["blue/1"], away, departed, distances(departure=1.0)), True, 5)
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), True)
     said = [(row["outcome"], row["attack"], row["relation"], row["shift"], row["shift_s"]) for row in rows]
     assert said == [
         ("departure", "a", "both", None, None),
@@ -158,7 +195,7 @@ def test_what_departs_at_the_same_second_without_an_attack_is_not_its_doing() ->
 def test_an_attack_that_only_shifts_an_effect_says_by_how_much() -> None:
     away = {AB: distances(departure=9.0), A: distances(departure=9.0), B: distances(departure=8.0)}
     departed = {AB: [4_000_000_000], A: [6_000_000_000], B: [3_000_000_000]}
-    rows = relate(Comparison(1, ["blue/1"], away, departed, distances(departure=1.0)), True, 1)
+    rows = relate(Comparison(1, ["blue/1"], away, departed, bounds(departure=1.0)), True)
     assert [(row["relation"], row["shift"], row["shift_s"]) for row in rows] == [
         ("redundant", "delayed", 1.0),
         ("redundant", "advanced", -2.0),
@@ -166,16 +203,14 @@ def test_an_attack_that_only_shifts_an_effect_says_by_how_much() -> None:
 
 
 def test_without_a_baseline_nothing_is_attributed() -> None:
-    rows = relate(
-        Comparison(1, ["blue/1"], {A: distances(departure=9.0)}, {A: [1]}, distances(departure=1.0)), False, 0
-    )
+    rows = relate(Comparison(1, ["blue/1"], {A: distances(departure=9.0)}, {A: [1]}, bounds(departure=1.0)), False)
     assert [row["relation"] for row in rows] == ["unknown"]
     assert authors(rows) == {(1, "blue/1"): Authors((), "unknown")}
 
 
 def test_differences_that_are_not_known_are_no_effects() -> None:
     away = {A: distances(delay=float("nan"))}
-    assert relate(Comparison(1, ["blue/1"], away, {A: [None]}, distances()), True, 0) == []
+    assert relate(Comparison(1, ["blue/1"], away, {A: [None]}, bounds()), True) == []
 
 
 def test_one_word_for_several_attacks() -> None:

@@ -12,15 +12,16 @@ import pyarrow as pa
 import pytest
 
 from skyrange.core.errors import ComponentError, InputError
+from skyrange.core.ids import hash64
 from skyrange.record.schema import FORMAT
 from skyrange.scenario.shipped import EXAMPLES
 from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, check_table, observable_columns, view_schema
 from skyrange.study.dataset.families import FAMILIES, TIMING_KINDS, family_of
 from skyrange.study.dataset.members import Member
 from skyrange.study.dataset.partitions import BlockWriter
-from skyrange.study.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits
+from skyrange.study.dataset.splits import HeldOut, assign_splits, check_held_out, check_splits, cluster_members
 from skyrange.study.dataset.views.approval import describe_approval
-from skyrange.study.dataset.windows import WindowHashes, by_whole_windows
+from skyrange.study.dataset.windows import SplitHashes, WindowHashes, by_whole_windows
 
 
 def test_each_shipped_attack_kind_is_in_one_family() -> None:
@@ -73,7 +74,7 @@ def observations(values: list[float], windows: list[int]) -> pa.Table:
 
 
 def test_identical_windows_of_a_block_count_once() -> None:
-    hashes = WindowHashes()
+    hashes = WindowHashes("train", SplitHashes())
     first = hashes.mark("aircraft", "b.nominal", observations([1.0, 2.0, 2.5, 3.0], [0, 1, 1, 2]))
     second = hashes.mark("aircraft", "b.attacked", observations([1.0, 2.0, 2.6, 3.0], [0, 1, 1, 2]))
     assert first.column("duplicate_of").to_pylist() == [None] * 4
@@ -83,7 +84,7 @@ def test_identical_windows_of_a_block_count_once() -> None:
 
 
 def test_a_table_without_rows_has_no_window() -> None:
-    marked = WindowHashes().mark("aircraft", "b.nominal", observations([], []))
+    marked = WindowHashes("train", SplitHashes()).mark("aircraft", "b.nominal", observations([], []))
     assert marked.num_rows == 0
     assert {"content_hash", "duplicate_of"} <= set(marked.column_names)
 
@@ -93,13 +94,26 @@ def test_a_batch_without_rows_of_a_view_is_written_as_nothing(view: str, tmp_pat
     """A long run has batches of frames without any message of flight approval."""
     member = Member(tmp_path, "b", "nominal", "train", {}, 1, "")
     none = pa.table({"raw": pa.array([], pa.binary())})
-    with BlockWriter(tmp_path, "b", "train") as writer:
+    with BlockWriter(tmp_path, "b", "train", SplitHashes()) as writer:
         assert writer.write(view, member, describe_approval(none) if view == "approval" else none) == 0
     assert not list(tmp_path.rglob("*.parquet"))
 
 
+def test_a_window_that_another_split_has_is_marked() -> None:
+    elsewhere = SplitHashes()
+    train, test = (WindowHashes(split, elsewhere) for split in ("train", "test"))
+    assert (
+        train.mark("aircraft", "a.nominal", observations([1.0, 2.0], [0, 1])).column("duplicate_of").to_pylist()
+        == [None] * 2
+    )
+    other = WindowHashes("train", elsewhere).mark("aircraft", "c.nominal", observations([1.0], [0]))
+    assert other.column("duplicate_of").to_pylist() == [None], "blocks of one split may have the same window"
+    later = test.mark("aircraft", "b.nominal", observations([1.0, 3.0], [0, 1]))
+    assert later.column("duplicate_of").to_pylist() == ["a.nominal", None]
+
+
 def test_a_missing_value_is_not_zero() -> None:
-    hashes = WindowHashes()
+    hashes = WindowHashes("train", SplitHashes())
     zero = hashes.mark("aircraft", "b.nominal", observations([0.0], [0])).column("content_hash")[0]
     table = observations([0.0], [0])
     place = table.column_names.index("lat_deg")
@@ -118,18 +132,21 @@ def test_tables_end_where_windows_end() -> None:
 
 
 def member(
-    folder: Path, block: str, arm: str = "nominal", kinds: tuple[str, ...] = (), fleet: int = 1, **factors: str
-) -> Member:
-    """A member with a folder of which only the manifest is there."""
+    folder: Path, block: str, arm: str = "nominal", kinds: tuple[str, ...] = (), fleet: int = 1,
+    seed: int | None = None, **factors: str,
+) -> Member:  # fmt: skip
+    """A member with a folder of which only the manifest is there; each block has a seed of its own by default."""
+    seed = hash64(block) % 2**31 if seed is None else seed
     path = folder / f"{block}-{arm}"
     path.mkdir(parents=True)
     attacks = [{"id": f"a{k}", "kind": kind} for k, kind in enumerate(kinds)]
     manifest = {
-        "format": FORMAT, "status": "complete", "name": "x", "seed": 1, "attacks": attacks,
+        "format": FORMAT, "status": "complete", "name": "x", "seed": seed, "attacks": attacks,
+        "digests": {"frames": f"{seed} {arm}", "truth": "t"},
         "vehicles": [{"id": f"blue/b{k}", "operator": "blue"} for k in range(fleet)],
     }  # fmt: skip
     (path / "manifest.json").write_text(json.dumps(manifest))
-    return Member(path, block, arm, "", factors, 1, f"{block} {arm}")
+    return Member(path, block, arm, "", factors, seed, f"{block} {arm}")
 
 
 def test_splits_are_of_blocks_and_adding_blocks_moves_none(tmp_path: Path) -> None:
@@ -167,11 +184,31 @@ def test_held_out_traits_are_in_no_other_split(tmp_path: Path) -> None:
 
 def test_nothing_crosses(tmp_path: Path) -> None:
     one = replace(member(tmp_path, "one"), split="train")
-    other = replace(member(tmp_path, "other"), split="test", scenario=one.scenario)
+    other = replace(member(tmp_path, "other"), split="test", scenario=one.scenario, seed=one.seed)
     with pytest.raises(InputError, match="block other: one"):
         check_splits([one, other])
     with pytest.raises(InputError, match="test, train"):
         check_splits([one, replace(one, arm="attacked", split="test")])
+
+
+def test_a_seed_and_a_flight_are_in_one_split(tmp_path: Path) -> None:
+    members = [member(tmp_path, f"b{k}", arm, seed=k % 20) for k in range(200) for arm in ("nominal", "attacked")]
+    found = assign_splits(members, 7)
+    by_seed: dict[int, set[str]] = {}
+    for one in found:
+        by_seed.setdefault(one.seed, set()).add(one.split)
+    assert {len(splits) for splits in by_seed.values()} == {1}
+    assert len(set.union(*by_seed.values())) > 1
+    check_splits(found)
+    first = next(one for one in found if one.split == "train")
+    with pytest.raises(InputError, match=f"seed {first.seed} of run .* as run .*, which has the same seed"):
+        check_splits([replace(one, split="test") if one.block == first.block else one for one in found])
+    alike = replace(member(tmp_path, "alike", seed=999), split="test")
+    manifest = alike.record / "manifest.json"
+    manifest.write_text(manifest.read_text().replace('"999 nominal"', f'"{first.seed} nominal"'))
+    with pytest.raises(InputError, match=r"flight [0-9a-f]{32} of run alike"):
+        check_splits([*found, alike])
+    assert cluster_members([first, alike])["alike"] == cluster_members([first, alike])[first.block]
 
 
 def test_shares_sum_to_one(tmp_path: Path) -> None:

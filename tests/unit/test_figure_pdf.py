@@ -10,12 +10,12 @@ import pytest
 
 from skyrange.core.errors import InputError
 from skyrange.study.figures.pdf import save_pdf
+from skyrange.study.inference.means import Interval
 from skyrange.study.sweep.report.figure import draw_curves
 from skyrange.study.sweep.report.response import Curve, Level
-from skyrange.study.twins.confidence import Interval
 
 LEVELS = [Level("1", 1.0, ("a",)), Level("2", 2.0, ("b",))]
-CURVE = Curve("attacked", 0, ((1.0, Interval(5, 3.0, 2.0, 4.0)), (2.0, Interval(5, 6.0, 5.0, 7.0))))
+CURVE = Curve("attacked", 0, ((1.0, Interval(5, 3.0, 2.0, 4.0, "t")), (2.0, Interval(5, 6.0, 5.0, 7.0, "t"))))
 FIGURE = draw_curves("departure by onset", "onset", "departure (m)", LEVELS, [CURVE], numeric=True)
 
 

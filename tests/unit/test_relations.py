@@ -29,6 +29,7 @@ def seen(*there: str, of: str = "ab") -> dict[Attacks, bool]:
         (seen("ab", "ac", "abc", of="abc"), {A: "necessary", B: "redundant", C: "redundant"}),
         (seen("a", "ab", "ac", "bc", "abc", of="abc"), {A: "redundant", B: "redundant", C: "redundant"}),
         (seen("ab", "abc", of="abc"), {A: "joint", B: "joint", C: "none"}),
+        (seen("a", "abc", of="abc"), {A: "both", B: "necessary", C: "necessary"}),
         ({frozenset("ab"): True}, {A: "unknown", B: "unknown"}),
         ({frozenset("ab"): True, frozenset("b"): False}, {A: "necessary", B: "unknown"}),
         ({frozenset("abc"): True, frozenset("a"): True}, {A: "sufficient", B: "unknown", C: "unknown"}),
@@ -81,6 +82,10 @@ def test_the_words_mean_what_they_say(runs: dict[Attacks, bool]) -> None:
         assert relation not in ("unknown", "sufficient")  # every subset was run
         if alone and without:
             assert relation == "redundant"
+        if relation == "joint":
+            there = [active for active, held in runs.items() if held]
+            minimal = [active for active in there if not any(other < active for other in there)]
+            assert [attack in one for one in minimal] == [True]
 
 
 @given(st.data())

@@ -155,15 +155,16 @@ def test_a_threshold_is_the_lowest_that_validation_allows_and_reads_nothing_else
     benign = [alert("v", 100.0 * score, score=score) for score in range(10)] + [alert("w", 5.0, score=8.5)]
     loud = [alert("t", 100.0 * score, score=100.0 + score) for score in range(10)]
 
-    def choose(alerts: list[dict[str, Any]], target_per_h: float) -> tuple[float, int, float]:
+    def choose(alerts: list[dict[str, Any]], target_per_h: float) -> tuple[float, int]:
         given = tables(flights, (), alerts)
         index = index_study(given, 10.0)
-        return tuple(choose_threshold(index, index_alerts(index, given.alerts, "d"), target_per_h, EPISODE_NS))  # type: ignore[return-value]
+        found = choose_threshold(index, index_alerts(index, given.alerts, "d"), target_per_h, EPISODE_NS)
+        return found.threshold, int(found.episodes.sum())
 
-    assert choose(benign, 1.0) == (8.0, 2, 2.0)
+    assert choose(benign, 1.0) == (8.0, 2)
     assert choose(benign, 1.0) == choose(benign + loud, 1.0)
-    assert choose(benign, 0.4) == (9.0, 0, 2.0)
-    assert choose(benign, 100.0) == (-math.inf, 11, 2.0)
+    assert choose(benign, 0.4) == (9.0, 0)
+    assert choose(benign, 100.0) == (-math.inf, 11)
     with pytest.raises(InputError, match="validation"):
         score_detectors(tables([flight("t")], (), [alert("t", 1.0)]), SETTINGS)
 
@@ -189,19 +190,63 @@ def test_delays_are_censored() -> None:
 
 
 @pytest.mark.parametrize(
-    ("episodes", "hours", "verdict"),
+    ("episodes", "hours", "clusters", "verdict"),
     [
-        (0, 2.9, "cannot be claimed"),
-        (0, 3.0, "claimed"),
-        (3, 3.0, "not shown"),
-        (2, 30.0, "claimed"),
-        (40, 10.0, "exceeded"),
-        (40, 1.0, "exceeded"),
-        (0, 0.0, "cannot be claimed"),
+        (0, 2.9, 1000, "cannot be claimed"),
+        (0, 3.1, 1000, "claimed"),
+        (0, 3.1, 5, "cannot be claimed"),  # five that may differ by twice their mean
+        (0, 10.0, 20, "claimed"),
+        (3, 5.0, 50, "not shown"),
+        (2, 30.0, 50, "claimed"),
+        (40, 10.0, 50, "exceeded"),
+        (40, 1.0, 2, "exceeded"),
+        (4, 1.0, 2, "cannot be claimed"),
+        (0, 0.0, 0, "cannot be claimed"),
     ],
 )
-def test_claims(episodes: int, hours: float, verdict: str) -> None:
-    assert judge_claim(episodes, hours, 1.0, 0.95).verdict == verdict
+def test_claims(episodes: int, hours: float, clusters: int, verdict: str) -> None:
+    counts, spans = np.zeros(clusters), np.full(clusters, hours / max(clusters, 1))
+    counts[: min(clusters, episodes)] = episodes / max(1, min(clusters, episodes))
+    assert judge_claim(counts, spans, ScoreSettings()).verdict == verdict
+
+
+def test_a_flight_counts_once_however_many_points_it_was_flown_at() -> None:
+    flights = [flight(f"n{n}", flight="same" if n < 16 else f"{n}", cluster="c") for n in range(20)]
+    flights += [flight("v", split="validation"), flight("r", arm="attacked", flight="same", cluster="c")]
+    alerts = [alert(f"n{n}", 50.0) for n in range(16)]
+    file = score_detectors(tables(flights, [attack("r")], alerts), SETTINGS)
+    found = on_all(file)
+    assert file.repeated_runs == 15
+    assert (found.false_alarms.nominal.episodes, found.false_alarms.nominal.hours) == (1, 5.0)
+    assert found.detection.attacks == 1, "an attack that only listens flies the nominal flight, and is to be found"
+
+
+def test_what_a_run_shares_with_the_nominal_one_counts_there_alone() -> None:
+    arms = [flight("n", block="b"), flight("f", arm="fault", block="b", own_from_s=600.0, shared_s=500.0)]
+    arms += [flight("r", arm="attacked", block="b", own_from_s=1000.0, shared_s=900.0), flight("v", split="validation")]
+    alerts = [alert(run, time) for run in ("n", "f", "r") for time in (50.0, 700.0)] + [alert("r", 2000.0)]
+    found = on_all(score_detectors(tables(arms, [attack("r")], alerts), SETTINGS)).false_alarms
+    assert [(one.episodes, one.hours) for one in (found.nominal, found.fault, found.hostile)] == [
+        (2, 1.0), (1, 3100 / 3600), (1, (3600 - 900 - 70) / 3600),
+    ]  # fmt: skip
+
+
+def test_clusters_and_flights_lie_in_one_split() -> None:
+    for name in ("cluster", "flight"):
+        with pytest.raises(InputError, match=f"as in the other runs of {name} x"):
+            tables([flight("r", **{name: "x"}), flight("s", split="train", **{name: "x"})])
+    with pytest.raises(InputError, match=r"0 to duration_s, 3600"):
+        tables([flight("r", shared_s=4000.0)])
+
+
+def test_a_median_takes_more_than_half_of_the_attacks() -> None:
+    """Two of four are detected, but one of the others is watched for 11 s alone: the curve falls to a third."""
+    flights = [flight(f"r{n}", arm="attacked") for n in range(4)] + [flight("v", split="validation")]
+    acts = [attack(f"r{n}", stop_s=1060.0 if n else 1011.0) for n in range(4)]
+    alerts = [alert(f"r{n}", 1050.0 + n) for n in (1, 2)]
+    delay = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection.delay
+    assert delay is not None
+    assert (delay.median_s, delay.median_clusters) == (None, None)
 
 
 def study_with_everything_held_out() -> StudyTables:
@@ -260,15 +305,11 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     write_scores(file, tmp_path / "scores.json")
     assert read_scores(tmp_path / "scores.json") == file
     (tmp_path / "other.json").write_text('{"format": "skyrange.bench"}')
-    with pytest.raises(InputError, match=r"skyrange\.scores/2"):
+    with pytest.raises(InputError, match=r"skyrange\.scores/3"):
         read_scores(tmp_path / "other.json")
-    data = file.model_dump(mode="json") | {"format": "skyrange.scores/1"}
-    for score in data["detectors"]:
-        del score["effect_sets"]
-    (tmp_path / "older.json").write_text(json.dumps(data))
-    older = read_scores(tmp_path / "older.json")
-    assert [one.sets for one in older.detectors] == [one.sets for one in file.detectors]
-    assert {row.effect_recall for row in rank_detectors([older])} == {None}
+    (tmp_path / "older.json").write_text(json.dumps(file.model_dump(mode="json") | {"format": "skyrange.scores/2"}))
+    with pytest.raises(InputError, match="Score the study again"):
+        read_scores(tmp_path / "older.json")
     text = (tmp_path / "scores.json").read_text().replace('"trivial"', '"trivail"')
     (tmp_path / "wrong.json").write_text(text)
     with pytest.raises(InputError, match="trivial"):
@@ -285,10 +326,9 @@ def test_a_leaderboard_ranks_by_recall_at_the_target_rate_then_delay() -> None:
     file = score_detectors(tables(flights, acts, alerts), SETTINGS, study="one")
     rows = rank_detectors([file])
     assert [(row.rank, row.detector) for row in rows] == [
-        (1, "quick"), (2, "slow"), (3, "blind"), (4, "never"), (5, "always"),
+        (1, "quick"), (2, "slow"), (3, "blind"), (4, "always"), (4, "never"),
     ]  # fmt: skip
-    assert rows[-1].recall == 1.0
-    assert rows[-1].claim == "exceeded"
+    assert (rows[3].recall, rows[3].equal_rate_recall, rows[3].claim) == (1.0, 0.0, "exceeded")
     assert [row.trivial for row in rows] == [False, False, False, True, True]
     theirs = file.model_copy(update={"study": "two", "digest": "other"})
     both = rank_detectors([file, theirs])
@@ -315,11 +355,17 @@ def test_by_time_alarms_at_the_median_onset_of_training() -> None:
 
 
 def test_by_chance_is_what_alarms_without_sight_would_detect() -> None:
-    flights = [flight("n"), flight("v", split="validation"), flight("r", arm="attacked")]
+    flights = [flight("n"), flight("v", split="validation")] + [flight(f"r{n}", arm="attacked") for n in range(40)]
     alerts = [alert("n", 100.0 * number, score=0.0) for number in range(36)]
-    given = tables(flights, [attack("r")], alerts)
-    found = on_all(score_detectors(given, SETTINGS)).detection
-    assert found.by_chance == pytest.approx(1.0 - math.exp(-36 * 60 / 3600))
+    acts = [
+        attack(f"r{n}", active_s=1000.0 + 7 * n, observable_s=1000.0 + 7 * n, stop_s=1050.0 + 7 * n) for n in range(40)
+    ]
+    file = score_detectors(tables(flights, acts, alerts), SETTINGS)
+    chance = on_all(file).detection.by_chance
+    assert chance is not None
+    assert chance == pytest.approx(0.6, abs=0.06)  # windows of 60 s, an alarm every 100 s
+    assert on_all(file, "always").detection.by_chance == 1.0
+    assert on_all(file, "never").detection.by_chance == 0.0
 
 
 def test_alarms_at_random_detect_what_by_chance_says() -> None:
@@ -327,6 +373,8 @@ def test_alarms_at_random_detect_what_by_chance_says() -> None:
     flights = [flight("v", split="validation")]
     flights += [flight(f"{arm}{n}", arm=arm) for n in range(300) for arm in ("nominal", "attacked")]
     acts = [attack(f"attacked{n}", stop_s=1000.0 + 2.0 * n) for n in range(300)]
+    for n in range(300):
+        acts[n] |= {"active_s": 3.0 * n, "observable_s": 3.0 * n, "stop_s": 5.0 * n, "effect_end_s": 5.0 * n}
     alerts = [alert(one["run"], time) for one in flights[1:] for time in random.uniform(0.0, 3600.0, random.poisson(6))]
     found = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection
     assert found.recall is not None
@@ -340,7 +388,7 @@ def test_alarms_at_random_detect_what_by_chance_says() -> None:
     [
         ([flight("r"), flight("r")], [], [], "each aircraft of a run once"),
         ([flight("r"), flight("r", "b", city="elsewhere")], [], [], "as in the other rows of run r"),
-        ([flight("r", block="x"), flight("s", block="x", split="train")], [], [], "other runs of block x"),
+        ([flight("r", block="x", cluster="1"), flight("s", block="x", cluster="2", split="train")], [], [], "block x"),
         ([flight("r", split="tset")], [], [], "train, validation or test"),
         ([flight("r", duration_s=-1.0)], [], [], "no negative time"),
         ([flight("r", duration_s=math.nan)], [], [], "finite numbers"),
@@ -375,7 +423,7 @@ def test_missing_columns_and_wrong_types_are_named_together() -> None:
     flights = pa.Table.from_pylist([flight("r")], schema=FLIGHTS).rename_columns(
         ["city_name" if name == "city" else name for name in FLIGHTS.names]
     )
-    flights = flights.set_column(5, "aircraft", pa.array(["many"]))
+    flights = flights.set_column(FLIGHTS.get_field_index("aircraft"), "aircraft", pa.array(["many"]))
     with pytest.raises(InputError) as caught:
         check_tables(flights, ATTACKS.empty_table(), ALERTS.empty_table())
     assert [problem.where for problem in caught.value.problems] == ["flights", "flights.aircraft"]

@@ -9,15 +9,15 @@ import pytest
 from scipy import stats
 
 from skyrange.core.errors import InputError
-from skyrange.study.scoring.blocks import draw_weights, percentile_limits, ratio_interval
-from skyrange.study.scoring.intervals import (
+from skyrange.study.inference.block_bootstrap import draw_weights, percentile_limits
+from skyrange.study.inference.exact_intervals import (
     load_special,
     lowest_claimable_rate,
     proportion_interval,
     rate_bound,
     rate_interval,
 )
-from skyrange.study.scoring.precision import precision_at, precision_interval
+from skyrange.study.scoring.precision import precision_at, precision_limits
 from skyrange.study.scoring.survival import survival_curve
 
 SIX_MP = [6, 6, 6, 7, 10, 13, 16, 22, 23, 6, 9, 10, 11, 17, 19, 20, 25, 32, 32, 34, 35]
@@ -134,11 +134,11 @@ def test_precision_follows_bayes() -> None:
     assert precision_at(0.01, 0.9, 1.0) == pytest.approx(0.009 / 1.009)
     assert precision_at(0.01, 0.0, 0.0) is None
     assert precision_at(0.01, 0.5, math.inf) == 0.0
-    low, high = precision_interval(0.01, 9, 10, 3, 30.0, 0.95)
     recall, rate = proportion_interval(9, 10, 0.975), rate_interval(3, 30.0, 0.975)
+    low, high = precision_limits(0.01, recall, rate)
     assert low == pytest.approx(0.01 * recall[0] / (0.01 * recall[0] + rate[1]))
     assert high == pytest.approx(0.01 * recall[1] / (0.01 * recall[1] + rate[0]))
-    assert precision_interval(0.01, 0, 10, 0, 30.0, 0.95) == (0.0, 1.0)
+    assert precision_limits(0.01, (0.0, 0.3), (0.0, 0.1)) == (0.0, 1.0)
 
 
 def test_replicates_draw_as_many_blocks_as_there_are_and_repeat() -> None:
@@ -154,29 +154,3 @@ def test_percentile_limits_are_samples_and_include_the_point() -> None:
     assert percentile_limits(samples, 50.0, 0.9) == (5.0, 96.0)
     assert percentile_limits(samples, 200.0, 0.9) == (5.0, 200.0)
     assert percentile_limits(samples, 50.0, 0.999)[1] == math.inf
-
-
-def test_the_block_interval_covers_where_attacks_of_a_block_are_alike() -> None:
-    random, recall, covered = np.random.default_rng(5), 0.7, np.zeros((100, 2), dtype=bool)
-    together = np.repeat(np.arange(20), 6)
-    for study in range(100):
-        of_block = random.beta(recall * 0.7, (1.0 - recall) * 0.7, 20)
-        hits = (random.random((20, 6)) < of_block[:, np.newaxis]).astype(float).ravel()
-        blocks = ratio_interval(hits, np.ones(120), together, 400, study, 0.95)
-        assert blocks is not None
-        exact = proportion_interval(int(hits.sum()), 120, 0.95)
-        covered[study] = [limits[0] <= recall <= limits[1] for limits in (blocks, exact)]
-    share = covered.mean(axis=0)
-    assert share[0] >= 0.88
-    assert share[1] <= 0.85
-
-
-def test_blocks_that_agree_give_a_wider_interval_than_rows_alone() -> None:
-    tops = np.repeat([1.0, 0.0, 1.0, 0.0, 1.0, 1.0], 50)
-    ones, together = np.ones(300), np.repeat(np.arange(6), 50)
-    blocks = ratio_interval(tops, ones, together, 1000, 0, 0.95)
-    rows = ratio_interval(tops, ones, np.arange(300), 1000, 0, 0.95)
-    assert blocks is not None
-    assert rows is not None
-    assert blocks[1] - blocks[0] > 3 * (rows[1] - rows[0])
-    assert ratio_interval(tops, ones, np.zeros(300, dtype=np.int64), 1000, 0, 0.95) is None

@@ -11,6 +11,7 @@ from skyrange.study.figures.palette import shades
 from skyrange.study.figures.reception_map import draw_reception_map
 from skyrange.study.figures.subject import Subject
 from skyrange.study.figures.twins import draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.inference.means import Interval
 from skyrange.study.measures.receptions import (
     ReceptionSummary,
     read_receptions,
@@ -20,7 +21,6 @@ from skyrange.study.measures.receptions import (
 from skyrange.study.measures.time_series import Track, Vehicle
 from skyrange.study.report import reception_tables
 from skyrange.study.report.pair import belief, effect_tables, propagation_timeline
-from skyrange.study.twins.confidence import Interval
 from tests.unit.study_sample import SampleRun
 
 S = 1_000_000_000
@@ -214,7 +214,7 @@ def test_effects_are_said_with_signs_and_those_that_departed_first() -> None:
 
 
 def test_intervals_are_bold_where_they_leave_zero_out() -> None:
-    found = {"a/1": {"delay_s": Interval(5, 3.0, 1.0, 5.0), "extra_distance_m": Interval(5, 3.0, -1.0, 7.0)}}
+    found = {"a/1": {"delay_s": Interval(5, 3.0, 1.0, 5.0, "t"), "extra_distance_m": Interval(5, 3.0, -1.0, 7.0, "t")}}
     drawn = effect_tables.render_ensemble(SUBJECT, found, ["a/1"])
     assert len(re.findall(r"<b>\+3\.0", drawn)) == 1
     assert "−1.0 … 7.0, n = 5" in drawn

@@ -18,9 +18,10 @@ from skyrange.core.ids import FrameId
 from skyrange.core.time import NS_PER_S
 from skyrange.record import Recorder, RunRecord, load
 from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.inference.means import estimate_mean
+from skyrange.study.inference.student import t_quantile
 from skyrange.study.measures.aircraft_measures import departures, measure, read_ticks
 from skyrange.study.measures.separation import closest_approaches, min_building_distance_m
-from skyrange.study.twins.confidence import interval, t_quantile
 from skyrange.study.twins.effects import COLUMNS, effect_rows, effects_table
 from skyrange.study.twins.pair_folder import FORMAT, intervals, load_pair
 from skyrange.study.twins.propagation import COLUMNS as PROPAGATION_COLUMNS
@@ -152,16 +153,16 @@ def test_quantiles_of_t_are_those_of_the_tables(freedom: int, t: float) -> None:
 
 
 def test_intervals_by_hand() -> None:
-    found = interval([1.0, 2.0, 3.0, 4.0])
+    found = estimate_mean([1.0, 2.0, 3.0, 4.0])
     assert found is not None
     half = 3.18245 * math.sqrt(5 / 3) / 2  # t with 3 degrees, s = sqrt(5/3), n = 4
     assert (found.n, found.mean) == (4, 2.5)
     assert found.low == pytest.approx(2.5 - half, abs=1e-4)
     assert found.high == pytest.approx(2.5 + half, abs=1e-4)
     assert found.excludes_zero
-    assert not interval([-1.0, 2.0]).excludes_zero  # type: ignore[union-attr]
-    assert interval([]) is None
-    assert interval([5.0]) == (1, 5.0, None, None)
+    assert not estimate_mean([-1.0, 2.0]).excludes_zero  # type: ignore[union-attr]
+    assert estimate_mean([]) is None
+    assert estimate_mean([5.0]) == (1, 5.0, None, None, "one sample")
 
 
 def test_effects_over_seeds_are_paired_differences() -> None:
@@ -176,7 +177,7 @@ def test_effects_over_seeds_are_paired_differences() -> None:
     assert (found["delay_s"].n, found["delay_s"].mean) == (2, 3.0)  # the seed that did not arrive has no delay
     assert found["near_misses"].mean == 1.0
     assert found["min_separation_m"].mean == -5.0
-    assert found["collisions"] == (3, 0.0, 0.0, 0.0)
+    assert found["collisions"] == (3, 0.0, None, None, "all agree")
     assert "min_wall_m" not in found
     assert "extra_energy_j" not in found
 

@@ -22,7 +22,7 @@ HELD = {"families": ["link_timing"], "cities": ["new"], "aircraft": [3]}
 KINDS = {"gnss.drift": "gnss_false_position", "link.delay": "link_timing"}
 
 
-def fabricate(path: Path, held_out: dict[str, Any] | None = None) -> StudyFolder:
+def fabricate(path: Path, held_out: dict[str, Any] | None = None, shared_seeds: bool = False) -> StudyFolder:
     """A finished study of 80 blocks that nobody flew: kinds, cities and numbers of aircraft in all combinations."""
     factors: Any = (
         {"name": "condition", "key": "attacks", "named": {kind: [] for kind in KINDS}},
@@ -31,7 +31,13 @@ def fabricate(path: Path, held_out: dict[str, Any] | None = None) -> StudyFolder
     )
     arms: Any = ("nominal", "attacked")
     study = Study(
-        name="made", scenario="survey", factors=factors, seeds=10, arms=arms, held_out=HeldOutTraits(**held_out or {})
+        name="made",
+        scenario="survey",
+        factors=factors,
+        seeds=10,
+        arms=arms,
+        shared_seeds=shared_seeds,
+        held_out=HeldOutTraits(**held_out or {}),
     )
     folder = create_folder(study, path)
     for block in folder.blocks:
@@ -45,8 +51,12 @@ def _rows(block: Block) -> dict[str, list[dict[str, Any]]]:
     for arm in ("nominal", "attacked"):
         head = {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
         state = {"status": "complete", "error": "", "vehicles": fleet, "families": KINDS[kind]}
+        flight = f"seed {block.seed}, {fleet} aircraft" if arm == "nominal" else block.name
+        state["flight"] = flight
         rows["runs"].append({**head, **state})
-        rows["aircraft"] += [{**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0} for k in range(fleet)]
+        rows["aircraft"] += [
+            {**head, "vehicle": f"blue/b{k}", "airborne_s": 3600.0, "takeoff_s": 2.0} for k in range(fleet)
+        ]
     act = {"attack": "a", "kind": kind, "family": KINDS[kind], "vehicle": "blue/b0", "fault": False}
     rows["acts"].append({**head, **act, "first_s": 30.0, "last_s": 60.0, "effect_end_s": 60.0, "acts": 1})
     if kind == "gnss.drift":
@@ -72,6 +82,30 @@ def test_blocks_with_what_the_file_holds_out_are_in_the_test_split_alone(tmp_pat
             assert splits[block.name] == draw_split(block.name, 1)
     assert held == 70
     assert {draw_split(block.name, 1) for block in folder.blocks} == {"train", "validation", "test"}
+
+
+def test_blocks_that_share_a_seed_are_in_one_split_and_count_once(tmp_path: Path) -> None:
+    """Where factors touch attacks alone, the nominal runs of all points are one flight: it is in no two splits."""
+    folder = fabricate(tmp_path / "s", shared_seeds=True)
+    tables = make_score_tables(folder)
+    by_seed: dict[int, set[str]] = {}
+    splits = splits_in(tables)
+    for block in folder.blocks:
+        by_seed.setdefault(block.seed, set()).add(splits[block.name])
+    assert {len(found) for found in by_seed.values()} == {1}
+    assert len(set(tables.flights.column("cluster").to_pylist())) == 10
+    scores = score_study(tmp_path / "s")
+    assert scores.repeated_runs > 0
+    every = next(one for one in scores.detectors if one.detector == "d").on("all")
+    assert every is not None
+    assert every.clusters == sum(found == {"test"} for found in by_seed.values())
+
+
+def test_what_a_run_shares_with_the_nominal_one_is_its_time_before_the_first_act(tmp_path: Path) -> None:
+    rows = make_score_tables(fabricate(tmp_path / "s")).flights.to_pylist()
+    assert {(row["arm"], row["own_from_s"], row["shared_s"]) for row in rows} == {
+        ("nominal", 0.0, 0.0), ("attacked", 30.0, 28.0),
+    }  # fmt: skip
 
 
 def test_what_is_given_replaces_all_that_the_file_holds_out(tmp_path: Path) -> None:

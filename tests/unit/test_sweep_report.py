@@ -6,37 +6,40 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from skyrange.study.inference.means import estimate_mean, standardised_effect
 from skyrange.study.sweep.block_files import BlockResult, write_block
 from skyrange.study.sweep.design.blocks import Block
 from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.execution.worker import note_failure
 from skyrange.study.sweep.folder import create_folder
-from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
 from skyrange.study.sweep.report.page import write_study_report
 from skyrange.study.sweep.report.response import find_levels, trace_response
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30))
-def test_an_interval_holds_the_mean_and_repeats(samples: list[float]) -> None:
-    found = bootstrap_mean(samples, "a")
+@given(st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=45), st.randoms(use_true_random=False))
+def test_an_interval_holds_the_mean_repeats_and_does_not_depend_on_the_order(samples: list[float], random: Any) -> None:
+    found = estimate_mean(samples)
     assert found is not None
-    assert found == bootstrap_mean(samples, "a")
-    assert found.low is not None
-    assert found.high is not None
-    assert min(samples) - 1e-6 <= found.low <= found.high <= max(samples) + 1e-6
+    assert found == estimate_mean(random.sample(samples, len(samples)))
+    assert (found.low is None) == bool(found.without)
+    if found.low is not None and found.high is not None:
+        assert found.low <= found.mean <= found.high
 
 
-def test_intervals_cover_the_true_mean_about_as_often_as_they_say() -> None:
-    chance = np.random.default_rng(1)
-    found = [bootstrap_mean(chance.normal(3.0, 1.0, 40).tolist(), str(number)) for number in range(200)]
-    covered = sum(one.low <= 3.0 <= one.high for one in found if one and one.low is not None and one.high is not None)
-    assert 0.88 <= covered / 200 <= 0.99
+@given(st.lists(st.tuples(st.floats(-1e6, 1e6), st.integers(0, 5)), min_size=1, max_size=30))
+def test_a_sample_that_is_repeated_within_its_cluster_tells_nothing_more(samples: list[tuple[float, int]]) -> None:
+    of_cluster = {cluster: value for value, cluster in samples}
+    once = estimate_mean(list(of_cluster.values()))
+    often = estimate_mean([of_cluster[cluster] for _, cluster in samples], [cluster for _, cluster in samples])
+    assert once is not None
+    assert often is not None
+    assert (often.n, often.method) == (once.n, once.method)
+    assert often.mean == pytest.approx(once.mean, abs=1e-6)
 
 
 def test_the_standardised_effect_of_pairs() -> None:
@@ -58,10 +61,13 @@ def test_a_response_is_that_of_the_blocks_of_each_level() -> None:
     blocks = [Block(f"b{number}", number, 1, {"f": number % 2}) for number in range(6)]
     samples = {f"b{number}": float(number) for number in range(6)}
     levels = find_levels(blocks, "f")
-    curve = trace_response("arm", 0, levels, samples, "a")
+    clusters = {name: name for name in samples}
+    curve = trace_response("arm", 0, levels, samples, clusters)
     assert [(at, mean.mean, mean.n) for at, mean in curve.points] == [(0.0, 2.0, 3), (1.0, 3.0, 3)]
-    some = trace_response("arm", 0, levels, samples, "a", frozenset({"b0", "b1"}))
+    some = trace_response("arm", 0, levels, samples, clusters, frozenset({"b0", "b1"}))
     assert [(at, mean.mean) for at, mean in some.points] == [(0.0, 0.0), (1.0, 1.0)]
+    shared = trace_response("arm", 0, levels, samples, dict.fromkeys(samples, "b0"))
+    assert [(mean.n, mean.without) for _, mean in shared.points] == [(1, "one sample")] * 2
 
 
 def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_text(tmp_path: Path) -> None:
@@ -81,7 +87,10 @@ def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_tex
         effects = [
             {**head, "arm": "attacked", "vehicle": v, "departure_m": d} for v, d in (("a", 1.0), ("b", departure))
         ]
-        runs = [{**head, "arm": arm, "status": "complete", "collisions": 0.0} for arm in ("nominal", "attacked")]
+        runs = [
+            {**head, "arm": arm, "status": "complete", "collisions": 0.0, "flight": f"{block.seed} {arm}"}
+            for arm in ("nominal", "attacked")
+        ]
         rows = {"runs": runs, "effects": effects, "aircraft": [], "alerts": [], "acts": []}
         write_block(folder.path, BlockResult(block.name, 2, 0, (), 1.0, 1.0, 0), rows)
     note_failure(study, folder.blocks[-1], folder.path, "its process was ended by <SIGKILL>")
@@ -94,4 +103,5 @@ def test_the_report_has_effects_curves_interactions_and_failures_and_escapes_tex
     for path in (folder.path / "figures").glob("*.svg"):
         ElementTree.parse(path)
     assert "over its deviation" in page
-    assert "21.5 (21 to 22)" in page  # the mean of 2 * 10 + seed over two seeds
+    assert "there are 2" in page  # blocks of one seed are one sample
+    assert "21.5 (15.1 to 27.9)" in page  # the mean of 2 * 10 + seed over two seeds, with t of one degree of freedom

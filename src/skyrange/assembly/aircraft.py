@@ -80,5 +80,9 @@ def _rows_of(places: Sequence[int]) -> slice | NDArray[np.int64]:
 
 
 def describe_engines(mounts: Sequence[EngineMount]) -> list[dict[str, Any]]:
-    """What the manifest says of the autopilots' engines, with the program that each runs, if it is one."""
-    return [{"kind": mount.engine.name, **mount.engine.manifest} for mount in mounts]
+    """What the manifest says of the autopilots' engines: whether a run repeats to the byte or in its outcome alone, and
+    the program that each runs, if it is one.
+    """
+    return [
+        {"kind": mount.engine.name, "repeatable": mount.engine.repeatable, **mount.engine.manifest} for mount in mounts
+    ]

@@ -107,7 +107,8 @@ def describe_medium(scenario: Scenario, oracle: Oracle | None) -> dict[str, Any]
         return {}
     told: dict[str, Any] = {}
     if scenario.radio.plugin is not BUILTIN:
-        told["medium"] = {"kind": scenario.radio.engine, **oracle.medium.manifest}
+        medium = oracle.medium
+        told["medium"] = {"kind": scenario.radio.engine, "repeatable": medium.repeatable, **medium.manifest}
     if scenario.radio.table is not None:
         data = read_input(Path(scenario.radio.table), "loss table", max_bytes=MAX_BYTES)
         header = decode_loss_table(data).header

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 if TYPE_CHECKING:
+    from skyrange.study.inference.means import Interval
     from skyrange.study.sweep.design.model import Study
     from skyrange.study.sweep.execution.executors import Executor
     from skyrange.study.sweep.execution.storage import BlockStorage
     from skyrange.study.sweep.execution.study_run import StudyResult
     from skyrange.study.sweep.folder import StudyFolder
-    from skyrange.study.twins.confidence import Interval
 
 _SHOWN = 10
 """Failed blocks that are listed on the terminal."""
@@ -240,7 +240,7 @@ def _jobs(jobs: int | None) -> int:
 
 
 def _interval(found: Interval) -> tuple[str, str]:
-    limits = "" if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
+    limits = found.without if found.low is None or found.high is None else f"{found.low:.3g} to {found.high:.3g}"
     return f"{found.mean:.3g}", limits
 
 

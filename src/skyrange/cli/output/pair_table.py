@@ -132,6 +132,8 @@ def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
         return "no attack or fault is the cause"
     if attribution == "unknown":
         return "the cause is unknown, because the runs without the attacks were not made"
+    if attribution == "not enough placebos":
+        return "not shown to be an effect: there are not enough placebos, fly more seeds"
     if attribution == "both":
         return f"caused by {names}, necessary and sufficient"
     return f"caused by {names}, {attribution}"
@@ -143,8 +145,9 @@ def _print_intervals(console: Console, result: Pair, affected: set[str]) -> None
         if vehicle not in affected:
             continue
         text = [
-            f"{key} {one.mean:+.2f} [{one.low:+.2f}, {one.high:+.2f}]"
+            f"{key} {one.mean:+.2f} "
+            + (f"({one.without})" if one.low is None else f"[{one.low:+.2f}, {one.high:+.2f}]")
             for key, one in own.items()
-            if one.low is not None and one.high is not None
+            if one.mean or one.low is not None
         ]
         console.print(f"{vehicle}, mean of {len(result.seeds)} seeds, 95 %: {'; '.join(text)}")

@@ -30,16 +30,18 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
     first = files[0]
     rows = rank_detectors(files, _ALL)
     table = _begin(f"{first.study}: scores on the test split")
-    for head in ("", "detector", "recall", "by chance", "false per h", "of faults", "delay, s", "in time"):
+    heads = ("", "detector", "at equal rate", "recall", "by chance", "false per h", "of faults", "delay, s", "in time")
+    for head in heads:
         table.add_column(head, no_wrap=head in ("", "detector"))
     for row in rows:
-        rates = _rate(row.false_per_h), _rate(row.fault_false_per_h), _rate(row.median_delay_s)
-        table.add_row(
-            str(row.rank), row.detector, _share(row.recall), _share(row.by_chance), *rates, _share(row.before_effect)
-        )
+        rank = "–" if row.rank is None else str(row.rank)
+        shares = _share(row.equal_rate_recall), _share(row.recall), _share(row.by_chance)
+        rates = _rate_with_limits(row), _rate(row.fault_false_per_h), _rate(row.median_delay_s)
+        table.add_row(rank, row.detector, *shares, *rates, _share(row.before_effect))
+    table.caption = _describe(files)
+    table.caption_justify = "left"
     yield table
-    if any(row.effect_recall is not None for row in rows):
-        yield _tabulate_effect_scores(first.study, rows)
+    yield _tabulate_effect_scores(first.study, rows)
     scores = {(number, one.detector): one for number, file in enumerate(files) for one in file.detectors}
     ordered = [scores[row.file, row.detector] for row in rows]
     axes = [axis for axis in _AXES if any(one.on(f"{_HELD} {axis}") for one in ordered)]
@@ -76,6 +78,31 @@ def _tabulate_effect_scores(study: str, rows: Sequence[LeaderboardRow]) -> Table
             _rate(row.effect_median_delay_s), _rate(row.effect_hostile_false_per_h), _rate(row.hostile_false_per_h),
         )  # fmt: skip
     return table
+
+
+def _describe(files: Sequence[ScoreFile]) -> str:
+    """What a reader has to know of the numbers."""
+    settings, first = files[0].settings, files[0]
+    told = [
+        f"Rank, at equal rate: each detector with the threshold that keeps to {settings.target_per_h:g} per h on the "
+        "nominal test flights. Other columns: with that of the validation flights, at the rates in the table.",
+        f"Limits are {100 * settings.confidence:g} %, if the coefficient of variation of rates between clusters is "
+        f"{settings.variation:g}.",
+    ]
+    on = first.detectors[0].on(_ALL) if first.detectors else None
+    if on is not None:
+        told.append(f"The test split has {on.runs} runs in {on.clusters} independent clusters.")
+    if first.repeated_runs:
+        told.append(f"{first.repeated_runs} runs are the same flight as another one, and do not count.")
+    return "\n".join(told)
+
+
+def _rate_with_limits(row: LeaderboardRow) -> str:
+    limits = row.false_clustered or row.false_exact
+    if row.false_per_h is None or limits is None:
+        return "–"
+    high = "∞" if limits[1] is None else f"{limits[1]:.3g}"
+    return f"{row.false_per_h:.3g}\n{limits[0]:.2g}–{high}"
 
 
 def _begin(title: str) -> Table:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 from skyrange.core.time import NS_PER_S
 from skyrange.record.schema import NAME, Column, arrow_schema
 from skyrange.study.attribution.arms import NOMINAL, SHAM, Arm
-from skyrange.study.attribution.outcomes import NAMES, ArmOutcomes, distances, floors, limits, onsets_ns
+from skyrange.study.attribution.outcomes import (
+    NAMES,
+    PLACEBO_LEVEL,
+    ArmOutcomes,
+    Limits,
+    distances,
+    floors,
+    limits,
+    onsets_ns,
+    repeats_to_the_byte,
+)
 from skyrange.study.attribution.relations import Attacks, Relation, relations
 
 Floats = NDArray[np.float64]
@@ -31,6 +41,8 @@ COLUMNS: Final[tuple[Column, ...]] = (
     Column("departed_s", pa.float64(), "s", "of a departure: when it exceeded the limit", True),
     Column("limit", pa.float64(), "", "the distance beyond which it is an effect"),
     Column("placebos", pa.int32(), "", "number of placebos from which the limit is known"),
+    Column("level", pa.float64(), "", "probability with which a difference that is no effect exceeds the limit"),
+    Column("shown", pa.bool_(), "", "whether that is at most 0.05; else there are not enough placebos"),
     Column("alone", pa.float64(), "", "the distance when only this attack acts; null if that was not run", True),
     Column("without", pa.float64(), "", "the distance when all but this attack act; null if that was not run", True),
 )
@@ -43,7 +55,7 @@ class Authors:
 
     attacks: tuple[str, ...]
     """The attacks and faults that relate to it, in order of their names; none for an effect without an author."""
-    attribution: Relation
+    attribution: Relation | Literal["not enough placebos"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +68,8 @@ class Comparison:
     """By outcome (n,) distances from the baseline."""
     departed_ns: Mapping[Attacks, Sequence[int | None]]
     """(n,) when each aircraft departed from the baseline."""
-    limit: Mapping[str, Floats]
-    """By outcome (n,) the largest distance that is no effect."""
+    limits: Limits
+    """The largest distances that are no effects."""
 
 
 def attribute(
@@ -83,16 +95,16 @@ def attribute(
     rows: list[dict[str, Any]] = []
     for seed in seeds:
         reference = outcomes_of(baseline or NOMINAL, seed)
-        limit = limits(placebos, floors(reference, threshold_m))
+        found_limits = limits(placebos, floors(reference, threshold_m), repeats=repeats_to_the_byte(reference.record))
         away: dict[Attacks, Mapping[str, Floats]] = {}
         departed_ns: dict[Attacks, Sequence[int | None]] = {}
         for arm in arms:
             if arm.active:
                 run = outcomes_of(arm.name, seed)
                 away[arm.active] = distances(run, reference)
-                departed_ns[arm.active] = onsets_ns(run, reference, limit["departure"])
+                departed_ns[arm.active] = onsets_ns(run, reference, found_limits.of["departure"])
         fleet = [one.vehicle for one in reference.measured]
-        found = relate(Comparison(seed, fleet, away, departed_ns, limit), baseline is not None, len(placebos))
+        found = relate(Comparison(seed, fleet, away, departed_ns, found_limits), baseline is not None)
         rows += [row | {"fault": row["attack"] in faults} for row in found]
     return rows
 
@@ -109,7 +121,15 @@ def authors(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[int, str], Authors]
         key = (row["seed"], row["vehicle"])
         if row["outcome"] == first[key]:
             grouped.setdefault(key, {})[row["attack"]] = row["relation"]
-    return {key: summarise(found) for key, found in grouped.items()}
+    undecided = {
+        (row["seed"], row["vehicle"])
+        for row in rows
+        if row["outcome"] == first[row["seed"], row["vehicle"]] and not row["shown"]
+    }
+    return {
+        key: Authors((), "not enough placebos") if key in undecided else summarise(found)
+        for key, found in grouped.items()
+    }
 
 
 def departures_by_author(rows: Sequence[Mapping[str, Any]], seed: int) -> dict[str, dict[str, int]]:
@@ -166,18 +186,24 @@ def attribution_table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
     return pa.Table.from_pylist([dict(row) for row in rows], schema=arrow_schema("attribution", COLUMNS))
 
 
-def relate(found: Comparison, has_baseline: bool, placebos: int) -> list[dict[str, Any]]:
-    """The rows of one seed: those of every outcome that is an effect when all attacks act."""
+def relate(found: Comparison, has_baseline: bool) -> list[dict[str, Any]]:
+    """The rows of one seed: those of every outcome that differs by more than its limit when all attacks act.
+
+    Where the placebos are too few to call that an effect, every relation is unknown.
+    """
     everyone = max(found.away, key=len)
     rows = []
     for k, vehicle in enumerate(found.fleet):
         for outcome in NAMES:
-            difference, limit = found.away[everyone][outcome][k], found.limit[outcome][k]
+            difference, limit = found.away[everyone][outcome][k], found.limits.of[outcome][k]
             if not difference > limit:  # NaN is no effect
                 continue
             departed_ns = found.departed_ns[everyone][k] if outcome == "departure" else None
             held = {active: bool(away[outcome][k] > limit) for active, away in found.away.items()}
-            related: Mapping[str, Relation] = relations(held) if has_baseline else dict.fromkeys(everyone, "unknown")
+            level = float(found.limits.levels[outcome][k])
+            related: Mapping[str, Relation] = dict.fromkeys(everyone, "unknown")
+            if has_baseline and level <= PLACEBO_LEVEL:
+                related = relations(held)
             for attack in sorted(everyone):
                 without = everyone - {attack}
                 shift_s = _shift_s(found, without, k) if outcome == "departure" else None
@@ -193,7 +219,9 @@ def relate(found: Comparison, has_baseline: bool, placebos: int) -> list[dict[st
                         "difference": float(difference),
                         "departed_s": None if departed_ns is None else departed_ns / NS_PER_S,
                         "limit": float(limit),
-                        "placebos": placebos,
+                        "placebos": int(found.limits.placebos[outcome][k]),
+                        "level": level,
+                        "shown": level <= PLACEBO_LEVEL,
                         "alone": _value(found.away, frozenset({attack}), outcome, k),
                         "without": _value(found.away, without, outcome, k) if without or not has_baseline else 0.0,
                     }

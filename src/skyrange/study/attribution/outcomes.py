@@ -2,7 +2,12 @@
 
 An outcome is declared here, not found: after two trajectories have parted nearly everything about them differs. An
 aircraft's outcome differs between two runs by a distance of zero or more. It counts as an effect if that distance is
-beyond what a placebo makes of it: the sham of all attacks, compared with the nominal run, over all seeds.
+beyond the largest that placebos make of it: the sham of all attacks, compared with the nominal run, over all seeds.
+
+Of K placebos and one more, each is the largest as likely as another: without any effect, the limit is exceeded with a
+probability of 1/(K + 1). An effect is shown if that is at most `PLACEBO_LEVEL`, which takes 19 placebos. Where all runs
+repeat to the byte none is needed: two runs without the attack are the same, so what differs is due to it. That holds
+as long as the shams themselves change no outcome; where they do, their number counts as well.
 """
 
 from __future__ import annotations
@@ -10,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +28,8 @@ from skyrange.study.measures.time_series import read_notes
 
 Floats = NDArray[np.float64]
 
-PLACEBO_PERCENTILE: Final = 99.0
-"""The percentile of the placebos' differences beyond which a difference is an effect; of fewer than 100 placebos it is
-the largest."""
+PLACEBO_LEVEL: Final = 0.05
+"""The largest probability with which a difference that is no effect may exceed its limit."""
 SEPARATION_M: Final = WALLS_M
 """Separations above this count as equal: aircraft that are far apart anyway have no effect on each other's safety."""
 ENERGY_SHARE: Final = 0.01
@@ -133,19 +137,39 @@ def floors(baseline: ArmOutcomes, threshold_m: float) -> dict[str, Floats]:
     return {name: np.full(count, given.get(name, 0.0)) for name in NAMES} | {"energy": energy_j}
 
 
-def limits(
-    placebos: Sequence[Mapping[str, Floats]], floor: Mapping[str, Floats], percentile: float = PLACEBO_PERCENTILE
-) -> dict[str, Floats]:
-    """(n,) by outcome: the largest difference that is no effect.
+class Limits(NamedTuple):
+    """The largest differences that are no effects, of the n aircraft of a run."""
 
-    `placebos` has, for each seed, the distances between the sham and the nominal run.
+    of: Mapping[str, Floats]
+    """(n,) by outcome."""
+    placebos: Mapping[str, NDArray[np.int64]]
+    """(n,) by outcome, number of placebos that have that outcome."""
+    levels: Mapping[str, Floats]
+    """(n,) by outcome, the probability with which a difference that is no effect exceeds the limit."""
+
+
+def limits(placebos: Sequence[Mapping[str, Floats]], floor: Mapping[str, Floats], *, repeats: bool) -> Limits:
+    """The limits of each outcome: the least difference that counts, or the largest that a placebo makes.
+
+    `placebos` has, for each seed, the distances between the sham and the nominal run, NaN where an aircraft does not
+    have the outcome in both. `repeats` says whether all runs repeat to the byte.
     """
-    found = {}
+    of, counts, levels = {}, {}, {}
     for name, least in floor.items():
-        samples = [np.nan_to_num(placebo[name], nan=0.0) for placebo in placebos]
-        highest = np.percentile(samples, percentile, axis=0, method="higher") if samples else np.zeros(len(least))
-        found[name] = np.maximum(least, highest)
-    return found
+        samples = np.array([placebo[name] for placebo in placebos]).reshape(len(placebos), len(least))
+        known = ~np.isnan(samples)
+        highest = np.where(known, samples, 0.0).max(axis=0, initial=0.0)
+        counts[name] = known.sum(axis=0).astype(np.int64)
+        levels[name] = np.where(repeats & (highest <= least), 0.0, 1.0 / (counts[name] + 1.0))
+        of[name] = np.maximum(least, highest)
+    return Limits(of, counts, levels)
+
+
+def repeats_to_the_byte(record: RunRecord) -> bool:
+    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so."""
+    manifest = record.manifest
+    parts = [*(manifest.get("engines") or ()), manifest.get("medium") or {}]
+    return not manifest.get("live") and all(part.get("repeatable", "bytes") == "bytes" for part in parts)
 
 
 def _capped(separation_m: float | None) -> float | None:

@@ -46,7 +46,7 @@ def relations(seen: Mapping[Attacks, bool]) -> dict[str, Relation]:
         if alone:
             found[attack] = "both" if without is False else "sufficient" if without is None else "redundant"
         elif without is False:
-            joint = alone is False and whole and len(minimal) == 1
+            joint = alone is False and whole and len(minimal) == 1 and attack in minimal[0]
             found[attack] = "joint" if joint else "necessary"
         elif whole:
             found[attack] = "redundant" if any(attack in one for one in minimal) else "none"

@@ -17,17 +17,20 @@ from skyrange.core.errors import InputError
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.verification import require_verified
 from skyrange.study.attribution.arms import NOMINAL
-from skyrange.study.dataset.columns import VIEWS
+from skyrange.study.attribution.outcomes import repeats_to_the_byte
+from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS
 from skyrange.study.dataset.description.checksums import write_checksums
 from skyrange.study.dataset.description.contents import RUNS, Contents
 from skyrange.study.dataset.description.croissant import write_croissant
 from skyrange.study.dataset.description.datasheet import write_datasheet
 from skyrange.study.dataset.description.regenerate import write_regenerate
 from skyrange.study.dataset.members import Member, check_members
-from skyrange.study.dataset.partitions import BlockWriter
+from skyrange.study.dataset.partitions import BlockWriter, partition_path
 from skyrange.study.dataset.progress import RowCounts, begin_build
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
+from skyrange.study.dataset.windows import SplitHashes
+from skyrange.study.measures.flight_identity import identify_flight
 
 
 def build_dataset(
@@ -68,12 +71,16 @@ def build_dataset(
     published = published or str(records[0].manifest["start_utc"])[:10]
     described = (name, description, license_url, creator, url, published)
     rows: dict[str, Mapping[str, int]] = {}
+    windows = SplitHashes()
     with begin_build(out, _plan(ordered, records, settings, described)) as progress:
         for block, group in groupby(zip(ordered, records, strict=True), key=lambda pair: pair[0].block):
             found = progress.read_block(block)
+            runs = list(group)
             if found is None:
-                found = _write_block(out, block, list(group), settings)
+                found = _write_block(out, block, runs, settings, windows)
                 progress.finish_block(block, found)
+            else:
+                _add_written(out, block, runs[0][0].split, windows)
             rows |= found
         pq.write_table(_runs_table(ordered, records, traits, rows), out / RUNS)
         contents = Contents(*described, ordered, records, rows, settings)
@@ -95,10 +102,18 @@ def _plan(
 
 
 def _write_block(
-    folder: Path, block: str, runs: Sequence[tuple[Member, RunRecord]], settings: ViewSettings
+    folder: Path, block: str, runs: Sequence[tuple[Member, RunRecord]], settings: ViewSettings, windows: SplitHashes
 ) -> dict[str, dict[str, int]]:
-    with BlockWriter(folder, block, runs[0][0].split) as writer:
+    with BlockWriter(folder, block, runs[0][0].split, windows) as writer:
         return {member.run: _write_run(writer, member, record, settings) for member, record in runs}
+
+
+def _add_written(folder: Path, block: str, split: str, windows: SplitHashes) -> None:
+    """Take the windows of a block that was written before the build was interrupted."""
+    for view in WINDOW_KEYS:
+        path = partition_path(folder, view, split, block)
+        if path.exists():
+            windows.add_file(view, split, path)
 
 
 def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings: ViewSettings) -> dict[str, int]:
@@ -111,7 +126,9 @@ def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings:
 def _runs_table(
     members: Sequence[Member], records: Sequence[RunRecord], traits: Sequence[Traits], rows: RowCounts
 ) -> pa.Table:
-    """One row for each run: block, arm, split, seed, traits, rows of each view, and the factors as JSON."""
+    """One row for each run: block, arm, split, seed, traits, whether it repeats to the byte, rows of each view, and the
+    factors as JSON.
+    """
     return pa.Table.from_pylist(
         [
             {
@@ -124,7 +141,9 @@ def _runs_table(
                 "city": trait.city,
                 "fleet_size": trait.fleet_size,
                 "duration_s": record.duration,
+                "repeats": repeats_to_the_byte(record),
                 "fingerprint": str(record.manifest.get("digests", {}).get("fingerprint", "")),
+                "flight": identify_flight(record.manifest),
                 "factors": json.dumps(dict(member.factors), sort_keys=True),
                 **{f"rows_{view}": rows[member.run].get(view, 0) for view in VIEWS},
             }

@@ -56,7 +56,13 @@ RUN_COLUMNS: Final = (
 WINDOW_COLUMNS: Final = (
     _kept("window", _I64, "", "number of the interval since the run's start"),
     _kept("content_hash", _S, "", "hash of the observable columns of all rows of the same place and window"),
-    _kept("duplicate_of", _S, "", "the first run of the block with an identical window at the same place", True),
+    _kept(
+        "duplicate_of",
+        _S,
+        "",
+        "the first run of the block, or one of another split, with an identical window",
+        True,
+    ),
 )
 """End every view of a sensor, before its labels."""
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from skyrange.core.files import DRAFT
 from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS, check_table, view_schema
 from skyrange.study.dataset.members import Member
-from skyrange.study.dataset.windows import WindowHashes, begin_rows
+from skyrange.study.dataset.windows import SplitHashes, WindowHashes, begin_rows
 
 
 def partition_path(folder: Path, view: str, split: str, block: str) -> Path:
@@ -22,10 +22,10 @@ def partition_path(folder: Path, view: str, split: str, block: str) -> Path:
 class BlockWriter:
     """The files of one block; a context manager that closes them. Until then they have other names."""
 
-    def __init__(self, folder: Path, block: str, split: str) -> None:
+    def __init__(self, folder: Path, block: str, split: str, elsewhere: SplitHashes) -> None:
         self._folder, self._block, self._split = folder, block, split
         self._files: dict[Path, pq.ParquetWriter] = {}
-        self._hashes = WindowHashes()
+        self._hashes = WindowHashes(split, elsewhere)
 
     def __enter__(self) -> BlockWriter:
         return self

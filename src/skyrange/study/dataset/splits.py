@@ -1,9 +1,12 @@
-"""Splits of a data set: whole blocks are assigned, and families, cities and fleet sizes are held out."""
+"""Splits of a data set: clusters of blocks are assigned as a whole, and families, cities and fleet sizes are held out.
+
+Blocks that share a seed or a flight are one cluster: in two splits, a detector would be tested on what it has seen.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Any, Final
@@ -14,6 +17,8 @@ from skyrange.core.ids import hash64
 from skyrange.record.manifest import read_manifest
 from skyrange.study.dataset.families import family_of
 from skyrange.study.dataset.members import Member
+from skyrange.study.inference.clusters import find_clusters
+from skyrange.study.measures.flight_identity import identify_flight
 
 SHARES: Final[Mapping[str, float]] = {"train": 0.6, "validation": 0.2, "test": 0.2}
 _NAME: Final = re.compile(r"(?!all$)[A-Za-z0-9_]{1,64}")
@@ -68,19 +73,35 @@ def assign_splits(
     held_out: HeldOut | None = None,
     families: Mapping[str, str] | None = None,
 ) -> list[Member]:
-    """The members with their splits. A block's split depends on its name, `seed` and what is held out, on nothing else.
+    """The members with their splits. A cluster's split depends on the name of its first block, `seed` and what is held
+    out, on nothing else.
 
-    A block of which some run has a held-out trait goes to `heldout_family`, `heldout_city` or `heldout_fleet`, the
-    first that applies. The others are drawn by addressed chance: adding blocks moves none. Raises `InputError` for
+    A cluster of which some run has a held-out trait goes to `heldout_family`, `heldout_city` or `heldout_fleet`, the
+    first that applies. The others are drawn by addressed chance: adding clusters moves none. Raises `InputError` for
     shares that are negative or do not sum to 1.
     """
     _check_shares(shares)
     held = held_out or HeldOut()
+    clusters = cluster_members(members)
     traits: dict[str, list[Traits]] = {}
     for member in members:
-        traits.setdefault(member.block, []).append(traits_of(member, families))
-    splits = {block: split_of(block, own, seed, held, shares) for block, own in traits.items()}
-    return [replace(member, split=splits[member.block]) for member in members]
+        traits.setdefault(clusters[member.block], []).append(traits_of(member, families))
+    splits = {cluster: split_of(cluster, own, seed, held, shares) for cluster, own in traits.items()}
+    return [replace(member, split=splits[clusters[member.block]]) for member in members]
+
+
+def cluster_members(members: Sequence[Member]) -> dict[str, str]:
+    """The cluster of each block, by the name of its first block: blocks that share a seed or a flight."""
+    shared: dict[str, list[Hashable]] = {block: [] for block in sorted({member.block for member in members})}
+    for member in members:
+        shared[member.block] += _shared_by(member)
+    return find_clusters(shared)
+
+
+def _shared_by(member: Member) -> list[tuple[str, str]]:
+    """What no run of another split may have: the seed, and the flight, if it is known."""
+    flight = identify_flight(read_manifest(member.record))
+    return [("seed", str(member.seed)), *([("flight", flight)] if flight else [])]
 
 
 def _check_shares(shares: Mapping[str, float]) -> None:
@@ -94,12 +115,12 @@ def _check_shares(shares: Mapping[str, float]) -> None:
 def split_of(
     block: str, traits: Sequence[Traits], seed: int, held: HeldOut, shares: Mapping[str, float] = SHARES
 ) -> str:
-    """The split of a block whose runs have `traits`: a held-out one, else that of `draw_split`."""
+    """The split of a cluster, named by its first block, whose runs have `traits`: a held-out one, or `draw_split`'s."""
     return _held_split(traits, held) or draw_split(block, seed, shares)
 
 
 def draw_split(block: str, seed: int, shares: Mapping[str, float] = SHARES) -> str:
-    """The split of a block by addressed chance: it depends on the name of the block and the seed alone."""
+    """The split of a cluster by addressed chance: it depends on the name of its first block and the seed alone."""
     drawn = Chance(seed).uniform4("dataset.split", hash64(block), 0)[0]
     total = 0.0
     for name, share in shares.items():
@@ -120,8 +141,8 @@ def _held_split(traits: Sequence[Traits], held: HeldOut) -> str:
 
 
 def check_splits(members: Sequence[Member]) -> None:
-    """Raise `InputError` where something crosses: a block in two splits, a run without one, or a draw in two blocks;
-    and for a split that is no name.
+    """Raise `InputError` where something crosses: a block, seed or flight in two splits, a run without a split, a draw
+    in two blocks; and for a split that is no name.
     """
     problems: list[Problem] = []
     splits: dict[str, set[str]] = {}
@@ -141,8 +162,25 @@ def check_splits(members: Sequence[Member]) -> None:
             problems.append(Problem(f"block {block}: split", repr(wrong[0]), expected))
         elif len(found) > 1:
             problems.append(Problem(f"block {block}", ", ".join(sorted(found)), "one split for all arms of a block"))
+    if not problems:
+        problems = list(_find_crossings(members))
     if problems:
         raise InputError("dataset", problems)
+
+
+def _find_crossings(members: Sequence[Member]) -> Iterator[Problem]:
+    """What is shared by blocks of two splits."""
+    homes: dict[tuple[str, str], Member] = {}
+    told: set[tuple[str, str, str]] = set()
+    for member in members:
+        for what, value in _shared_by(member):
+            first = homes.setdefault((what, value), member)
+            if first.split != member.split and (what, value, member.split) not in told:
+                told.add((what, value, member.split))
+                where = f"{what} {value} of run {member.run}"
+                expected = f"{first.split}, as run {first.run}, which has the same {what}"
+                hint = "" if len(told) > 1 else "`assign_splits` keeps blocks that share a seed or a flight together."
+                yield Problem(where, member.split, expected, hint)
 
 
 def check_held_out(members: Sequence[Member], families: Mapping[str, str] | None = None) -> None:

@@ -1,14 +1,16 @@
-"""Windows of a view: their numbers, a hash of what is observed in each, and which of them a block has already."""
+"""Windows of a view: their numbers, a hash of what is observed in each, and which of them have been there already."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from hashlib import blake2b
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from skyrange.contracts.frames.payloads import Ints
@@ -22,10 +24,30 @@ HASH_BYTES: Final = 8
 _NULL: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
-class WindowHashes:
-    """The windows of one block that were written, by view and place."""
+class SplitHashes:
+    """The windows of a data set that were written, and the split in which each was first."""
 
     def __init__(self) -> None:
+        self._first: dict[str, dict[int, tuple[str, str]]] = {}
+
+    def find_elsewhere(self, view: str, digest: str, split: str, run: str) -> str | None:
+        """The first run of another split with this window; `None` if there is none, and then this one may be it."""
+        first_split, first_run = self._first.setdefault(view, {}).setdefault(int(digest, 16), (split, run))
+        return None if first_split == split else first_run
+
+    def add_file(self, view: str, split: str, path: Path) -> None:
+        """Take the windows of a file that was written before."""
+        table = pq.ParquetFile(path).read(columns=["run", "content_hash", "duplicate_of"])
+        own = table.filter(pc.is_null(table.column("duplicate_of"))).group_by(["content_hash", "run"]).aggregate([])
+        for digest, run in zip(own.column("content_hash").to_pylist(), own.column("run").to_pylist(), strict=True):
+            self.find_elsewhere(view, digest, split, run)
+
+
+class WindowHashes:
+    """The windows of one block that were written, by view and place; those of other splits are in `elsewhere`."""
+
+    def __init__(self, split: str, elsewhere: SplitHashes) -> None:
+        self._split, self._elsewhere = split, elsewhere
         self._seen: dict[tuple[str, ...], str] = {}
 
     def mark(self, view: str, run: str, table: pa.Table) -> pa.Table:
@@ -48,7 +70,8 @@ class WindowHashes:
             digest = hashed.hexdigest()
             origin = self._seen.setdefault((view, *map(str, first.values()), digest), run)
             hashes.append(digest)
-            origins.append(None if origin == run else origin)
+            own = self._elsewhere.find_elsewhere(view, digest, self._split, run) if origin == run else origin
+            origins.append(own)
         place = np.empty(count, dtype=np.int64)
         place[order] = np.repeat(np.arange(len(bounds)), ends - bounds)
         table = table.append_column("content_hash", pa.array(hashes, pa.string()).take(pa.array(place)))

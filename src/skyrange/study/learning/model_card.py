@@ -140,13 +140,14 @@ def _describe_factors(model: ModelFile) -> str:
 def _describe_scores(score: DetectorScore, scores: ScoreFile) -> str:
     threshold = score.threshold
     assert threshold is not None
-    rate = scores.settings.target_per_h
+    rate, reached = scores.settings.target_per_h, threshold.reached
     lines = [
         "## Scores",
         "",
         f"On the test blocks, which neither training nor the choice of the threshold used. The threshold is the lowest "
-        f"with at most {rate:g} false alarms per aircraft-hour on the validation flights: {threshold.episodes} in "
-        f"{threshold.hours:.2f} aircraft-hours. Intervals are exact, at {100 * scores.settings.confidence:g} %. An "
+        f"with at most {rate:g} false alarms per aircraft-hour on the validation flights: {reached.episodes} in "
+        f"{reached.hours:.2f} aircraft-hours, {_estimate(reached.per_h)} per hour. Intervals are those of "
+        f"{100 * scores.settings.confidence:g} % over clusters of flights that share a seed. An "
         'alarm detects an attack until its last act, and in the columns "effect" until its effect ends.',
         "",
         "| set | attacks | recall | recall, effect | false alarms per hour, nominal | of faults | target rate |",
@@ -186,7 +187,7 @@ def _describe_limits(model: ModelFile) -> str:
 def _estimate(one: Estimate | None) -> str:
     if one is None:
         return ""
-    low, high = one.exact
+    low, high = one.clustered or one.exact
     return f"{one.value:.2f} ({low:.2f} to {'∞' if high is None else f'{high:.2f}'})"
 
 

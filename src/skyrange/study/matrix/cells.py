@@ -2,27 +2,35 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Final
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-import shapely
 
-from skyrange.core.time import NS_PER_S
+from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.record.read.run import RunRecord
 from skyrange.study.attribution.arms import ATTACKED, HONEST, NOMINAL
 from skyrange.study.attribution.outcomes import ArmOutcomes
+from skyrange.study.inference.means import Interval, estimate_mean
+from skyrange.study.matrix.distances import measure_departures, measure_growth, measure_straying
 from skyrange.study.matrix.latency import measure_transit_ms
 from skyrange.study.measures.aircraft_measures import Measured
+from skyrange.study.measures.flight_identity import identify_flight
 from skyrange.study.measures.link_statistics import link_statistics
 from skyrange.study.measures.separation import NEAR_M
-from skyrange.study.measures.time_series import read_notes, truth_tracks
-from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.measures.time_series import read_notes
+from skyrange.study.scoring.matching import count_episodes
+from skyrange.study.scoring.result_file import ScoreSettings
 from skyrange.study.twins.pair_folder import Pair
 
 _STARTS: Final = ("event.attack_start", "event.fault_start")
+_STOPS: Final = ("event.attack_stop", "event.fault_stop")
+EPISODE_S: Final = ScoreSettings().episode_s
+"""Alerts about an aircraft within so many seconds are one alarm, as in scores."""
 _S_PER_H: Final = 3600.0
 
 
@@ -32,6 +40,10 @@ class Nominal:
 
     landed_s: Sequence[float | None]
     energy_j: Sequence[float | None]
+    complete: Sequence[bool]
+    """Whether the mission of each aircraft is complete."""
+    flight: str
+    """Runs with the same are one flight."""
     frames: int
     transit_ms: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Median and 95th percentile of the delay of frames, by role of link."""
@@ -56,14 +68,18 @@ class Cell:
     """The row's measure, of the aircraft that is affected most."""
     complete: Sequence[bool] = ()
     """Whether every mission that is complete in the baseline is complete."""
+    growth_m_per_min: Sequence[float | None] = ()
+    """How fast the effect still grew at the end of the attack (`measure_growth`); `None` where it is no distance."""
     alarms_s: Sequence[float | None] = ()
     """Time from the attack's start to the first alarm after it; `None` without one."""
+    watched_s: Sequence[float] = ()
+    """Time from the attack's start to the end of the run: an attack without an alarm was missed for as long."""
     false_alarms: Sequence[int] = ()
-    """Alarms of the nominal run."""
+    """Alarms of the nominal run: episodes of alerts, as in scores."""
     flown_h: Sequence[float] = ()
     """Aircraft-hours of the nominal run, of each aircraft until its mission ends."""
     fault_alarms: Sequence[int] = ()
-    """Alarms of the run with the fault, in a row without an attack: they are false too."""
+    """Alarms of the run with the fault, in a row without an attack: they are false too, and episodes."""
     nominal: Sequence[Nominal] = ()
     honest_alarms: Sequence[bool] = ()
     """Whether the honest arm, in which the aircraft is real, has an alarm; empty where no aircraft is claimed."""
@@ -86,19 +102,39 @@ class Cell:
     @property
     def effect(self) -> Interval | None:
         """Mean effect over the seeds."""
-        return interval(self.effects)
+        return estimate_mean(self.effects)
 
     @property
     def best_adaptive(self) -> Cell | None:
-        """What an adversary who knows the defence does best: this cell or a candidate; `None` if there is none."""
+        """What an adversary who knows the defence does best, this cell or a candidate; `None` if there is none.
+
+        The adversary chooses by the first half of the seeds. The cell has the flights of the other half, because the
+        largest of several means is larger than what it is the mean of. With one seed nothing is left to report on: then
+        it is chosen and reported on the same.
+        """
         flown = [one for one in self.adaptive if one.effects]
-        return max([self, *flown], key=_mean_effect) if flown else None
+        if not flown:
+            return None
+        half = len(self.effects) // 2
+        chosen = max([self, *flown], key=lambda one: math.fsum(one.effects[: half or None]))
+        return chosen.since(half)
+
+    def since(self, first: int) -> Cell:
+        """The cell with what depends on the attack, of the seeds from the `first` on."""
+        return replace(
+            self,
+            effects=self.effects[first:],
+            complete=self.complete[first:],
+            growth_m_per_min=self.growth_m_per_min[first:],
+            alarms_s=self.alarms_s[first:],
+            watched_s=self.watched_s[first:],
+        )
 
     @property
     def alarm_s(self) -> float | None:
-        """Mean time to alarm over the seeds that have one."""
-        told = [at for at in self.alarms_s if at is not None]
-        return sum(told) / len(told) if told else None
+        """Mean time to an alarm over the seeds, of a missed attack the time for which it was; `None` without seeds."""
+        told = [seen if at is None else at for at, seen in zip(self.alarms_s, self.watched_s, strict=True)]
+        return math.fsum(told) / len(told) if told else None
 
     def data(self) -> dict[str, Any]:
         """As JSON data."""
@@ -107,36 +143,37 @@ class Cell:
         return data
 
 
-def _mean_effect(cell: Cell) -> float:
-    return sum(cell.effects) / len(cell.effects)
-
-
 def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]) -> Cell:
     """`cell` with the measures of its pair; `detectors` are the ids of its defences, none for the undefended one."""
     baseline = flown.baseline or NOMINAL
     effects: list[float] = []
     complete: list[bool] = []
-    alarms, false_alarms, hours, nominal, fault_alarms = [], [], [], [], []
+    growth: list[float | None] = []
+    alarms, watched, false_alarms, hours, nominal, fault_alarms = [], [], [], [], [], []
     rows = [one for one in flown.effects.to_pylist() if one["against"] == baseline]
     for seed in flown.seeds:
         own = [one for one in rows if one["seed"] == seed]
-        if measure == "strayed_m":
-            effects.append(_strayed_m(flown.run(ATTACKED, seed), flown.run(baseline, seed)))
+        attacked, twin = flown.run(ATTACKED, seed), flown.run(baseline, seed)
+        end_ns = _end_ns(attacked)
+        start_ns = min(_times_ns(attacked, _STARTS), default=end_ns)
+        series = _SERIES[measure](attacked, twin) if measure in _SERIES else None
+        stop_ns = max(_times_ns(attacked, _STOPS), default=end_ns)
+        growth.append(None if series is None else measure_growth(series, start_ns, stop_ns))
+        if measure == "strayed_m" and series is not None:
+            effects.append(float(series.away_m.max(initial=0.0)))
         elif measure == "telemetry":
-            effects.append(_missing_telemetry(flown.run(ATTACKED, seed), flown.run(baseline, seed)))
+            effects.append(_missing_telemetry(attacked, twin))
         else:
             effects.append(max(_value(one, measure) for one in own))
         complete.append(all(one["outcome"] == "complete" for one in own if one["outcome_twin"] == "complete"))
-        attacked = flown.run(ATTACKED, seed)
-        raised = alert_times_ns(attacked, detectors)
-        start_ns = _start_ns(attacked)
-        after = [at for at in raised if start_ns is not None and at >= start_ns]
-        alarms.append((after[0] - start_ns) / NS_PER_S if after and start_ns is not None and not cell.fault else None)
-        fault_alarms += [len(raised)] if cell.fault else []
+        after = [at for at in alert_times_ns(attacked, detectors) if at >= start_ns]
+        alarms.append((after[0] - start_ns) / NS_PER_S if after and not cell.fault else None)
+        watched.append((end_ns - start_ns) / NS_PER_S)
+        fault_alarms += [count_alarms(attacked, detectors)] if cell.fault else []
         if cell.candidate:
             continue  # what a defence costs does not depend on the attack
         quiet = flown.run(NOMINAL, seed)
-        false_alarms.append(len(alert_times_ns(quiet, detectors)))
+        false_alarms.append(count_alarms(quiet, detectors))
         measured = ArmOutcomes.read(quiet, NEAR_M).measured
         nominal.append(_nominal(quiet, measured))
         hours.append(_flown_h(quiet, measured))
@@ -148,7 +185,9 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
         failed=tuple(map(str, flown.failed_missions)),
         effects=effects,
         complete=complete,
+        growth_m_per_min=growth,
         alarms_s=alarms,
+        watched_s=watched,
         false_alarms=false_alarms,
         flown_h=hours,
         fault_alarms=fault_alarms,
@@ -167,18 +206,6 @@ def _value(row: dict[str, Any], measure: str) -> float:
     return abs(float(row[measure] or 0.0))
 
 
-def _strayed_m(attacked: RunRecord, baseline: RunRecord) -> float:
-    """Largest horizontal distance of any aircraft from the path that it flew in the baseline, in metres."""
-    mine, other = truth_tracks(attacked), truth_tracks(baseline)
-    away = [0.0]
-    for name, track in mine.items():
-        path = other.get(name)
-        if path is not None and len(path) > 1 and len(track):
-            line = shapely.LineString(path.enu_m[:, :2])
-            away.append(float(shapely.distance(shapely.points(track.enu_m[:, :2]), line).max()))
-    return max(away)
-
-
 def _missing_telemetry(attacked: RunRecord, baseline: RunRecord) -> float:
     """Share of the frames that stations get on gcs links in the baseline and that are missing, in percent."""
     mine, other = (
@@ -190,23 +217,36 @@ def _missing_telemetry(attacked: RunRecord, baseline: RunRecord) -> float:
 
 def alert_times_ns(run: RunRecord, detectors: Sequence[str]) -> list[int]:
     """When these detectors or defences raised alerts, in order."""
-    if not detectors:
-        return []
-    table = run.table("alerts", ["time_ns", "detector"])
-    chosen = table.filter(pc.is_in(table.column("detector"), value_set=pa.array(list(detectors), type=pa.string())))
-    return sorted(chosen.column("time_ns").to_pylist())
+    return sorted(_alerts(run, detectors).column("time_ns").to_pylist())
 
 
-def _start_ns(run: RunRecord) -> int | None:
-    starts = [note.time_ns for note in read_notes(run, "events") if note.kind in _STARTS]
-    return min(starts, default=None)
+def count_alarms(run: RunRecord, detectors: Sequence[str]) -> int:
+    """The alarms of these detectors or defences: episodes of alerts about each aircraft."""
+    table = _alerts(run, detectors)
+    names, numbers = np.unique(table.column("subject").to_pylist(), return_inverse=True)
+    times_ns = table.column("time_ns").to_numpy().astype(np.int64)
+    order = np.lexsort((times_ns, numbers))
+    return int(count_episodes(numbers[order], times_ns[order], from_seconds(EPISODE_S), len(names)).sum())
+
+
+def _alerts(run: RunRecord, detectors: Sequence[str]) -> pa.Table:
+    table = run.table("alerts", ["time_ns", "detector", "subject"])
+    return table.filter(pc.is_in(table.column("detector"), value_set=pa.array(list(detectors), type=pa.string())))
+
+
+def _times_ns(run: RunRecord, kinds: Sequence[str]) -> list[int]:
+    return [note.time_ns for note in read_notes(run, "events") if note.kind in kinds]
+
+
+def _end_ns(run: RunRecord) -> int:
+    return int(pc.max(run.table("truth", ["time_ns"]).column("time_ns")).as_py())
 
 
 def _flown_h(run: RunRecord, measured: Sequence[Measured]) -> float:
     """Aircraft-hours until the touchdown that ends the mission; of an aircraft that has none, until the mission is
     reported as ended, or else to the end of the run.
     """
-    last_s = int(pc.max(run.table("truth", ["time_ns"]).column("time_ns")).as_py()) / NS_PER_S
+    last_s = _end_ns(run) / NS_PER_S
     ends = [one.finished_s if one.landed_s is None else one.landed_s for one in measured]
     return sum(last_s if one is None else one for one in ends) / _S_PER_H
 
@@ -215,19 +255,33 @@ def _nominal(run: RunRecord, measured: Sequence[Measured]) -> Nominal:
     return Nominal(
         [one.landed_s for one in measured],
         [one.energy_j for one in measured],
+        [one.outcome == "complete" for one in measured],
+        identify_flight(run.manifest),
         run.table("frames", ["size"]).num_rows,
         measure_transit_ms(run),
     )
 
 
 def added_delay_s(cell: Cell, without: Cell) -> list[float]:
-    """How much later missions end by touchdown in the nominal runs with a defence, in s, by seed and aircraft."""
+    """How much later missions end by touchdown in the nominal runs with a defence, in s: the mean over aircraft, by
+    seed; of a seed in which no aircraft touches down in both, NaN.
+    """
     return _differences([one.landed_s for one in cell.nominal], [one.landed_s for one in without.nominal])
 
 
 def added_energy_j(cell: Cell, without: Cell) -> list[float]:
-    """How much more energy aircraft use in the nominal runs with a defence, in joules, by seed and aircraft."""
+    """How much more energy aircraft use in the nominal runs with a defence, in joules: as `added_delay_s`."""
     return _differences([one.energy_j for one in cell.nominal], [one.energy_j for one in without.nominal])
+
+
+def broken_missions(cell: Cell, without: Cell) -> tuple[int, int]:
+    """Missions of the nominal runs that are complete without the defence alone, and those that are without it."""
+    pairs = [
+        (mine, other)
+        for one, two in zip(cell.nominal, without.nominal, strict=True)
+        for mine, other in zip(one.complete, two.complete, strict=True)
+    ]
+    return sum(other and not mine for mine, other in pairs), sum(other for _, other in pairs)
 
 
 def added_frames(cell: Cell, without: Cell) -> list[float]:
@@ -255,9 +309,12 @@ def added_transit_ms(cell: Cell, without: Cell, roles: Sequence[str]) -> list[tu
 
 
 def _differences(mine: Sequence[Sequence[float | None]], other: Sequence[Sequence[float | None]]) -> list[float]:
-    return [
-        a - b
-        for one, two in zip(mine, other, strict=True)
-        for a, b in zip(one, two, strict=True)
-        if a is not None and b is not None
-    ]
+    found = []
+    for one, two in zip(mine, other, strict=True):
+        own = [a - b for a, b in zip(one, two, strict=True) if a is not None and b is not None]
+        found.append(math.fsum(own) / len(own) if own else math.nan)
+    return found
+
+
+_SERIES: Final = {"departure_m": measure_departures, "strayed_m": measure_straying}
+"""Measures that are distances, over time."""

@@ -7,7 +7,7 @@ from typing import Final
 from skyrange.study.figures import svg
 from skyrange.study.figures.svg import Figure
 from skyrange.study.matrix.flights import MatrixResult
-from skyrange.study.matrix.summary import attack_rows, describe_cell
+from skyrange.study.matrix.summary import CellText, attack_rows, describe_cell
 
 _LEFT, _TOP, _WIDE, _HIGH, _FOOT = 190.0, 118.0, 64.0, 34.0, 34.0
 _HARM: Final = "#b3261e"
@@ -43,21 +43,23 @@ def draw_matrix(result: MatrixResult) -> Figure:
             body.append(svg.element("rect", shown, svg.title(said)))
             cell = result.cell(row.id, column.id)
             best = cell.best_adaptive
-            undefended = sum(result.cell(row.id).effects)
+            undefended = 0.0 if best is None else sum(result.cell(row.id).effects[-len(best.effects) :])
             if best is not None and undefended:
                 share = sum(best.effects) / undefended
                 right, low = x + _WIDE - 2, y + _HIGH - 2
                 corner = f"M{right:.1f} {low - 14:.1f}V{low:.1f}H{right - 22:.1f}Z"
                 body.append(svg.element("path", {"d": corner, "fill": _colour(share)}))
             percent = f"{min(100 * text.share, 999):.0f} %"
-            body.append(
-                svg.label(x + _WIDE / 2 - 4, y + _HIGH / 2 + 4, percent, extra=svg.BOLD if text.stops else None)
-            )
+            body.append(svg.label(x + _WIDE / 2 - 4, y + _HIGH / 2 + 4, percent, extra=_style(text)))
             if any(at is not None for at in cell.alarms_s):
                 body.append(svg.element("circle", {"cx": x + 9, "cy": y + 9, "r": 3.2, "fill": "currentColor"}))
-    foot = "share of the undefended effect · bold: stopped · dot: alarm · corner: adversary who knows the defence"
+    foot = "share of the undefended effect · bold: stops · italic: in every flight · dot: alarm · corner: adaptive"
     body.append(svg.label(width - 12, height - 12, foot, "end", 10.5, {"opacity": ".7"}))
     return svg.document(width, height, f"Attacks and defences: {result.matrix.name}", body)
+
+
+def _style(text: CellText) -> svg.Attributes | None:
+    return svg.BOLD if text.stops else {"font-style": "italic"} if text.in_every_flight else None
 
 
 def _colour(share: float) -> str:

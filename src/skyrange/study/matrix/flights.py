@@ -9,6 +9,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from heapq import heappop, heappush
 from pathlib import Path
 from time import monotonic
@@ -23,8 +24,10 @@ from skyrange.record.folder import make_new_folder
 from skyrange.runtime.run import free_folder
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.study.attribution.arms import NOMINAL, Selection, acting_attacks, claiming_attacks
+from skyrange.study.inference.exact_intervals import load_special
 from skyrange.study.matrix.cells import Cell, measure_cell
 from skyrange.study.matrix.model import UNDEFENDED, Column, Matrix, Row
+from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair, folder_of
 
@@ -137,6 +140,11 @@ class MatrixResult:
     cells: dict[tuple[str, str], Cell]
     """By row and column; the undefended column is `UNDEFENDED`."""
 
+    @cached_property
+    def verdicts(self) -> Verdicts:
+        """Which defence is shown to stop which attack."""
+        return judge_cells(self.cells)
+
     @property
     def failed_missions(self) -> list[str]:
         """Missions that failed in nominal and sham runs, with the row and the column."""
@@ -153,12 +161,13 @@ def fly_matrix(
     """Fly every cell of a matrix into `out`, by default the first free folder `runs/NAME`, `runs/NAME-2` …
 
     A defence that cannot be declared in a row's scenario leaves its cell unflown, with the reason. Raises `InputError`
-    before anything is written for a scenario that is wrong without defences; `ShortfallError` after Ctrl-C, with the
-    cells flown so far in the folder; the error of a cell that failed.
+    before anything is written for a scenario that is wrong without defences, and without SciPy; `ShortfallError` after
+    Ctrl-C, with the cells flown so far in the folder; the error of a cell that failed.
     """
     jobs = jobs if jobs is not None else os.cpu_count() or 1
     if jobs < 1:
         raise InputError.one("matrix", "jobs", jobs, "1 or more")
+    load_special()  # the limits of rates need it, when all has been flown
     root = expand_user(out) if out is not None else free_folder(matrix.name)
     cells: dict[tuple[str, str], Cell] = {}
     refusals: dict[tuple[str, str], Sequence[Problem]] = {}
@@ -183,7 +192,12 @@ def fly_matrix(
 def describe(result: MatrixResult) -> dict[str, Any]:
     """A matrix as JSON data."""
     cells = [cell.data() for cell in result.cells.values()]
-    return {"format": FORMAT, "matrix": result.matrix.model_dump(mode="json"), "cells": cells}
+    verdicts = [
+        {"row": row, "column": column, "adaptive": adaptive, **found._asdict(), "stops": found.stops}
+        for (row, column, adaptive), found in result.verdicts.of.items()
+    ]
+    matrix = result.matrix.model_dump(mode="json")
+    return {"format": FORMAT, "matrix": matrix, "cells": cells, "verdicts": verdicts}
 
 
 def _plan(matrix: Matrix, root: Path, refusals: dict[tuple[str, str], Sequence[Problem]]) -> Iterator[Task]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from skyrange.core.files import atomic_write
 from skyrange.study.matrix.figure import draw_matrix
 from skyrange.study.matrix.flights import MatrixResult
-from skyrange.study.matrix.sections import INTRODUCTION, make_sections, write_markdown
+from skyrange.study.matrix.sections import introduce, make_sections, write_markdown
 from skyrange.study.report.rendering import asset, content_policy, render
 
 REPORT = "report.html"
@@ -27,7 +27,7 @@ def write_matrix_report(result: MatrixResult) -> Path:
         style=style,
         name=result.matrix.name,
         failed=result.failed_missions,
-        introduction=_plain(INTRODUCTION.format(seeds=result.matrix.seeds).replace("[pair](pair-folder.md)", "pair")),
+        introduction=_plain(introduce(result).replace("[pair](pair-folder.md)", "pair")),
         figure=figure,
         sections=[section._replace(text=_plain(section.text)) for section in make_sections(result)],
     )

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+from skyrange.study.inference.exact_intervals import Limits
+from skyrange.study.inference.means import Interval
 from skyrange.study.matrix.cells import Cell
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import UNDEFENDED, Row
 from skyrange.study.matrix.summary import (
     UNITS,
+    Count,
     attack_rows,
     cost_of,
     describe_cell,
@@ -17,27 +20,42 @@ from skyrange.study.matrix.summary import (
     format_effect,
     refusals,
 )
-from skyrange.study.twins.confidence import Interval
 
 INTRODUCTION = """\
 Each cell is a [pair](pair-folder.md): the row's scenario with its attack and without, {seeds} seeds, with the column's
-defence in both. A number is the mean effect on the aircraft that is affected most, with its 95 % interval, in the unit
-of the row. **Bold**: the defence stops the attack, which means that the effect is at most half of the undefended one
-and that the difference over the seeds is not zero at 95 %, which takes two seeds. "2 of 5 complete": missions are
-complete in 2 of 5 runs, of those that are without the attack. The second number is that of an adversary who knows the
-defence and does what is best for it: what it did before, or one of its candidates. *non-adaptive*: no adversary of the
-matrix knows this defence. "–": the defence cannot be declared in this scenario; the reasons are below.
+defence in both. A number is the mean effect on the aircraft that is affected most, in the unit of the row, with its
+95 % interval; a mean without one has none, because all or most of its flights agree. "2 of 5 complete": missions are
+complete in 2 of 5 runs, of those that are without the attack. "grows by 3.0/min": in the last minute of the attack the
+effect grew by more than a tenth of the undefended one, so it would be larger had the attack gone on.
+
+**Bold**: the defence is shown to stop the attack. Its effect is below half of the undefended one, missions are kept,
+and it does not grow; both tests are adjusted for the {tests} cells that are tested, so that a matrix has any false
+verdict with a probability of at most 5 %. This takes {needed} seeds. *Italic*: it is so in every flight of the cell,
+but these are too few to show it.
+
+The second number is that of an adversary who knows the defence. It does what it did before, or one of its candidates,
+whichever has the largest effect with the first half of the seeds; the number is that of the other half. *non-adaptive*:
+no adversary of the matrix knows this defence. "–": the defence cannot be declared in this scenario; the reasons are
+below.
+"""
+VERDICTS = """\
+`harm`: seeds in which the effect is below half of the undefended one. `missions`: seeds in which every mission is
+complete that is complete without the attack. Each with the p of the claim that this holds for most flights, adjusted
+for the number of cells. Cells without such a seed are left out.
 """
 COST = """\
-False alarms, delay and energy are those of flights without an attack, against the same flights without the defence.
-`stops`: attacks that it stops, of those in whose scenarios it can be declared. `without assumptions`: the same without
-attacks on sensors whose reaction is assumed. `adaptive`: attacks that it stops although the adversary knows it.
-`honest`: runs with an alarm, of those in which a real aircraft flies where the attack would claim one. `latency of
-frames`: growth of the median and of the 95th percentile of the time from sender to the end of processing, on the links
-that the defence protects. Processor time counts only where the column declares a `cost`.
+False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights without
+the defence. `stops`: attacks that it is shown to stop, and those that it stops in every flight, of those in whose
+scenarios it can be declared. `without assumptions`: the same without attacks on sensors whose reaction is assumed.
+`adaptive`: attacks that it stops although the adversary knows it. `false alarms`: alerts about an aircraft within 30 s
+are one; flights of several rows that are the same count once; the limits are 95 % if alarms are independent.
+`broken missions`: missions that are complete without the defence alone; they have no delay. Delay and energy are means
+over rows, then over seeds. `honest`: runs with an alarm, of those in which a real aircraft flies where the attack would
+claim one. `latency of frames`: growth of the median and of the 95th percentile of the time from sender to the end of
+processing, on the links that the defence protects. Processor time counts only where the column declares a `cost`.
 """
 FAULTS = """\
-Effect of the fault with each defence, and alarms an aircraft-hour of the run with the fault: all of them are false.
+Effect of the fault with each defence, and alarms in the runs with the fault, which are all false.
 """
 
 
@@ -59,10 +77,12 @@ class Shown(NamedTuple):
     name: bool = False
     """Whether the text is a name of the matrix or of a parameter."""
     strong: bool = False
+    slanted: bool = False
     folder: str = ""
     """Folder of the pair that it is from, relative to the matrix; "" for none."""
     after: str = ""
     after_strong: bool = False
+    after_slanted: bool = False
 
 
 class Section(NamedTuple):
@@ -88,9 +108,11 @@ def make_sections(result: MatrixResult) -> list[Section]:
             ["attack", UNDEFENDED, *ids],
             [_effects(result, row) for row in kept],
         ),
+        Section("Verdicts", VERDICTS, _VERDICT_HEAD, list(_verdicts(result))),
         Section(
             "Time to alarm",
-            "From the attack's start; mean, and seeds with an alarm.",
+            "From the attack's start: the mean, in which a seed without an alarm counts with the time to the end of "
+            "its run; and seeds with an alarm.",
             ["attack", *ids],
             [[Shown(row.id, True), *(Shown(describe_cell(result, row, one).alarm) for one in ids)] for row in attacks],
         ),
@@ -117,13 +139,19 @@ def make_sections(result: MatrixResult) -> list[Section]:
     return [section for section in found if section.rows]
 
 
+def introduce(result: MatrixResult) -> str:
+    """What the numbers of a matrix mean, in Markdown."""
+    verdicts = result.verdicts
+    return INTRODUCTION.format(seeds=result.matrix.seeds, tests=len(verdicts.of), needed=verdicts.seeds_needed)
+
+
 def write_markdown(result: MatrixResult, title: str, figure: str, links: bool) -> str:
     """The page in Markdown; with `links`, cells lead to their reports. `figure` names the image, "" for none."""
     parts = [f"# {title}\n"] if title else []
     if failed := result.failed_missions:
         parts.append("**Missions failed without an attack:**\n")
         parts.append("".join(f"- {line}\n" for line in failed))
-    parts.append(INTRODUCTION.format(seeds=result.matrix.seeds))
+    parts.append(introduce(result))
     if figure:
         parts.append(f"![Effect with each defence, as a share of the undefended effect]({figure})\n")
     for section in make_sections(result):
@@ -141,10 +169,12 @@ def _markdown(cell: Shown, links: bool) -> str:
     if cell.name:
         return f"`{text}`"
     text = f"[{text}]({cell.folder}/report.html)" if links and cell.folder else text
-    text = f"**{text}**" if cell.strong else text
-    if not cell.after:
-        return text
-    return f"{text}; **{cell.after}**" if cell.after_strong else f"{text}; {cell.after}"
+    text = _mark(text, cell.strong, cell.slanted)
+    return f"{text}; {_mark(cell.after, cell.after_strong, cell.after_slanted)}" if cell.after else text
+
+
+def _mark(text: str, strong: bool, slanted: bool) -> str:
+    return f"**{text}**" if strong else f"*{text}*" if slanted else text
 
 
 def _effects(result: MatrixResult, row: Row) -> list[Shown]:
@@ -152,26 +182,47 @@ def _effects(result: MatrixResult, row: Row) -> list[Shown]:
     for column in (UNDEFENDED, *(one.id for one in result.matrix.columns)):
         text = describe_cell(result, row, column)
         after = "" if column == UNDEFENDED or text.refused else text.adaptive
-        line.append(Shown(text.effect, False, text.stops, text.folder, after, bool(text.stops_adaptive)))
+        marks = text.stops, text.in_every_flight
+        after_marks = text.stops_adaptive, text.in_every_flight_adaptive
+        line.append(Shown(text.effect, False, *marks, text.folder, after, *after_marks))
     return line
 
 
-_COST_HEAD = (
-    "defence", "stops", "without assumptions", "adaptive", "false alarms an aircraft-hour", "honest", "delay, s",
-    "energy, J", "frames an aircraft-hour", "latency of frames, ms",
+_VERDICT_HEAD: Final = ("attack", "defence", "adversary", "harm", "missions", "verdict")
+
+
+def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
+    for (row, column, adaptive), one in result.verdicts.of.items():
+        if not one.below and not one.kept:
+            continue
+        verdict = "stops" if one.stops else "not shown: grows" if one.grows else "not shown"
+        if one.in_every_flight and not one.stops:
+            verdict = f"in every flight; a verdict takes {result.verdicts.seeds_needed} seeds"
+        texts = (
+            "knows the defence" if adaptive else "",
+            f"{one.below} of {one.seeds}, p = {one.harm_p:.2g}",
+            f"{one.kept} of {one.seeds}, p = {one.missions_p:.2g}",
+            verdict,
+        )
+        yield [Shown(row, True), Shown(column, True), *map(Shown, texts)]
+
+
+_COST_HEAD: Final = (
+    "defence", "stops", "without assumptions", "adaptive", "false alarms an aircraft-hour", "honest", "broken missions",
+    "delay, s", "energy, J", "frames an aircraft-hour", "latency of frames, ms",
 )  # fmt: skip
 
 
 def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
     for column in result.matrix.columns:
         one = cost_of(result, column)
-        rate = f"{one.false_alarms / max(one.flown_h, 1e-9):.2f} ({one.false_alarms} in {one.flown_h:.1f} h)"
         texts = (
-            f"{one.stopped} of {one.of}",
-            f"{one.stopped_simulated} of {one.of_simulated}",
-            f"{one.stopped_adaptive} of {one.of_adaptive}" if one.of_adaptive else "non-adaptive",
-            rate,
+            _count(one.all),
+            _count(one.simulated),
+            _count(one.adaptive) if one.adaptive.of else "non-adaptive",
+            format_alarms(one.false_alarms, one.flown_h, one.false_per_h),
             f"{one.honest_alarms} of {one.of_honest}" if one.of_honest else "–",
+            f"{one.broken} of {one.missions}",
             _difference(one.delay),
             _difference(one.energy),
             f"{one.frames_per_h:+.0f}",
@@ -180,11 +231,27 @@ def _costs(result: MatrixResult) -> Iterator[list[Shown]]:
         yield [Shown(column.id, True), *map(Shown, texts)]
 
 
+def _count(found: Count) -> str:
+    return f"{found.shown} of {found.of}, {found.in_every_flight} in every flight"
+
+
+def format_alarms(alarms: int, hours: float, limits: Limits) -> str:
+    """A rate of false alarms with what it is from; without an alarm the upper limit alone says something."""
+    counted = f"{alarms} in {hours:.2f} h"
+    if not hours:
+        return "no flight"
+    if not alarms:
+        return f"{counted}: at most {limits[1]:.1f}"
+    return f"{counted}: {alarms / hours:.1f} [{limits[0]:.1f}, {limits[1]:.1f}]"
+
+
 def _difference(value: Interval | None) -> str:
     if value is None:
         return "–"
     text = f"{value.mean:+.2f}"
-    return text if value.low is None or value.high is None else f"{text} [{value.low:+.2f}, {value.high:+.2f}]"
+    if value.low is None or value.high is None:
+        return f"{text} ({value.without})" if value.mean else text
+    return f"{text} [{value.low:+.2f}, {value.high:+.2f}]"
 
 
 def _faults(result: MatrixResult, row: Row) -> list[Shown]:
@@ -197,8 +264,9 @@ def _faults(result: MatrixResult, row: Row) -> list[Shown]:
 
 
 def _alarm_rate(cell: Cell) -> str:
-    hours = sum(cell.flown_h)
-    return f"{sum(cell.fault_alarms) / hours:.1f}/h" if hours else ""
+    """Alarms of a defence in runs with a fault: a count, because flights of one row are few and alike."""
+    count, minutes = sum(cell.fault_alarms), 60.0 * sum(cell.flown_h)
+    return f"{count} in {minutes:.0f} min" if minutes else ""
 
 
 def _candidates(result: MatrixResult) -> Iterator[list[Shown]]:

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
-from skyrange.study.matrix.cells import Cell, added_delay_s, added_energy_j, added_frames, added_transit_ms
+from skyrange.study.inference.exact_intervals import Limits, rate_interval
+from skyrange.study.inference.means import CONFIDENCE, Interval, estimate_mean
+from skyrange.study.matrix.cells import (
+    Cell,
+    added_delay_s,
+    added_energy_j,
+    added_frames,
+    added_transit_ms,
+    broken_missions,
+)
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import UNDEFENDED, Column, Row
-from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.matrix.verdicts import still_grows
 
 UNITS: Final = {
     "departure_m": ("m", 1.0), "strayed_m": ("m", 1.0), "extra_distance_m": ("m", 1.0),
@@ -17,9 +27,6 @@ UNITS: Final = {
     "telemetry": ("%", 1.0),
 }  # fmt: skip
 """By measure: unit and factor."""
-STOPPED: Final = 0.5
-"""A defence stops an attack if the mean effect is at most this share of the undefended one, and the difference of the
-two is not zero at 95 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +38,24 @@ class CellText:
     """The effect of the adversary who knows the defence; "non-adaptive" where there is none."""
     alarm: str
     stops: bool
-    stops_adaptive: bool | None
-    """`None` where no adversary knows the defence."""
+    in_every_flight: bool
+    """Whether the attack was stopped in every flight, be they too few for a verdict or not."""
+    stops_adaptive: bool
+    in_every_flight_adaptive: bool
     share: float | None
     """Mean effect as a share of the undefended one; `None` where that is zero or the cell was not flown."""
     folder: str
     refused: str
+
+
+class Count(NamedTuple):
+    """Attacks that a defence stops."""
+
+    shown: int
+    """By the verdicts of the matrix."""
+    in_every_flight: int
+    """In every flight, be they too few for a verdict or not."""
+    of: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,17 +63,22 @@ class Cost:
     """What one defence costs in flights without an attack, and how many attacks it stops."""
 
     column: str
-    stopped: int
-    of: int
-    stopped_simulated: int
-    """The same without attacks whose effect rests on assumed sensor behaviour."""
-    of_simulated: int
-    stopped_adaptive: int
-    of_adaptive: int
+    all: Count
+    simulated: Count
+    """Without attacks whose effect rests on assumed sensor behaviour."""
+    adaptive: Count
+    """Of attacks whose adversary knows the defence."""
     false_alarms: int
     flown_h: float
+    """Aircraft-hours of nominal flights; those that are the same flight count once."""
+    false_per_h: Limits
+    """The 95 % limits of the rate of false alarms, if they do not depend on each other."""
+    broken: int
+    """Missions of nominal flights that the defence breaks."""
+    missions: int
+    """Missions that are complete without it."""
     delay: Interval | None
-    """Of missions, in seconds."""
+    """Of missions that are complete with it and without it, in seconds."""
     energy: Interval | None
     """In joules."""
     frames_per_h: float
@@ -75,40 +99,32 @@ def format_effect(effect: Interval | None, measure: str, unit: bool = True) -> s
     return f"{text} {name}" if unit else text
 
 
-def stops(cell: Cell, without: Cell) -> bool:
-    """Whether a defence stops an attack, by `STOPPED` and a paired comparison over the seeds."""
-    if not cell.effects or len(cell.effects) != len(without.effects) or not sum(without.effects):
-        return False
-    less = interval([b - a for a, b in zip(cell.effects, without.effects, strict=True)])
-    return (
-        less is not None
-        and less.low is not None  # one seed proves nothing
-        and less.low > 0.0
-        and sum(cell.effects) <= STOPPED * sum(without.effects)
-    )
-
-
-def _format(cell: Cell, measure: str) -> str:
-    """The effect of a cell, and in how many runs missions are complete, if that is not all of them."""
+def _format(cell: Cell, measure: str, grows: bool) -> str:
+    """The effect of a cell; in how many runs missions are complete, if not in all; how it grows, if it does."""
     text, done = format_effect(cell.effect, measure, False), sum(cell.complete)
-    return text if done == len(cell.complete) else f"{text}, {done} of {len(cell.complete)} complete"
+    if done < len(cell.complete):
+        text += f", {done} of {len(cell.complete)} complete"
+    speeds = [one for one in cell.growth_m_per_min if one is not None]
+    return f"{text}, grows by {sum(speeds) / len(speeds):.1f}/min" if grows else text
 
 
 def describe_cell(result: MatrixResult, row: Row, column: str) -> CellText:
     """One cell as it is shown."""
-    cell, without = result.cell(row.id, column), result.cell(row.id)
+    cell, without, verdicts = result.cell(row.id, column), result.cell(row.id), result.verdicts
     best = cell.best_adaptive
     told = sum(at is not None for at in cell.alarms_s)
-    alarm = "none" if cell.alarm_s is None else f"{cell.alarm_s:.1f} s, {told} of {len(cell.alarms_s)}"
+    alarm = "–" if cell.alarm_s is None else f"{cell.alarm_s:.1f} s, {told} of {len(cell.alarms_s)}" if told else "none"
     if cell.refused or column == UNDEFENDED:
         alarm = "–"
     undefended = sum(without.effects)
     return CellText(
-        _format(cell, row.measure),
-        _format(best, row.measure) if best is not None else "non-adaptive",
+        _format(cell, row.measure, still_grows(cell, without)),
+        "non-adaptive" if best is None else _format(best, row.measure, still_grows(best, without)),
         alarm,
-        stops(cell, without),
-        None if best is None else stops(best, without),
+        verdicts.stops(row.id, column),
+        verdicts.in_every_flight(row.id, column),
+        verdicts.stops(row.id, column, adaptive=True),
+        verdicts.in_every_flight(row.id, column, adaptive=True),
         sum(cell.effects) / undefended if cell.effects and undefended else None,
         cell.folder,
         cell.refused,
@@ -120,28 +136,49 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
     rows = [row for row in result.matrix.rows if not result.cell(row.id, column.id).refused]
     attacks = [row for row in rows if not result.cell(row.id).fault]
     simulated = [row for row in attacks if not result.cell(row.id).assumed]
-    stopped = {row.id for row in attacks if stops(result.cell(row.id, column.id), result.cell(row.id))}
     adaptive = [row for row in attacks if result.cell(row.id, column.id).best_adaptive is not None]
     cells = [(result.cell(row.id, column.id), result.cell(row.id)) for row in rows]
     honest = [one for cell, _ in cells for one in cell.honest_alarms]
+    flights = {
+        run.flight: (count, hours)
+        for cell, _ in cells
+        for run, count, hours in zip(cell.nominal, cell.false_alarms, cell.flown_h, strict=True)
+    }
+    alarms, flown_h = sum(count for count, _ in flights.values()), sum(hours for _, hours in flights.values())
     hours = sum(sum(cell.flown_h) for cell, _ in cells)
+    broken = [broken_missions(cell, without) for cell, without in cells]
     return Cost(
         column.id,
-        len(stopped),
-        len(attacks),
-        sum(row.id in stopped for row in simulated),
-        len(simulated),
-        sum(_stops_adaptive(result, row, column) for row in adaptive),
-        len(adaptive),
-        sum(sum(cell.false_alarms) for cell, _ in cells),
-        hours,
-        interval([one for cell, without in cells for one in added_delay_s(cell, without)]),
-        interval([one for cell, without in cells for one in added_energy_j(cell, without)]),
+        _count(result, attacks, column),
+        _count(result, simulated, column),
+        _count(result, adaptive, column, adaptive=True),
+        alarms,
+        flown_h,
+        rate_interval(alarms, flown_h, CONFIDENCE),
+        sum(one for one, _ in broken),
+        sum(of for _, of in broken),
+        _mean_over_rows([added_delay_s(cell, without) for cell, without in cells]),
+        _mean_over_rows([added_energy_j(cell, without) for cell, without in cells]),
         sum(sum(added_frames(cell, without)) for cell, without in cells) / hours if hours else 0.0,
         sum(honest),
         len(honest),
         _mean_latency([one for cell, without in cells for one in added_transit_ms(cell, without, _roles(column))]),
     )
+
+
+def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptive: bool = False) -> Count:
+    verdicts = result.verdicts
+    return Count(
+        sum(verdicts.stops(row.id, column.id, adaptive) for row in rows),
+        sum(verdicts.in_every_flight(row.id, column.id, adaptive) for row in rows),
+        len(rows),
+    )
+
+
+def _mean_over_rows(rows: Sequence[Sequence[float]]) -> Interval | None:
+    """The mean over rows for each seed, and then over seeds: the rows are given, the seeds are a sample."""
+    by_seed = [[one for one in own if not math.isnan(one)] for own in zip(*rows, strict=True)]
+    return estimate_mean([math.fsum(own) / len(own) for own in by_seed if own])
 
 
 def _roles(column: Column) -> list[str]:
@@ -154,11 +191,6 @@ def _mean_latency(found: Sequence[tuple[float, float]]) -> tuple[float, float] |
     if not found:
         return None
     return sum(one for one, _ in found) / len(found), sum(two for _, two in found) / len(found)
-
-
-def _stops_adaptive(result: MatrixResult, row: Row, column: Column) -> bool:
-    best = result.cell(row.id, column.id).best_adaptive
-    return best is not None and stops(best, result.cell(row.id))
 
 
 def attack_rows(result: MatrixResult) -> Sequence[Row]:

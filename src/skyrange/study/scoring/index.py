@@ -5,6 +5,7 @@ Rows are sorted by name, so the order of the tables' rows has no effect on any s
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from hashlib import blake2b
 from typing import Final, Literal
@@ -31,6 +32,8 @@ class Subjects:
     """Empty for a run."""
     blocks: NDArray[np.int64]
     """Rank of the block's name, shape (n,), as all arrays here."""
+    clusters: NDArray[np.int64]
+    """Rank of the cluster's name."""
     strata: NDArray[np.int64]
     """Index in `STRATA`."""
     splits: NDArray[np.str_]
@@ -38,8 +41,10 @@ class Subjects:
     aircraft: NDArray[np.int64]
     duration_ns: NDArray[np.int64]
     """Airborne time; 0 for a run."""
+    own_from_ns: NDArray[np.int64]
+    """Alarms before it are those of the nominal run of the block, and count there."""
     exposure_ns: NDArray[np.int64]
-    """Airborne time less that of attacks on this aircraft, with their grace; 0 for a run."""
+    """Airborne time from then on, less that of attacks on this aircraft, with their grace; 0 for a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +54,7 @@ class Attacks:
     runs: tuple[str, ...]
     kinds: NDArray[np.str_]
     families: NDArray[np.str_]
-    blocks: NDArray[np.int64]
+    clusters: NDArray[np.int64]
     splits: NDArray[np.str_]
     cities: NDArray[np.str_]
     aircraft: NDArray[np.int64]
@@ -112,9 +117,9 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
     flights = sorted(tables.flights.to_pylist(), key=lambda row: (row["run"], row["vehicle"]))
     first = {row["run"]: row for row in reversed(flights)}
     runs = sorted(first)
-    rows = flights + [first[run] | {"vehicle": "", "duration_s": 0.0} for run in runs]
+    rows = flights + [first[run] | {"vehicle": "", "duration_s": 0.0, "shared_s": 0.0} for run in runs]
     numbers = {(row["run"], row["vehicle"]): number for number, row in enumerate(rows)}
-    blocks = {name: rank for rank, name in enumerate(sorted({row["block"] for row in flights}))}
+    blocks, clusters = (_rank(row[name] for row in flights) for name in ("block", "cluster"))
     acts = sorted(
         tables.attacks.to_pylist(), key=lambda row: (row["run"], row["vehicle"], row["attack_id"], row["active_s"])
     )
@@ -125,12 +130,16 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
         runs=tuple(row["run"] for row in rows),
         vehicles=tuple(row["vehicle"] for row in rows),
         blocks=np.array([blocks[row["block"]] for row in rows], dtype=np.int64),
+        clusters=np.array([clusters[row["cluster"]] for row in rows], dtype=np.int64),
         strata=np.array([_stratum(row) for row in rows], dtype=np.int64),
         splits=np.array([row["split"] for row in rows], dtype=np.str_),
         cities=np.array([row["city"] for row in rows], dtype=np.str_),
         aircraft=np.array([row["aircraft"] for row in rows], dtype=np.int64),
         duration_ns=duration_ns,
-        exposure_ns=np.maximum(duration_ns - _hostile_ns(windows, len(rows)), 0),
+        own_from_ns=_to_ns([row["own_from_s"] for row in rows]),
+        exposure_ns=np.maximum(
+            duration_ns - _to_ns([row["shared_s"] for row in rows]) - _hostile_ns(windows, len(rows)), 0
+        ),
     )
     homes = [first[row["run"]] for row in acts]
     first_windows = np.searchsorted(windows.attacks, np.arange(len(acts)))
@@ -138,7 +147,7 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
         runs=tuple(row["run"] for row in acts),
         kinds=np.array([row["kind"] for row in acts], dtype=np.str_),
         families=np.array([row["family"] for row in acts], dtype=np.str_),
-        blocks=np.array([blocks[row["block"]] for row in homes], dtype=np.int64),
+        clusters=np.array([clusters[row["cluster"]] for row in homes], dtype=np.int64),
         splits=np.array([row["split"] for row in homes], dtype=np.str_),
         cities=np.array([row["city"] for row in homes], dtype=np.str_),
         aircraft=np.array([row["aircraft"] for row in homes], dtype=np.int64),
@@ -150,6 +159,10 @@ def index_study(tables: StudyTables, grace_s: float, window: WindowKind = "acts"
         ),
     )
     return StudyIndex(subjects, attacks, windows, numbers, _digest(flights, acts))
+
+
+def _rank(names: Iterable[str]) -> dict[str, int]:
+    return {name: rank for rank, name in enumerate(sorted(set(names)))}
 
 
 def index_alerts(index: StudyIndex, alerts: pa.Table, detector: str) -> AlertList:

@@ -13,8 +13,10 @@ from skyrange.study.scoring.result_file import DetectorScore, OpenLimits, ScoreF
 class LeaderboardRow:
     """One detector on one set. Rates are per aircraft-hour, times in seconds; None where there is no such value."""
 
-    rank: int
-    """From 1; equal if nothing tells the detectors apart."""
+    rank: int | None
+    """From 1, by recall at a rate that is the same for all; equal if nothing tells the detectors apart. None where they
+    cannot be compared, because the set has no attacks or no nominal hours.
+    """
     detector: str
     study: str
     file: int
@@ -24,10 +26,13 @@ class LeaderboardRow:
     """Whether it was scored on the same flights and attacks as the first file."""
     recall: float | None
     recall_exact: OpenLimits | None
-    recall_blocks: OpenLimits | None
+    recall_clustered: OpenLimits | None
+    equal_rate_recall: float | None
+    """Recall at the threshold that keeps to the target rate on the nominal flights of this set."""
     by_chance: float | None
     false_per_h: float | None
     false_exact: OpenLimits | None
+    false_clustered: OpenLimits | None
     fault_false_per_h: float | None
     claim: str
     median_delay_s: float | None
@@ -35,7 +40,7 @@ class LeaderboardRow:
     """Restricted to the horizon; misses included."""
     before_effect: float | None
     effect_recall: float | None
-    """With windows that last as long as effects; None for a file that lacks it."""
+    """With windows that last as long as effects."""
     effect_recall_exact: OpenLimits | None
     effect_by_chance: float | None
     effect_median_delay_s: float | None
@@ -46,11 +51,11 @@ class LeaderboardRow:
 
 
 def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[LeaderboardRow]:
-    """The detectors on the set `name` by recall at the target rate; ties by restricted mean delay, then by name.
+    """The detectors on the set `name` by recall at the same rate of false alarms, which each keeps to with a threshold
+    of its own for this set; ties by restricted mean delay, then by name. Detectors that cannot be compared come last.
 
-    A detector whose false-alarm rate exceeds the target (its exact interval is above it) has no recall *at* the target
-    rate, and comes after all others. Detectors without attacks in this set come last. Raises InputError if the files
-    differ in settings, so that their numbers do not compare, or if none has the set.
+    With the thresholds that were chosen on other flights rates differ, and so recalls do not compare. Raises InputError
+    if the files differ in settings, so that their numbers do not compare, or if none has the set.
     """
     problems = [
         Problem(f"file {number + 1}, settings", str(one.settings), f"those of the first file, {files[0].settings}")
@@ -72,19 +77,19 @@ def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[Leader
     rows: list[LeaderboardRow] = []
     for position, (number, score, on) in enumerate(found):
         tied = position > 0 and _place(found[position - 1][2]) == _place(on)
-        rank = rows[-1].rank if tied else position + 1
+        rank = None if on.equal_rate is None else rows[-1].rank if tied else position + 1
         rows.append(_row(rank, files, number, score, on))
     return rows
 
 
-def _place(score: SetScore) -> tuple[bool, bool, float, float]:
-    recall, delay = score.detection.recall, score.detection.delay
-    if recall is None or delay is None:
-        return True, True, 0.0, 0.0
-    return False, score.claim.verdict == "exceeded", -recall.value, delay.restricted_mean_s
+def _place(score: SetScore) -> tuple[bool, float, float]:
+    at = score.equal_rate
+    return (True, 0.0, 0.0) if at is None else (False, -at.recall, at.restricted_mean_s)
 
 
-def _row(rank: int, files: Sequence[ScoreFile], number: int, score: DetectorScore, on: SetScore) -> LeaderboardRow:
+def _row(
+    rank: int | None, files: Sequence[ScoreFile], number: int, score: DetectorScore, on: SetScore
+) -> LeaderboardRow:
     recall, delay, before = on.detection.recall, on.detection.delay, on.detection.before_effect
     nominal, fault, hostile = on.false_alarms.nominal.per_h, on.false_alarms.fault.per_h, on.false_alarms.hostile.per_h
     effect = score.effect_on(on.name)
@@ -99,10 +104,12 @@ def _row(rank: int, files: Sequence[ScoreFile], number: int, score: DetectorScor
         same_study=files[number].digest == files[0].digest,
         recall=recall.value if recall else None,
         recall_exact=recall.exact if recall else None,
-        recall_blocks=recall.blocks if recall else None,
+        recall_clustered=recall.clustered if recall else None,
+        equal_rate_recall=on.equal_rate.recall if on.equal_rate else None,
         by_chance=on.detection.by_chance,
         false_per_h=nominal.value if nominal else None,
         false_exact=nominal.exact if nominal else None,
+        false_clustered=nominal.clustered if nominal else None,
         fault_false_per_h=fault.value if fault else None,
         claim=on.claim.verdict,
         median_delay_s=delay.median_s if delay else None,

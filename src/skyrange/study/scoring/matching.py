@@ -4,7 +4,7 @@
 - An attack is detected by the first alarm about a subject that it affects, within [observable, stop + grace]. Later
   alarms of the window add nothing, and no other instant counts as detected with it (no point adjustment).
 - All other alarms are false, except for those between the beginning of acting and `observable`: they are neither.
-- False alarms are counted in episodes.
+- False alarms are counted in episodes, those before a run differs from the nominal one of its block in that run alone.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ def match_alarms(index: StudyIndex, alerts: AlertList, threshold: float, episode
     acting = _mark_windows(
         bounds, times, windows.attacks, windows.subjects, windows.act_ns, windows.begin_ns, windows.end_ns, detected
     )
-    return Outcome(detected, count_episodes(subjects[~acting], times[~acting], episode_ns, count))
+    false = ~acting & (times >= index.subjects.own_from_ns[subjects])
+    return Outcome(detected, count_episodes(subjects[false], times[false], episode_ns, count))
 
 
 def count_episodes(

@@ -4,28 +4,31 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.time import NEVER, NS_PER_S
-from skyrange.study.scoring.blocks import dense_codes, draw_weights, percentile_limits, ratio_interval
-from skyrange.study.scoring.index import STRATA, StudyIndex
-from skyrange.study.scoring.intervals import (
+from skyrange.core.time import NEVER, NS_PER_S, from_seconds
+from skyrange.study.inference.block_bootstrap import dense_codes, draw_weights, percentile_limits
+from skyrange.study.inference.clustered_proportions import clustered_proportion_interval
+from skyrange.study.inference.clustered_rates import clustered_rate_bound, clustered_rate_interval
+from skyrange.study.inference.exact_intervals import (
     Limits,
     lowest_claimable_rate,
     proportion_interval,
     rate_bound,
     rate_interval,
 )
-from skyrange.study.scoring.matching import Outcome
-from skyrange.study.scoring.precision import precision_at, precision_interval
+from skyrange.study.scoring.index import NOMINAL_STRATUM, STRATA, AlertList, StudyIndex
+from skyrange.study.scoring.matching import Outcome, match_alarms
+from skyrange.study.scoring.precision import precision_at, precision_limits
 from skyrange.study.scoring.result_file import (
     BeforeEffect,
     Claim,
     Delay,
     Detection,
+    EqualRate,
     Estimate,
     FalseAlarms,
     FalseAlarmsByFlights,
@@ -35,7 +38,10 @@ from skyrange.study.scoring.result_file import (
     SetScore,
 )
 from skyrange.study.scoring.survival import survival_curve
-from skyrange.study.scoring.thresholds import NS_PER_H
+from skyrange.study.scoring.thresholds import NS_PER_H, lower_threshold
+
+MANY_CLUSTERS: Final = 40
+"""Of fewer clusters, resampling covers a median in 70 to 90 % of the cases."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,21 +53,33 @@ class Selection:
     attacks: NDArray[np.bool_]
 
 
-def measure_set(index: StudyIndex, outcome: Outcome, selection: Selection, settings: ScoreSettings) -> SetScore:
-    """All measures on a set. Raises InputError if SciPy is missing."""
+def measure_set(
+    index: StudyIndex,
+    alerts: AlertList,
+    outcome: Outcome,
+    chances: NDArray[np.float64],
+    selection: Selection,
+    settings: ScoreSettings,
+) -> SetScore:
+    """All measures on a set of the outcome of some alerts; `chances`, (attacks,), are those of `share_hit_by_chance`.
+
+    Raises InputError if SciPy is missing.
+    """
     alarms = FalseAlarmsByFlights(
         **{
-            name: measure_false_alarms(index, outcome, selection.subjects & (index.subjects.strata == number), settings)
+            name: measure_false_alarms(
+                index, outcome.false_alarms, selection.subjects & (index.subjects.strata == number), settings
+            )
             for number, name in enumerate(STRATA)
         }
     )
-    nominal = alarms.nominal
-    detection = measure_detection(index, outcome, selection.attacks, nominal, settings)
+    selected_nominal = selection.subjects & (index.subjects.strata == NOMINAL_STRATUM)
+    detection = measure_detection(index, outcome, chances, selection.attacks, settings)
     groups = {
         what: tuple(
             GroupDetection(
                 name=str(name),
-                **dict(measure_detection(index, outcome, selection.attacks & (of == name), nominal, settings)),
+                **dict(measure_detection(index, outcome, chances, selection.attacks & (of == name), settings)),
             )
             for name in np.unique(of[selection.attacks])
         )
@@ -72,34 +90,55 @@ def measure_set(index: StudyIndex, outcome: Outcome, selection: Selection, setti
         name=selection.name,
         runs=len({index.subjects.runs[number] for number in where.tolist()}),
         blocks=int(np.unique(index.subjects.blocks[where]).shape[0]),
+        clusters=int(np.unique(index.subjects.clusters[where]).shape[0]),
         false_alarms=alarms,
-        claim=judge_claim(nominal.episodes, nominal.hours, settings.target_per_h, settings.confidence),
+        claim=judge_claim(*_by_cluster(index, outcome.false_alarms, selected_nominal), settings),
         detection=detection,
         kinds=groups["kinds"],
         families=groups["families"],
-        precision=measure_precision(detection, nominal, settings),
+        precision=measure_precision(index, outcome, selection.attacks, selected_nominal, settings),
+        equal_rate=measure_at_equal_rate(index, alerts, selection.attacks, selected_nominal, settings),
     )
 
 
 def measure_false_alarms(
-    index: StudyIndex, outcome: Outcome, subjects: NDArray[np.bool_], settings: ScoreSettings
+    index: StudyIndex, episodes: NDArray[np.int64], subjects: NDArray[np.bool_], settings: ScoreSettings
 ) -> FalseAlarms:
-    """The false alarms about the subjects of a mask."""
-    counts = outcome.false_alarms[subjects].astype(np.float64)
-    hours = index.subjects.exposure_ns[subjects] / NS_PER_H
+    """The false alarms about the subjects of a mask; `episodes` has those of each subject."""
+    counts, hours = _by_cluster(index, episodes, subjects)
     count, total = int(counts.sum()), float(index.subjects.exposure_ns[subjects].sum()) / NS_PER_H
     if total <= 0.0:
         return FalseAlarms(episodes=count, hours=0.0, per_h=None)
     rate = count / total
-    by_blocks = _sum_ratio(counts, hours, index.subjects.blocks[subjects], rate, settings)
     exact = rate_interval(count, total, settings.confidence)
-    return FalseAlarms(episodes=count, hours=total, per_h=Estimate(value=rate, exact=exact, blocks=by_blocks))
+    limits = clustered_rate_interval(counts.tolist(), hours.tolist(), settings.variation, settings.confidence)
+    clustered = (min(limits[0], rate), _finite(max(limits[1], rate))) if len(counts) > 1 else None
+    return FalseAlarms(episodes=count, hours=total, per_h=Estimate(value=rate, exact=exact, clustered=clustered))
 
 
-def judge_claim(episodes: int, hours: float, target_per_h: float, confidence: float) -> Claim:
-    """What `episodes` false alarms in `hours` of nominal flight show of the target rate."""
-    lowest, upper = lowest_claimable_rate(hours, confidence), rate_bound(episodes, hours, confidence)
-    low = rate_interval(episodes, hours, confidence)[0]
+def _by_cluster(
+    index: StudyIndex, episodes: NDArray[np.int64], subjects: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k,) episodes and hours of the clusters of some subjects that have any hours."""
+    hours = index.subjects.exposure_ns[subjects] / NS_PER_H
+    codes = dense_codes(index.subjects.clusters[subjects])
+    counts = np.bincount(codes, episodes[subjects]).astype(np.float64)
+    spent = np.bincount(codes, hours).astype(np.float64)
+    return counts[spent > 0.0], spent[spent > 0.0]
+
+
+def judge_claim(counts: NDArray[np.float64], hours: NDArray[np.float64], settings: ScoreSettings) -> Claim:
+    """What the false alarms of some clusters, in so many hours of nominal flight each, show of the target rate."""
+    episodes, total = int(counts.sum()), float(hours.sum())
+    target_per_h, confidence = settings.target_per_h, settings.confidence
+    poisson = rate_bound(episodes, total, confidence)
+    clustered = clustered_rate_bound(counts.tolist(), hours.tolist(), settings.variation, confidence)
+    none = clustered_rate_bound(np.zeros_like(counts).tolist(), hours.tolist(), settings.variation, confidence)
+    lowest, upper = max(lowest_claimable_rate(total, confidence), none), max(poisson, clustered)
+    low = min(
+        rate_interval(episodes, total, confidence)[0],
+        clustered_rate_interval(counts.tolist(), hours.tolist(), settings.variation, confidence)[0],
+    )
     verdict: Literal["claimed", "not shown", "exceeded", "cannot be claimed"]
     if low > target_per_h:
         verdict = "exceeded"
@@ -107,13 +146,23 @@ def judge_claim(episodes: int, hours: float, target_per_h: float, confidence: fl
         verdict = "cannot be claimed"
     else:
         verdict = "claimed" if upper <= target_per_h else "not shown"
-    return Claim(lowest_per_h=_finite(lowest), upper_per_h=_finite(upper), verdict=verdict)
+    return Claim(
+        lowest_per_h=_finite(lowest),
+        upper_per_h=_finite(upper),
+        poisson_upper_per_h=_finite(poisson),
+        clustered_upper_per_h=_finite(clustered),
+        verdict=verdict,
+    )
 
 
 def measure_detection(
-    index: StudyIndex, outcome: Outcome, chosen: NDArray[np.bool_], nominal: FalseAlarms, settings: ScoreSettings
+    index: StudyIndex,
+    outcome: Outcome,
+    chances: NDArray[np.float64],
+    chosen: NDArray[np.bool_],
+    settings: ScoreSettings,
 ) -> Detection:
-    """What was detected of the attacks of a mask; `nominal` gives the rate of alarms that hit by chance."""
+    """What was detected of the attacks of a mask; `chances`, (attacks,), are those of `share_hit_by_chance`."""
     attacks = index.attacks
     seen = np.flatnonzero(chosen & attacks.observable)
     hits = outcome.detected_ns[seen] != NEVER
@@ -123,15 +172,14 @@ def measure_detection(
             attacks=int(chosen.sum()), unobservable=int(chosen.sum()), detected=0, recall=None, by_chance=None,
             delay=None, before_effect=None,
         )  # fmt: skip
-    spans_h = (attacks.end_ns[seen] - attacks.begin_ns[seen]) / NS_PER_H
+    known = chances[seen]
+    known = known[~np.isnan(known)]
     return Detection(
         attacks=int(chosen.sum()),
         unobservable=int(chosen.sum()) - observable,
         detected=detected,
-        recall=_proportion(hits, attacks.blocks[seen], settings),
-        by_chance=None
-        if nominal.per_h is None
-        else float(np.mean(-np.expm1(-nominal.per_h.value * spans_h * attacks.affected[seen]))),
+        recall=_proportion(hits, attacks.clusters[seen], settings),
+        by_chance=float(known.mean()) if known.size else None,
         delay=measure_delay(index, outcome, seen, settings),
         before_effect=measure_before_effect(index, outcome, seen, settings),
     )
@@ -146,21 +194,23 @@ def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], 
     horizon = min(settings.horizon_s, float((ends - begins).max()) / NS_PER_S)
     curve = survival_curve(delays, hits)
     median, mean = float(curve.medians_s()[0]), float(curve.restricted_means_s(horizon)[0])
-    codes = dense_codes(index.attacks.blocks[seen])
-    blocks = int(codes.max()) + 1
+    if 2 * int(hits.sum()) <= len(hits):  # the curve has one where late attacks are censored early
+        median = math.inf
+    codes = dense_codes(index.attacks.clusters[seen])
+    clusters = int(codes.max()) + 1
     of_median = of_mean = None
-    if blocks > 1:
-        weights = draw_weights(blocks, settings.replicates, settings.seed)[:, codes]
+    if clusters >= MANY_CLUSTERS:
+        weights = draw_weights(clusters, settings.replicates, settings.seed)[:, codes]
         drawn = survival_curve(delays, hits, weights)
         of_median = _limits(percentile_limits(drawn.medians_s(), median, settings.confidence))
         of_mean = percentile_limits(drawn.restricted_means_s(horizon), mean, settings.confidence)
-        if math.isinf(of_median[0]):  # no replicate has a median
+        if math.isinf(median) or math.isinf(of_median[0]):
             of_median = None
     return Delay(
         median_s=_finite(median),
-        median_blocks=of_median,
+        median_clusters=of_median,
         restricted_mean_s=mean,
-        restricted_mean_blocks=of_mean,
+        restricted_mean_clusters=of_mean,
         horizon_s=horizon,
     )
 
@@ -177,45 +227,68 @@ def measure_before_effect(
     return BeforeEffect(
         attacks=int(rows.shape[0]),
         unavoidable=int((effects <= index.attacks.begin_ns[rows]).sum()),
-        share=_proportion(found < effects, index.attacks.blocks[rows], settings),
+        share=_proportion(found < effects, index.attacks.clusters[rows], settings),
         lead_quartiles_s=(_quantile(leads_s, 0.25), _quantile(leads_s, 0.5), _quantile(leads_s, 0.75)),
     )
 
 
-def measure_precision(detection: Detection, nominal: FalseAlarms, settings: ScoreSettings) -> tuple[Precision, ...]:
-    """Precision at each prevalence of the settings; empty without recall or without nominal hours."""
-    if detection.recall is None or nominal.per_h is None:
+def measure_precision(
+    index: StudyIndex,
+    outcome: Outcome,
+    chosen: NDArray[np.bool_],
+    nominal: NDArray[np.bool_],
+    settings: ScoreSettings,
+) -> tuple[Precision, ...]:
+    """Precision at each prevalence of the settings, from the attacks of a mask and the nominal subjects of another;
+    empty without observable attacks or without nominal hours.
+    """
+    seen = np.flatnonzero(chosen & index.attacks.observable)
+    counts, hours = _by_cluster(index, outcome.false_alarms, nominal)
+    if not seen.size or not hours.size:
         return ()
-    observable = detection.attacks - detection.unobservable
+    hits = outcome.detected_ns[seen] != NEVER
+    each = (1.0 + settings.confidence) / 2.0
+    recall = clustered_proportion_interval(hits.tolist(), index.attacks.clusters[seen].tolist(), each)
+    recall = recall or proportion_interval(int(hits.sum()), hits.shape[0], each)
+    rate = clustered_rate_interval(counts.tolist(), hours.tolist(), settings.variation, each)
     return tuple(
         Precision(
             prevalence_per_h=prevalence,
-            value=precision_at(prevalence, detection.recall.value, nominal.per_h.value),
-            limits=precision_interval(
-                prevalence, detection.detected, observable, nominal.episodes, nominal.hours, settings.confidence
-            ),
+            value=precision_at(prevalence, float(hits.mean()), float(counts.sum() / hours.sum())),
+            limits=precision_limits(prevalence, recall, rate),
         )
         for prevalence in settings.prevalences_per_h
     )
 
 
-def _proportion(hits: NDArray[np.bool_], blocks: NDArray[np.int64], settings: ScoreSettings) -> Estimate:
-    tops = hits.astype(np.float64)
-    share = float(tops.mean())
-    return Estimate(
-        value=share,
-        exact=proportion_interval(int(hits.sum()), hits.shape[0], settings.confidence),
-        blocks=_sum_ratio(tops, np.ones_like(tops), blocks, share, settings),
+def measure_at_equal_rate(
+    index: StudyIndex,
+    alerts: AlertList,
+    chosen: NDArray[np.bool_],
+    nominal: NDArray[np.bool_],
+    settings: ScoreSettings,
+) -> EqualRate | None:
+    """Detection of the attacks of a mask at the lowest threshold that keeps to the target rate on nominal subjects."""
+    seen = np.flatnonzero(chosen & index.attacks.observable)
+    if not seen.size or not index.subjects.exposure_ns[nominal].sum():
+        return None
+    episode_ns = from_seconds(settings.episode_s)
+    choice = lower_threshold(index, alerts, nominal, settings.target_per_h, episode_ns)
+    outcome = match_alarms(index, alerts, choice.threshold, episode_ns)
+    return EqualRate(
+        threshold=_finite(choice.threshold),
+        episodes=int(choice.episodes.sum()),
+        recall=float((outcome.detected_ns[seen] != NEVER).mean()),
+        restricted_mean_s=measure_delay(index, outcome, seen, settings).restricted_mean_s,
     )
 
 
-def _sum_ratio(
-    tops: NDArray[np.float64], bottoms: NDArray[np.float64], blocks: NDArray[np.int64], ratio: float,
-    settings: ScoreSettings,
-) -> Limits | None:  # fmt: skip
-    """The interval of `ratio`, which contains it to the last bit, in whatever order its sums were taken."""
-    found = ratio_interval(tops, bottoms, blocks, settings.replicates, settings.seed, settings.confidence)
-    return None if found is None else (min(found[0], ratio), max(found[1], ratio))
+def _proportion(hits: NDArray[np.bool_], clusters: NDArray[np.int64], settings: ScoreSettings) -> Estimate:
+    return Estimate(
+        value=float(hits.mean()),
+        exact=proportion_interval(int(hits.sum()), hits.shape[0], settings.confidence),
+        clustered=clustered_proportion_interval(hits.tolist(), clusters.tolist(), settings.confidence),
+    )
 
 
 def _quantile(ordered: NDArray[np.float64], share: float) -> float | None:

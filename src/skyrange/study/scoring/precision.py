@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from skyrange.study.scoring.intervals import Limits, proportion_interval, rate_interval
+from skyrange.study.inference.exact_intervals import Limits
 
 
 def precision_at(prevalence_per_h: float, recall: float, false_per_h: float) -> float | None:
@@ -22,16 +22,12 @@ def precision_at(prevalence_per_h: float, recall: float, false_per_h: float) -> 
     return true_per_h / (true_per_h + false_per_h) if true_per_h + false_per_h > 0.0 else None
 
 
-def precision_interval(
-    prevalence_per_h: float, hits: int, trials: int, count: int, hours: float, confidence: float
-) -> Limits:
-    """Limits of the precision: recall and false-alarm rate each at the confidence (1 + confidence) / 2.
+def precision_limits(prevalence_per_h: float, recall: Limits, false_per_h: Limits) -> Limits:
+    """Limits of the precision from those of recall and false-alarm rate.
 
-    By Bonferroni's inequality both intervals hold together with at least `confidence`. Precision increases with recall
-    and decreases with the rate, so its limits are at their opposite ends. Raises InputError if SciPy is missing.
+    If each of these holds with the confidence (1 + c) / 2, both hold together with at least c, by Bonferroni's
+    inequality. Precision increases with recall and decreases with the rate, so its limits are at their opposite ends.
     """
-    each = (1.0 + confidence) / 2.0
-    recall, rate = proportion_interval(hits, trials, each), rate_interval(count, hours, each)
-    low = precision_at(prevalence_per_h, recall[0], rate[1])
-    high = precision_at(prevalence_per_h, recall[1], rate[0])
+    low = precision_at(prevalence_per_h, recall[0], false_per_h[1])
+    high = precision_at(prevalence_per_h, recall[1], false_per_h[0])
     return low or 0.0, 1.0 if high is None else high

@@ -1,4 +1,4 @@
-"""Result file of a scoring: the model of the JSON document `skyrange.scores/2`, its writer and its reader.
+"""Result file of a scoring: the model of the JSON document `skyrange.scores/3`, its writer and its reader.
 
 Whoever scores detectors on the same study with other software can write such a file, and put it beside others.
 """
@@ -16,10 +16,8 @@ from skyrange.core.input_files import MAX_TEXT_BYTES, parse_json, read_input
 from skyrange.scenario.model.base import Model
 from skyrange.scenario.validation.error_messages import input_error
 
-FORMAT: Final = "skyrange.scores/2"
-"""Value of `format`; the number increases when older versions can no longer read the file."""
-READABLE: Final = (FORMAT, "skyrange.scores/1")
-"""Formats that can be read. Files of `skyrange.scores/1` have no `effect_sets`."""
+FORMAT: Final = "skyrange.scores/3"
+"""Value of `format`; the number increases when numbers have another meaning or older versions cannot read the file."""
 OpenLimits = tuple[float, float | None]
 """Lower and upper limit of an interval; an upper limit of null is infinite."""
 
@@ -41,8 +39,15 @@ class ScoreSettings(Model):
     )
     horizon_s: float = Field(default=60.0, gt=0, description="Horizon of the restricted mean of delays, in seconds.")
     confidence: float = Field(default=0.95, gt=0.5, lt=1, description="Confidence of all intervals.")
-    replicates: int = Field(default=1000, ge=100, le=100_000, description="Replicates of the block bootstrap.")
-    seed: int = Field(default=0, ge=0, lt=2**64, description="Seed of the block bootstrap.")
+    variation: float = Field(
+        default=2.0,
+        ge=0,
+        le=100,
+        description="Coefficient of variation of the false-alarm rate between clusters that limits take for granted; "
+        "more where the flights show more.",
+    )
+    replicates: int = Field(default=1000, ge=100, le=100_000, description="Replicates of the bootstrap.")
+    seed: int = Field(default=0, ge=0, lt=2**64, description="Seed of the bootstrap and of replays by chance.")
     prevalences_per_h: tuple[Annotated[float, Field(gt=0)], ...] = Field(
         default=(1e-1, 1e-2, 1e-3, 1e-4),
         description="Attacks per aircraft-hour at which precision is stated.",
@@ -56,8 +61,9 @@ class Estimate(Model):
     exact: OpenLimits = Field(
         description="Clopper-Pearson's interval of a proportion, or Garwood's of a rate, as if counts were independent."
     )
-    blocks: OpenLimits | None = Field(
-        description="Interval by resampling blocks; null with fewer than two. Without width where all blocks agree."
+    clustered: OpenLimits | None = Field(
+        description="The interval if flights of a cluster are alike: Korn and Graubard's of a proportion, that of a "
+        "negative binomial number of alarms for a rate; null with fewer than two clusters."
     )
 
 
@@ -65,12 +71,16 @@ class FalseAlarms(Model):
     """False alarms about the aircraft of one kind of flights."""
 
     episodes: int = Field(ge=0, description="Number of false alarms.")
-    hours: float = Field(ge=0, description="Aircraft-hours without the time in which attacks act on the aircraft.")
+    hours: float = Field(
+        ge=0,
+        description="Aircraft-hours, each flight once, without the time before a run differs from the nominal one of "
+        "its block, and without that in which attacks act on the aircraft.",
+    )
     per_h: Estimate | None = Field(description="False alarms per aircraft-hour; null without hours.")
 
 
 class FalseAlarmsByFlights(Model):
-    """False alarms by kind of flight; not added up, because arms of a block share what came before the onset."""
+    """False alarms by kind of flight."""
 
     nominal: FalseAlarms = Field(description="Flights of the arm 'nominal': the rate of claims and of precision.")
     sham: FalseAlarms = Field(description="Other flights without attack or fault, such as shams.")
@@ -82,9 +92,13 @@ class Claim(Model):
     """Whether the nominal flights show that the false-alarm rate is at most the target."""
 
     lowest_per_h: float | None = Field(
-        description="The least rate that the nominal hours can support: the rule of three. null without hours."
+        description="The least rate that the nominal flights can support, without any alarm. null without hours."
     )
-    upper_per_h: float | None = Field(description="One-sided upper limit of the rate. null without hours.")
+    upper_per_h: float | None = Field(
+        description="One-sided upper limit of the rate: the larger of the next two. null without hours."
+    )
+    poisson_upper_per_h: float | None = Field(description="Garwood's, if all flights have the same rate.")
+    clustered_upper_per_h: float | None = Field(description="The limit if rates differ between clusters.")
     verdict: Literal["claimed", "not shown", "exceeded", "cannot be claimed"] = Field(
         description="claimed: the upper limit is at most the target. not shown: the target is within the limits. "
         "exceeded: the interval is above the target. cannot be claimed: there are too few hours for this target, "
@@ -95,10 +109,16 @@ class Claim(Model):
 class Delay(Model):
     """Time from `observable` to the detection, with misses as censored; seconds."""
 
-    median_s: float | None = Field(description="Kaplan-Meier median; null if half of the attacks are not detected.")
-    median_blocks: OpenLimits | None = Field(description="Its interval by resampling blocks; null with fewer than two.")
+    median_s: float | None = Field(
+        description="Kaplan-Meier median; null unless more than half of the attacks are detected."
+    )
+    median_clusters: OpenLimits | None = Field(
+        description="Its interval by resampling clusters; null with fewer than 40, of which it covers too rarely."
+    )
     restricted_mean_s: float = Field(description="Mean of min(delay, horizon), by the area below the curve.")
-    restricted_mean_blocks: OpenLimits | None = Field(description="Its interval by resampling blocks.")
+    restricted_mean_clusters: OpenLimits | None = Field(
+        description="Its interval by resampling clusters; null with fewer than 40."
+    )
     horizon_s: float = Field(description="The horizon: that of the settings, or the longest window if that is shorter.")
 
 
@@ -121,7 +141,8 @@ class Detection(Model):
     detected: int = Field(ge=0, description="Number of observable attacks that were detected.")
     recall: Estimate | None = Field(description="Share of the observable ones that was detected; null without any.")
     by_chance: float | None = Field(
-        description="Recall that alarms at the nominal false-alarm rate have if they do not depend on attacks."
+        description="Recall of the alarms of nominal flights, replayed against the same attacks with other onsets; "
+        "null without nominal flights."
     )
     delay: Delay | None = Field(description="Delays; null without observable attacks.")
     before_effect: BeforeEffect | None = Field(description="Detections before effects; null without any effect.")
@@ -141,12 +162,26 @@ class Precision(Model):
     limits: tuple[float, float] = Field(description="Its interval, from those of recall and rate (Bonferroni).")
 
 
+class EqualRate(Model):
+    """Detection at the lowest threshold with which a detector keeps to the target rate on the nominal flights of a set.
+
+    It is chosen on the flights on which it is compared, so it tells which of two detectors finds more at the same rate,
+    and not what one finds with the threshold that it has.
+    """
+
+    threshold: float | None = Field(description="Alerts with a score above it are alarms; null: all are, or none.")
+    episodes: int = Field(ge=0, description="False alarms on the nominal flights of the set.")
+    recall: float = Field(description="Share of the observable attacks that is detected.")
+    restricted_mean_s: float = Field(description="Mean of min(delay, horizon), misses included.")
+
+
 class SetScore(Model):
     """Scores on a part of the test flights or attacks."""
 
     name: str = Field(description="The set: 'all', or 'held-out' or 'seen' with what was held out.")
     runs: int = Field(ge=0, description="Number of runs.")
     blocks: int = Field(ge=0, description="Number of blocks.")
+    clusters: int = Field(ge=0, description="Number of clusters of blocks: independent samples.")
     false_alarms: FalseAlarmsByFlights = Field(description="By kind of flight.")
     claim: Claim = Field(description="What the nominal flights show.")
     detection: Detection = Field(description="Over all attacks.")
@@ -155,15 +190,21 @@ class SetScore(Model):
     precision: tuple[Precision, ...] = Field(
         description="Precision at each prevalence; empty without hours or attacks."
     )
+    equal_rate: EqualRate | None = Field(
+        description="Recall and delay at a rate at which all detectors are compared; null without nominal hours or "
+        "attacks."
+    )
 
 
 class Threshold(Model):
     """The threshold of a detector, and what it was chosen on."""
 
     value: float | None = Field(description="Alerts with a score above it are alarms; null: all are.")
-    episodes: int = Field(ge=0, description="False alarms on the validation flights at this threshold.")
-    hours: float = Field(ge=0, description="Aircraft-hours of the nominal and fault flights of the validation.")
-    lowest_per_h: float | None = Field(description="The least rate that these hours can support: the rule of three.")
+    reached: FalseAlarms = Field(
+        description="False alarms on the nominal and fault flights of the validation at this threshold. Its limits say "
+        "how far the rate on other flights may be from the target."
+    )
+    lowest_per_h: float | None = Field(description="The least rate that these flights can support, without any alarm.")
 
 
 class DetectorScore(Model):
@@ -177,9 +218,7 @@ class DetectorScore(Model):
         description="Scores on all of the test, and on parts of it, with windows that end when attacks stop to act.",
     )
     effect_sets: tuple[SetScore, ...] = Field(
-        default=(),
-        description="The same with windows that end when effects do, at the same threshold; empty in a file of "
-        "skyrange.scores/1.",
+        min_length=1, description="The same with windows that end when effects do, at the same threshold."
     )
 
     def on(self, name: str) -> SetScore | None:
@@ -203,14 +242,13 @@ class HeldOut(Model):
 class ScoreFile(Model):
     """Scores of detectors on one study."""
 
-    format: Literal["skyrange.scores/2", "skyrange.scores/1"] = Field(
-        default=FORMAT, description="The format of this file."
-    )
+    format: Literal["skyrange.scores/3"] = Field(default=FORMAT, description="The format of this file.")
     study: str = Field(description="Name of the study.")
     digest: str = Field(description="Digest of the study's flights and attacks: equal for the same study.")
     software: str = Field(description="What computed the scores, with its version.")
     settings: ScoreSettings = Field(description="The conventions.")
     held_out: HeldOut = Field(description="What the test part has that the others do not.")
+    repeated_runs: int = Field(ge=0, description="Runs that are the same flight as another one, and do not count.")
     detectors: tuple[DetectorScore, ...] = Field(description="The detectors, by name.")
 
 
@@ -225,8 +263,9 @@ def read_scores(path: Path) -> ScoreFile:
     who = str(path)
     data: Any = parse_json(read_input(path, who, max_bytes=MAX_TEXT_BYTES, expected="a file of scores"), who, "file")
     found = data.get("format") if isinstance(data, dict) else None
-    if found not in READABLE:
-        raise InputError.one(who, "format", "not there" if found is None else repr(found), f'"{FORMAT}"')
+    if found != FORMAT:
+        hint = "Score the study again." if str(found).startswith("skyrange.scores/") else ""
+        raise InputError.one(who, "format", "not there" if found is None else repr(found), f'"{FORMAT}"', hint)
     try:
         return ScoreFile.model_validate(data)
     except ValidationError as error:

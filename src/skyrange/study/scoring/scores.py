@@ -10,12 +10,13 @@ import numpy as np
 import skyrange
 from skyrange.core.errors import InputError
 from skyrange.core.time import from_seconds
+from skyrange.study.inference.exact_intervals import lowest_claimable_rate
+from skyrange.study.scoring.chance_hits import share_hit_by_chance
 from skyrange.study.scoring.index import AlertList, StudyIndex, index_alerts, index_study
-from skyrange.study.scoring.intervals import lowest_claimable_rate
 from skyrange.study.scoring.matching import match_alarms
-from skyrange.study.scoring.measures import Selection, measure_set
+from skyrange.study.scoring.measures import Selection, measure_false_alarms, measure_set
 from skyrange.study.scoring.result_file import DetectorScore, HeldOut, ScoreFile, ScoreSettings, SetScore, Threshold
-from skyrange.study.scoring.tables import TRIVIAL, StudyTables
+from skyrange.study.scoring.tables import TRIVIAL, StudyTables, keep_each_flight_once
 from skyrange.study.scoring.thresholds import choose_threshold
 from skyrange.study.scoring.trivial_detectors import trivial_alerts
 
@@ -36,6 +37,7 @@ def score_detectors(
     for name in names:
         if not name or name in TRIVIAL:
             raise InputError.one("scoring", "detectors", name, f"a name that is none of {', '.join(TRIVIAL)}")
+    tables, repeated = keep_each_flight_once(tables)
     index, lasting = (index_study(tables, settings.grace_s, window) for window in ("acts", "effect"))
     if not (index.subjects.splits == "test").any():
         raise InputError.one("tables of the study", "flights, split test", "none", "flights to score detectors on")
@@ -59,6 +61,7 @@ def score_detectors(
         software=f"skyrange {skyrange.__version__}",
         settings=settings,
         held_out=held_out,
+        repeated_runs=repeated,
         detectors=tuple(sorted(scores, key=lambda score: score.detector)),
     )
 
@@ -110,7 +113,8 @@ def _measure_sets(
     index: StudyIndex, alerts: AlertList, threshold: float, selections: list[Selection], settings: ScoreSettings
 ) -> tuple[SetScore, ...]:
     outcome = match_alarms(index, alerts, threshold, from_seconds(settings.episode_s))
-    return tuple(measure_set(index, outcome, selection, settings) for selection in selections)
+    chances = share_hit_by_chance(index, alerts, threshold, settings.seed)
+    return tuple(measure_set(index, alerts, outcome, chances, selection, settings) for selection in selections)
 
 
 def _score_one(
@@ -124,14 +128,14 @@ def _score_one(
     """The scores of one detector; `lasting` is the index with windows that last as long as effects."""
     episode_ns = from_seconds(settings.episode_s)
     choice = choose_threshold(index, alerts, settings.target_per_h, episode_ns)
+    reached = measure_false_alarms(index, choice.episodes, choice.used, settings)
     return DetectorScore(
         detector=name,
         trivial=False,
         threshold=Threshold(
             value=None if math.isinf(choice.threshold) else choice.threshold,
-            episodes=choice.episodes,
-            hours=choice.hours,
-            lowest_per_h=lowest_claimable_rate(choice.hours, settings.confidence),
+            reached=reached,
+            lowest_per_h=lowest_claimable_rate(reached.hours, settings.confidence),
         ),
         sets=_measure_sets(index, alerts, choice.threshold, selections, settings),
         effect_sets=_measure_sets(lasting, alerts, choice.threshold, selections, settings),

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from skyrange.core.errors import InputError, Problem, nearest
+from skyrange.study.inference.clusters import keep_first
 
 SPLITS: Final = ("train", "validation", "test")
 """Parts of a study: detectors are trained on the first, thresholds chosen on the second, scores are of the third."""
@@ -25,12 +27,28 @@ FLIGHTS: Final = pa.schema(
     [
         _field("run", pa.string(), "Id of the run, unique in the study."),
         _field("block", pa.string(), "Scenario draw: all arms of one draw form a block, and lie in one split."),
+        _field(
+            "cluster",
+            pa.string(),
+            "Blocks that share a seed or a flight are a cluster: it lies in one split, and is one independent sample.",
+        ),
+        _field(
+            "flight",
+            pa.string(),
+            "Runs with the same text are one flight, which counts once. Empty: not known.",
+        ),
         _field("arm", pa.string(), "Arm of the block: nominal, attacked, sham, fault, …"),
         _field("split", pa.string(), "Part of the study: train, validation or test."),
         _field("city", pa.string(), "City over which the run was flown; may be empty."),
         _field("aircraft", pa.int64(), "Number of aircraft of the run."),
         _field("vehicle", pa.string(), "Id of the aircraft; one row for each aircraft of each run."),
         _field("duration_s", pa.float64(), "Airborne time of this aircraft, in seconds."),
+        _field(
+            "own_from_s",
+            pa.float64(),
+            "Time from which the run differs from the nominal one of its block, in seconds; 0 where there is none.",
+        ),
+        _field("shared_s", pa.float64(), "Airborne time of this aircraft before that, which counts in that run."),
         _field("hostile", pa.bool_(), "Whether an attack acts in this run."),
         _field("fault", pa.bool_(), "Whether a benign fault acts in this run."),
     ]
@@ -67,7 +85,7 @@ ALERTS: Final = pa.schema(
 )
 """One row for each alert, of all detectors, with all scores: scoring applies the threshold."""
 _NAN_ALLOWED = frozenset({"observable_s", "effect_s"})
-_PER_RUN = ("block", "arm", "split", "city", "aircraft", "hostile", "fault")
+_PER_RUN = ("block", "cluster", "flight", "arm", "split", "city", "aircraft", "own_from_s", "hostile", "fault")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +105,8 @@ def check_tables(flights: pa.Table, attacks: pa.Table, alerts: pa.Table) -> Stud
     """The tables of a study, cast to their schemas; further columns are dropped.
 
     Raises InputError that lists missing columns, values of another type, null and non-finite numbers, aircraft listed
-    twice, runs whose rows disagree, blocks in two splits, and attacks and alerts that do not belong to the flights.
+    twice, runs whose rows disagree, blocks, clusters and
+    flights in two splits, and attacks and alerts that do not belong to the flights.
     """
     tables = [
         _cast(given, schema, name)
@@ -104,6 +123,23 @@ def check_tables(flights: pa.Table, attacks: pa.Table, alerts: pa.Table) -> Stud
     if problems:
         raise InputError("tables of the study", problems)
     return checked
+
+
+def keep_each_flight_once(tables: StudyTables) -> tuple[StudyTables, int]:
+    """The tables without runs that are the same flight as another one, and how many these are.
+
+    Of the runs of one flight the nominal one stays, else the first by name. A run in which an attack acts stays beside
+    one in which none does: such an attack, which only listens, is none the less to be found.
+    """
+    rows = {row["run"]: row for row in tables.flights.to_pylist()}
+    runs = sorted(rows, key=lambda run: (rows[run]["arm"] != NOMINAL, run))
+    first = keep_first([(rows[run]["flight"] or run, rows[run]["hostile"]) for run in runs])
+    kept = pa.array([run for run, is_first in zip(runs, first, strict=True) if is_first], pa.string())
+    chosen = (
+        table.filter(pc.is_in(table.column("run"), value_set=kept))
+        for table in (tables.flights, tables.attacks, tables.alerts)
+    )
+    return StudyTables(*chosen), len(runs) - len(kept)
 
 
 def _cast(table: pa.Table, schema: pa.Schema, name: str) -> pa.Table:
@@ -144,7 +180,7 @@ def _flight_problems(flights: pa.Table) -> list[Problem]:
     problems: list[Problem] = []
     seen: set[tuple[str, str]] = set()
     first: dict[str, dict[str, object]] = {}
-    split_of: dict[str, str] = {}
+    split_of: dict[tuple[str, str], str] = {}
     for number, row in enumerate(flights.to_pylist()):
         where = f"flights, row {number}"
         key = (row["run"], row["vehicle"])
@@ -164,9 +200,14 @@ def _flight_problems(flights: pa.Table) -> list[Problem]:
             if row[name] != value:
                 expected = f"{value!r}, as in the other rows of run {row['run']}"
                 problems.append(Problem(f"{where}, {name}", repr(row[name]), expected))
-        if split_of.setdefault(row["block"], row["split"]) != row["split"]:
-            expected = f"{split_of[row['block']]}, as in the other runs of block {row['block']}"
-            problems.append(Problem(f"{where}, split", row["split"], expected))
+        if not 0 <= row["shared_s"] <= row["duration_s"]:
+            expected = f"0 to duration_s, {row['duration_s']:g}"
+            problems.append(Problem(f"{where}, shared_s", f"{row['shared_s']:g}", expected))
+        for name in ("block", "cluster", "flight"):
+            first_split = split_of.setdefault((name, row[name]), row["split"])
+            if first_split != row["split"] and row[name]:
+                expected = f"{first_split}, as in the other runs of {name} {row[name]}"
+                problems.append(Problem(f"{where}, split", row["split"], expected))
     return problems
 
 

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from skyrange.core.time import NEVER
+from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.study.scoring.index import AlertList, StudyIndex, sort_alerts
 
 
@@ -28,10 +28,14 @@ def trivial_alerts(index: StudyIndex, episode_ns: int) -> dict[str, AlertList]:
 
 
 def _alarm_always(index: StudyIndex, episode_ns: int) -> AlertList:
-    """Of an alarm that never ends, the alerts that matter: where episodes begin, and where windows begin."""
+    """Of an alarm that never ends, the alerts that matter: where episodes and windows begin, and one in each second, so
+    that a window anywhere has one.
+    """
     windows, durations = index.windows, index.subjects.duration_ns
     flights = np.flatnonzero(durations > 0).tolist()
-    parts = [(flight, _multiples(0, int(durations[flight]), episode_ns)) for flight in flights]
+    parts = [
+        (flight, _multiples(0, int(durations[flight]), step)) for flight in flights for step in (episode_ns, NS_PER_S)
+    ]
     for subject, begin, end in zip(
         windows.subjects.tolist(), windows.begin_ns.tolist(), windows.end_ns.tolist(), strict=True
     ):

@@ -13,7 +13,7 @@ from skyrange.study.variants.run_measures import QUANTITIES
 HEAD: Final = ("block", "point", "seed", "arm")
 """Columns of all tables, before those of the factors and draws."""
 RUN: Final = (
-    "status", "error", "failed_missions", "simulated_s", "vehicles", "city", "families", "fingerprint",
+    "status", "error", "failed_missions", "simulated_s", "vehicles", "city", "families", "fingerprint", "flight",
 )  # fmt: skip
 ALERT: Final = ("time_s", "detector", "kind", "subject", "score")
 ACT: Final = ("attack", "kind", "family", "vehicle", "fault", "first_s", "last_s", "effect_end_s", "acts")
@@ -27,6 +27,6 @@ def column_of(quantity: str) -> str:
 @cache
 def reserved_names() -> frozenset[str]:
     """All names of columns that are not those of factors and draws."""
-    found = {*HEAD, *RUN, *ALERT, *ACT, "airborne_s", *(column_of(one.name) for one in QUANTITIES)}
+    found = {*HEAD, *RUN, *ALERT, *ACT, "airborne_s", "takeoff_s", *(column_of(one.name) for one in QUANTITIES)}
     found |= {field.name for field in fields(Measured)} | {column.name for column in EFFECT_COLUMNS}
     return frozenset(found)

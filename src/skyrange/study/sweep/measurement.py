@@ -17,6 +17,7 @@ from skyrange.study.dataset.splits import name_city
 from skyrange.study.failed_missions import find_failed_missions
 from skyrange.study.measures.aircraft_measures import DEPARTED_M
 from skyrange.study.measures.effect_ends import read_effect_ends_ns
+from skyrange.study.measures.flight_identity import identify_flight
 from skyrange.study.measures.separation import NEAR_M
 from skyrange.study.sweep.columns import column_of
 from skyrange.study.sweep.design.blocks import Block, city_of
@@ -70,13 +71,14 @@ def measure_block(study: Study, block: Block, records: Mapping[str, RunRecord], 
                 "city": city_of(study, block) or name_city(manifest),
                 "families": " ".join(_declared_families(record)),
                 "fingerprint": str(manifest["digests"]["fingerprint"]),
+                "flight": identify_flight(manifest),
                 **measures,
             }
         )
         aloft_s = _airborne_s(outcomes[arm.id])
         rows[AIRCRAFT] += [
-            {**head, **asdict(one), "airborne_s": seconds}
-            for one, seconds in zip(outcomes[arm.id].measured, aloft_s, strict=True)
+            {**head, **asdict(one), "airborne_s": seconds, "takeoff_s": first}
+            for one, (seconds, first) in zip(outcomes[arm.id].measured, aloft_s, strict=True)
         ]
         rows[ALERTS] += [{**head, **one} for one in _alerts(record)]
         rows[ACTS] += [{**head, **one} for one in measure_acts(record)]
@@ -107,11 +109,15 @@ def _head(block: Block, arm: str) -> dict[str, Any]:
     return {"block": block.name, "point": block.point, "seed": block.seed, "arm": arm, **block.values}
 
 
-def _airborne_s(outcomes: ArmOutcomes) -> list[float]:
-    """How long each aircraft was in the air, at the rate of the recorded truth."""
+def _airborne_s(outcomes: ArmOutcomes) -> list[tuple[float, float | None]]:
+    """How long each aircraft was in the air, at the rate of the recorded truth, and since when: `None` for never."""
     ticks = outcomes.ticks
     seconds = np.diff(ticks.time_ns, prepend=ticks.time_ns[:1]) / NS_PER_S
-    found: list[float] = (seconds[:, None] * ticks.aloft).sum(axis=0).round(9).tolist()
+    found: list[tuple[float, float | None]] = []
+    for aloft in ticks.aloft.T:
+        flying = np.flatnonzero(aloft)
+        first = float(ticks.time_ns[flying[0]]) / NS_PER_S if flying.size else None
+        found.append((round(float((seconds * aloft).sum()), 9), first))
     return found
 
 

@@ -17,7 +17,7 @@ from skyrange.record import RunRecord, load
 from skyrange.study.attribution.arms import NOMINAL, SHAM
 from skyrange.study.attribution.attribute import attribution_table
 from skyrange.study.failed_missions import FailedMissions, find_failed_missions
-from skyrange.study.twins.confidence import Interval, interval
+from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.twins.effects import CHANGES, MEASURES
 from skyrange.study.twins.lie_and_truth import lie_and_truth_table
 
@@ -155,6 +155,6 @@ def intervals(rows: Sequence[Mapping[str, Any]], against: str) -> dict[str, dict
             if row[name] is not None and twin is not None:
                 own.setdefault(name, []).append(row[name] - twin)
     return {
-        vehicle: {name: found for name, values in own.items() if (found := interval(values)) is not None}
+        vehicle: {name: found for name, values in own.items() if (found := estimate_mean(values)) is not None}
         for vehicle, own in samples.items()
     }

@@ -21,9 +21,9 @@ from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.shipped import load as load_scenario
 from skyrange.study.attribution.arms import acting_attacks
 from skyrange.study.failed_missions import find_failed_missions
+from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.levels import require_level
 from skyrange.study.parallel_runs import OnRunProgress, run_all
-from skyrange.study.twins.confidence import Interval, interval
 from skyrange.study.variants.run_measures import QUANTITIES, RunMeasures, measure_run
 
 UNCHANGED: Final = "unchanged"
@@ -54,7 +54,7 @@ class Comparison:
     def interval(self, variant: str, quantity: str) -> Interval | None:
         """The mean of a measure over the seeds; `None` if no run of the variant has it."""
         runs = (self.measured[variant, seed].values for seed in self.seeds)
-        return interval([values[quantity] for values in runs if quantity in values])
+        return estimate_mean([values[quantity] for values in runs if quantity in values])
 
     def delays_s(self, variant: str) -> dict[str, Interval]:
         """The mean delay of each operator's flights over the seeds."""
@@ -62,7 +62,7 @@ class Comparison:
         for seed in self.seeds:
             for operator, delay_s in self.measured[variant, seed].delays_s.items():
                 found.setdefault(operator, []).append(delay_s)
-        means = {operator: interval(delays) for operator, delays in found.items()}
+        means = {operator: estimate_mean(delays) for operator, delays in found.items()}
         return {operator: mean for operator, mean in means.items() if mean is not None}
 
     def describe(self) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from skyrange.study.twins.confidence import Interval
+from skyrange.study.inference.means import Interval
 from skyrange.study.variants.flights import Comparison
 from skyrange.study.variants.run_measures import QUANTITIES
 
@@ -24,10 +24,10 @@ def make_tables(result: Comparison) -> list[Table]:
     variants = list(result.changes)
     rows, notes = [], []
     for one in QUANTITIES:
-        cells = [format_interval(result.interval(variant, one.name)) for variant in variants]
-        if set(cells) <= {"–", "0"}:
+        means = [result.interval(variant, one.name) for variant in variants]
+        if not any(mean is not None and mean.mean for mean in means):
             continue
-        rows.append([f"{one.name} ({one.unit})" if one.unit else one.name, *cells])
+        rows.append([f"{one.name} ({one.unit})" if one.unit else one.name, *map(format_interval, means)])
         notes.append(one.about)
     tables = [Table("Measures", ["measure", *variants], rows, notes)]
     delays = {variant: result.delays_s(variant) for variant in variants}
@@ -40,11 +40,13 @@ def make_tables(result: Comparison) -> list[Table]:
 
 
 def format_interval(mean: Interval | None) -> str:
-    """A mean with its interval, if it has one."""
+    """A mean with its interval, or why it has none."""
     if mean is None:
         return "–"
-    if mean.low is None or mean.high is None or mean.low == mean.high:
+    if mean.n == 1:
         return _number(mean.mean)
+    if mean.low is None or mean.high is None:
+        return f"{_number(mean.mean)} ({mean.without})"
     return f"{_number(mean.mean)} ({_number(mean.low)} to {_number(mean.high)})"
 
 

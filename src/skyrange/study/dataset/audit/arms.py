@@ -32,6 +32,8 @@ class ArmOfBlock:
     effect_ns: int
     """When the first aircraft departed from the nominal twin, or earlier a frame was seen that answers an act; of a run
     of which it is not known, the onset: what follows could be the effect."""
+    repeats: bool = False
+    """Whether the run repeats to the byte."""
 
 
 def read_arms(folder: Path) -> list[ArmOfBlock]:
@@ -48,7 +50,7 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
                 episodes.setdefault(row["run"], []).append(row)
     departures, answers = _read_departures(folder), _read_answers(folder)
     found = []
-    for row in pq.read_table(folder / RUNS, columns=["run", "block"]).to_pylist():
+    for row in pq.read_table(folder / RUNS).to_pylist():
         own = episodes.get(row["run"], [])
         roles = {one["role"] for one in own}
         role = "attacked" if "attack" in roles else "sham" if "sham" in roles else "nominal"
@@ -58,7 +60,8 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
         if effect_ns is None:  # of a sham nobody expects an effect
             effect_ns = onset_ns if role == "attacked" else NEVER
         effect_ns = min(effect_ns, answers.get(row["run"], NEVER))
-        found.append(ArmOfBlock(row["run"], row["block"], role, kinds, onset_ns, effect_ns))
+        repeats = bool(row.get("repeats", False))
+        found.append(ArmOfBlock(row["run"], row["block"], role, kinds, onset_ns, effect_ns, repeats))
     return found
 
 

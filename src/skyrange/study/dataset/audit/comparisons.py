@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import lru_cache
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.study.dataset.audit.arms import ArmOfBlock, group_by_block, read_arms
 from skyrange.study.dataset.audit.classifier import Comparison, LeakFinding, audit_comparison
+from skyrange.study.dataset.audit.crossings import find_crossings
 from skyrange.study.dataset.audit.metadata import describe_metadata
 from skyrange.study.dataset.audit.shape import SHAPE, describe_shape
 from skyrange.study.dataset.columns import WINDOW_KEYS, observable_columns
@@ -23,13 +26,14 @@ Blocks = Mapping[str, Sequence[ArmOfBlock]]
 
 
 def audit_dataset(folder: Path, seed: int = 0, exempt: Collection[str] | None = None) -> list[LeakFinding]:
-    """Audit the data set in `folder`: one finding for each comparison that its arms allow.
+    """Audit the data set in `folder`: one finding for each comparison that its arms allow, and one on its splits.
 
     Attacks of the kinds in `exempt` are compared up to their onset only, and named; by default these are the shipped
     kinds that change timing or load. Raises `InputError` for a folder that is no data set, or if scikit-learn is not
     installed.
     """
-    return [audit_comparison(one, seed) for one in comparisons_of(folder, TIMING_KINDS if exempt is None else exempt)]
+    compared = comparisons_of(folder, TIMING_KINDS if exempt is None else exempt)
+    return [*(audit_comparison(one, seed) for one in compared), find_crossings(folder)]
 
 
 def comparisons_of(folder: Path, exempt: Collection[str]) -> Iterator[Comparison]:
@@ -61,7 +65,7 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
     nominal up to the onset.
     """
     rows: list[dict[str, float]] = []
-    attacked, names = [], []
+    attacked, names, runs = [], [], []
     for block, own in blocks.items():
         other = "sham" if block in compared else "nominal"
         chosen = [arm for arm in own if arm.role in ("attacked", other)]
@@ -82,15 +86,17 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
             rows.append(row)
             attacked.append(arm.role == "attacked")
             names.append(block)
+            runs.append(arm.run)
     columns = sorted({name for row in rows for name in row})
     values = np.array([[row.get(name, np.nan) for name in columns] for row in rows]).reshape(len(rows), len(columns))
-    return Comparison("metadata", columns, values, np.array(attacked, dtype=np.bool_), names, exempt)
+    is_attacked = np.array(attacked, dtype=np.bool_)
+    return Comparison("metadata", columns, values, is_attacked, names, runs, _repeats(blocks), exempt)
 
 
 def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
     """The windows that end before the first act of any arm of the block."""
     columns = [name for name in observable_columns(view) if name != "time_ns"]
-    parts, attacked, names = [np.empty((0, len(columns)))], [], []
+    parts, attacked, names, runs = [np.empty((0, len(columns)))], [], [], []
     for block, own in blocks.items():
         table = _read_block(folder, view, block)
         if table is None:
@@ -101,13 +107,14 @@ def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
             parts.append(np.column_stack([_numbers(rows.column(column)) for column in columns]))
             attacked += [arm.role == "attacked"] * rows.num_rows
             names += [block] * rows.num_rows
+            runs += [arm.run] * rows.num_rows
     values, is_attacked = np.concatenate(parts), np.array(attacked, dtype=np.bool_)
-    return Comparison(f"{view} before the onset", columns, values, is_attacked, names)
+    return Comparison(f"{view} before the onset", columns, values, is_attacked, names, runs, _repeats(blocks))
 
 
 def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
     """Timing, lengths and senders of frames from the onset up to the effect."""
-    parts, attacked, names = [np.empty((0, len(SHAPE)))], [], []
+    parts, attacked, names, runs = [np.empty((0, len(SHAPE)))], [], [], []
     for block, own in blocks.items():
         roles = {arm.run: arm.role for arm in own if arm.role in ("attacked", "sham")}
         frames = _read_block(folder, "mavlink", block)
@@ -121,8 +128,15 @@ def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
         parts.append(np.column_stack([_numbers(rows.column(column)) for column in SHAPE]))
         attacked += [roles[run] == "attacked" for run in rows.column("run").to_pylist()]
         names += [block] * rows.num_rows
+        runs += rows.column("run").to_pylist()
     values, is_attacked = np.concatenate(parts), np.array(attacked, dtype=np.bool_)
-    return Comparison("sham against attacked before the effect", SHAPE, values, is_attacked, names, exempt)
+    name = "sham against attacked before the effect"
+    return Comparison(name, SHAPE, values, is_attacked, names, runs, _repeats(blocks), exempt)
+
+
+def _repeats(blocks: Blocks) -> bool:
+    """Whether all runs repeat to the byte."""
+    return all(arm.repeats for own in blocks.values() for arm in own)
 
 
 def _end_ns(view: str, table: pa.Table) -> pa.ChunkedArray:
@@ -131,10 +145,16 @@ def _end_ns(view: str, table: pa.Table) -> pa.ChunkedArray:
 
 
 def _numbers(column: pa.ChunkedArray) -> NDArray[np.float64]:
-    """A column as numbers; texts by their lengths."""
+    """A column as numbers; texts by their contents: a number that is the same for the same text in every run."""
     if pa.types.is_boolean(column.type):
         column = column.cast(pa.int8())
     elif pa.types.is_string(column.type) or pa.types.is_binary(column.type):
-        column = pc.binary_length(column)
+        return np.array([np.nan if one is None else _number_text(one) for one in column.to_pylist()], dtype=np.float64)
     values = column.cast(pa.float64()).to_numpy()
     return np.asarray(values, dtype=np.float64)
+
+
+@lru_cache(maxsize=65_536)
+def _number_text(text: str | bytes) -> float:
+    data = text if isinstance(text, bytes) else text.encode()
+    return float(int.from_bytes(blake2b(data, digest_size=6).digest()))

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Final
 
 from markupsafe import Markup
 
 from skyrange.study.attribution.attribute import unknown_subsets
-from skyrange.study.attribution.outcomes import OUTCOMES
+from skyrange.study.attribution.outcomes import OUTCOMES, PLACEBO_LEVEL
 from skyrange.study.figures.subject import Subject
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 from skyrange.study.twins.pair_folder import Pair
 
 MAX_ROWS = 200
+_ENOUGH: Final = math.ceil(1.0 / PLACEBO_LEVEL) - 1
+"""Placebos with which the limit has the level at which an effect is shown."""
 _UNITS = {outcome.name: outcome.unit for outcome in OUTCOMES}
 
 
 def describe_attribution(pair: Pair, subject: Subject, seed: int) -> Mapping[str, Any]:
     """What the page says about attribution: its table, the baseline, the placebos and what the runs do not tell."""
     rows = [row for row in pair.attribution.to_pylist() if row["seed"] == seed]
-    placebos = max((row["placebos"] for row in rows), default=0)
     return {
         "baseline": f"the {pair.baseline or pair.reference} run",
-        "placebos": _describe_placebos(placebos),
+        "placebos": _describe_placebos(rows),
         "table": render_attribution(subject, rows),
         "unknown": _describe_unknown(pair),
     }
@@ -61,7 +63,7 @@ def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> M
 def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:
     shift_s = row["shift_s"]
     shift = f"{row['shift']} by {abs(shift_s):.1f} s" if row["shift"] is not None else ""
-    return {"relation": row["relation"], "shift": shift}
+    return {"relation": row["relation"] if row["shown"] else "not enough placebos", "shift": shift}
 
 
 def _value(value: float, unit: str) -> quantities.Quantity:
@@ -70,11 +72,21 @@ def _value(value: float, unit: str) -> quantities.Quantity:
     return quantities.quantity(value, unit, 1 if unit else 0)
 
 
-def _describe_placebos(count: int) -> str:
-    if not count:
-        return "The limits are the smallest differences that count: no placebo was run."
-    what = "difference of 1 placebo" if count == 1 else f"99th percentile of the differences of {count} placebos"
-    return f"A limit is the smallest difference that counts, or the {what} if that is larger."
+def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How far the limits can be trusted."""
+    if not rows:
+        return ""
+    if all(row["level"] == 0.0 for row in rows):
+        return (
+            "A limit is the smallest difference that counts. No placebo is needed to find it: these runs repeat to the "
+            "byte, so two runs without the attack do not differ at all, and the sham changed no outcome."
+        )
+    fewest = min(row["placebos"] for row in rows if row["level"] > 0.0)
+    what = (
+        f"{fewest} placebo{'s' * (fewest != 1)}: a difference that is no effect exceeds it in 1 of {fewest + 1} cases"
+    )
+    enough = "" if all(row["shown"] for row in rows) else f" An effect is shown from {_ENOUGH} placebos on (--seeds)."
+    return f"A limit is the smallest difference that counts, or the largest of {what}.{enough}"
 
 
 def _describe_unknown(pair: Pair) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 from markupsafe import Markup
 
 from skyrange.study.figures.subject import Subject
+from skyrange.study.inference.means import Interval
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
-from skyrange.study.twins.confidence import Interval
 from skyrange.study.twins.lie_and_truth import REACTIONS, format_reaction, reacts, truth_name
 
 Row = Mapping[str, Any]
@@ -144,6 +144,7 @@ def _interval(found: Interval | None, unit: str, scale: float, decimals: int) ->
         "low": None if None in ends else ends[0],
         "high": ends[1],
         "n": found.n,
+        "without": found.without,
         "bold": found.excludes_zero,
     }
 

@@ -37,8 +37,9 @@ def list_blocks(study: Study) -> list[Block]:
     width = max(4, len(str(len(points) - 1)))
     return [
         Block(f"p{number:0{width}d}-s{seed}", number, seed, {**values, **draw_values(study, number, seed)})
-        for seed in range(study.first_seed, study.first_seed + study.seeds)
+        for round_ in range(study.seeds)
         for number, values in enumerate(points)
+        for seed in (study.first_seed + (round_ if study.shared_seeds else round_ * len(points) + number),)
     ]
 
 

@@ -114,6 +114,12 @@ class Study(Model):
     )
     seeds: Whole = Field(default=1, ge=1, le=1_000_000, description="Number of seeds of each point.")
     first_seed: Whole = Field(default=1, ge=0, description="The first seed; the others follow it.")
+    shared_seeds: bool = Field(
+        default=True,
+        description="Whether all points are flown with the same seeds. Then points are compared by flights with the "
+        "same chance, and all blocks of one seed are one independent sample. With false, each block has a seed of its "
+        "own: detectors are scored and data sets split by many blocks.",
+    )
     arms: tuple[Annotated[StudyArm, BeforeValidator(_arm)], ...] = Field(
         default=("nominal", "attacked"),
         validate_default=True,

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from skyrange.core.files import atomic_write
 from skyrange.study.figures.pdf import load_converter, save_pdf
 from skyrange.study.figures.svg import Figure
+from skyrange.study.inference.means import estimate_mean, standardised_effect
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.design.blocks import is_numeric
 from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder
-from skyrange.study.sweep.report.bootstrap import bootstrap_mean, standardised_effect
+from skyrange.study.sweep.independence import cluster_blocks
 from skyrange.study.sweep.report.figure import draw_curves
 from skyrange.study.sweep.report.response import find_levels, trace_response
 from skyrange.study.sweep.report.summary import (
@@ -24,7 +25,7 @@ from skyrange.study.sweep.report.summary import (
     summarise_study,
     tells_something,
 )
-from skyrange.study.sweep.results import write_results
+from skyrange.study.sweep.results import read_results, write_results
 from skyrange.study.variants.sections import Table, format_interval
 
 REPORT: Final = "report.html"
@@ -51,8 +52,12 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
     folder = open_folder(Path(path))
     write_results(folder)
     study, samples = folder.study, read_samples(folder.path)
+    clusters = cluster_blocks(folder, read_results(folder.path, "runs").to_pylist())
     shown = [one for one in QUANTITIES if tells_something(one, samples)]
-    drawings = [*_draw_responses(folder, samples, shown), *_draw_interactions(folder, samples, shown)]
+    drawings = [
+        *_draw_responses(folder, samples, clusters, shown),
+        *_draw_interactions(folder, samples, clusters, shown),
+    ]
     (folder.path / FIGURES).mkdir(exist_ok=True)
     for drawing in drawings:
         target = drawing.figure.save(folder.path / FIGURES / drawing.file)
@@ -70,8 +75,13 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
         baseline=study.against,
         blocks=len(folder.blocks),
         finished=len(folder.finished()),
+        independent=len({clusters[block.name] for block in folder.finished()}),
         arms=[arm.id for arm in study.arms],
-        tables=[_tabulate_design(folder), _tabulate_effects(folder, samples, shown), _tabulate_cells(folder, shown)],
+        tables=[
+            _tabulate_design(folder),
+            _tabulate_effects(folder, samples, clusters, shown),
+            _tabulate_cells(folder, shown),
+        ],
         drawings=drawings,
         failures=list_failures(folder),
     )
@@ -90,7 +100,9 @@ def _tabulate_design(folder: StudyFolder) -> Table:
     return Table("Design", ["name", "", "key", "values"], rows, notes)
 
 
-def _tabulate_effects(folder: StudyFolder, samples: Samples, shown: Sequence[Quantity]) -> Table:
+def _tabulate_effects(
+    folder: StudyFolder, samples: Samples, clusters: Mapping[str, str], shown: Sequence[Quantity]
+) -> Table:
     """Each arm against the baseline, over all blocks: the mean of the paired differences."""
     rows, notes = [], []
     for one in shown:
@@ -101,13 +113,15 @@ def _tabulate_effects(folder: StudyFolder, samples: Samples, shown: Sequence[Qua
             own = samples.get((one.name, arm.id), {})
             pairs = sorted(set(own) & set(base)) if one.table == "runs" else sorted(own)
             differences = [own[name] - base.get(name, 0.0) for name in pairs]
-            mean = bootstrap_mean(differences, f"{folder.study.name} {one.name} {arm.id} effect")
-            size = standardised_effect(differences)
-            rows.append(
-                [_heading(one), arm.id, str(len(pairs)), format_interval(mean), "–" if size is None else f"{size:.2f}"]
+            own_clusters = [clusters[name] for name in pairs]
+            mean, size = (
+                estimate_mean(differences, own_clusters),
+                standardised_effect(differences, own_clusters),
             )
+            counts = [str(len(pairs)), str(mean.n if mean else 0)]
+            rows.append([_heading(one), arm.id, *counts, format_interval(mean), "–" if size is None else f"{size:.2f}"])
             notes.append(one.about)
-    head = ["measure", "arm", "blocks", "mean difference (95 % interval)", "over its deviation"]
+    head = ["measure", "arm", "blocks", "independent", "mean difference (95 % interval)", "over its deviation"]
     return Table(f"Effects against {folder.study.against}", head, rows, notes)
 
 
@@ -121,7 +135,9 @@ def _tabulate_cells(folder: StudyFolder, shown: Sequence[Quantity]) -> Table:
     return Table("Points", [*names, "arm", "runs", *map(_heading, shown)], rows, [""] * len(rows))
 
 
-def _draw_responses(folder: StudyFolder, samples: Samples, shown: Sequence[Quantity]) -> Iterator[Drawing]:
+def _draw_responses(
+    folder: StudyFolder, samples: Samples, clusters: Mapping[str, str], shown: Sequence[Quantity]
+) -> Iterator[Drawing]:
     """A dose-response curve for each factor and draw, and each measure."""
     colours = {arm.id: number for number, arm in enumerate(folder.study.arms)}
     for factor in (*folder.study.factors, *folder.study.draws):
@@ -131,14 +147,15 @@ def _draw_responses(folder: StudyFolder, samples: Samples, shown: Sequence[Quant
             continue
         for one in shown:
             arms = [arm.id for arm in folder.study.arms if samples.get((one.name, arm.id))]
-            address = f"{folder.study.name} {one.name} {factor.name}"
-            curves = [trace_response(arm, colours[arm], levels, samples[one.name, arm], address) for arm in arms]
+            curves = [trace_response(arm, colours[arm], levels, samples[one.name, arm], clusters) for arm in arms]
             title = f"{_heading(one)} by {factor.name}"
             figure = draw_curves(title, factor.name, _heading(one), levels, curves, numeric=numeric)
             yield Drawing(title, f"{one.name}-by-{factor.name}.svg", figure)
 
 
-def _draw_interactions(folder: StudyFolder, samples: Samples, shown: Sequence[Quantity]) -> Iterator[Drawing]:
+def _draw_interactions(
+    folder: StudyFolder, samples: Samples, clusters: Mapping[str, str], shown: Sequence[Quantity]
+) -> Iterator[Drawing]:
     """For each two factors, the first measure of the last arm: a curve for each level of the second."""
     factors = folder.study.factors
     for place, first in enumerate(factors):
@@ -148,9 +165,9 @@ def _draw_interactions(folder: StudyFolder, samples: Samples, shown: Sequence[Qu
             chosen = next((one for one in shown if samples.get((one.name, arm))), None)
             if chosen is None or len(levels) < 2 or len(lines) < 2:
                 continue
-            own, address = samples[chosen.name, arm], f"{folder.study.name} {chosen.name} {first.name} {second.name}"
+            own = samples[chosen.name, arm]
             curves = [
-                trace_response(f"{second.name} {line.label}", number, levels, own, address, frozenset(line.blocks))
+                trace_response(f"{second.name} {line.label}", number, levels, own, clusters, frozenset(line.blocks))
                 for number, line in enumerate(lines[:_MAX_LINES])
             ]
             title = f"{_heading(chosen)}, {arm}: {first.name} and {second.name}"

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final, NamedTuple
 
+from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.sweep.design.blocks import Block, is_numeric
-from skyrange.study.sweep.report.bootstrap import bootstrap_mean
-from skyrange.study.twins.confidence import Interval
 
 MAX_LEVELS: Final = 8
 """More different values than these are put together into that many levels of equal size."""
@@ -53,14 +52,14 @@ def find_levels(blocks: Sequence[Block], factor: str, most: int = MAX_LEVELS) ->
 
 
 def trace_response(
-    name: str, colour: int, levels: Sequence[Level], samples: Mapping[str, float], address: str,
+    name: str, colour: int, levels: Sequence[Level], samples: Mapping[str, float], clusters: Mapping[str, str],
     within: frozenset[str] | None = None,
 ) -> Curve:  # fmt: skip
     """The response of `samples`, by block, at each level; with `within`, of these blocks alone."""
     points = []
     for level in levels:
-        chosen = [samples[one] for one in level.blocks if one in samples and (within is None or one in within)]
-        mean = bootstrap_mean(chosen, f"{address} {name} {level.label}")
+        chosen = [one for one in level.blocks if one in samples and (within is None or one in within)]
+        mean = estimate_mean([samples[one] for one in chosen], [clusters[one] for one in chosen])
         if mean is not None:
             points.append((level.at, mean))
     return Curve(name, colour, tuple(points))

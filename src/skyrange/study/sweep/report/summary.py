@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.sweep.folder import StudyFolder
-from skyrange.study.sweep.report.bootstrap import bootstrap_mean
+from skyrange.study.sweep.independence import cluster_blocks
 from skyrange.study.sweep.results import read_results
-from skyrange.study.twins.confidence import Interval
 
 
 class Quantity(NamedTuple):
@@ -44,14 +44,15 @@ class Cell(NamedTuple):
     runs: int
     failed: int
     means: dict[str, Interval]
-    """By quantity, over the blocks that have it."""
+    """By quantity, over the clusters of blocks that have it (`cluster_blocks`)."""
 
 
 def summarise_study(folder: StudyFolder) -> list[Cell]:
     """The cells of a study, by point and arm, in order of the design. Its results must have been written."""
     names = [factor.name for factor in folder.study.factors]
     samples = read_samples(folder.path)
-    rows = {(row["block"], row["arm"]): row for row in read_results(folder.path, "runs").to_pylist()}
+    runs = read_results(folder.path, "runs").to_pylist()
+    rows, clusters = {(row["block"], row["arm"]): row for row in runs}, cluster_blocks(folder, runs)
     cells = []
     for point in dict.fromkeys(block.point for block in folder.blocks):
         blocks = [block for block in folder.blocks if block.point == point]
@@ -62,8 +63,8 @@ def summarise_study(folder: StudyFolder) -> list[Cell]:
             means = {}
             for one in QUANTITIES:
                 known = samples.get((one.name, arm.id), {})
-                chosen = [known[block.name] for block in blocks if block.name in known]
-                mean = bootstrap_mean(chosen, f"{folder.study.name} {one.name} {arm.id} {point}")
+                chosen = [block.name for block in blocks if block.name in known]
+                mean = estimate_mean([known[name] for name in chosen], [clusters[name] for name in chosen])
                 if mean is not None:
                     means[one.name] = mean
             failed = sum(row["status"] != "complete" for row in own)

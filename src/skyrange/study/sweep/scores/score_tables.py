@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.study.dataset.splits import HELD_OUT, HeldOut, Traits, split_of
 from skyrange.study.scoring.result_file import ScoreFile, ScoreSettings
 from skyrange.study.scoring.scores import score_detectors
-from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, StudyTables, check_tables
+from skyrange.study.scoring.tables import ALERTS, ATTACKS, FLIGHTS, NOMINAL, StudyTables, check_tables
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.folder import StudyFolder, open_folder
+from skyrange.study.sweep.independence import cluster_blocks
 from skyrange.study.sweep.results import read_results, write_results
 from skyrange.study.sweep.scores.learned_detectors import learn_detectors, write_models
 
@@ -30,7 +31,9 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
     write_results(folder)
     runs = {_run(row): row for row in _rows(folder, "runs") if row["status"] == "complete"}
     acts = [row for row in _rows(folder, "acts") if _run(row) in runs]
-    splits = _assign_splits(folder, runs, held_out_of(folder.study) if held is None else held)
+    clusters = cluster_blocks(folder, runs.values())
+    splits = _assign_splits(folder, runs, clusters, held_out_of(folder.study) if held is None else held)
+    own_from_s = _own_from(runs, acts)
     hostile = {_run(row) for row in acts if not row["fault"]}
     faulty = {_run(row) for row in acts if row["fault"]}
     fleets: dict[str, set[str]] = {}
@@ -44,12 +47,16 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
             {
                 "run": run,
                 "block": row["block"],
+                "cluster": clusters[row["block"]],
+                "flight": runs[run]["flight"],
                 "arm": row["arm"],
                 "split": splits[row["block"]],
                 "city": runs[run].get("city") or "",
                 "aircraft": runs[run]["vehicles"],
                 "vehicle": row["vehicle"],
                 "duration_s": float(row["airborne_s"]),
+                "own_from_s": own_from_s.get(run, 0.0),
+                "shared_s": _shared_s(row, own_from_s.get(run, 0.0)),
                 "hostile": run in hostile,
                 "fault": run in faulty,
             }
@@ -157,16 +164,37 @@ def _run(row: Mapping[str, Any]) -> str:
     return f"{row['block']}.{row['arm']}"
 
 
+def _own_from(runs: Mapping[str, Mapping[str, Any]], acts: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    """When each run begins to differ from the nominal one of its block: with its first act. Runs that repeat to the
+    byte are equal before; what others lose of their hours is on the safe side. Runs of blocks without a nominal one,
+    and those without an act, are not among them.
+    """
+    first: dict[str, float] = {}
+    for row in acts:
+        first[_run(row)] = min(first.get(_run(row), math.inf), float(row["first_s"]))
+    return {run: at for run, at in first.items() if f"{runs[run]['block']}.{NOMINAL}" in runs}
+
+
+def _shared_s(row: Mapping[str, Any], own_from_s: float) -> float:
+    """The airborne time of an aircraft before its run differs from the nominal one."""
+    takeoff_s = row["takeoff_s"]
+    return 0.0 if takeoff_s is None else min(max(own_from_s - float(takeoff_s), 0.0), float(row["airborne_s"]))
+
+
 def _assign_splits(
-    folder: StudyFolder, runs: Mapping[str, Mapping[str, Any]], held: HeldOut
-) -> dict[str, str]:  # fmt: skip
+    folder: StudyFolder,
+    runs: Mapping[str, Mapping[str, Any]],
+    clusters: Mapping[str, str],
+    held: HeldOut,
+) -> dict[str, str]:
     """The split of each block: that of a data set of the study, except that what is held out is in the test split."""
     traits: dict[str, list[Traits]] = {}
     for row in runs.values():
-        traits.setdefault(row["block"], []).append(_traits(row))
+        traits.setdefault(clusters[row["block"]], []).append(_traits(row))
     seed = folder.study.first_seed
-    splits = {block.name: split_of(block.name, traits.get(block.name, ()), seed, held) for block in folder.blocks}
-    return {name: "test" if split.startswith(HELD_OUT) else split for name, split in splits.items()}
+    splits = {name: split_of(name, traits.get(name, ()), seed, held) for name in dict.fromkeys(clusters.values())}
+    parts = {name: "test" if split.startswith(HELD_OUT) else split for name, split in splits.items()}
+    return {block: parts[cluster] for block, cluster in clusters.items()}
 
 
 def _traits(row: Mapping[str, Any]) -> Traits:

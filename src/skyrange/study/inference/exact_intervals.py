@@ -29,6 +29,14 @@ def proportion_interval(hits: int, trials: int, confidence: float) -> Limits:
     return low, high
 
 
+def share_interval(share: float, trials: int, confidence: float) -> Limits:
+    """The Clopper-Pearson interval with a share that need not be a whole number of the trials, such as an AUC."""
+    tail, special, hits = (1.0 - confidence) / 2.0, load_special(), share * trials
+    low = 0.0 if hits <= 0.0 else float(special.betaincinv(hits, trials - hits + 1.0, tail))
+    high = 1.0 if hits >= trials else float(special.betaincinv(hits + 1.0, trials - hits, 1.0 - tail))
+    return low, high
+
+
 def rate_interval(count: int, hours: float, confidence: float) -> Limits:
     """Garwood's interval of a Poisson rate, two-sided, per hour; (0, ∞) without hours.
 

@@ -1,7 +1,7 @@
-"""Intervals by resampling blocks: all arms of one scenario draw are drawn together, because they are not independent.
+"""Resampling of clusters as a whole, because runs of a cluster are not independent of each other.
 
 Block bootstrap with percentile limits (Efron & Tibshirani, "An introduction to the bootstrap", 1993, chapters 8, 13).
-Which blocks a replicate draws is addressed chance: the n-th of the sorted names in replicate r, whatever is computed
+Which clusters a replicate draws is addressed chance: the n-th of the sorted names in replicate r, whatever is computed
 of it. So all detectors are resampled alike, results repeat to the bit, and the order of rows does not matter.
 """
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.chance import Chance
 from skyrange.core.ids import hash64
-from skyrange.study.scoring.intervals import Limits
+from skyrange.study.inference.exact_intervals import Limits
 
 _STREAM = "study.scoring.blocks"
 
@@ -48,29 +48,6 @@ def percentile_limits(samples: NDArray[np.float64], point: float, confidence: fl
     last = ordered.shape[0] - 1
     low, high = ordered[math.floor(tail * last)], ordered[math.ceil((1.0 - tail) * last)]
     return min(float(low), point), max(float(high), point)
-
-
-def ratio_interval(
-    tops: NDArray[np.float64],
-    bottoms: NDArray[np.float64],
-    blocks: NDArray[np.int64],
-    replicates: int,
-    seed: int,
-    confidence: float,
-) -> Limits | None:
-    """The interval of sum(tops) / sum(bottoms), where each row belongs to a block; all of shape (n,), bottoms ≥ 0.
-
-    Blocks whose bottoms are all 0 do not count. None with fewer than two others: one does not vary.
-    """
-    codes = dense_codes(blocks)
-    top, bottom = np.bincount(codes, tops), np.bincount(codes, bottoms)
-    used = bottom > 0.0
-    n = int(used.sum())
-    if n < 2:
-        return None
-    weights = draw_weights(n, replicates, seed)
-    samples = (weights @ top[used]) / (weights @ bottom[used])
-    return percentile_limits(samples, float(top.sum() / bottom.sum()), confidence)
 
 
 def dense_codes(values: NDArray[np.int64]) -> NDArray[np.int64]:

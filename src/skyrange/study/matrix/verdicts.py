@@ -1,0 +1,108 @@
+"""Verdicts of a matrix: which defence is shown to stop which attack, over all of its cells together.
+
+A defence stops an attack if the harm is below half of the undefended one (`share_test`), the missions that are complete
+without the attack are complete in more than half of all flights (`sign_test`), and the harm no longer grows. Both tests
+are adjusted for the number of cells by Holm's method, so that a matrix has a false verdict in at most one case in 20.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, NamedTuple
+
+from skyrange.study.inference.share_tests import LEVEL, adjust_by_holm, pairs_needed, share_test, sign_test
+from skyrange.study.matrix.cells import Cell
+from skyrange.study.matrix.model import UNDEFENDED
+
+STOPPED: Final = 0.5
+"""The share of the undefended harm below which an attack is stopped."""
+GROWING: Final = 0.1
+"""A harm still grows if it grew by more than this share of the undefended one in the last minute of the attack."""
+
+CellKey = tuple[str, str, bool]
+"""Row, column, and whether it is of the adversary who knows the defence."""
+
+
+class Verdict(NamedTuple):
+    """What the flights of one cell show of a defence against an attack."""
+
+    seeds: int
+    below: int
+    """Seeds in which the harm is below half of the undefended one of the same seed."""
+    kept: int
+    """Seeds in which all missions are complete that are complete without the attack."""
+    harm_p: float
+    """Adjusted p of the claim that the harm is below half."""
+    missions_p: float
+    """Adjusted p of the claim that missions are kept in more than half of all flights."""
+    grows: bool
+
+    @property
+    def stops(self) -> bool:
+        """Whether the defence is shown to stop the attack."""
+        return max(self.harm_p, self.missions_p) <= LEVEL and not self.grows
+
+    @property
+    def in_every_flight(self) -> bool:
+        """Whether it stopped the attack in every flight, be they too few for a verdict or not."""
+        return self.below == self.kept == self.seeds > 0 and not self.grows
+
+
+class Verdicts(NamedTuple):
+    """The verdicts of a matrix."""
+
+    of: Mapping[CellKey, Verdict]
+    """By cell; cells without an effect to stop, and those in which the defence had nothing to do, have none."""
+
+    @property
+    def seeds_needed(self) -> int:
+        """The fewest seeds with which any verdict of as many tests is possible."""
+        return pairs_needed(len(self.of))
+
+    def stops(self, row: str, column: str, adaptive: bool = False) -> bool:
+        """Whether a defence is shown to stop an attack."""
+        found = self.of.get((row, column, adaptive))
+        return found is not None and found.stops
+
+    def in_every_flight(self, row: str, column: str, adaptive: bool = False) -> bool:
+        """Whether a defence stopped an attack in every flight."""
+        found = self.of.get((row, column, adaptive))
+        return found is not None and found.in_every_flight
+
+
+def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
+    """The verdicts of the cells of a matrix, by row and column."""
+    compared: dict[CellKey, tuple[Cell, Cell]] = {}
+    for (row, column), cell in cells.items():
+        without = cells.get((row, UNDEFENDED))
+        if column == UNDEFENDED or without is None or cell.fault or not cell.effects or not sum(without.effects):
+            continue
+        if column not in without.idle:
+            compared[row, column, False] = cell, without
+        if (best := cell.best_adaptive) is not None:
+            compared[row, column, True] = best, without.since(len(without.effects) - len(best.effects))
+    harm = adjust_by_holm([share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()])
+    missions = adjust_by_holm([sign_test(sum(one.complete), len(one.complete)) for one, _ in compared.values()])
+    return Verdicts(
+        {
+            key: Verdict(
+                len(one.effects),
+                sum(a < STOPPED * b for a, b in zip(one.effects, other.effects, strict=True)),
+                sum(one.complete),
+                harm_p,
+                missions_p,
+                still_grows(one, other),
+            )
+            for (key, (one, other)), harm_p, missions_p in zip(compared.items(), harm, missions, strict=True)
+        }
+    )
+
+
+def still_grows(cell: Cell, without: Cell) -> bool:
+    """Whether the harm of a cell grew on at the end of the attack: it would be larger had the attack gone on."""
+    speeds = [one for one in cell.growth_m_per_min if one is not None]
+    if not speeds or not without.effects:
+        return False
+    undefended = math.fsum(without.effects) / len(without.effects)
+    return math.fsum(speeds) / len(speeds) > GROWING * undefended

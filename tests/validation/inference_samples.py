@@ -1,0 +1,35 @@
+"""Samples with a known truth for tests of inference: distributions with their means, and shares of replicates."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+class Distribution(NamedTuple):
+    """A distribution of one sample; `draw` takes a generator and a number of samples."""
+
+    mean: float
+    draw: Callable[[np.random.Generator, int], Floats]
+
+
+DISTRIBUTIONS: Final[Mapping[str, Distribution]] = {
+    "normal": Distribution(1.0, lambda chance, n: chance.normal(1.0, 1.0, n)),
+    "exponential": Distribution(1.0, lambda chance, n: chance.exponential(1.0, n)),
+    "lognormal": Distribution(math.exp(0.5), lambda chance, n: chance.lognormal(0.0, 1.0, n)),
+    "half zeros": Distribution(0.5, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.5)),
+    "80 % zeros": Distribution(0.2, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.2)),
+    "yes or no": Distribution(0.3, lambda chance, n: (chance.random(n) < 0.3).astype(np.float64)),
+}
+"""Those with zeros are exponential in the other flights."""
+
+
+def margin(level: float, replicates: int) -> float:
+    """How far the share of replicates may be off `level` by chance: 3.3 standard errors, once in a thousand tests."""
+    return 3.3 * math.sqrt(level * (1.0 - level) / replicates)
