@@ -220,7 +220,10 @@ class Limit:
         )
 
     def _scale(self) -> float:
-        return statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US
+        """How much slower this machine is than the reference. A quicker one does not lower the limits: beside other
+        programs it is as slow again.
+        """
+        return max(1.0, statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US)
 
 
 def read_dear_tests() -> dict[str, float]:

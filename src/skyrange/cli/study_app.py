@@ -78,6 +78,23 @@ def run_study(
     studies.run(file, out, changes or [], jobs, on, storage, dry_run, as_json)
 
 
+@study_app.command("register", epilog="Example: skyrange study register study.toml")
+def register_study(
+    file: StudyFile,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder of the study. Default: studies/NAME.", show_default=False)
+    ] = None,
+    changes: Changes = None,
+    plugin: Plugins = None,
+    as_json: AsJson = False,
+) -> None:
+    """Register a study before its flights: its question, measures and rule, with a hash to publish.
+
+    The report of the study says what was registered; all else is exploratory.
+    """
+    studies.register(file, out, changes or [], as_json)
+
+
 @study_app.command("resume", epilog="Example: skyrange study resume studies/drift")
 def resume_study(
     folder: Folder,

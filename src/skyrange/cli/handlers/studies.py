@@ -47,6 +47,20 @@ def run(
     _print_result(result, as_json)
 
 
+def register(file: Path, out: Path | None, changes: Sequence[str], as_json: bool) -> None:
+    """`skyrange study register`."""
+    from skyrange.study.sweep.design.model import read_study
+    from skyrange.study.sweep.registration import register_study
+
+    folder, registered = register_study(read_study(file, changes), out)
+    if as_json:
+        print_json({"folder": str(folder.path), **registered._asdict()})
+        return
+    print_text(f"registered {folder.study.name} on {registered.registered_utc}: {folder.path / 'registration.json'}")
+    print_text(f"to publish, SHA-256: {registered.hash}")
+    print_text(f"to fly it: skyrange study run {file} --out {folder.path}")
+
+
 def resume(
     path: Path, jobs: int | None, on: str | None, storage: str | None, other_version: bool, retry: bool, as_json: bool
 ) -> None:
@@ -85,7 +99,8 @@ def show(path: Path, as_json: bool) -> None:
     from rich.table import Table
 
     from skyrange.study.sweep.folder import open_folder
-    from skyrange.study.sweep.report.summary import QUANTITIES, read_samples, summarise_study, tells_something
+    from skyrange.study.sweep.quantities import QUANTITIES
+    from skyrange.study.sweep.report.summary import read_samples, summarise_study, tells_something
     from skyrange.study.sweep.results import write_results
 
     folder = open_folder(path)

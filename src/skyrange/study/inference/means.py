@@ -101,7 +101,8 @@ def _average(samples: Sequence[float], clusters: Sequence[Hashable]) -> list[flo
     own: dict[Hashable, list[float]] = {}
     for value, cluster in zip(samples, clusters, strict=True):
         own.setdefault(cluster, []).append(value)
-    return [math.fsum(values) / len(values) for values in own.values()]
+    # the mean of equal values is that value, to the last bit
+    return [values[0] if min(values) == max(values) else math.fsum(values) / len(values) for values in own.values()]
 
 
 def _bootstrap_t(values: NDArray[np.float64], mean: float) -> tuple[float, float]:

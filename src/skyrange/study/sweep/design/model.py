@@ -84,6 +84,20 @@ class LearnedTable(Model):
         return {one.replace("_", "-"): one for one in self.algorithms}
 
 
+class Registration(Model):
+    """What is written down before the first flight, with `skyrange study register`: only that is a test."""
+
+    question: str = Field(min_length=1, max_length=2_000, description="What the study asks.")
+    measures: _Texts = Field(
+        min_length=1, description="Measures that answer it, such as ['departure_m']; all others are exploratory."
+    )
+    rule: str = Field(
+        min_length=1,
+        max_length=2_000,
+        description="By what the answer is yes or no: 'the interval of departure_m is above 5 m'.",
+    )
+
+
 class HeldOutTraits(Model):
     """What blocks of the test split alone may have, so that scores say how detectors do on what they have not seen."""
 
@@ -136,6 +150,9 @@ class Study(Model):
     )
     detectors: tuple[DetectorTable, ...] = Field(default=(), description="Detectors that listen in all runs.")
     learned: LearnedTable | None = Field(default=None, description="Learned detectors, trained when it is scored.")
+    registration: Registration | None = Field(
+        default=None, description="Question, measures and rule, for `skyrange study register`."
+    )
     keep: str | tuple[str, ...] = Field(
         default=RESULTS,
         description="What is kept of each run: results, its measures alone; features, its folder at level study; "

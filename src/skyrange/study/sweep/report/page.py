@@ -15,16 +15,11 @@ from skyrange.study.sweep.design.blocks import is_numeric
 from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder
 from skyrange.study.sweep.independence import cluster_blocks
+from skyrange.study.sweep.quantities import QUANTITIES, Quantity
+from skyrange.study.sweep.registration import Registered, read_registration
 from skyrange.study.sweep.report.figure import draw_curves
 from skyrange.study.sweep.report.response import find_levels, trace_response
-from skyrange.study.sweep.report.summary import (
-    QUANTITIES,
-    Quantity,
-    Samples,
-    read_samples,
-    summarise_study,
-    tells_something,
-)
+from skyrange.study.sweep.report.summary import Samples, read_samples, summarise_study, tells_something
 from skyrange.study.sweep.results import read_results, write_results
 from skyrange.study.variants.sections import Table, format_interval
 
@@ -53,7 +48,9 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
     write_results(folder)
     study, samples = folder.study, read_samples(folder.path)
     clusters = cluster_blocks(folder, read_results(folder.path, "runs").to_pylist())
-    shown = [one for one in QUANTITIES if tells_something(one, samples)]
+    registered = read_registration(folder)
+    asked = registered.measures if registered is not None else ()
+    shown = [one for one in QUANTITIES if one.name in asked or tells_something(one, samples)]
     drawings = [
         *_draw_responses(folder, samples, clusters, shown),
         *_draw_interactions(folder, samples, clusters, shown),
@@ -79,11 +76,12 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
         arms=[arm.id for arm in study.arms],
         tables=[
             _tabulate_design(folder),
-            _tabulate_effects(folder, samples, clusters, shown),
+            _tabulate_effects(folder, samples, clusters, shown, registered),
             _tabulate_cells(folder, shown),
         ],
         drawings=drawings,
         failures=list_failures(folder),
+        registered=registered,
     )
     with atomic_write(folder.path / REPORT) as file:
         file.write(str(page).encode())
@@ -101,7 +99,11 @@ def _tabulate_design(folder: StudyFolder) -> Table:
 
 
 def _tabulate_effects(
-    folder: StudyFolder, samples: Samples, clusters: Mapping[str, str], shown: Sequence[Quantity]
+    folder: StudyFolder,
+    samples: Samples,
+    clusters: Mapping[str, str],
+    shown: Sequence[Quantity],
+    registered: Registered | None,
 ) -> Table:
     """Each arm against the baseline, over all blocks: the mean of the paired differences."""
     rows, notes = [], []
@@ -119,9 +121,11 @@ def _tabulate_effects(
                 standardised_effect(differences, own_clusters),
             )
             counts = [str(len(pairs)), str(mean.n if mean else 0)]
-            rows.append([_heading(one), arm.id, *counts, format_interval(mean), "–" if size is None else f"{size:.2f}"])
+            kind = "registered" if registered is not None and one.name in registered.measures else "exploratory"
+            shares = format_interval(mean), "–" if size is None else f"{size:.2f}"
+            rows.append([_heading(one), arm.id, kind, *counts, *shares])
             notes.append(one.about)
-    head = ["measure", "arm", "blocks", "independent", "mean difference (95 % interval)", "over its deviation"]
+    head = ["measure", "arm", "", "blocks", "independent", "mean difference (95 % interval)", "over its deviation"]
     return Table(f"Effects against {folder.study.against}", head, rows, notes)
 
 

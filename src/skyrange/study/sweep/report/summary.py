@@ -5,31 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.sweep.folder import StudyFolder
 from skyrange.study.sweep.independence import cluster_blocks
+from skyrange.study.sweep.quantities import QUANTITIES, Quantity
 from skyrange.study.sweep.results import read_results
-
-
-class Quantity(NamedTuple):
-    """A measure of a run, or of the aircraft that is affected most."""
-
-    name: str
-    unit: str
-    table: str
-    about: str
-
-
-QUANTITIES: Final = (
-    Quantity("departure_m", "m", "effects", "largest distance of any aircraft from where it is in the baseline"),
-    Quantity("extra_distance_m", "m", "effects", "largest additional way of any aircraft"),
-    Quantity("delay_s", "s", "effects", "largest delay of any mission that is complete in both"),
-    Quantity("missions_complete", "", "runs", "aircraft whose mission is complete"),
-    Quantity("collisions", "", "runs", "collisions with aircraft, once for both, and with buildings"),
-    Quantity("near_misses", "", "runs", "times that two aircraft in the air came near each other"),
-)
 
 Samples = Mapping[tuple[str, str], Mapping[str, float]]
 """By quantity and arm: the number of each block, by its name."""
