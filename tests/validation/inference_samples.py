@@ -30,6 +30,14 @@ DISTRIBUTIONS: Final[Mapping[str, Distribution]] = {
 """Those with zeros are exponential in the other flights."""
 
 
+RATES: Final[Mapping[str, Callable[[np.random.Generator, int], Floats]]] = {
+    "equal": lambda chance, n: np.ones(n),
+    "gamma, twice its mean": lambda chance, n: chance.gamma(0.25, 4.0, n),
+    "lognormal, twice its mean": lambda chance, n: chance.lognormal(-0.5 * math.log(5.0), math.sqrt(math.log(5.0)), n),
+}
+"""Rates of clusters with the mean 1, and a coefficient of variation of 0 or 2."""
+
+
 def margin(level: float, replicates: int) -> float:
     """How far the share of replicates may be off `level` by chance: 3.3 standard errors, once in a thousand tests."""
     return 3.3 * math.sqrt(level * (1.0 - level) / replicates)

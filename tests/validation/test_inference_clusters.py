@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -18,16 +17,10 @@ from skyrange.study.inference.clusters import find_clusters, keep_first
 from skyrange.study.inference.exact_intervals import proportion_interval, rate_bound, rate_interval
 from skyrange.study.scoring.measures import judge_claim
 from skyrange.study.scoring.result_file import ScoreSettings
-from tests.validation.inference_samples import Floats, margin
+from tests.validation.inference_samples import RATES, margin
 
 FAST, THOROUGH = 600, 6_000
 REPLICATES = [FAST, pytest.param(THOROUGH, marks=pytest.mark.slow)]
-RATES: dict[str, Callable[[np.random.Generator, int], Floats]] = {
-    "equal": lambda chance, n: np.ones(n),
-    "gamma, twice its mean": lambda chance, n: chance.gamma(0.25, 4.0, n),
-    "lognormal, twice its mean": lambda chance, n: chance.lognormal(-0.5 * math.log(5.0), math.sqrt(math.log(5.0)), n),
-}
-"""Rates of clusters with the mean 1, and a coefficient of variation of 0 or 2."""
 
 
 @pytest.mark.parametrize("replicates", REPLICATES)

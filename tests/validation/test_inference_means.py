@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from skyrange.study.inference.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, estimate_mean
+from skyrange.study.inference.means import BOOTSTRAP_FROM, MOST_AGREE_FROM, SKEWED, estimate_mean
 from skyrange.study.inference.student import t_tail
 from tests.validation.inference_samples import DISTRIBUTIONS, margin
 
@@ -99,3 +102,31 @@ def test_the_interval_depends_on_the_samples_alone() -> None:
 def test_the_tail_of_t_is_that_of_scipy(freedom: int) -> None:
     for t in (-3.0, -0.1, 0.0, 0.5, 2.0, 12.0):
         assert t_tail(t, freedom) == pytest.approx(stats.t.sf(t, freedom), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_the_page_of_measured_coverage_says_what_is_measured() -> None:
+    path = Path(__file__).parents[2] / "docs" / "measure_coverage.py"
+    spec = importlib.util.spec_from_file_location("measure_coverage", path)
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    lines = script.PAGE.read_text(encoding="utf-8").splitlines()
+    for name, count in (("normal", 3), ("lognormal", 10), ("80 % zeros", 19), ("half zeros", 40)):
+        cells = next(line for line in lines if line.startswith(f"| {name} |")).strip("| ").split(" | ")
+        assert cells[1 + script.COUNTS.index(count)] == script.measure_mean(name, count)
+
+
+def test_what_reports_say_of_skewed_data_is_on_the_page() -> None:
+    page = Path(__file__).parents[2] / "docs" / "reference" / "coverage.md"
+    lines = page.read_text(encoding="utf-8").splitlines()
+    head = next(line for line in lines if line.startswith("| samples |")).strip("| ").split(" | ")
+    few = [place for place, text in enumerate(head) if text.isdigit() and int(text) < BOOTSTRAP_FROM]
+    found = [
+        int(re.sub(r"\D", "", line.strip("| ").split(" | ")[place]))
+        for line in lines
+        if line.startswith(("| exponential |", "| lognormal |"))
+        for place in few
+    ]
+    assert f"{min(found)} to {max(found)} %" == SKEWED

@@ -69,7 +69,9 @@ class Cell:
     complete: Sequence[bool] = ()
     """Whether every mission that is complete in the baseline is complete."""
     growth_m_per_min: Sequence[float | None] = ()
-    """How fast the effect still grew at the end of the attack (`measure_growth`); `None` where it is no distance."""
+    """How fast the effect still grew at the end of the attack (`measure_growth`); `None` where it is no distance, or
+    the attack is too short.
+    """
     alarms_s: Sequence[float | None] = ()
     """Time from the attack's start to the first alarm after it; `None` without one."""
     watched_s: Sequence[float] = ()

@@ -14,7 +14,9 @@ from skyrange.study.measures.aircraft_measures import read_ticks
 Floats = NDArray[np.float64]
 
 GROWTH_NS: Final = 60_000_000_000
-"""Growth is that of the last minute of the attack."""
+"""Growth is that of the last minute of the attack at most."""
+LEAST_NS: Final = 20_000_000_000
+"""Of an attack that acts for less than this no growth is measured: it is over before its effect is."""
 
 
 class DistanceSeries(NamedTuple):
@@ -47,21 +49,21 @@ def measure_straying(attacked: RunRecord, baseline: RunRecord) -> DistanceSeries
     return DistanceSeries(mine.time_ns, away_m, mine.aloft)
 
 
-def measure_growth(series: DistanceSeries, start_ns: int, stop_ns: int) -> float:
-    """How much the largest distance of any aircraft grew in the last minute of an attack, in metres a minute.
+def measure_growth(series: DistanceSeries, start_ns: int, stop_ns: int) -> float | None:
+    """How much the largest distance of any aircraft still grew in the second half of an attack, or in its last minute
+    if that is shorter, in metres a minute; `None` for an attack of less than 20 s.
 
-    It ends with the attack or with the flight. Of an attack of less than a minute it is that of its whole time.
+    It ends with the attack or with the flight.
     """
     highest = np.maximum.accumulate(series.away_m, axis=0)
-    fastest = 0.0
+    found: list[float] = []
     for k in range(series.away_m.shape[1]):
         acting = np.flatnonzero(series.aloft[:, k] & (series.time_ns >= start_ns) & (series.time_ns <= stop_ns))
-        if acting.size < 2:
+        begin_ns, end_ns = (int(series.time_ns[acting[place]]) for place in (0, -1)) if acting.size else (0, 0)
+        if end_ns - begin_ns < LEAST_NS:
             continue
-        last = int(acting[-1])
-        since_ns = max(int(series.time_ns[last]) - GROWTH_NS, int(series.time_ns[acting[0]]))
-        first = int(np.searchsorted(series.time_ns, since_ns))
-        span_min = (int(series.time_ns[last]) - int(series.time_ns[first])) / GROWTH_NS
-        if span_min > 0.0:
-            fastest = max(fastest, float(highest[last, k] - highest[first, k]) / span_min)
-    return fastest
+        since_ns = max(end_ns - GROWTH_NS, (begin_ns + end_ns) // 2)
+        first, last = int(np.searchsorted(series.time_ns, since_ns)), int(acting[-1])
+        span_min = (end_ns - int(series.time_ns[first])) / GROWTH_NS
+        found.append(float(highest[last, k] - highest[first, k]) / span_min)
+    return max(found, default=None)

@@ -25,8 +25,9 @@ INTRODUCTION = """\
 Each cell is a [pair](pair-folder.md): the row's scenario with its attack and without, {seeds} seeds, with the column's
 defence in both. A number is the mean effect on the aircraft that is affected most, in the unit of the row, with its
 95 % interval; a mean without one has none, because all or most of its flights agree. "2 of 5 complete": missions are
-complete in 2 of 5 runs, of those that are without the attack. "grows by 3.0/min": in the last minute of the attack the
-effect grew by more than a tenth of the undefended one, so it would be larger had the attack gone on.
+complete in 2 of 5 runs, of those that are without the attack. "grows by 3.0/min": in the second half of the attack, or
+in its last minute, the effect still grew by more than a tenth of the undefended one a minute: it would be larger had
+the attack gone on.
 
 **Bold**: the defence is shown to stop the attack. Its effect is below half of the undefended one, missions are kept,
 and it does not grow; both tests are adjusted for the {tests} cells that are tested, so that a matrix has any false
@@ -41,7 +42,7 @@ below.
 VERDICTS = """\
 `harm`: seeds in which the effect is below half of the undefended one. `missions`: seeds in which every mission is
 complete that is complete without the attack. Each with the p of the claim that this holds for most flights, adjusted
-for the number of cells. Cells without such a seed are left out.
+for the number of cells. Cells whose effect is below half in no seed are left out.
 """
 COST = """\
 False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights without
@@ -193,7 +194,7 @@ _VERDICT_HEAD: Final = ("attack", "defence", "adversary", "harm", "missions", "v
 
 def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
     for (row, column, adaptive), one in result.verdicts.of.items():
-        if not one.below and not one.kept:
+        if not one.below:
             continue
         verdict = "stops" if one.stops else "not shown: grows" if one.grows else "not shown"
         if one.in_every_flight and not one.stops:

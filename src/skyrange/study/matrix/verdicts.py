@@ -18,7 +18,7 @@ from skyrange.study.matrix.model import UNDEFENDED
 STOPPED: Final = 0.5
 """The share of the undefended harm below which an attack is stopped."""
 GROWING: Final = 0.1
-"""A harm still grows if it grew by more than this share of the undefended one in the last minute of the attack."""
+"""A harm still grows if, at the end of the attack, it grows by more than this share of the undefended one a minute."""
 
 CellKey = tuple[str, str, bool]
 """Row, column, and whether it is of the adversary who knows the defence."""

@@ -18,6 +18,7 @@ from skyrange.study.figures.subject import Subject, subject_of
 from skyrange.study.figures.svg import Figure
 from skyrange.study.figures.symbols import Place
 from skyrange.study.figures.twins import Span, draw_departures, draw_twin_heights, draw_twin_plan
+from skyrange.study.inference.means import BOOTSTRAP_FROM, SKEWED
 from skyrange.study.measures.defence_acts import read_defences
 from skyrange.study.measures.mishaps import find_mishaps
 from skyrange.study.measures.receptions import read_receptions, summarise_receptions
@@ -291,7 +292,8 @@ def _ensemble(pair: Pair, subject: Subject, effects: Sequence[Mapping[str, Any]]
         return None
     affected = list(dict.fromkeys(row["vehicle"] for row in effects if row["departed_s"] is not None))
     table = effect_tables.render_ensemble(subject, pair.intervals(), affected)
-    return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table}
+    told = {"bootstrap_from": BOOTSTRAP_FROM, "skewed": SKEWED}
+    return {"seeds": len(pair.seeds), "reference": pair.reference, "table": table, **told}
 
 
 def _receptions(run: RunRecord, subject: Subject, places: Mapping[str, Place]) -> Mapping[str, Any] | None:

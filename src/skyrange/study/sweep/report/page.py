@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 from skyrange.core.files import atomic_write
 from skyrange.study.figures.pdf import load_converter, save_pdf
 from skyrange.study.figures.svg import Figure
-from skyrange.study.inference.means import estimate_mean, standardised_effect
+from skyrange.study.inference.means import BOOTSTRAP_FROM, SKEWED, estimate_mean, standardised_effect
 from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.design.blocks import is_numeric
 from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
@@ -82,6 +82,8 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
         drawings=drawings,
         failures=list_failures(folder),
         registered=registered,
+        bootstrap_from=BOOTSTRAP_FROM,
+        skewed=SKEWED,
     )
     with atomic_write(folder.path / REPORT) as file:
         file.write(str(page).encode())
