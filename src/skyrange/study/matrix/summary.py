@@ -157,8 +157,8 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
         rate_interval(alarms, flown_h, CONFIDENCE),
         sum(one for one, _ in broken),
         sum(of for _, of in broken),
-        _mean_over_rows([added_delay_s(cell, without) for cell, without in cells]),
-        _mean_over_rows([added_energy_j(cell, without) for cell, without in cells]),
+        mean_over_rows([added_delay_s(cell, without) for cell, without in cells]),
+        mean_over_rows([added_energy_j(cell, without) for cell, without in cells]),
         sum(sum(added_frames(cell, without)) for cell, without in cells) / hours if hours else 0.0,
         sum(honest),
         len(honest),
@@ -175,7 +175,7 @@ def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptiv
     )
 
 
-def _mean_over_rows(rows: Sequence[Sequence[float]]) -> Interval | None:
+def mean_over_rows(rows: Sequence[Sequence[float]]) -> Interval | None:
     """The mean over rows for each seed, and then over seeds: the rows are given, the seeds are a sample."""
     by_seed = [[one for one in own if not math.isnan(one)] for own in zip(*rows, strict=True)]
     return estimate_mean([math.fsum(own) / len(own) for own in by_seed if own])
