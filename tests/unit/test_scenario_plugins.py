@@ -288,7 +288,7 @@ def test_a_medium_is_made_of_what_the_scenario_says() -> None:
     assert sorted(radio.name for radio in context.radios) == ["blue/b1", "green/g1"]
     assert built.oracle is not None
     assert isinstance(built.oracle.medium, Counted)
-    assert built.header["medium"] == {"kind": "test.counted", "version": "7"}
+    assert built.header["medium"] == {"kind": "test.counted", "repeatable": "bytes", "version": "7"}
     assert "medium" not in build(load_text(AIR + "[radio]\n")).header
     assert load_text(to_toml(scenario)) == scenario
     assert tomllib.loads(to_toml(load_text(AIR + "[radio]\n")))["radio"]["params"] == {
