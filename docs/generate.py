@@ -503,6 +503,7 @@ def study_file() -> str:
         "Study": "The file",
         "Factor": "`[[factors]]` and `[[draws]]`",
         "StudyArm": "`[[arms]]`",
+        "Registration": "`[registration]`",
         "LearnedTable": "`[learned]`",
         "HeldOutTraits": "`[held_out]`",
     }
