@@ -221,6 +221,32 @@ def test_a_flight_counts_once_however_many_points_it_was_flown_at() -> None:
     assert found.detection.attacks == 1, "an attack that only listens flies the nominal flight, and is to be found"
 
 
+def test_two_attacks_that_only_listen_are_both_to_be_found() -> None:
+    """They leave the nominal flight as it is, so that both runs are that flight."""
+    flights = [flight(f"r{n}", arm=arm, block="b", flight="same", hostile=True) for n, arm in enumerate(("one", "two"))]
+    acts = [attack("r0", kind="link.eavesdrop", family="a"), attack("r1", kind="mavlink.exfiltrate", family="a")]
+    file = score_detectors(tables([*flights, flight("v", split="validation")], acts), SETTINGS, detectors=["d"])
+    assert [one.name for one in on_all(file).kinds] == ["link.eavesdrop", "mavlink.exfiltrate"]
+
+
+def test_by_chance_of_an_attack_on_a_whole_run_knows_alarms_without_a_subject() -> None:
+    """In the cluster with a nominal flight, and in one without, whose alarms are those of the split."""
+    flights = [flight("n", block="p0", cluster="s"), flight("v", split="validation")]
+    flights += [flight(f"r{n}", arm="attacked", block=f"p{n}", cluster=("s", "t")[n]) for n in range(2)]
+    alerts = [alert("n", float(second), "") for second in range(3600)]
+    file = score_detectors(tables(flights, [attack("r0", ""), attack("r1", "")], alerts), SETTINGS)
+    assert on_all(file).detection.by_chance == 1.0
+
+
+def test_always_is_hit_by_chance_even_where_aircraft_take_off_late() -> None:
+    flights = [flight("n", block="b", duration_s=60.0), flight("v", split="validation")]
+    flights += [flight("r", arm="attacked", block="b", duration_s=60.0)]
+    file = score_detectors(tables(flights, [attack("r")]), SETTINGS, detectors=["d"])
+    found = on_all(file, "always").detection
+    assert found.recall is not None
+    assert (found.recall.value, found.by_chance) == (1.0, 1.0)
+
+
 def test_what_a_run_shares_with_the_nominal_one_counts_there_alone() -> None:
     arms = [flight("n", block="b"), flight("f", arm="fault", block="b", own_from_s=600.0, shared_s=500.0)]
     arms += [flight("r", arm="attacked", block="b", own_from_s=1000.0, shared_s=900.0), flight("v", split="validation")]

@@ -17,6 +17,7 @@ from skyrange.study.sweep.design.factors import Factor
 from skyrange.study.sweep.design.model import Study
 from skyrange.study.sweep.execution.worker import note_failure
 from skyrange.study.sweep.folder import create_folder
+from skyrange.study.sweep.independence import cluster_blocks, cluster_samples
 from skyrange.study.sweep.report.page import write_study_report
 from skyrange.study.sweep.report.response import find_levels, trace_response
 
@@ -40,6 +41,22 @@ def test_a_sample_that_is_repeated_within_its_cluster_tells_nothing_more(samples
     assert often is not None
     assert (often.n, often.method) == (once.n, once.method)
     assert often.mean == pytest.approx(once.mean, abs=1e-6)
+
+
+def test_samples_are_seeds_even_where_their_nominal_flights_are_one(tmp_path: Path) -> None:
+    folder = create_folder(Study(name="s", scenario="gnss.jump", seeds=4), tmp_path / "s")
+    runs = [
+        {"block": block.name, "arm": arm, "flight": "n" if arm == "nominal" else f"a{block.seed // 3}"}
+        for block in folder.blocks
+        for arm in ("nominal", "attacked")
+    ]
+    own = [name.partition("-")[2] for name in cluster_samples(folder, runs).values()]
+    assert own == ["s1", "s1", "s3", "s3"], "seeds 1 and 2 have the same flights altogether, and so have 3 and 4"
+    for row in runs:
+        row |= {"status": "complete"}
+    assert len(set(cluster_blocks(folder, runs).values())) == 1, "no flight may be in two splits"
+    older = [{"block": block.name, "arm": "nominal"} for block in folder.blocks]
+    assert len(set(cluster_samples(folder, older).values())) == 4
 
 
 def test_the_standardised_effect_of_pairs() -> None:

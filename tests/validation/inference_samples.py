@@ -25,6 +25,8 @@ DISTRIBUTIONS: Final[Mapping[str, Distribution]] = {
     "lognormal": Distribution(math.exp(0.5), lambda chance, n: chance.lognormal(0.0, 1.0, n)),
     "half zeros": Distribution(0.5, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.5)),
     "80 % zeros": Distribution(0.2, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.2)),
+    "90 % zeros": Distribution(0.1, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.1)),
+    "95 % zeros": Distribution(0.05, lambda chance, n: chance.exponential(1.0, n) * (chance.random(n) < 0.05)),
     "yes or no": Distribution(0.3, lambda chance, n: (chance.random(n) < 0.3).astype(np.float64)),
 }
 """Those with zeros are exponential in the other flights."""

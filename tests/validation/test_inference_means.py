@@ -21,7 +21,7 @@ def coverage(name: str, count: int, replicates: int, seed: int = 1) -> tuple[flo
     chance, drawn = np.random.default_rng(seed), DISTRIBUTIONS[name]
     covered = []
     for _ in range(replicates):
-        found = estimate_mean(drawn.draw(chance, count).tolist())
+        found = estimate_mean(drawn.draw(chance, count).tolist(), yes_or_no=name == "yes or no")
         assert found is not None
         if found.low is not None and found.high is not None:
             covered.append(found.low <= drawn.mean <= found.high)
@@ -57,10 +57,14 @@ def test_samples_that_are_mostly_zero_have_no_interval_while_no_method_covers(co
 
 
 @pytest.mark.parametrize("replicates", REPLICATES)
-def test_of_many_samples_that_are_mostly_zero_the_interval_covers(replicates: int) -> None:
-    shown, covered = coverage("80 % zeros", MOST_AGREE_FROM, replicates)
-    assert shown > 0.99
-    assert covered >= 0.95 - margin(0.95, replicates) - 0.01
+@pytest.mark.parametrize("zeros", [80, 90, 95])
+@pytest.mark.parametrize("count", [MOST_AGREE_FROM, 100, 200])
+def test_of_many_samples_that_are_mostly_zero_wrong_intervals_are_rare(zeros: int, count: int, replicates: int) -> None:
+    """What counts is how often a reader is told something false; with few others there is no interval at all."""
+    shown, covered = coverage(f"{zeros} % zeros", count, replicates)
+    assert shown * (1.0 - covered if shown else 0.0) <= 0.05 + margin(0.05, replicates) + 0.01
+    if (100 - zeros) / 100 * count >= 15:
+        assert shown > 0.9
 
 
 @pytest.mark.parametrize("replicates", REPLICATES)
@@ -77,6 +81,16 @@ def test_samples_of_one_cluster_count_once(replicates: int) -> None:
         assert found.high is not None
         covered.append(found.low <= 0.0 <= found.high)
     assert np.mean(covered) >= 0.95 - margin(0.95, replicates)
+
+
+def test_a_difference_is_no_yes_or_no() -> None:
+    """One of five seeds has a near miss more: nothing that an interval could show, and least of all one above zero."""
+    found = estimate_mean([1.0, 0.0, 0.0, 0.0, 0.0])
+    assert found is not None
+    assert (found.low, found.without) == (None, "most agree")
+    share = estimate_mean([1.0, 0.0, 0.0, 0.0, 0.0], yes_or_no=True)
+    assert share is not None
+    assert share.method == "Clopper-Pearson"
 
 
 def test_what_has_no_interval_says_why() -> None:

@@ -50,6 +50,19 @@ def test_of_88_cells_with_half_of_the_harm_left_none_is_called_stopped(
     assert false / (replicates // 4) <= LEVEL + margin(LEVEL, replicates // 4)
 
 
+@pytest.mark.slow
+def test_cells_that_lose_harm_or_missions_alone_are_together_no_more_often_called_stopped() -> None:
+    """Twenty cells leave half of the harm, twenty others lose half of the missions, with many seeds."""
+    chance, false, replicates, seeds = np.random.default_rng(9), 0, 400, 201
+    for _ in range(replicates):
+        cells = {("row", UNDEFENDED): cell(UNDEFENDED, [50.0] * seeds)}
+        for k in range(20):
+            cells["row", f"h{k}"] = cell(f"h{k}", (50.0 * (chance.random(seeds) < 0.5)).tolist())
+            cells["row", f"m{k}"] = cell(f"m{k}", [0.0] * seeds, (chance.random(seeds) < 0.5).tolist())
+        false += any(one.stops for one in judge_cells(cells).of.values())
+    assert false / replicates <= LEVEL + margin(LEVEL, replicates)
+
+
 def test_a_defence_that_always_works_is_shown_with_seeds_enough_and_marked_before() -> None:
     for seeds, shown in ((5, False), (10, False), (11, True)):
         cells = {("row", UNDEFENDED): cell(UNDEFENDED, [50.0 + k for k in range(seeds)])}

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from skyrange.cli.output.console import print_json, print_text, terminal
+from skyrange.cli.output.console import print_json, print_notice, print_text, terminal
 
 
 def build(
@@ -23,7 +23,7 @@ def build(
     from skyrange.core.input_files import expand_user
     from skyrange.study.dataset.build import build_dataset
     from skyrange.study.dataset.members import read_members
-    from skyrange.study.dataset.splits import HeldOut, assign_splits
+    from skyrange.study.dataset.splits import SHARES, HeldOut, assign_splits, cluster_members
     from skyrange.study.sweep.dataset_members import list_dataset_members
     from skyrange.study.sweep.folder import open_folder
     from skyrange.study.sweep.scores.score_tables import check_held_traits, held_out_of
@@ -40,6 +40,11 @@ def build(
         members, seed = read_members(path), 0
     given = [member for member in members if member.split]
     members = [*given, *assign_splits([member for member in members if not member.split], seed, held_out=held)]
+    clusters = len(set(cluster_members(members).values()))
+    if empty := [split for split in SHARES if split not in {member.split for member in members}]:
+        hint = "fly more seeds, or each block with a seed of its own (shared_seeds = false)"
+        why = f"blocks that share a seed go together, and make {clusters} clusters"
+        print_notice(f"no run is in {', '.join(empty)}, because {why}: {hint}")
     folder = build_dataset(members, target, name or target.name)
     splits = Counter(member.split for member in members)
     if as_json:

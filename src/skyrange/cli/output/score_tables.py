@@ -35,7 +35,8 @@ def tabulate_scores(files: Sequence[ScoreFile]) -> Iterator[Table]:
         table.add_column(head, no_wrap=head in ("", "detector"))
     for row in rows:
         rank = "–" if row.rank is None else str(row.rank)
-        shares = _share(row.equal_rate_recall), _share(row.recall), _share(row.by_chance)
+        at_rate = f"{_share(row.equal_rate_recall)}\nat {_rate(row.equal_rate_per_h)}"
+        shares = at_rate, _share(row.recall), _share(row.by_chance)
         rates = _rate_with_limits(row), _rate(row.fault_false_per_h), _rate(row.median_delay_s)
         table.add_row(rank, row.detector, *shares, *rates, _share(row.before_effect))
     table.caption = _describe(files)
@@ -84,7 +85,7 @@ def _describe(files: Sequence[ScoreFile]) -> str:
     """What a reader has to know of the numbers."""
     settings, first = files[0].settings, files[0]
     told = [
-        f"Rank, at equal rate: each detector with the threshold that keeps to {settings.target_per_h:g} per h on the "
+        f"Rank, at equal rate: each detector with the threshold for at most {settings.target_per_h:g} per h on the "
         "nominal test flights. Other columns: with that of the validation flights, at the rates in the table.",
         f"Limits are {100 * settings.confidence:g} %, if the coefficient of variation of rates between clusters is "
         f"{settings.variation:g}.",

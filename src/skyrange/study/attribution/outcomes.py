@@ -166,10 +166,14 @@ def limits(placebos: Sequence[Mapping[str, Floats]], floor: Mapping[str, Floats]
 
 
 def repeats_to_the_byte(record: RunRecord) -> bool:
-    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so."""
+    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so.
+
+    Of a record of a version that did not ask them, the builtin ones are known to be.
+    """
     manifest = record.manifest
-    parts = [*(manifest.get("engines") or ()), manifest.get("medium") or {}]
-    return not manifest.get("live") and all(part.get("repeatable", "bytes") == "bytes" for part in parts)
+    parts = [*(manifest.get("engines") or ()), *([manifest["medium"]] if manifest.get("medium") else [])]
+    said = (part.get("repeatable", "bytes" if part.get("kind") == "builtin" else "outcome") for part in parts)
+    return not manifest.get("live") and all(one == "bytes" for one in said)
 
 
 def _capped(separation_m: float | None) -> float | None:

@@ -27,6 +27,7 @@ from skyrange.study.dataset.description.regenerate import write_regenerate
 from skyrange.study.dataset.members import Member, check_members
 from skyrange.study.dataset.partitions import BlockWriter, partition_path
 from skyrange.study.dataset.progress import RowCounts, begin_build
+from skyrange.study.dataset.run_settings import identify_setting
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
 from skyrange.study.dataset.windows import SplitHashes
@@ -126,8 +127,8 @@ def _write_run(writer: BlockWriter, member: Member, record: RunRecord, settings:
 def _runs_table(
     members: Sequence[Member], records: Sequence[RunRecord], traits: Sequence[Traits], rows: RowCounts
 ) -> pa.Table:
-    """One row for each run: block, arm, split, seed, traits, whether it repeats to the byte, rows of each view, and the
-    factors as JSON.
+    """One row for each run: block, arm, split, seed, traits, whether it repeats to the byte, setting, rows of each
+    view, and the factors as JSON.
     """
     return pa.Table.from_pylist(
         [
@@ -142,6 +143,7 @@ def _runs_table(
                 "fleet_size": trait.fleet_size,
                 "duration_s": record.duration,
                 "repeats": repeats_to_the_byte(record),
+                "setting": identify_setting(member.scenario),
                 "fingerprint": str(record.manifest.get("digests", {}).get("fingerprint", "")),
                 "flight": identify_flight(record.manifest),
                 "factors": json.dumps(dict(member.factors), sort_keys=True),

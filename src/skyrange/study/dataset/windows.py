@@ -25,14 +25,20 @@ _NULL: Final = np.uint64(0x9E3779B97F4A7C15)
 
 
 class SplitHashes:
-    """The windows of a data set that were written, and the split in which each was first."""
+    """The windows of a data set that were written, and the split in which each was first: about 100 bytes a window."""
 
     def __init__(self) -> None:
-        self._first: dict[str, dict[int, tuple[str, str]]] = {}
+        self._first: dict[str, dict[int, int]] = {}
+        self._homes: list[tuple[str, str]] = []
+        """Splits and runs, by the numbers above."""
+        self._numbers: dict[tuple[str, str], int] = {}
 
     def find_elsewhere(self, view: str, digest: str, split: str, run: str) -> str | None:
         """The first run of another split with this window; `None` if there is none, and then this one may be it."""
-        first_split, first_run = self._first.setdefault(view, {}).setdefault(int(digest, 16), (split, run))
+        number = self._numbers.setdefault((split, run), len(self._homes))
+        if number == len(self._homes):
+            self._homes.append((split, run))
+        first_split, first_run = self._homes[self._first.setdefault(view, {}).setdefault(int(digest, 16), number)]
         return None if first_split == split else first_run
 
     def add_file(self, view: str, split: str, path: Path) -> None:

@@ -3,11 +3,12 @@
 What counts as one sample is decided by the caller: a seed, or a cluster of runs that share a flight or a seed
 (`clusters`). The 95 % interval is, by what the samples are:
 
-- of yes and no (all 0 or 1, both occur): Clopper-Pearson's interval of a proportion;
+- of what the caller says is yes or no (0 or 1): Clopper-Pearson's interval of a proportion;
 - of fewer than `BOOTSTRAP_FROM` samples: Student's t;
 - of more: bootstrap-t (Efron & Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 12.5);
-- none where all agree, and none where most agree and there are fewer than `MOST_AGREE_FROM` samples: of 5 samples of a
-  quantity that is 0 in four of five flights, Student's t covers the mean in a third of the cases.
+- none where all agree, and none where most agree, unless there are `MOST_AGREE_FROM` samples and `OTHERS_FROM` of them
+  are others: of 5 samples of a quantity that is 0 in four of five flights, Student's t covers the mean in a third of
+  the cases.
 
 `docs/reference/coverage.md` has the coverage that simulations show, also for skewed data, where it is less than stated.
 """
@@ -29,7 +30,9 @@ CONFIDENCE: Final = 0.95
 BOOTSTRAP_FROM: Final = 20
 """From so many samples on the interval is that of bootstrap-t; of fewer, resampling knows too little of the tails."""
 MOST_AGREE_FROM: Final = 40
-"""From so many samples on there is an interval even if more than half of them are equal."""
+"""From so many samples on there may be an interval even if more than half of them are equal."""
+OTHERS_FROM: Final = 8
+"""Of samples of which more than half are equal, so many have to differ from these."""
 SKEWED: Final = "81 to 92 %"
 """How often the interval of fewer than `BOOTSTRAP_FROM` samples covers the mean of skewed data, exponential or
 lognormal, by `docs/reference/coverage.md`. Few samples do not show whether they are of such data.
@@ -65,10 +68,13 @@ class Interval(NamedTuple):
         return f"all {self.n} agree" if self.method == "all agree" else str(self.method)
 
 
-def estimate_mean(samples: Sequence[float], clusters: Sequence[Hashable] | None = None) -> Interval | None:
+def estimate_mean(
+    samples: Sequence[float], clusters: Sequence[Hashable] | None = None, *, yes_or_no: bool = False
+) -> Interval | None:
     """The mean of some samples and its 95 % interval; `None` without samples.
 
     With `clusters`, (n,) names, samples of one name are averaged first, because they are not independent of each other.
+    `yes_or_no` says that each sample is 0 or 1 and can be nothing else; a difference may be −1 as well.
     """
     values = np.array(samples if clusters is None else _average(samples, clusters), dtype=np.float64)
     if not values.size:
@@ -79,12 +85,13 @@ def estimate_mean(samples: Sequence[float], clusters: Sequence[Hashable] | None 
         return Interval(1, mean, None, None, "one sample")
     if values[0] == values[-1]:
         return Interval(count, mean, None, None, "all agree")
-    if np.isin(values, (0.0, 1.0)).all():
+    if yes_or_no and np.isin(values, (0.0, 1.0)).all():
         try:
             return Interval(count, mean, *proportion_interval(int(values.sum()), count, CONFIDENCE), "Clopper-Pearson")
         except InputError:
             return Interval(count, mean, None, None, "SciPy is missing")
-    if count < MOST_AGREE_FROM and 2 * int(np.unique(values, return_counts=True)[1].max()) > count:
+    alike = int(np.unique(values, return_counts=True)[1].max())
+    if 2 * alike > count and (count < MOST_AGREE_FROM or count - alike < OTHERS_FROM):
         return Interval(count, mean, None, None, "most agree")
     if count < BOOTSTRAP_FROM:
         half = t_quantile(0.5 + CONFIDENCE / 2, count - 1) * float(values.std(ddof=1)) / math.sqrt(count)

@@ -31,7 +31,7 @@ from skyrange.study.matrix.verdicts import Verdicts, judge_cells
 from skyrange.study.pairing import pair
 from skyrange.study.twins.pair_folder import Pair, folder_of
 
-FORMAT: Final = "skyrange.matrix/1"
+FORMAT: Final = "skyrange.matrix/2"
 MANIFEST: Final = "matrix.json"
 CELLS: Final = "cells"
 _SENSORS: Final = ("gnss", "baro", "compass", "imu", "gyro", "accel")

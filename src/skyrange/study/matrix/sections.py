@@ -25,24 +25,24 @@ INTRODUCTION = """\
 Each cell is a [pair](pair-folder.md): the row's scenario with its attack and without, {seeds} seeds, with the column's
 defence in both. A number is the mean effect on the aircraft that is affected most, in the unit of the row, with its
 95 % interval; a mean without one has none, because all or most of its flights agree. "2 of 5 complete": missions are
-complete in 2 of 5 runs, of those that are without the attack. "grows by 3.0/min": in the second half of the attack, or
-in its last minute, the effect still grew by more than a tenth of the undefended one a minute: it would be larger had
-the attack gone on.
+complete in 2 of 5 runs, of those that are without the attack. "grows by 3.0/min": so fast the effect still grew in the
+second half of the attack, or in its last minute: it would be larger had the attack gone on.
 
 **Bold**: the defence is shown to stop the attack. Its effect is below half of the undefended one, missions are kept,
-and it does not grow; both tests are adjusted for the {tests} cells that are tested, so that a matrix has any false
-verdict with a probability of at most 5 %. This takes {needed} seeds. *Italic*: it is so in every flight of the cell,
-but these are too few to show it.
+and it does not grow by more than a tenth of the undefended one a minute. The tests are adjusted for the {tests} cells
+that are tested, so that a matrix has any false verdict with a probability of at most 5 %. A verdict takes {needed}
+seeds. *Italic*: it is so in every flight of the cell, but these are too few to show it.
 
 The second number is that of an adversary who knows the defence. It does what it did before, or one of its candidates,
-whichever has the largest effect with the first half of the seeds; the number is that of the other half. *non-adaptive*:
+whichever has the largest effect with the first half of the seeds; the number is that of the other half. With one seed
+both are that one. A verdict of an adversary takes twice as many seeds. *non-adaptive*:
 no adversary of the matrix knows this defence. "–": the defence cannot be declared in this scenario; the reasons are
 below.
 """
 VERDICTS = """\
 `harm`: seeds in which the effect is below half of the undefended one. `missions`: seeds in which every mission is
-complete that is complete without the attack. Each with the p of the claim that this holds for most flights, adjusted
-for the number of cells. Cells whose effect is below half in no seed are left out.
+complete that is complete without the attack. Each with the p of the claim that this holds for most flights; `p` is the
+larger of the two, adjusted for the number of cells. Cells whose effect is below half in no seed are left out.
 """
 COST = """\
 False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights without
@@ -189,7 +189,7 @@ def _effects(result: MatrixResult, row: Row) -> list[Shown]:
     return line
 
 
-_VERDICT_HEAD: Final = ("attack", "defence", "adversary", "harm", "missions", "verdict")
+_VERDICT_HEAD: Final = ("attack", "defence", "adversary", "harm", "missions", "p", "verdict")
 
 
 def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
@@ -198,11 +198,13 @@ def _verdicts(result: MatrixResult) -> Iterator[list[Shown]]:
             continue
         verdict = "stops" if one.stops else "not shown: grows" if one.grows else "not shown"
         if one.in_every_flight and not one.stops:
-            verdict = f"in every flight; a verdict takes {result.verdicts.seeds_needed} seeds"
+            needed = result.verdicts.seeds_needed * (2 if adaptive else 1)
+            verdict = f"in every flight; a verdict takes {needed} seeds"
         texts = (
             "knows the defence" if adaptive else "",
             f"{one.below} of {one.seeds}, p = {one.harm_p:.2g}",
             f"{one.kept} of {one.seeds}, p = {one.missions_p:.2g}",
+            f"{one.p:.2g}",
             verdict,
         )
         yield [Shown(row, True), Shown(column, True), *map(Shown, texts)]

@@ -19,7 +19,7 @@ from skyrange.study.matrix.cells import (
 )
 from skyrange.study.matrix.flights import MatrixResult
 from skyrange.study.matrix.model import UNDEFENDED, Column, Row
-from skyrange.study.matrix.verdicts import still_grows
+from skyrange.study.matrix.verdicts import measured_growth
 
 UNITS: Final = {
     "departure_m": ("m", 1.0), "strayed_m": ("m", 1.0), "extra_distance_m": ("m", 1.0),
@@ -46,6 +46,10 @@ class CellText:
     """Mean effect as a share of the undefended one; `None` where that is zero or the cell was not flown."""
     folder: str
     refused: str
+
+
+LEAST_GROWTH: Final = 0.1
+"""Growth that is shown, in metres a minute."""
 
 
 class Count(NamedTuple):
@@ -99,13 +103,13 @@ def format_effect(effect: Interval | None, measure: str, unit: bool = True) -> s
     return f"{text} {name}" if unit else text
 
 
-def _format(cell: Cell, measure: str, grows: bool) -> str:
-    """The effect of a cell; in how many runs missions are complete, if not in all; how it grows, if it does."""
+def _format(cell: Cell, measure: str) -> str:
+    """The effect of a cell; in how many runs missions are complete, if not in all; how it still grows, if it does."""
     text, done = format_effect(cell.effect, measure, False), sum(cell.complete)
     if done < len(cell.complete):
         text += f", {done} of {len(cell.complete)} complete"
-    speeds = [one for one in cell.growth_m_per_min if one is not None]
-    return f"{text}, grows by {sum(speeds) / len(speeds):.1f}/min" if grows else text
+    speed = measured_growth(cell)
+    return f"{text}, grows by {speed:.1f}/min" if speed is not None and speed >= LEAST_GROWTH else text
 
 
 def describe_cell(result: MatrixResult, row: Row, column: str) -> CellText:
@@ -118,8 +122,8 @@ def describe_cell(result: MatrixResult, row: Row, column: str) -> CellText:
         alarm = "–"
     undefended = sum(without.effects)
     return CellText(
-        _format(cell, row.measure, still_grows(cell, without)),
-        "non-adaptive" if best is None else _format(best, row.measure, still_grows(best, without)),
+        _format(cell, row.measure),
+        "non-adaptive" if best is None else _format(best, row.measure),
         alarm,
         verdicts.stops(row.id, column),
         verdicts.in_every_flight(row.id, column),
@@ -140,9 +144,9 @@ def cost_of(result: MatrixResult, column: Column) -> Cost:
     cells = [(result.cell(row.id, column.id), result.cell(row.id)) for row in rows]
     honest = [one for cell, _ in cells for one in cell.honest_alarms]
     flights = {
-        run.flight: (count, hours)
+        run.flight or f"{cell.row} {number}": (count, hours)
         for cell, _ in cells
-        for run, count, hours in zip(cell.nominal, cell.false_alarms, cell.flown_h, strict=True)
+        for number, (run, count, hours) in enumerate(zip(cell.nominal, cell.false_alarms, cell.flown_h, strict=True))
     }
     alarms, flown_h = sum(count for count, _ in flights.values()), sum(hours for _, hours in flights.values())
     hours = sum(sum(cell.flown_h) for cell, _ in cells)
@@ -176,9 +180,11 @@ def _count(result: MatrixResult, rows: Sequence[Row], column: Column, *, adaptiv
 
 
 def mean_over_rows(rows: Sequence[Sequence[float]]) -> Interval | None:
-    """The mean over rows for each seed, and then over seeds: the rows are given, the seeds are a sample."""
-    by_seed = [[one for one in own if not math.isnan(one)] for own in zip(*rows, strict=True)]
-    return estimate_mean([math.fsum(own) / len(own) for own in by_seed if own])
+    """The mean over rows for each seed, and then over seeds: the rows are given, the seeds are a sample. Rows that lack
+    a value for some seed are left out, because the mean of other rows is not the same quantity.
+    """
+    whole = [own for own in rows if not any(math.isnan(one) for one in own)]
+    return estimate_mean([math.fsum(own) / len(own) for own in zip(*whole, strict=True)])
 
 
 def _roles(column: Column) -> list[str]:

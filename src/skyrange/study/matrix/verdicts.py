@@ -1,8 +1,9 @@
 """Verdicts of a matrix: which defence is shown to stop which attack, over all of its cells together.
 
 A defence stops an attack if the harm is below half of the undefended one (`share_test`), the missions that are complete
-without the attack are complete in more than half of all flights (`sign_test`), and the harm no longer grows. Both tests
-are adjusted for the number of cells by Holm's method, so that a matrix has a false verdict in at most one case in 20.
+without the attack are complete in more than half of all flights (`sign_test`), and the harm no longer grows. A cell's p
+is the larger of the two, because both have to hold; it is adjusted for the number of cells by Holm's method, so that a
+matrix has a false verdict in at most one case in 20.
 """
 
 from __future__ import annotations
@@ -33,15 +34,17 @@ class Verdict(NamedTuple):
     kept: int
     """Seeds in which all missions are complete that are complete without the attack."""
     harm_p: float
-    """Adjusted p of the claim that the harm is below half."""
+    """p of the claim that the harm is below half."""
     missions_p: float
-    """Adjusted p of the claim that missions are kept in more than half of all flights."""
+    """p of the claim that missions are kept in more than half of all flights."""
+    p: float
+    """The larger of the two, adjusted for the number of cells."""
     grows: bool
 
     @property
     def stops(self) -> bool:
         """Whether the defence is shown to stop the attack."""
-        return max(self.harm_p, self.missions_p) <= LEVEL and not self.grows
+        return self.p <= LEVEL and not self.grows
 
     @property
     def in_every_flight(self) -> bool:
@@ -57,7 +60,9 @@ class Verdicts(NamedTuple):
 
     @property
     def seeds_needed(self) -> int:
-        """The fewest seeds with which any verdict of as many tests is possible."""
+        """The fewest seeds with which a verdict of as many tests is possible; of an adversary, who chooses by half of
+        the seeds, it takes twice as many.
+        """
         return pairs_needed(len(self.of))
 
     def stops(self, row: str, column: str, adaptive: bool = False) -> bool:
@@ -82,8 +87,9 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
             compared[row, column, False] = cell, without
         if (best := cell.best_adaptive) is not None:
             compared[row, column, True] = best, without.since(len(without.effects) - len(best.effects))
-    harm = adjust_by_holm([share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()])
-    missions = adjust_by_holm([sign_test(sum(one.complete), len(one.complete)) for one, _ in compared.values()])
+    harm = [share_test(one.effects, other.effects, STOPPED) for one, other in compared.values()]
+    missions = [sign_test(sum(one.complete), len(one.complete)) for one, _ in compared.values()]
+    adjusted = adjust_by_holm(list(map(max, harm, missions)))
     return Verdicts(
         {
             key: Verdict(
@@ -92,17 +98,25 @@ def judge_cells(cells: Mapping[tuple[str, str], Cell]) -> Verdicts:
                 sum(one.complete),
                 harm_p,
                 missions_p,
+                p,
                 still_grows(one, other),
             )
-            for (key, (one, other)), harm_p, missions_p in zip(compared.items(), harm, missions, strict=True)
+            for (key, (one, other)), harm_p, missions_p, p in zip(
+                compared.items(), harm, missions, adjusted, strict=True
+            )
         }
     )
 
 
 def still_grows(cell: Cell, without: Cell) -> bool:
     """Whether the harm of a cell grew on at the end of the attack: it would be larger had the attack gone on."""
-    speeds = [one for one in cell.growth_m_per_min if one is not None]
-    if not speeds or not without.effects:
+    speed = measured_growth(cell)
+    if speed is None or not without.effects:
         return False
-    undefended = math.fsum(without.effects) / len(without.effects)
-    return math.fsum(speeds) / len(speeds) > GROWING * undefended
+    return speed > GROWING * math.fsum(without.effects) / len(without.effects)
+
+
+def measured_growth(cell: Cell) -> float | None:
+    """The mean growth at the end of the attack, in metres a minute; `None` where none was measured."""
+    speeds = [one for one in cell.growth_m_per_min if one is not None]
+    return math.fsum(speeds) / len(speeds) if speeds else None

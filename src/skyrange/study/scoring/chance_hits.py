@@ -22,9 +22,9 @@ def share_hit_by_chance(index: StudyIndex, alerts: AlertList, threshold: float, 
     """(attacks,) the share of onsets at which an alarm of a nominal flight is in the window of an attack; alarms are
     alerts with a score above `threshold`.
 
-    The flight is the nominal one of the attack's block with the same aircraft; where there is none, those of the same
-    split. The onsets are those of attacks in the same split, drawn by `seed`. NaN for an attack that cannot be observed
-    and where there is no nominal flight.
+    The flights are the nominal ones of the attack's cluster with the same aircraft; where there is none, those of the
+    same split. The onsets are drawn from those of the attacks in the same split, by `seed`. NaN for an attack that
+    cannot be observed and where there is no nominal flight.
     """
     above = alerts.scores > threshold
     alarms = AlertList(alerts.subjects[above], alerts.times_ns[above], alerts.scores[above])
@@ -36,7 +36,7 @@ def share_hit_by_chance(index: StudyIndex, alerts: AlertList, threshold: float, 
     by_place: dict[tuple[int, str], list[int]] = {}
     by_split: dict[str, list[int]] = {}
     for number in np.flatnonzero(quiet).tolist():
-        by_place.setdefault((int(subjects.blocks[number]), subjects.vehicles[number]), []).append(number)
+        by_place.setdefault((int(subjects.clusters[number]), subjects.vehicles[number]), []).append(number)
         by_split.setdefault(str(subjects.splits[number]), []).append(number)
     onsets = {
         split: np.sort(attacks.begin_ns[(attacks.splits == split) & attacks.observable])
@@ -47,8 +47,8 @@ def share_hit_by_chance(index: StudyIndex, alerts: AlertList, threshold: float, 
         affected = windows.subjects[firsts[number] : firsts[number + 1]].tolist()
         split = str(attacks.splits[number])
         own = [one for subject in affected
-               for one in by_place.get((int(subjects.blocks[subject]), subjects.vehicles[subject]), ())]  # fmt: skip
-        own = own or [one for one in by_split.get(split, ()) if subjects.vehicles[one]]
+               for one in by_place.get((int(subjects.clusters[subject]), subjects.vehicles[subject]), ())]  # fmt: skip
+        own = own or [one for one in by_split.get(split, ()) if len(affected) > 1 or subjects.vehicles[one]]
         if not own:
             continue
         begins = chance.choice(onsets[split], SHUFFLES)

@@ -29,6 +29,8 @@ class LeaderboardRow:
     recall_clustered: OpenLimits | None
     equal_rate_recall: float | None
     """Recall at the threshold that keeps to the target rate on the nominal flights of this set."""
+    equal_rate_per_h: float | None
+    """The rate that is reached with it: at most the target."""
     by_chance: float | None
     false_per_h: float | None
     false_exact: OpenLimits | None
@@ -51,8 +53,9 @@ class LeaderboardRow:
 
 
 def rank_detectors(files: Sequence[ScoreFile], name: str = "all") -> list[LeaderboardRow]:
-    """The detectors on the set `name` by recall at the same rate of false alarms, which each keeps to with a threshold
-    of its own for this set; ties by restricted mean delay, then by name. Detectors that cannot be compared come last.
+    """The detectors on the set `name` by recall at the target rate of false alarms, which each keeps to with a
+    threshold of its own for this set; ties by restricted mean delay, then by name. Detectors that cannot be compared
+    come last.
 
     With the thresholds that were chosen on other flights rates differ, and so recalls do not compare. Raises InputError
     if the files differ in settings, so that their numbers do not compare, or if none has the set.
@@ -106,6 +109,7 @@ def _row(
         recall_exact=recall.exact if recall else None,
         recall_clustered=recall.clustered if recall else None,
         equal_rate_recall=on.equal_rate.recall if on.equal_rate else None,
+        equal_rate_per_h=on.equal_rate.per_h if on.equal_rate else None,
         by_chance=on.detection.by_chance,
         false_per_h=nominal.value if nominal else None,
         false_exact=nominal.exact if nominal else None,

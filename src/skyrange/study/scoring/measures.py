@@ -278,6 +278,7 @@ def measure_at_equal_rate(
     return EqualRate(
         threshold=_finite(choice.threshold),
         episodes=int(choice.episodes.sum()),
+        per_h=float(choice.episodes.sum()) / (float(index.subjects.exposure_ns[nominal].sum()) / NS_PER_H),
         recall=float((outcome.detected_ns[seen] != NEVER).mean()),
         restricted_mean_s=measure_delay(index, outcome, seen, settings).restricted_mean_s,
     )

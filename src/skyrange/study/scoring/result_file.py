@@ -171,6 +171,7 @@ class EqualRate(Model):
 
     threshold: float | None = Field(description="Alerts with a score above it are alarms; null: all are, or none.")
     episodes: int = Field(ge=0, description="False alarms on the nominal flights of the set.")
+    per_h: float = Field(ge=0, description="Their rate: the target, or as near below it as the scores allow.")
     recall: float = Field(description="Share of the observable attacks that is detected.")
     restricted_mean_s: float = Field(description="Mean of min(delay, horizon), misses included.")
 

@@ -128,12 +128,15 @@ def check_tables(flights: pa.Table, attacks: pa.Table, alerts: pa.Table) -> Stud
 def keep_each_flight_once(tables: StudyTables) -> tuple[StudyTables, int]:
     """The tables without runs that are the same flight as another one, and how many these are.
 
-    Of the runs of one flight the nominal one stays, else the first by name. A run in which an attack acts stays beside
-    one in which none does: such an attack, which only listens, is none the less to be found.
+    Of the runs of one flight the nominal one stays, else the first by name. Runs with other attacks stay beside each
+    other: an attack that only listens leaves the flight as it is, and is none the less to be found.
     """
+    acts: dict[str, set[tuple[str, str, float, float]]] = {}
+    for row in tables.attacks.to_pylist():
+        acts.setdefault(row["run"], set()).add((row["kind"], row["vehicle"], row["active_s"], row["stop_s"]))
     rows = {row["run"]: row for row in tables.flights.to_pylist()}
     runs = sorted(rows, key=lambda run: (rows[run]["arm"] != NOMINAL, run))
-    first = keep_first([(rows[run]["flight"] or run, rows[run]["hostile"]) for run in runs])
+    first = keep_first([(rows[run]["flight"] or run, frozenset(acts.get(run, ()))) for run in runs])
     kept = pa.array([run for run, is_first in zip(runs, first, strict=True) if is_first], pa.string())
     chosen = (
         table.filter(pc.is_in(table.column("run"), value_set=kept))

@@ -3,7 +3,7 @@
 A detector's threshold is chosen on nominal and fault flights of the validation part; nothing of the test part, and no
 attack, has an influence on it. The rate that it reaches on other flights is another one, because few hours tell little
 of a rate. To compare detectors, each gets another threshold as well, chosen on the nominal flights on which it is
-compared: there, and only there, all of them are at the same rate.
+compared: there, and only there, all of them are at the target rate, or as near below it as their scores allow.
 """
 
 from __future__ import annotations

@@ -32,9 +32,12 @@ def _alarm_always(index: StudyIndex, episode_ns: int) -> AlertList:
     that a window anywhere has one.
     """
     windows, durations = index.windows, index.subjects.duration_ns
+    last_ns = int(windows.end_ns.max(initial=0)) + 1  # airborne time has no beginning: a window may end after it
     flights = np.flatnonzero(durations > 0).tolist()
     parts = [
-        (flight, _multiples(0, int(durations[flight]), step)) for flight in flights for step in (episode_ns, NS_PER_S)
+        (flight, _multiples(0, max(int(durations[flight]), last_ns), step))
+        for flight in flights
+        for step in (episode_ns, NS_PER_S)
     ]
     for subject, begin, end in zip(
         windows.subjects.tolist(), windows.begin_ns.tolist(), windows.end_ns.tolist(), strict=True

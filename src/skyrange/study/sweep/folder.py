@@ -94,6 +94,11 @@ def _read_manifest(path: Path) -> dict[str, Any]:
     return data
 
 
+def stored_digest(folder: StudyFolder) -> str:
+    """The digest of a study as it was begun, whatever has become of its files since."""
+    return str(_read_manifest(folder.path)["digest"])
+
+
 def require_same(folder: StudyFolder, study: Study) -> None:
     """Raise `InputError` if a folder belongs to another study than this, or to another version of it."""
     if folder.study.name != study.name:

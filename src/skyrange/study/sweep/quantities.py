@@ -14,11 +14,12 @@ class Quantity(NamedTuple):
     about: str
 
 
+MISSIONS: Final = "missions_complete"
 QUANTITIES: Final = (
     Quantity("departure_m", "m", "effects", "largest distance of any aircraft from where it is in the baseline"),
     Quantity("extra_distance_m", "m", "effects", "largest additional way of any aircraft"),
     Quantity("delay_s", "s", "effects", "largest delay of any mission that is complete in both"),
-    Quantity("missions_complete", "", "runs", "aircraft whose mission is complete"),
+    Quantity(MISSIONS, "", "runs", "aircraft whose mission is complete"),
     Quantity("collisions", "", "runs", "collisions with aircraft, once for both, and with buildings"),
     Quantity("near_misses", "", "runs", "times that two aircraft in the air came near each other"),
 )

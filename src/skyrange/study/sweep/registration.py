@@ -17,8 +17,8 @@ from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.files import atomic_write
 from skyrange.core.input_files import MAX_RECORD_BYTES, expand_user, parse_json, read_input
 from skyrange.study.sweep.design.blocks import check_blocks, list_blocks
-from skyrange.study.sweep.design.model import Study
-from skyrange.study.sweep.folder import MANIFEST, StudyFolder, create_folder, digest_of, open_folder, require_same
+from skyrange.study.sweep.design.model import Registration, Study
+from skyrange.study.sweep.folder import MANIFEST, StudyFolder, create_folder, open_folder, require_same, stored_digest
 from skyrange.study.sweep.quantities import QUANTITIES
 
 FORMAT: Final = "skyrange.registration/1"
@@ -40,7 +40,7 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
     """Register a study in its folder, by default `studies/NAME`, which is made if it is not there.
 
     Raises `InputError` for a study without the table `registration`, for a measure that does not exist, for scenarios
-    that are wrong, and for a folder in which a block has been flown or that is registered already.
+    that are wrong, and for a folder in which a block has been flown, that is being flown, or that is registered.
     """
     who = f"study {study.name}"
     table = study.registration
@@ -62,6 +62,12 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
     else:
         check_blocks(study, list_blocks(study))
         folder = create_folder(study, path)
+    with folder.lock():
+        return folder, _write(folder, table)
+
+
+def _write(folder: StudyFolder, table: Registration) -> Registered:
+    study, path = folder.study, folder.path
     if flown := len(folder.finished()):
         expected = "a study of which nothing has been flown"
         raise InputError.one(str(path), "blocks", f"{flown} flown", expected, "Register another one, with other seeds.")
@@ -71,7 +77,7 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
         "format": FORMAT,
         "registered_utc": datetime.now(UTC).isoformat(timespec="seconds"),
         "skyrange": folder.version,
-        "digest": digest_of(study),
+        "digest": stored_digest(folder),
         "question": table.question,
         "measures": list(table.measures),
         "rule": table.rule,
@@ -84,7 +90,7 @@ def register_study(study: Study, out: str | Path | None = None) -> tuple[StudyFo
     data["hash"] = _hash(data)
     with atomic_write(path / FILE) as file:
         file.write(f"{json.dumps(data, indent=1)}\n".encode())
-    return folder, _registered(data)
+    return _registered(data)
 
 
 def read_registration(folder: StudyFolder) -> Registered | None:
@@ -100,7 +106,7 @@ def read_registration(folder: StudyFolder) -> Registered | None:
         raise InputError.one(who, FILE, "another format", FORMAT)
     if data.get("hash") != _hash(data):
         raise InputError.one(who, f"{FILE}: hash", str(data.get("hash")), f"{_hash(data)}, that of what it says")
-    stored = digest_of(folder.study)
+    stored = stored_digest(folder)
     if data.get("digest") != stored:
         raise InputError.one(who, f"{FILE}: digest", str(data.get("digest")), f"{stored}, that of the study")
     return _registered(data)

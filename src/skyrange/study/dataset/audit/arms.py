@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -34,6 +34,10 @@ class ArmOfBlock:
     of which it is not known, the onset: what follows could be the effect."""
     repeats: bool = False
     """Whether the run repeats to the byte."""
+    setting: str = ""
+    """Equal for arms whose scenarios differ in the states of attacks and faults alone."""
+    faults: frozenset[tuple[str, str, int]] = frozenset()
+    """Kind, aircraft and onset of each benign fault that acts."""
 
 
 def read_arms(folder: Path) -> list[ArmOfBlock]:
@@ -44,10 +48,14 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
     if not (folder / RUNS).is_file():
         raise InputError.one("dataset", str(folder), f"no {RUNS}", "the folder of a data set")
     episodes: dict[str, list[dict[str, Any]]] = {}
+    faults: dict[str, set[tuple[str, str, int]]] = {}
     for path in sorted(folder.glob("view=episodes/split=*/*.parquet")):
         for row in pq.ParquetFile(path).read().to_pylist():
             if row["role"] != "fault":
                 episodes.setdefault(row["run"], []).append(row)
+            else:
+                fault = str(row["kind"]), str(row["vehicle"]), int(row["onset_ns"])
+                faults.setdefault(row["run"], set()).add(fault)
     departures, answers = _read_departures(folder), _read_answers(folder)
     found = []
     for row in pq.read_table(folder / RUNS).to_pylist():
@@ -60,17 +68,43 @@ def read_arms(folder: Path) -> list[ArmOfBlock]:
         if effect_ns is None:  # of a sham nobody expects an effect
             effect_ns = onset_ns if role == "attacked" else NEVER
         effect_ns = min(effect_ns, answers.get(row["run"], NEVER))
-        repeats = bool(row.get("repeats", False))
-        found.append(ArmOfBlock(row["run"], row["block"], role, kinds, onset_ns, effect_ns, repeats))
+        found.append(
+            ArmOfBlock(
+                row["run"],
+                row["block"],
+                role,
+                kinds,
+                onset_ns,
+                effect_ns,
+                bool(row.get("repeats", False)),
+                str(row.get("setting", "")),
+                frozenset(faults.get(row["run"], ())),
+            )
+        )
     return found
 
 
 def group_by_block(arms: Sequence[ArmOfBlock]) -> dict[str, list[ArmOfBlock]]:
-    """The arms of each block, in their order."""
-    blocks: dict[str, list[ArmOfBlock]] = {}
+    """The arms of each block that can be compared, in their order: those of one setting, as many as there are."""
+    blocks: dict[str, dict[str, list[ArmOfBlock]]] = {}
     for arm in arms:
-        blocks.setdefault(arm.block, []).append(arm)
-    return blocks
+        blocks.setdefault(arm.block, {}).setdefault(arm.setting, []).append(arm)
+    return {block: max(of_setting.values(), key=_worth) for block, of_setting in blocks.items()}
+
+
+def _worth(arms: Sequence[ArmOfBlock]) -> tuple[bool, int]:
+    """Arms of which some are attacked and others not tell more than arms of one role, and many more than few."""
+    return len({arm.role == "attacked" for arm in arms}) == 2, len(arms)
+
+
+def cut_at_faults(arms: Sequence[ArmOfBlock]) -> list[ArmOfBlock]:
+    """Some arms of a block, whose onsets and effects are not after the first fault that acts in some of them alone:
+    from then on they differ without a leak.
+    """
+    every = frozenset[tuple[str, str, int]]().union(*(arm.faults for arm in arms))
+    some = every - frozenset.intersection(*(arm.faults for arm in arms))
+    first_ns = min((onset_ns for _, _, onset_ns in some), default=NEVER)
+    return [replace(arm, onset_ns=min(arm.onset_ns, first_ns), effect_ns=min(arm.effect_ns, first_ns)) for arm in arms]
 
 
 def _effect_ns(episodes: Sequence[dict[str, Any]], departures: dict[str, int | None]) -> int | None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -126,7 +127,7 @@ def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
     values, attacked, numbers = values[kept], attacked[kept], _number_blocks(numbers[kept])
     count = int(numbers.max()) + 1 if len(numbers) else 0
     if count < MIN_BLOCKS:
-        few = (None, None, None, (), comparison.exempt, MIN_BLOCKS)
+        few = (None, None, None, (), comparison.exempt, least_blocks())
         return LeakFinding(comparison.name, len(attacked), count, *few)
     rows = _Rows(_ranks(values), attacked, numbers, _weights(attacked, numbers))
     scores, models = _out_of_fold(rows, seed)
@@ -169,7 +170,19 @@ def _estimate_blocks(blocks: int, auc: float, low: float, high: float) -> int:
     is that of the root of their number.
     """
     margin = max(LIMIT - max(auc, CHANCE), auc - CHANCE)
-    return max(MIN_BLOCKS, blocks + 1, math.ceil(blocks * ((high - low) / 2.0 / margin) ** 2))
+    return max(least_blocks(), blocks + 1, math.ceil(blocks * ((high - low) / 2.0 / margin) ** 2))
+
+
+@cache
+def least_blocks() -> int:
+    """The fewest blocks with which an AUC of chance passes, by the exact interval."""
+    few, enough = MIN_BLOCKS, 10 * MIN_BLOCKS
+    while share_interval(CHANCE, enough, CONFIDENCE)[1] > LIMIT:
+        few, enough = enough, 2 * enough
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if share_interval(CHANCE, middle, CONFIDENCE)[1] <= LIMIT else (middle, enough)
+    return enough
 
 
 def require_no_leak(findings: Sequence[LeakFinding]) -> None:

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from skyrange.study.dataset.audit.arms import ArmOfBlock, group_by_block, read_arms
+from skyrange.study.dataset.audit.arms import ArmOfBlock, cut_at_faults, group_by_block, read_arms
 from skyrange.study.dataset.audit.classifier import Comparison, LeakFinding, audit_comparison
 from skyrange.study.dataset.audit.crossings import find_crossings
 from skyrange.study.dataset.audit.metadata import describe_metadata
@@ -71,8 +71,9 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
         chosen = [arm for arm in own if arm.role in ("attacked", other)]
         if len({arm.role for arm in chosen}) < 2:  # an attack that is exempt, and its sham
             chosen = list(own)
-        onset_ns = min(arm.onset_ns for arm in own)
-        cut_ns = min(arm.effect_ns for arm in own) if block in compared else onset_ns
+        chosen = cut_at_faults(chosen)
+        onset_ns = min(arm.onset_ns for arm in chosen)
+        cut_ns = min(arm.effect_ns for arm in chosen) if block in compared else onset_ns
         tables = {view: table for view in WINDOW_KEYS if (table := _read_block(folder, view, block)) is not None}
         for arm in chosen:
             row: dict[str, float] = {}
@@ -97,8 +98,8 @@ def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
     """The windows that end before the first act of any arm of the block."""
     columns = [name for name in observable_columns(view) if name != "time_ns"]
     parts, attacked, names, runs = [np.empty((0, len(columns)))], [], [], []
-    for block, own in blocks.items():
-        table = _read_block(folder, view, block)
+    for block, every in blocks.items():
+        own, table = cut_at_faults(every), _read_block(folder, view, block)
         if table is None:
             continue
         table = table.filter(pc.less(_end_ns(view, table), min(arm.onset_ns for arm in own)))
@@ -115,8 +116,9 @@ def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
 def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
     """Timing, lengths and senders of frames from the onset up to the effect."""
     parts, attacked, names, runs = [np.empty((0, len(SHAPE)))], [], [], []
-    for block, own in blocks.items():
-        roles = {arm.run: arm.role for arm in own if arm.role in ("attacked", "sham")}
+    for block, every in blocks.items():
+        own = cut_at_faults([arm for arm in every if arm.role in ("attacked", "sham")])
+        roles = {arm.run: arm.role for arm in own}
         frames = _read_block(folder, "mavlink", block)
         if frames is None:
             continue

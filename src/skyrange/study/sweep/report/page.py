@@ -14,7 +14,7 @@ from skyrange.study.report.rendering import asset, content_policy, render
 from skyrange.study.sweep.design.blocks import is_numeric
 from skyrange.study.sweep.execution.study_run import list_failed_missions, list_failures
 from skyrange.study.sweep.folder import StudyFolder, open_folder
-from skyrange.study.sweep.independence import cluster_blocks
+from skyrange.study.sweep.independence import cluster_samples
 from skyrange.study.sweep.quantities import QUANTITIES, Quantity
 from skyrange.study.sweep.registration import Registered, read_registration
 from skyrange.study.sweep.report.figure import draw_curves
@@ -47,7 +47,7 @@ def write_study_report(path: Path | str, *, pdf: bool = False) -> Path:
     folder = open_folder(Path(path))
     write_results(folder)
     study, samples = folder.study, read_samples(folder.path)
-    clusters = cluster_blocks(folder, read_results(folder.path, "runs").to_pylist())
+    clusters = cluster_samples(folder, read_results(folder.path, "runs").to_pylist())
     registered = read_registration(folder)
     asked = registered.measures if registered is not None else ()
     shown = [one for one in QUANTITIES if one.name in asked or tells_something(one, samples)]

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from skyrange.study.inference.means import Interval, estimate_mean
 from skyrange.study.sweep.folder import StudyFolder
-from skyrange.study.sweep.independence import cluster_blocks
-from skyrange.study.sweep.quantities import QUANTITIES, Quantity
+from skyrange.study.sweep.independence import cluster_samples
+from skyrange.study.sweep.quantities import MISSIONS, QUANTITIES, Quantity
 from skyrange.study.sweep.results import read_results
 
 Samples = Mapping[tuple[str, str], Mapping[str, float]]
@@ -26,7 +26,7 @@ class Cell(NamedTuple):
     runs: int
     failed: int
     means: dict[str, Interval]
-    """By quantity, over the clusters of blocks that have it (`cluster_blocks`)."""
+    """By quantity, over the clusters of blocks that have it (`cluster_samples`)."""
 
 
 def summarise_study(folder: StudyFolder) -> list[Cell]:
@@ -34,7 +34,7 @@ def summarise_study(folder: StudyFolder) -> list[Cell]:
     names = [factor.name for factor in folder.study.factors]
     samples = read_samples(folder.path)
     runs = read_results(folder.path, "runs").to_pylist()
-    rows, clusters = {(row["block"], row["arm"]): row for row in runs}, cluster_blocks(folder, runs)
+    rows, clusters = {(row["block"], row["arm"]): row for row in runs}, cluster_samples(folder, runs)
     cells = []
     for point in dict.fromkeys(block.point for block in folder.blocks):
         blocks = [block for block in folder.blocks if block.point == point]
@@ -46,7 +46,11 @@ def summarise_study(folder: StudyFolder) -> list[Cell]:
             for one in QUANTITIES:
                 known = samples.get((one.name, arm.id), {})
                 chosen = [block.name for block in blocks if block.name in known]
-                mean = estimate_mean([known[name] for name in chosen], [clusters[name] for name in chosen])
+                mean = estimate_mean(
+                    [known[name] for name in chosen],
+                    [clusters[name] for name in chosen],
+                    yes_or_no=one.name == MISSIONS and all(row.get("vehicles") == 1 for row in own),
+                )
                 if mean is not None:
                     means[one.name] = mean
             failed = sum(row["status"] != "complete" for row in own)

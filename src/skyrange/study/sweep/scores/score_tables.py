@@ -30,10 +30,13 @@ def make_score_tables(folder: StudyFolder, held: HeldOut | None = None) -> Study
     """
     write_results(folder)
     runs = {_run(row): row for row in _rows(folder, "runs") if row["status"] == "complete"}
+    if any(row.get("flight") is None for row in runs.values()):
+        hint = "Fly it again; its report needs no more than it has."
+        raise InputError.one(f"study {folder.study.name}", "results", "without flights", "those of this version", hint)
     acts = [row for row in _rows(folder, "acts") if _run(row) in runs]
     clusters = cluster_blocks(folder, runs.values())
     splits = _assign_splits(folder, runs, clusters, held_out_of(folder.study) if held is None else held)
-    own_from_s = _own_from(runs, acts)
+    own_from_s = _own_from(folder.study, runs, acts)
     hostile = {_run(row) for row in acts if not row["fault"]}
     faulty = {_run(row) for row in acts if row["fault"]}
     fleets: dict[str, set[str]] = {}
@@ -164,15 +167,31 @@ def _run(row: Mapping[str, Any]) -> str:
     return f"{row['block']}.{row['arm']}"
 
 
-def _own_from(runs: Mapping[str, Mapping[str, Any]], acts: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """When each run begins to differ from the nominal one of its block: with its first act. Runs that repeat to the
-    byte are equal before; what others lose of their hours is on the safe side. Runs of blocks without a nominal one,
-    and those without an act, are not among them.
+def _own_from(
+    study: Study, runs: Mapping[str, Mapping[str, Any]], acts: Sequence[Mapping[str, Any]]
+) -> dict[str, float]:
+    """When each run begins to differ from the nominal one of its block: with its first act; a sham with the first
+    attack of its block, whose times it has. Runs that repeat to the byte are equal before; what others lose of their
+    hours is on the safe side.
+
+    Runs of blocks without a nominal one are not among them, nor those without an act, nor those of arms that have
+    defences or changes of their own.
     """
+    alike = {arm.id: arm for arm in study.arms if not arm.defences and not arm.changes}
     first: dict[str, float] = {}
+    attacked: dict[str, float] = {}
     for row in acts:
-        first[_run(row)] = min(first.get(_run(row), math.inf), float(row["first_s"]))
-    return {run: at for run, at in first.items() if f"{runs[run]['block']}.{NOMINAL}" in runs}
+        at = float(row["first_s"])
+        first[_run(row)] = min(first.get(_run(row), math.inf), at)
+        if not row["fault"]:
+            attacked[row["block"]] = min(attacked.get(row["block"], math.inf), at)
+    for run, row in runs.items():
+        arm = alike.get(row["arm"])
+        if arm is not None and arm.attacks == "sham" and row["block"] in attacked:
+            first[run] = min(first.get(run, math.inf), attacked[row["block"]])
+    return {
+        run: at for run, at in first.items() if runs[run]["arm"] in alike and f"{runs[run]['block']}.{NOMINAL}" in runs
+    }
 
 
 def _shared_s(row: Mapping[str, Any], own_from_s: float) -> float:
