@@ -60,7 +60,7 @@ def write_set(
             seconds = np.arange(WINDOWS)
             shape = {"mean": size.copy(), "lengths": lengths.copy(), "at": seconds[:, None] * S + late}
             if arm == "nominal" and leak in ("fault", "setting"):
-                shape["mean"][2:] += 7.0  # from its fault on, or because it is another scenario
+                shape["mean"][2:] = shape["mean"][2:] + 7.0  # from its fault on, or because it is another scenario
                 shape["lengths"][2:] += 3
             if arm != "nominal":
                 shape["lengths"][ONSET:] += 5
