@@ -269,7 +269,7 @@ def test_blocks_that_are_too_few_are_told_apart_from_a_leak() -> None:
     assert (told.status, told.leaks, told.blocks_needed) == ("leaks", ("a",), None)
 
 
-@pytest.mark.parametrize("replicates", [12, pytest.param(150, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("replicates", [4, pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("share", [0.2, 0.3])
 def test_a_column_that_tells_the_arm_in_some_of_ten_blocks_does_not_pass(share: float, replicates: int) -> None:
     """Ten blocks of runs that vary cannot tell such a leak from chance: the finding says so, and how many it takes."""
@@ -285,7 +285,7 @@ def test_a_column_that_tells_the_arm_in_some_of_ten_blocks_does_not_pass(share: 
         assert finding.status == "leaks" or (finding.blocks_needed or 0) > 10
 
 
-@pytest.mark.parametrize("replicates", [20, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("replicates", [6, pytest.param(200, marks=pytest.mark.slow)])
 def test_a_small_shift_in_every_block_is_found_by_its_sign(replicates: int) -> None:
     """The attacked arm is its twin and a little more, among blocks that differ by much: no classifier sees that."""
     chance = np.random.default_rng(7)

@@ -397,16 +397,16 @@ def test_by_chance_is_what_alarms_without_sight_would_detect() -> None:
 def test_alarms_at_random_detect_what_by_chance_says() -> None:
     random = np.random.default_rng(1)
     flights = [flight("v", split="validation")]
-    flights += [flight(f"{arm}{n}", arm=arm) for n in range(300) for arm in ("nominal", "attacked")]
-    acts = [attack(f"attacked{n}", stop_s=1000.0 + 2.0 * n) for n in range(300)]
-    for n in range(300):
-        acts[n] |= {"active_s": 3.0 * n, "observable_s": 3.0 * n, "stop_s": 5.0 * n, "effect_end_s": 5.0 * n}
+    flights += [flight(f"{arm}{n}", arm=arm) for n in range(150) for arm in ("nominal", "attacked")]
+    acts = [attack(f"attacked{n}", stop_s=1000.0 + 4.0 * n) for n in range(150)]
+    for n in range(150):
+        acts[n] |= {"active_s": 6.0 * n, "observable_s": 6.0 * n, "stop_s": 10.0 * n, "effect_end_s": 10.0 * n}
     alerts = [alert(one["run"], time) for one in flights[1:] for time in random.uniform(0.0, 3600.0, random.poisson(6))]
     found = on_all(score_detectors(tables(flights, acts, alerts), SETTINGS)).detection
     assert found.recall is not None
     assert found.by_chance is not None
     assert 0.3 < found.by_chance < 0.7
-    assert abs(found.recall.value - found.by_chance) < 4 * math.sqrt(0.25 / 300)
+    assert abs(found.recall.value - found.by_chance) < 4 * math.sqrt(0.25 / 150)
 
 
 @pytest.mark.parametrize(
