@@ -173,7 +173,9 @@ def test_a_leak_is_found_and_named(tmp_path: Path, leak: str, comparison: str, c
         ("rows", "metadata", "flows rows"),
     ],
 )
-@pytest.mark.parametrize("leaky", [1, 5, BLOCKS])
+@pytest.mark.parametrize(
+    "leaky", [1, pytest.param(5, marks=pytest.mark.slow), pytest.param(BLOCKS, marks=pytest.mark.slow)]
+)
 def test_of_runs_that_repeat_a_leak_in_one_block_is_found_and_named(
     tmp_path: Path, leak: str, comparison: str, column: str | tuple[str, ...], leaky: int
 ) -> None:

@@ -19,7 +19,7 @@ from skyrange.study.scoring.measures import judge_claim
 from skyrange.study.scoring.result_file import ScoreSettings
 from tests.validation.inference_samples import RATES, margin
 
-FAST, THOROUGH = 600, 6_000
+FAST, THOROUGH = 200, 6_000
 REPLICATES = [FAST, pytest.param(THOROUGH, marks=pytest.mark.slow)]
 
 

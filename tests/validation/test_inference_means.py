@@ -28,7 +28,7 @@ def coverage(name: str, count: int, replicates: int, seed: int = 1) -> tuple[flo
     return len(covered) / replicates, float(np.mean(covered)) if covered else math.nan
 
 
-FAST, THOROUGH = 300, 4_000
+FAST, THOROUGH = 120, 4_000
 REPLICATES = [FAST, pytest.param(THOROUGH, marks=pytest.mark.slow)]
 
 

@@ -20,7 +20,7 @@ from skyrange.study.matrix.model import UNDEFENDED
 from skyrange.study.matrix.verdicts import judge_cells
 from tests.validation.inference_samples import margin
 
-REPLICATES = [200, pytest.param(2_000, marks=pytest.mark.slow)]
+REPLICATES = [80, pytest.param(2_000, marks=pytest.mark.slow)]
 
 
 def cell(column: str, effects: Sequence[float], complete: Sequence[bool] | None = None, growth: float = 0.0) -> Cell:
