@@ -220,10 +220,7 @@ class Limit:
         )
 
     def _scale(self) -> float:
-        """How much slower this machine is than the reference. A quicker one does not lower the limits: beside other
-        programs it is as slow again.
-        """
-        return max(1.0, statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US)
+        return statistics.median(self._speed.seen_us or [REFERENCE_US]) / REFERENCE_US
 
 
 def read_dear_tests() -> dict[str, float]:

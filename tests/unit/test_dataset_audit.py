@@ -199,7 +199,10 @@ def test_of_runs_that_repeat_a_clean_set_passes_with_any_number_of_blocks(tmp_pa
 @pytest.mark.parametrize("why", ["fault", "setting"])
 def test_arms_that_differ_by_a_fault_or_a_setting_of_their_own_do_not_leak(tmp_path: Path, why: str) -> None:
     """A nominal arm with a fault of its own is compared up to the fault; one of another scenario is not compared."""
-    assert {one.status for one in audit_dataset(write_set(tmp_path, why, repeats=True))} == {"passed"}
+    found = audit_dataset(write_set(tmp_path, why, repeats=True))
+    assert {one.status for one in found} == {"passed"}
+    told = [f"{BLOCKS} runs of other settings"] if why == "setting" else []
+    assert [list(one.exempt) for one in found] == [told] * 4 + [[]]
 
 
 def test_the_setting_of_a_run_is_its_scenario_without_who_acts() -> None:

@@ -13,7 +13,7 @@ from skyrange.study.inference.clustered_rates import (
     clustered_rate_interval,
     estimate_variation,
 )
-from skyrange.study.inference.clusters import find_clusters, keep_first
+from skyrange.study.inference.clusters import find_clusters
 from skyrange.study.inference.exact_intervals import proportion_interval, rate_bound, rate_interval
 from skyrange.study.scoring.measures import judge_claim
 from skyrange.study.scoring.result_file import ScoreSettings
@@ -39,22 +39,6 @@ def test_a_rate_that_is_the_target_is_claimed_to_be_below_it_at_most_as_often_as
     assert claimed / replicates <= 0.05 + margin(0.05, replicates)
     if rates != "equal":
         assert by_poisson / replicates > 0.1, "Garwood's limit alone claims too often"
-
-
-@pytest.mark.parametrize("replicates", REPLICATES)
-def test_a_flight_that_is_flown_at_sixteen_points_is_no_more_evidence(replicates: int) -> None:
-    """Of 10 flights of an hour each, all with a rate of 1, copies are not counted: the limit holds."""
-    chance = np.random.default_rng(2)
-    false = 0
-    for _ in range(replicates):
-        flights = [
-            (f"flight {number}", int(count)) for number, count in enumerate(chance.poisson(1.0, 10)) for _ in range(16)
-        ]
-        kept = [
-            count for (_, count), first in zip(flights, keep_first([name for name, _ in flights]), strict=True) if first
-        ]
-        false += rate_bound(sum(kept), float(len(kept)), 0.95) < 1.0
-    assert false / replicates <= 0.05 + margin(0.05, replicates)
 
 
 @pytest.mark.parametrize("replicates", REPLICATES)

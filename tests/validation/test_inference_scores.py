@@ -15,12 +15,38 @@ from skyrange.study.scoring.index import index_alerts, index_study
 from skyrange.study.scoring.matching import match_alarms
 from skyrange.study.scoring.measures import MANY_CLUSTERS, measure_delay, measure_false_alarms
 from skyrange.study.scoring.result_file import ScoreSettings
+from skyrange.study.scoring.tables import keep_each_flight_once
 from skyrange.study.scoring.thresholds import choose_threshold
 from tests.unit.score_sample import alert, attack, flight, tables
 from tests.validation.inference_samples import margin
 
 EPISODE_NS = 30 * NS_PER_S
 REPLICATES = [60, pytest.param(600, marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("replicates", REPLICATES)
+def test_a_flight_that_is_flown_at_sixteen_points_is_no_more_evidence(replicates: int) -> None:
+    """Ten flights of an hour with a rate of 1, each in 16 runs: Garwood's limits cover it if copies do not count."""
+    chance, covered, copied = np.random.default_rng(5), 0, 0
+    for _ in range(replicates):
+        alarms = [chance.uniform(0.0, 3600.0, chance.poisson(1.0)).tolist() for _ in range(10)]
+        flights = [flight(f"{n}-{k}", flight=f"f{n}", cluster=f"c{n}") for n in range(10) for k in range(16)]
+        alerts = [alert(f"{n}-{k}", at) for n, own in enumerate(alarms) for k in range(16) for at in own]
+        every = tables(flights, (), alerts)
+        once, repeated = keep_each_flight_once(every)
+        assert repeated == 150
+        for given, kept in ((once, True), (every, False)):
+            index = index_study(given, 10.0)
+            outcome = match_alarms(index, index_alerts(index, given.alerts, "d"), -math.inf, 1)
+            subjects = np.ones(len(index.subjects.runs), dtype=np.bool_)
+            per_h = measure_false_alarms(index, outcome.false_alarms, subjects, ScoreSettings()).per_h
+            assert per_h is not None
+            low, high = per_h.exact
+            holds = low <= 1.0 <= (math.inf if high is None else high)
+            covered += holds and kept
+            copied += holds and not kept
+    assert covered / replicates >= 0.95 - margin(0.95, replicates)
+    assert copied / replicates < 0.75
 
 
 @pytest.mark.parametrize("replicates", REPLICATES)

@@ -22,9 +22,9 @@ from skyrange.study.attribution.outcomes import (
     floors,
     limits,
     onsets_ns,
-    repeats_to_the_byte,
 )
 from skyrange.study.attribution.relations import Attacks, Relation, relations
+from skyrange.study.measures.flight_identity import repeats_to_the_byte
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,9 @@ def attribute(
     rows: list[dict[str, Any]] = []
     for seed in seeds:
         reference = outcomes_of(baseline or NOMINAL, seed)
-        found_limits = limits(placebos, floors(reference, threshold_m), repeats=repeats_to_the_byte(reference.record))
+        found_limits = limits(
+            placebos, floors(reference, threshold_m), repeats=repeats_to_the_byte(reference.record.manifest)
+        )
         away: dict[Attacks, Mapping[str, Floats]] = {}
         departed_ns: dict[Attacks, Sequence[int | None]] = {}
         for arm in arms:

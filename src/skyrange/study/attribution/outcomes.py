@@ -165,17 +165,6 @@ def limits(placebos: Sequence[Mapping[str, Floats]], floor: Mapping[str, Floats]
     return Limits(of, counts, levels)
 
 
-def repeats_to_the_byte(record: RunRecord) -> bool:
-    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so.
-
-    Of a record of a version that did not ask them, the builtin ones are known to be.
-    """
-    manifest = record.manifest
-    parts = [*(manifest.get("engines") or ()), *([manifest["medium"]] if manifest.get("medium") else [])]
-    said = (part.get("repeatable", "bytes" if part.get("kind") == "builtin" else "outcome") for part in parts)
-    return not manifest.get("live") and all(one == "bytes" for one in said)
-
-
 def _capped(separation_m: float | None) -> float | None:
     return None if separation_m is None else min(separation_m, SEPARATION_M)
 

@@ -17,7 +17,6 @@ from skyrange.core.errors import InputError
 from skyrange.record.read.run import RunRecord, load
 from skyrange.record.verification import require_verified
 from skyrange.study.attribution.arms import NOMINAL
-from skyrange.study.attribution.outcomes import repeats_to_the_byte
 from skyrange.study.dataset.columns import VIEWS, WINDOW_KEYS
 from skyrange.study.dataset.description.checksums import write_checksums
 from skyrange.study.dataset.description.contents import RUNS, Contents
@@ -31,7 +30,7 @@ from skyrange.study.dataset.run_settings import identify_setting
 from skyrange.study.dataset.run_views import ViewSettings, run_views
 from skyrange.study.dataset.splits import Traits, check_splits, traits_of
 from skyrange.study.dataset.windows import SplitHashes
-from skyrange.study.measures.flight_identity import identify_flight
+from skyrange.study.measures.flight_identity import identify_flight, repeats_to_the_byte
 
 
 def build_dataset(
@@ -142,7 +141,7 @@ def _runs_table(
                 "city": trait.city,
                 "fleet_size": trait.fleet_size,
                 "duration_s": record.duration,
-                "repeats": repeats_to_the_byte(record),
+                "repeats": repeats_to_the_byte(record.manifest),
                 "setting": identify_setting(member.scenario),
                 "fingerprint": str(record.manifest.get("digests", {}).get("fingerprint", "")),
                 "flight": identify_flight(record.manifest),

@@ -11,8 +11,7 @@ from collections.abc import Hashable, Sequence
 
 import numpy as np
 
-from skyrange.study.inference.exact_intervals import Limits, load_special
-from skyrange.study.inference.student import t_quantile
+from skyrange.study.inference.exact_intervals import Limits, load_special, proportion_interval
 
 
 def clustered_proportion_interval(
@@ -30,15 +29,12 @@ def clustered_proportion_interval(
     top = np.bincount(places, np.array(hits, dtype=np.float64))
     trials = np.bincount(places).astype(np.float64)
     share, total = float(top.sum() / trials.sum()), float(trials.sum())
-    quantile = 0.5 + confidence / 2.0
     independent = float(count)
     if 0.0 < share < 1.0:
         residuals = top - share * trials
         variance = count / (count - 1.0) * float((residuals**2).sum()) / total**2
         independent = min(total, share * (1.0 - share) / variance) if variance > 0.0 else total
-        independent *= (t_quantile(quantile, int(total) - 1) / t_quantile(quantile, count - 1)) ** 2
-    special, tail = load_special(), 1.0 - quantile
-    found = share * independent
-    low = 0.0 if share == 0.0 else float(special.betaincinv(found, independent - found + 1.0, tail))
-    high = 1.0 if share == 1.0 else float(special.betaincinv(found + 1.0, independent - found, 1.0 - tail))
+        every, few = load_special().stdtrit([total - 1.0, count - 1.0], 0.5 + confidence / 2.0).tolist()
+        independent *= (every / few) ** 2
+    low, high = proportion_interval(share * independent, independent, confidence)
     return min(low, share), max(high, share)

@@ -1,6 +1,6 @@
-"""Limits of a rate whose blocks differ: events of one block come more often than those of another.
+"""Limits of a rate that differs between clusters: events of one come more often than those of another.
 
-Garwood's interval takes one rate for all flights. Where the rate of a block is itself drawn, from a gamma distribution
+Garwood's interval takes one rate for all flights. Where that of a cluster is itself drawn, from a gamma distribution
 with a coefficient of variation c, the number of events is negative binomial (Greenwood & Yule, "An inquiry into the
 nature of frequency distributions representative of multiple happenings", Journal of the Royal Statistical Society 83
 (1920) 255-279), and the limits are quantiles of it. With c = 0 they are Garwood's.
@@ -19,10 +19,10 @@ from skyrange.study.inference.exact_intervals import Limits, load_special, rate_
 def clustered_rate_interval(
     counts: Sequence[float], hours: Sequence[float], variation: float, confidence: float
 ) -> Limits:
-    """The two-sided limits of a rate per hour, from the events and hours of each block; (0, ∞) without hours.
+    """The two-sided limits of a rate per hour, from the events and hours of each cluster; (0, ∞) without hours.
 
-    `variation` is the coefficient of variation of rates between blocks that is taken for granted; where the counts show
-    more (`estimate_variation`), that is taken. Blocks of different lengths count as (Σ h)² / Σ h² equal ones. Raises
+    `variation` is the coefficient of variation of rates between clusters that is taken for granted; where counts show
+    more (`estimate_variation`), that is taken. Clusters of different lengths count as (Σ h)² / Σ h² equal ones. Raises
     `InputError` if SciPy is missing.
     """
     total, spans = float(sum(counts)), np.array(hours, dtype=np.float64)
@@ -47,7 +47,7 @@ def clustered_rate_bound(counts: Sequence[float], hours: Sequence[float], variat
 
 
 def estimate_variation(counts: Sequence[float], hours: Sequence[float]) -> float:
-    """The coefficient of variation of rates between blocks by the method of moments; 0 where counts vary no more than
+    """The coefficient of variation of rates between clusters by the method of moments; 0 where counts vary no more than
     those of one rate do.
     """
     events, spans = np.array(counts, dtype=np.float64), np.array(hours, dtype=np.float64)

@@ -1,7 +1,7 @@
 """Clusters of runs that are not independent: those that share a flight or a seed, directly or through others.
 
-Runs of one seed share all chance, whatever differs in their scenarios; runs of one fingerprint are one flight. Splits,
-resampling and hours of flight count clusters, not runs.
+Runs of one seed share all chance, whatever differs in their scenarios; runs with the same frames and the same truth are
+one flight. Splits, resampling and hours of flight count clusters, not runs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ Name = TypeVar("Name", bound=Hashable)
 def find_clusters(shared: Mapping[Name, Iterable[Hashable]]) -> dict[Name, Name]:
     """The cluster of each member, by name of its first member in the order of `shared`.
 
-    `shared` has, for each member, what it shares with others, such as its seed and the fingerprints of its runs.
+    `shared` has, for each member, what it shares with others, such as its seed and its flights.
     Members are in one cluster if a chain of shared things leads from one to the other.
     """
     first: dict[Hashable, Name] = {}

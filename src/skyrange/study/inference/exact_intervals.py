@@ -16,24 +16,18 @@ Limits = tuple[float, float]
 """Lower and upper limit; the upper one may be infinite."""
 
 
-def proportion_interval(hits: int, trials: int, confidence: float) -> Limits:
+def proportion_interval(hits: float, trials: float, confidence: float) -> Limits:
     """The Clopper-Pearson interval of `hits` in `trials`, two-sided, within [0, 1]; (0, 1) without trials.
 
-    Its limits are quantiles of beta distributions. Raises InputError if SciPy is missing.
+    Its limits are quantiles of beta distributions, which are defined for numbers that are not whole as well: an AUC
+    times the number of blocks, or the number of trials that are worth as much as dependent ones. Raises InputError if
+    SciPy is missing.
     """
     if trials == 0:
         return 0.0, 1.0
     tail, special = (1.0 - confidence) / 2.0, load_special()
-    low = 0.0 if hits == 0 else float(special.betaincinv(hits, trials - hits + 1, tail))
-    high = 1.0 if hits == trials else float(special.betaincinv(hits + 1, trials - hits, 1.0 - tail))
-    return low, high
-
-
-def share_interval(share: float, trials: int, confidence: float) -> Limits:
-    """The Clopper-Pearson interval with a share that need not be a whole number of the trials, such as an AUC."""
-    tail, special, hits = (1.0 - confidence) / 2.0, load_special(), share * trials
-    low = 0.0 if hits <= 0.0 else float(special.betaincinv(hits, trials - hits + 1.0, tail))
-    high = 1.0 if hits >= trials else float(special.betaincinv(hits + 1.0, trials - hits, 1.0 - tail))
+    low = 0.0 if hits <= 0 else float(special.betaincinv(hits, trials - hits + 1, tail))
+    high = 1.0 if hits >= trials else float(special.betaincinv(hits + 1, trials - hits, 1.0 - tail))
     return low, high
 
 

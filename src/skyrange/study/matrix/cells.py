@@ -157,9 +157,10 @@ def measure_cell(flown: Pair, cell: Cell, measure: str, detectors: Sequence[str]
         own = [one for one in rows if one["seed"] == seed]
         attacked, twin = flown.run(ATTACKED, seed), flown.run(baseline, seed)
         end_ns = _end_ns(attacked)
-        start_ns = min(_times_ns(attacked, _STARTS), default=end_ns)
+        events = [(note.kind, note.time_ns) for note in read_notes(attacked, "events")]
+        start_ns = min((at for kind, at in events if kind in _STARTS), default=end_ns)
         series = _SERIES[measure](attacked, twin) if measure in _SERIES else None
-        stop_ns = max(_times_ns(attacked, _STOPS), default=end_ns)
+        stop_ns = max((at for kind, at in events if kind in _STOPS), default=end_ns)
         growth.append(None if series is None else measure_growth(series, start_ns, stop_ns))
         if measure == "strayed_m" and series is not None:
             effects.append(float(series.away_m.max(initial=0.0)))
@@ -234,10 +235,6 @@ def count_alarms(run: RunRecord, detectors: Sequence[str]) -> int:
 def _alerts(run: RunRecord, detectors: Sequence[str]) -> pa.Table:
     table = run.table("alerts", ["time_ns", "detector", "subject"])
     return table.filter(pc.is_in(table.column("detector"), value_set=pa.array(list(detectors), type=pa.string())))
-
-
-def _times_ns(run: RunRecord, kinds: Sequence[str]) -> list[int]:
-    return [note.time_ns for note in read_notes(run, "events") if note.kind in kinds]
 
 
 def _end_ns(run: RunRecord) -> int:

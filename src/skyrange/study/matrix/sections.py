@@ -45,15 +45,16 @@ complete that is complete without the attack. Each with the p of the claim that 
 larger of the two, adjusted for the number of cells. Cells whose effect is below half in no seed are left out.
 """
 COST = """\
-False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights without
-the defence. `stops`: attacks that it is shown to stop, and those that it stops in every flight, of those in whose
-scenarios it can be declared. `without assumptions`: the same without attacks on sensors whose reaction is assumed.
-`adaptive`: attacks that it stops although the adversary knows it. `false alarms`: alerts about an aircraft within 30 s
-are one; flights of several rows that are the same count once; the limits are 95 % if alarms are independent.
-`broken missions`: missions that are complete without the defence alone; they have no delay. Delay and energy are means
-over rows, then over seeds. `honest`: runs with an alarm, of those in which a real aircraft flies where the attack would
-claim one. `latency of frames`: growth of the median and of the 95th percentile of the time from sender to the end of
-processing, on the links that the defence protects. Processor time counts only where the column declares a `cost`.
+False alarms, broken missions, delay and energy are those of flights without an attack, against the same flights
+without the defence. `stops`: attacks that it is shown to stop, and those that it stops in every flight, of those in
+whose scenarios it can be declared. `without assumptions`: the same without attacks on sensors whose reaction is
+assumed. `adaptive`: attacks that it stops although the adversary knows it. `false alarms`: alerts about an aircraft
+within 30 s are one; flights of several rows that are the same count once; the limits are 95 % if alarms are
+independent. `broken missions`: missions that are complete without the defence alone; they have no delay. Delay and
+energy are means over rows, then over seeds, without rows that lack a value for some seed. `honest`: runs with an
+alarm, of those in which a real aircraft flies where the attack would claim one. `latency of frames`: growth of the
+median and of the 95th percentile of the time from sender to the end of processing, on the links that the defence
+protects. Processor time counts only where the column declares a `cost`.
 """
 FAULTS = """\
 Effect of the fault with each defence, and alarms in the runs with the fault, which are all false.

@@ -1,4 +1,4 @@
-"""Identity of a flight: runs with the same one said the same and flew the same, whatever their scenarios declare."""
+"""Identity of a flight, the same for runs that said and flew the same, and whether it is so when flown again."""
 
 from __future__ import annotations
 
@@ -16,3 +16,13 @@ def identify_flight(manifest: Mapping[str, Any]) -> str:
     digests = manifest.get("digests") or {}
     parts = [str(digests.get(name, "")) for name in ("frames", "truth")]
     return combine_digests(parts) if all(parts) else ""
+
+
+def repeats_to_the_byte(manifest: Mapping[str, Any]) -> bool:
+    """Whether a run, flown again, would be the same to the byte: it was virtual, and its engines and medium say so.
+
+    Of a record of a version that did not ask them, the builtin ones are known to be.
+    """
+    parts = [*(manifest.get("engines") or ()), *([manifest["medium"]] if manifest.get("medium") else [])]
+    said = (part.get("repeatable", "bytes" if part.get("kind") == "builtin" else "outcome") for part in parts)
+    return not manifest.get("live") and all(one == "bytes" for one in said)

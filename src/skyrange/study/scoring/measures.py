@@ -41,7 +41,9 @@ from skyrange.study.scoring.survival import survival_curve
 from skyrange.study.scoring.thresholds import NS_PER_H, lower_threshold
 
 MANY_CLUSTERS: Final = 40
-"""Of fewer clusters, resampling covers a median in 70 to 90 % of the cases."""
+"""Of fewer clusters, resampling covers too rarely: of five with three attacks each, a median in 88 % and a restricted
+mean in 81 % of simulated studies; of 40 both in 95 %.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,11 +189,7 @@ def measure_detection(
 
 def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings) -> Delay:
     """The delays of some observable attacks, given by index, at least one; misses are censored."""
-    begins, ends = index.attacks.begin_ns[seen], index.attacks.end_ns[seen]
-    found = outcome.detected_ns[seen]
-    hits = found != NEVER
-    delays = (np.where(hits, found, ends) - begins) / NS_PER_S
-    horizon = min(settings.horizon_s, float((ends - begins).max()) / NS_PER_S)
+    delays, hits, horizon = _censor_delays(index, outcome, seen, settings)
     curve = survival_curve(delays, hits)
     median, mean = float(curve.medians_s()[0]), float(curve.restricted_means_s(horizon)[0])
     if 2 * int(hits.sum()) <= len(hits):  # the curve has one where late attacks are censored early
@@ -213,6 +211,17 @@ def measure_delay(index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], 
         restricted_mean_clusters=of_mean,
         horizon_s=horizon,
     )
+
+
+def _censor_delays(
+    index: StudyIndex, outcome: Outcome, seen: NDArray[np.int64], settings: ScoreSettings
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], float]:
+    """(k,) delays of some attacks, of a miss to the end of its window; (k,) whether they are detected; the horizon."""
+    begins, ends = index.attacks.begin_ns[seen], index.attacks.end_ns[seen]
+    found = outcome.detected_ns[seen]
+    hits = found != NEVER
+    delays = (np.where(hits, found, ends) - begins) / NS_PER_S
+    return delays, hits, min(settings.horizon_s, float((ends - begins).max()) / NS_PER_S)
 
 
 def measure_before_effect(
@@ -275,12 +284,13 @@ def measure_at_equal_rate(
     episode_ns = from_seconds(settings.episode_s)
     choice = lower_threshold(index, alerts, nominal, settings.target_per_h, episode_ns)
     outcome = match_alarms(index, alerts, choice.threshold, episode_ns)
+    delays, hits, horizon = _censor_delays(index, outcome, seen, settings)
     return EqualRate(
         threshold=_finite(choice.threshold),
         episodes=int(choice.episodes.sum()),
         per_h=float(choice.episodes.sum()) / (float(index.subjects.exposure_ns[nominal].sum()) / NS_PER_H),
-        recall=float((outcome.detected_ns[seen] != NEVER).mean()),
-        restricted_mean_s=measure_delay(index, outcome, seen, settings).restricted_mean_s,
+        recall=float(hits.mean()),
+        restricted_mean_s=float(survival_curve(delays, hits).restricted_means_s(horizon)[0]),
     )
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError, Problem
 from skyrange.study.dataset.audit.paired import count_differences, find_shifted_columns
-from skyrange.study.inference.exact_intervals import share_interval
+from skyrange.study.inference.exact_intervals import proportion_interval
 from skyrange.study.inference.means import CONFIDENCE
 
 LIMIT: Final = 0.55
@@ -65,7 +65,9 @@ class Comparison:
     repeats: bool = False
     """Whether the runs repeat to the byte, so that every difference is a leak."""
     exempt: Sequence[str] = ()
-    """Attack kinds that were left out by name, because they are changes of timing."""
+    """What was left out: attack kinds by name, because they are changes of timing, and how many runs of another setting
+    than the others of their blocks.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +138,8 @@ def audit_comparison(comparison: Comparison, seed: int = 0) -> LeakFinding:
     resampled = [weighted_auc(scores, attacked, draw[numbers] * rows.weights) for draw in draws]
     low, high = (float(end) for end in np.clip(auc + _WIDER * (np.nanquantile(resampled, [0.025, 0.975]) - auc), 0, 1))
     # of few blocks classifiers do worse than chance on those left out, which says nothing against a leak
-    low = min(low, share_interval(auc, count, CONFIDENCE)[0])
-    high = max(high, share_interval(max(auc, CHANCE), count, CONFIDENCE)[1])
+    low = min(low, proportion_interval(auc * count, count, CONFIDENCE)[0])
+    high = max(high, proportion_interval(max(auc, CHANCE) * count, count, CONFIDENCE)[1])
     found = LeakFinding(comparison.name, len(attacked), count, auc, low, high, (), comparison.exempt)
     shifted = find_shifted_columns(comparison.columns, values, attacked, [str(number) for number in numbers.tolist()])
     told = _leaking_columns(comparison.columns, rows, models, auc, generator) if low > CHANCE else ()
@@ -176,12 +178,16 @@ def _estimate_blocks(blocks: int, auc: float, low: float, high: float) -> int:
 @cache
 def least_blocks() -> int:
     """The fewest blocks with which an AUC of chance passes, by the exact interval."""
+
+    def passes(blocks: int) -> bool:
+        return proportion_interval(CHANCE * blocks, blocks, CONFIDENCE)[1] <= LIMIT
+
     few, enough = MIN_BLOCKS, 10 * MIN_BLOCKS
-    while share_interval(CHANCE, enough, CONFIDENCE)[1] > LIMIT:
+    while not passes(enough):
         few, enough = enough, 2 * enough
     while enough - few > 1:
         middle = (few + enough) // 2
-        few, enough = (few, middle) if share_interval(CHANCE, middle, CONFIDENCE)[1] <= LIMIT else (middle, enough)
+        few, enough = (few, middle) if passes(middle) else (middle, enough)
     return enough
 
 

@@ -38,17 +38,20 @@ def audit_dataset(folder: Path, seed: int = 0, exempt: Collection[str] | None = 
 
 def comparisons_of(folder: Path, exempt: Collection[str]) -> Iterator[Comparison]:
     """The comparisons, each read when it is asked for."""
-    every = group_by_block(read_arms(folder))
+    arms = read_arms(folder)
+    every = group_by_block(arms)
+    others = len(arms) - sum(map(len, every.values()))
+    unlike = [f"{others} runs of other settings"] if others else []
     blocks = {block: own for block, own in every.items() if len({arm.role == "attacked" for arm in own}) == 2}
     kinds = {block: frozenset().union(*(arm.kinds for arm in own)) for block, own in blocks.items()}
     left_out = sorted({kind for own in kinds.values() for kind in own & {*exempt}})
     shams = {block: own for block, own in blocks.items() if any(arm.role == "sham" for arm in own)}
     compared = {block: own for block, own in shams.items() if not kinds[block] & {*exempt}}
-    yield _metadata(folder, blocks, compared, left_out)
+    yield _metadata(folder, blocks, compared, [*left_out, *unlike])
     for view in ("flows", "aircraft"):
-        yield _before_onset(folder, view, blocks)
+        yield _before_onset(folder, view, blocks, unlike)
     if shams:
-        yield _shams(folder, compared, left_out)
+        yield _shams(folder, compared, [*left_out, *unlike])
 
 
 def _files(folder: Path, view: str, block: str) -> list[Path]:
@@ -94,7 +97,7 @@ def _metadata(folder: Path, blocks: Blocks, compared: Blocks, exempt: Sequence[s
     return Comparison("metadata", columns, values, is_attacked, names, runs, _repeats(blocks), exempt)
 
 
-def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
+def _before_onset(folder: Path, view: str, blocks: Blocks, exempt: Sequence[str]) -> Comparison:
     """The windows that end before the first act of any arm of the block."""
     columns = [name for name in observable_columns(view) if name != "time_ns"]
     parts, attacked, names, runs = [np.empty((0, len(columns)))], [], [], []
@@ -110,7 +113,7 @@ def _before_onset(folder: Path, view: str, blocks: Blocks) -> Comparison:
             names += [block] * rows.num_rows
             runs += [arm.run] * rows.num_rows
     values, is_attacked = np.concatenate(parts), np.array(attacked, dtype=np.bool_)
-    return Comparison(f"{view} before the onset", columns, values, is_attacked, names, runs, _repeats(blocks))
+    return Comparison(f"{view} before the onset", columns, values, is_attacked, names, runs, _repeats(blocks), exempt)
 
 
 def _shams(folder: Path, blocks: Blocks, exempt: Sequence[str]) -> Comparison:

@@ -63,7 +63,7 @@ def render_attribution(subject: Subject, rows: Sequence[Mapping[str, Any]]) -> M
 def _describe_relation(row: Mapping[str, Any]) -> Mapping[str, str]:
     shift_s = row["shift_s"]
     shift = f"{row['shift']} by {abs(shift_s):.1f} s" if row["shift"] is not None else ""
-    return {"relation": row["relation"] if row["shown"] else "not enough placebos", "shift": shift}
+    return {"relation": row["relation"] if row.get("shown", True) else "not enough placebos", "shift": shift}
 
 
 def _value(value: float, unit: str) -> quantities.Quantity:
@@ -76,6 +76,8 @@ def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
     """How far the limits can be trusted."""
     if not rows:
         return ""
+    if any("level" not in row for row in rows):
+        return "An older version of skyrange made this pair: it does not say how far its limits can be trusted."
     if all(row["level"] == 0.0 for row in rows):
         return (
             "A limit is the smallest difference that counts. No placebo is needed to find it: these runs repeat to the "
