@@ -124,7 +124,7 @@ def test_chain_as_a_class_is_the_same_run() -> None:
     (attack,) = declared.attacks
     params = {name: value for name, value in attack.params.items() if name != "stages"}
     written = with_params(declared, "test.chain", {**params, "longest_s": 120.0})
-    one, other = fly(declared, 50), fly(written, 50)
+    one, other = fly(declared, 46), fly(written, 46)
     assert len(one.labels) > 5
     first, second = Flight(one, frozenset()), Flight(other, frozenset())
     assert first.frames() == second.frames()

@@ -123,7 +123,7 @@ def conversation(kind: plans.Kind, until: Time) -> list[InputMessage]:
 
 @pytest.mark.parametrize("kind", ["auto", "guided"])
 def test_ground_station(kind: plans.Kind) -> None:
-    until = 90 * NS_PER_S
+    until = 75 * NS_PER_S
     check_agent(lambda: ground_station(kind), mail=conversation(kind, until), until=until)
 
 

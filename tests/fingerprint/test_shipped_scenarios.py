@@ -48,33 +48,43 @@ def test_every_shipped_scenario_is_pinned() -> None:
 
 
 SHORT = {
-    "city-fleet": (("operators.*.fleets.*.count=3",), "9734054020eaf8d2fd6c8a65bc408061"),
-    "corridor-rush": (("duration_s=90",), "61d5031bedc6fcae6c4005ca809f4c92"),
-    "rid-city": (("duration_s=90", "operators.*.fleets.*.count=3"), "9fd43172dbbd3b195193a5fb99105655"),
+    "city-fleet": (("operators.*.fleets.*.count=1",), "bd452d578cb07290edb1dc2b5a5de94b"),
+    "corridor-rush": (("duration_s=75", "operators.*.fleets.*.count=3"), "935683e0ebab6436c7ccbe2a328285cb"),
+    "falsified-log": (("duration_s=75",), "4233776c4434cb9c93c35ca32d4fee5b"),
+    "gcs-flood": (("duration_s=80",), "4a1383171731b24842ebeadee3d672ea"),
+    "gnss-pull-off": (("duration_s=70",), "83365de0758f693061e0b510036a5e7a"),
+    "hijack": (("duration_s=70",), "2d50d0b95dd008982f473307016e1f94"),
+    "insider": (("duration_s=60",), "12b9c8a6f1531c95580af30b254683f1"),
+    "jammed-corridor": (("duration_s=60",), "b7214c47219228e537934445ed749678"),
+    "rid-city": (("duration_s=45", "operators.*.fleets.*.count=2"), "596d1492f642d9d9d6f7103fc610e087"),
+    "rid-spoofing": (("duration_s=60",), "b2bc788cfa3173c608e82bacf779df2e"),
+    "survey": (("duration_s=120",), "f9aacc150d8f83ad49d95382e3a41844"),
+    "unsigned-ghost": (("duration_s=60",), "b97111e20e223b7844cb2306de53740a"),
 }
-"""Changes that shorten the flights of many aircraft, and the digests of what then happens; the whole ones are slow."""
+"""Changes that shorten the flights which no other fast test reads, and the digests of what then happens."""
 
 
 DEAR = {"gcs-flood", "gnss-pull-off", "insider", "jammed-corridor", "unsigned-ghost"}
-"""Attacks whose flights are the longest: of the catalogue."""
+"""Attacks whose shortened flights are of the catalogue: `tests/integration/test_effect_paths.py` flies them too."""
+
+MANY = {"city-fleet", "corridor-rush", "rid-city"}
+"""Flights of many aircraft, of which one is flown whole by a commit."""
+
+FLOWN = (set(EVENTS) - MANY) | set(draw(sorted(MANY)))
 
 
-def _mark(name: str) -> tuple[pytest.MarkDecorator, ...]:
-    return (pytest.mark.slow,) if name in SHORT else (pytest.mark.catalogue,) if name in DEAR else ()
-
-
-FLOWN = (set(EVENTS) - set(SHORT)) | set(draw(sorted(SHORT)))
-"""Of those with a shortened flight, one is flown whole."""
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=_mark(name)) for name in sorted(FLOWN)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=(pytest.mark.slow,) * (name in SHORT)) for name in sorted(FLOWN)]
+)
 def test_events_are_what_they_were(name: str) -> None:
     record = shared_run(name)
     assert {outcome["state"] for outcome in record.outcomes.values()} == ENDS[name]
     assert record.manifest["digests"]["events"] == EVENTS[name]
 
 
-@pytest.mark.parametrize("name", sorted(SHORT))
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=(pytest.mark.catalogue,) * (name in DEAR)) for name in sorted(SHORT)]
+)
 def test_events_of_a_shorter_flight_are_what_they_were(name: str) -> None:
     changes, events = SHORT[name]
     assert shared_run(name, *changes).manifest["digests"]["events"] == events

@@ -85,7 +85,7 @@ def test_moments_that_nobody_can_fly_at_are_refused(year: str) -> None:
 
 
 SCENARIO = """
-duration_s = 60
+duration_s = 35
 origin = { lat = 40.7780, lon = -73.9550 }
 [[operators]]
 id = "blue"

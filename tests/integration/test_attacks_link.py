@@ -31,7 +31,7 @@ def test_an_outage_fires_the_failsafe_and_ends(tmp_path: Path) -> None:
 
 
 def test_a_mission_that_does_not_arrive_is_not_flown(tmp_path: Path) -> None:
-    record = flown("link.drop", tmp_path)
+    record = flown("link.drop", tmp_path, "duration_s=45")
     assert record.outcomes["blue/b1"]["state"] == "failed"
     assert "mission upload" in record.outcomes["blue/b1"]["reason"]
     assert not rows(record, "events", "event.takeoff")

@@ -163,7 +163,7 @@ def test_two_who_meet_head_on_pass_each_other_and_both_complete() -> None:
     }
 
     def least(avoidance: Any) -> tuple[float, Flown]:
-        flown = wired(plans, avoidance).run(60)
+        flown = wired(plans, avoidance).run(50)
         apart = [
             float(np.hypot(*(places[0] - places[1])[:2]))
             for at, places in flown.notes.track

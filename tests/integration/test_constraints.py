@@ -181,7 +181,7 @@ def scenario(**changes: Any) -> str:
 
 @pytest.mark.parametrize("approval", [pytest.param("authority", marks=pytest.mark.slow), "federated"])
 def test_an_aircraft_that_is_inside_an_area_when_it_is_closed_returns(approval: str) -> None:
-    record = fly(load_text(scenario(more="published_s = 55", approval=approval)))
+    record = fly(load_text(scenario(duration=118, more="published_s = 55", approval=approval)))
     outcome = record.outcomes["blue/b1"]
     assert outcome["state"] == "failed"
     assert outcome["reason"].startswith("approval withdrawn: constraint")
@@ -202,7 +202,7 @@ AHEAD = "[[-20, 110], [20, 110], [20, 150], [-20, 150]]"
     ],
 )
 def test_an_aircraft_in_flight_goes_around_an_area_that_is_closed_ahead_of_it(mode: str, approval: str) -> None:
-    text = scenario(duration=180, more="published_s = 25", approval=approval, corners=AHEAD)
+    text = scenario(duration=95, more="published_s = 25", approval=approval, corners=AHEAD)
     text = text.replace("[0, 120]", "[0, 220]").replace('end = "land"', f'end = "land", mode = "{mode}"')
     record = fly(load_text(text))
     assert record.outcomes["blue/b1"]["state"] == "complete"
@@ -259,7 +259,7 @@ def test_an_aircraft_in_flight_waits_for_an_area_that_is_closed_for_a_short_time
 
 
 def test_a_flight_whose_way_is_closed_for_the_whole_run_stays_on_the_ground() -> None:
-    record = fly(load_text(scenario(duration=60)))
+    record = fly(load_text(scenario(duration=30)))
     assert record.outcomes["blue/b1"]["state"] != "complete"
     assert max(record.table("truth", ["up_m"]).column("up_m").to_pylist()) < 0.5
 

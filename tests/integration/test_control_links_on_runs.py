@@ -36,7 +36,7 @@ def with_links(scenario: Scenario, *rules: Link) -> Scenario:
 
 
 def test_a_deauthentication_ends_the_link_and_802_11w_protects_it(tmp_path: Path) -> None:
-    scenario = load_scenario(DEAUTHENTICATION).model_copy(update={"duration_s": 37.0})
+    scenario = load_scenario(DEAUTHENTICATION).model_copy(update={"duration_s": 33.0})
     attacked = fly(scenario, tmp_path / "attacked", report=False)
     lost, sent = losses(attacked, "fwd", 26.0)
     assert sent > 10

@@ -30,6 +30,9 @@ def test_every_shipped_scenario_with_an_attack_is_here() -> None:
 
 
 RID_CITY = pytest.param("rid-city", marks=(pytest.mark.slow, in_turn("parity", "paths of rid-city")))
+DEAR = ("gcs-flood", "gnss-pull-off", "insider", "jammed-corridor", "unsigned-ghost")
+"""Pairs of long flights, ten seconds and more each."""
+OTHERS = sorted(set(NO_PATH) - {"chain", "rid-city", *DEAR})
 
 
 def test_every_effect_of_the_chain_has_a_path() -> None:
@@ -37,7 +40,7 @@ def test_every_effect_of_the_chain_has_a_path() -> None:
 
 
 @pytest.mark.catalogue
-@pytest.mark.parametrize("name", [*sorted(set(NO_PATH) - {"chain", "rid-city"}), RID_CITY])
+@pytest.mark.parametrize("name", [*OTHERS, *(pytest.param(one, marks=pytest.mark.slow) for one in DEAR), RID_CITY])
 def test_effects_without_a_path_are_the_ones_that_are_known(name: str) -> None:
     assert_effects_without_a_path(name)
 

@@ -47,6 +47,7 @@ PLACES = {
     "null island": (0.0, 0.0), "date line": (0.0, 180.0), "west of it": (52.0, -180.0), "near it": (52.0, 179.99985),
     "north": (70.0, 20.0), "south": (-52.0, 0.0),
 }  # fmt: skip
+FAST = ("null island", "date line", "north")
 CLOSED = """
 [[constraints]]
 id = "closed"
@@ -125,7 +126,9 @@ def check_alike(folder: Path, place: str, here: RunRecord | None = None, **how: 
         assert np.abs(track - other[name]).max() < 0.05, name
 
 
-@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize(
+    "place", [*FAST, *(pytest.param(place, marks=pytest.mark.slow) for place in PLACES if place not in FAST)]
+)
 def test_an_authority_decides_and_aircraft_fly_alike(place: str, tmp_path: Path, decided: RunRecord) -> None:
     check_alike(tmp_path, place, decided, **DECIDED)
 

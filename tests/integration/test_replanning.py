@@ -65,7 +65,7 @@ SECOND = vehicle("b2", "[0, 0], [0, 200]", 40.0, east=20)
 
 
 def test_a_flight_goes_around_a_place_where_the_link_of_another_one_was_lost() -> None:
-    record = flown(FIRST + SECOND, "jammed_radius_m = 40", LOSS, duration_s=138)
+    record = flown(FIRST + SECOND, "jammed_radius_m = 40", LOSS, duration_s=132)
     (place,) = [row for row in record.table("decisions").to_pylist() if row["kind"] == "decision.area_jammed"]
     assert place["about"] == "blue/b1"
     assert "decision.rerouted" in kinds(record, "blue/b2")
@@ -112,7 +112,7 @@ def test_a_flight_returns_where_that_is_nearer() -> None:
 
 
 def test_a_battery_that_lasts_changes_nothing() -> None:
-    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.5, jammed_radius_m = 50", duration_s=175)
+    record = flown(vehicle("b1", DETOUR), "battery_reserve = 0.5, jammed_radius_m = 50", duration_s=169)
     assert record.outcomes["blue/b1"]["state"] == "complete"
     assert "decision.battery_short" not in kinds(record, "blue/b1")
 

@@ -226,7 +226,7 @@ def test_unsigned_heartbeats_of_the_ground_station_are_none(tmp_path: Path) -> N
 
 
 def test_with_a_wrong_key_neither_side_believes_the_other(tmp_path: Path) -> None:
-    record = flown(tmp_path / "run", scenario("wrong-key", duration_s=90))
+    record = flown(tmp_path / "run", scenario("wrong-key", duration_s=68))
     assert outcome(record) == ("failed", "connecting for too long")
     assert notes(record, "event.armed") == notes(record, "decision.connected") == []
     for kind in ("event.signature_refused", "decision.signature_refused"):

@@ -160,7 +160,7 @@ def test_ctrl_c_while_processes_come_up_starts_nothing_any_more(
 
 
 def test_a_node_is_started_anew_three_times_and_no_more(tmp_path: Path) -> None:
-    flight = prepared(SCENARIO.replace("duration_s = 10", "duration_s = 20"), tmp_path, on_death="restart")
+    flight = prepared(SCENARIO.replace("duration_s = 10", "duration_s = 12"), tmp_path, on_death="restart")
 
     async def kill(flight: VirtualFlight) -> None:
         await flight.reach(1.0)

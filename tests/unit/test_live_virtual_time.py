@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import time
 from collections.abc import Callable, Coroutine
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.testing.live import DeadlockError, VirtualNetwork, VirtualSystem
 
 Runs = Callable[[Coroutine[Any, Any, Any]], Any]
@@ -252,6 +254,25 @@ def test_a_process_that_is_killed_tidies_nothing_up_and_its_peers_notice() -> No
 
     system.run(main())
     assert tidied == []
+
+
+def test_a_process_that_is_killed_leaves_the_collector_of_this_one_as_it_was() -> None:
+    system = VirtualSystem()
+    before = gc.get_threshold(), gc.get_freeze_count()
+
+    async def main() -> None:
+        async def work() -> int:
+            with collect_seldom():
+                await asyncio.sleep(3600.0)
+            return 0
+
+        process = system.begin("worker", work())
+        await asyncio.sleep(0.1)
+        process.kill()
+        await asyncio.sleep(0.1)
+
+    system.run(main())
+    assert (gc.get_threshold(), gc.get_freeze_count()) == before
 
 
 def test_how_a_process_ends_is_told() -> None:

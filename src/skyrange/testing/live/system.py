@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import gc
 from collections.abc import Coroutine, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any, TypeVar
 
 from skyrange.io.mavlink.transports import Address, OnPiece
 from skyrange.io.zeromq.curve_keys import Keys
+from skyrange.runtime.garbage_collection import collect_seldom
 from skyrange.runtime.live.config import NodeConfig
 from skyrange.runtime.live.node.process import run_node
 from skyrange.runtime.live.supervisor.launch import write_config
@@ -80,12 +80,11 @@ class VirtualSystem:
 
     def run(self, main: Coroutine[Any, Any, T]) -> T:
         """See `System`. Raises `DeadlockError` if every task waits and there is no timer."""
-        thresholds = gc.get_threshold()
-        try:
-            with asyncio.Runner(loop_factory=lambda: SocketEventLoop(self.virtual, self.network)) as runner:
-                return runner.run(main)
-        finally:
-            gc.set_threshold(*thresholds)  # nodes set it, and do not end in reverse order
+        with (
+            collect_seldom(),  # nodes do so themselves, do not end in reverse order, and may be killed
+            asyncio.Runner(loop_factory=lambda: SocketEventLoop(self.virtual, self.network)) as runner,
+        ):
+            return runner.run(main)
 
     def begin(self, name: str, main: Coroutine[Any, Any, int]) -> VirtualProcess:
         """Run `main`, whose result is the exit code, as a process of this machine."""
