@@ -41,6 +41,11 @@ def shared_pair(scenario: Scenario | str, *changes: str) -> Pair:
     return load_pair(_flown("pair", flown, make))
 
 
+def shared_folder(name: str, make: Callable[[Path], object]) -> Path:
+    """What `make` writes into a folder, made once in a run of pytest under `name`. Read it only, or copy it."""
+    return _made_once(find_folder() / name, make)
+
+
 def _resolved(scenario: Scenario | str, changes: tuple[str, ...]) -> Scenario:
     if isinstance(scenario, str):
         return load_scenario(scenario, changes)
@@ -51,11 +56,13 @@ def _resolved(scenario: Scenario | str, changes: tuple[str, ...]) -> Scenario:
 def _flown(how: str, scenario: Scenario, make: Callable[[Path], object]) -> Path:
     """The folder of a flight, made now if no test has asked for it before."""
     key = blake2b(f"{how} {scenario.model_dump_json()}".encode(), digest_size=12).hexdigest()
-    home = find_folder()
-    folder = home / f"{scenario.name}-{how}-{key}"
-    with _locked(home / f"{folder.name}.lock"):
+    return _made_once(find_folder() / f"{scenario.name}-{how}-{key}", make)
+
+
+def _made_once(folder: Path, make: Callable[[Path], object]) -> Path:
+    with _locked(folder.parent / f"{folder.name}.lock"):
         if not folder.exists():
-            new = home / f"{folder.name}.new"
+            new = folder.parent / f"{folder.name}.new"
             shutil.rmtree(new, ignore_errors=True)  # of a worker that died
             with CLOCK.timed("shared"):
                 make(new)

@@ -41,8 +41,14 @@ def written_by_attacks(name: str) -> set[str]:
     return {note.kind for note in notes if frames & set(note.causes)}
 
 
+def _mark(name: str) -> tuple[pytest.MarkDecorator, ...]:
+    """Slow where nothing of the kind goes over a link that leads to an autopilot."""
+    links = {"gcs", "log", "autopilot", "approval", "uss"}
+    return (pytest.mark.slow,) * links.isdisjoint(AttackPlugin.find(name).surface)
+
+
 @pytest.mark.catalogue
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
+@pytest.mark.parametrize("name", [pytest.param(name, marks=_mark(name)) for name in sorted(EXAMPLES)])
 def test_a_kind_persists_as_it_says(name: str) -> None:
     """Nothing that an autopilot keeps of what an attack told it outlasts the effect that the kind declares."""
     assert not written_by_attacks(name) & STORED - MENDED[AttackPlugin.find(name).persists]

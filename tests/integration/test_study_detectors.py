@@ -28,6 +28,7 @@ from skyrange.study.sweep.execution.worker import fly_block
 from skyrange.study.sweep.folder import open_folder
 from skyrange.study.sweep.scores.learned_detectors import learn_detectors
 from skyrange.study.sweep.scores.score_tables import make_score_tables
+from tests.flights import shared_folder
 
 STREETS = Path(__file__).parents[3] / "shared/data/cities/manhattan-upper-east-side.geojson"
 TEXT = """
@@ -69,12 +70,17 @@ def command(*words: str) -> Any:
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("study")
-    (folder / "small.toml").write_text(TEXT)
-    changes = ("--set", "seeds=6", "--set", "held_out.aircraft=[2]")
-    found = command("study", "run", str(folder / "small.toml"), "--out", str(folder / "out"), *changes, "--json")
-    assert (found["finished"], found["failed"]) == (6, [])
-    return folder / "out"
+    """A study of six blocks; a copy, because scores and models are written into it."""
+
+    def fly_all(folder: Path) -> None:
+        file = folder.with_suffix(".toml")
+        file.write_text(TEXT)
+        changes = ("--set", "seeds=6", "--set", "held_out.aircraft=[2]")
+        found = command("study", "run", str(file), "--out", str(folder), *changes, "--json")
+        assert (found["finished"], found["failed"]) == (6, [])
+
+    flown = shared_folder("study-of-detectors", fly_all)
+    return Path(shutil.copytree(flown, tmp_path_factory.mktemp("study") / "out"))
 
 
 def test_a_detector_that_sees_the_attack_leads_one_that_does_not(study: Path, tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def _check_same(left: RunRecord, right: RunRecord) -> None:
         assert left.telemetry(name).equals(right.telemetry(name)), name
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("held_ns", [0, 20 * MS, derivation.HELD_NS])
 def test_rows_do_not_depend_on_the_length_of_parts(
     seed: int, held_ns: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -235,7 +235,7 @@ for count, frame in enumerate(traffic(100_000)):
 """
 
 
-@pytest.mark.parametrize("lines", [3, 40, 41, 42])
+@pytest.mark.parametrize("lines", [3, 41, *(pytest.param(one, marks=pytest.mark.slow) for one in (40, 42))])
 def test_sigkill_loses_nothing_that_was_flushed(lines: int, tmp_path: Path) -> None:
     child = subprocess.Popen([sys.executable, "-c", CHILD, str(tmp_path / "run")], stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
