@@ -48,7 +48,7 @@ def test_every_shipped_scenario_is_pinned() -> None:
 
 
 SHORT = {
-    "city-fleet": (("operators.*.fleets.*.count=1",), "bd452d578cb07290edb1dc2b5a5de94b"),
+    "city-fleet": (("operators.*.fleets.*.count=1", "duration_s=120"), "bed5ed31f256a6b6a82ef0f2a5a9ab6e"),
     "corridor-rush": (("duration_s=75", "operators.*.fleets.*.count=3"), "935683e0ebab6436c7ccbe2a328285cb"),
     "falsified-log": (("duration_s=75",), "4233776c4434cb9c93c35ca32d4fee5b"),
     "gcs-flood": (("duration_s=80",), "4a1383171731b24842ebeadee3d672ea"),
