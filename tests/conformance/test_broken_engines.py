@@ -340,6 +340,7 @@ BREAKING: list[tuple[str, Any]] = [
 ]
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(("rule", "broken"), BREAKING, ids=[f"{rule}-{made.__name__}" for rule, made in BREAKING])
 def test_a_broken_rule_is_found(rule: str, broken: Any) -> None:
     with pytest.raises(NonConformance) as found:

@@ -175,6 +175,7 @@ class Silent(Ended):
     runs_programs = False
 
 
+@pytest.mark.catalogue
 @pytest.mark.parametrize(
     ("medium", "rule"),
     [

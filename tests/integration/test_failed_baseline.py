@@ -57,7 +57,7 @@ COMMANDS = {
 }
 
 
-@pytest.mark.parametrize("expected", [False, True])
+@pytest.mark.parametrize("expected", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_mission_that_fails_without_an_attack_is_told_first_and_by_the_exit_code(
     name: str,

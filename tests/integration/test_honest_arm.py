@@ -131,7 +131,7 @@ def test_a_collision_with_it_is_the_truth(tmp_path: Path) -> None:
     assert {(hit.about, hit.data["with"]) for hit in hits} == {("blue/b1", "ghost"), ("ghost", "blue/b1")}
 
 
-AVOIDING = plain(20.0, own='avoidance = "geometric"', more=MOVING)
+AVOIDING = plain(18.5, own='avoidance = "geometric"', more=MOVING)
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def states(record: RunRecord) -> dict[str, Any]:
     return {name: outcome["state"] for name, outcome in record.outcomes.items()}
 
 
-DECIDED: dict[str, Any] = {"approval": "authority", "more": "", "plan": PATH, "duration_s": 60}
+DECIDED: dict[str, Any] = {"approval": "authority", "more": "", "plan": PATH, "duration_s": 48}
 LOITERED: dict[str, Any] = {"approval": "approve-all", "more": "", "duration_s": 70}
 
 

@@ -192,6 +192,7 @@ def deviation_m(record: RunRecord) -> dict[str, float]:
     return {operator: math.sqrt(np.mean(values)) for operator, values in squares.items()}
 
 
+@pytest.mark.slow
 def test_wind_blows_aircraft_off_their_tracks(tmp_path: Path) -> None:
     assert load("wind").wind.turbulence == "moderate"
     assert {vehicle.airframe for _, vehicle in load("wind").fleet} == {"iris", "x500", "hummingbird"}

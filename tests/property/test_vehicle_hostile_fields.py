@@ -394,7 +394,7 @@ def test_no_number_in_any_field_of_a_global_target(flights: dict[str, Range], pl
     r = flights["hover"].copy()
     values = _with((20.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), place, bad)
     r.send(V, A.MAVLink_set_position_target_global_int_message(0, 1, 1, 6, 0, X, Y, *values))
-    flies_on(r, 4.0)
+    flies_on(r, 2.5)
 
 
 @each_case("bad", _VALUES)

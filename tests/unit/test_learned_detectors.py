@@ -46,7 +46,7 @@ def model_of(algorithm: Any, seed: int = 3) -> ModelFile:
 # ---------------------------------------------------------------- trees
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(one, marks=pytest.mark.slow) for one in (2, 3, 4))])
 def test_the_forest_scores_as_that_of_scikit_learn(seed: int) -> None:
     from sklearn.ensemble import IsolationForest
 
