@@ -47,7 +47,7 @@ SHARED = {
 """Kinds that are about the links or the receivers of all aircraft, and what they share them with."""
 PLACES = {"sensors": GNSS, "links": ON_LINKS, "broadcasts": ON_BROADCASTS}
 """Kinds that may share a place; those of two places have nothing in common."""
-SECONDS = 40
+SECONDS = 37
 CHUNKS = 4
 LOSSY = "loss = 0.05\nlatency_ms = 30\njitter_ms = 20\n"
 VERY_LOSSY = "loss = 0.25\nlatency_ms = 30\njitter_ms = 20\n"
