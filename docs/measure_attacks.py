@@ -182,8 +182,9 @@ def _effects(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
 
 
 def _row(what: str, unit: str, value: Interval | None) -> list[tuple[str, str, str]]:
-    """A difference whose interval excludes zero; one without an interval where all seeds agree, or most of them. One seed
-    alone, because the others did not complete their missions, shows none.
+    """A difference whose interval excludes zero; one without an interval where all seeds agree, or most of them.
+
+    One seed alone, because the others did not complete their missions, shows none.
     """
     if value is None or value.n == 1 or abs(value.mean) < 0.05:
         return []
