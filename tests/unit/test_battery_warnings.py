@@ -101,7 +101,7 @@ def test_the_warning_comes_before_anything_else(command: str, tmp_path: Path, mo
     assert said.exit_code != 0
     first = said.stderr.splitlines()[0]
     assert first.startswith("WARNING: ")
-    assert "charge = 0.3, but not the world's battery is measured" in first
+    assert "charge = 0.3, but the autopilot does not measure the world's battery" in first
 
 
 @settings(deadline=None)

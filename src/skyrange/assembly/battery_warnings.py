@@ -28,7 +28,8 @@ def list_battery_warnings(scenario: Scenario) -> list[str]:
             reasons[kind] = AutopilotPlugin.find(kind).other_battery(scenario.autopilots.params_of(kind))
         if reasons[kind]:
             name = vehicle_id(operator.id, vehicle.id)
-            lines.append(f"{name}: {', '.join(asked)}, but not the world's battery is measured: {reasons[kind]}")
+            unlike = f"the autopilot does not measure the world's battery: {reasons[kind]}"
+            lines.append(f"{name}: {', '.join(asked)}, but {unlike}")
     return lines
 
 

@@ -133,7 +133,9 @@ def _describe_cause(attribution: str | None, authors: Sequence[str]) -> str:
     if attribution == "unknown":
         return "the cause is unknown, because the runs without the attacks were not made"
     if attribution == "not enough placebos":
-        return "not shown to be an effect: there are not enough placebos, fly more seeds"
+        from skyrange.study.attribution.outcomes import ENOUGH_PLACEBOS
+
+        return f"not shown to be an effect, which takes {ENOUGH_PLACEBOS} placebos (more --seeds)"
     if attribution == "both":
         return f"caused by {names}, necessary and sufficient"
     return f"caused by {names}, {attribution}"

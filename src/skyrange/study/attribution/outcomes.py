@@ -12,6 +12,7 @@ as long as the shams themselves change no outcome; where they do, their number c
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -30,6 +31,8 @@ Floats = NDArray[np.float64]
 
 PLACEBO_LEVEL: Final = 0.05
 """The largest probability with which a difference that is no effect may exceed its limit."""
+ENOUGH_PLACEBOS: Final = math.ceil(1.0 / PLACEBO_LEVEL) - 1
+"""Placebos from which a limit has this level: the largest of K is exceeded in 1 of K + 1 cases."""
 SEPARATION_M: Final = WALLS_M
 """Separations above this count as equal: aircraft that are far apart anyway have no effect on each other's safety."""
 ENERGY_SHARE: Final = 0.01

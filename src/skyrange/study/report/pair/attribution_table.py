@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 from markupsafe import Markup
 
 from skyrange.study.attribution.attribute import unknown_subsets
-from skyrange.study.attribution.outcomes import OUTCOMES, PLACEBO_LEVEL
+from skyrange.study.attribution.outcomes import ENOUGH_PLACEBOS, OUTCOMES
 from skyrange.study.figures.subject import Subject
 from skyrange.study.report import quantities
 from skyrange.study.report.rendering import render
 from skyrange.study.twins.pair_folder import Pair
 
 MAX_ROWS = 200
-_ENOUGH: Final = math.ceil(1.0 / PLACEBO_LEVEL) - 1
-"""Placebos with which the limit has the level at which an effect is shown."""
 _UNITS = {outcome.name: outcome.unit for outcome in OUTCOMES}
 
 
@@ -87,7 +84,11 @@ def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
     what = (
         f"{fewest} placebo{'s' * (fewest != 1)}: a difference that is no effect exceeds it in 1 of {fewest + 1} cases"
     )
-    enough = "" if all(row["shown"] for row in rows) else f" An effect is shown from {_ENOUGH} placebos on (--seeds)."
+    enough = (
+        ""
+        if all(row["shown"] for row in rows)
+        else f" An effect is shown from {ENOUGH_PLACEBOS} placebos on (--seeds)."
+    )
     return f"A limit is the smallest difference that counts, or the largest of {what}.{enough}"
 
 
