@@ -37,7 +37,7 @@ REFERENCE_US = 7.5
 """The yardstick of the reference machine, in microseconds."""
 DEAR_TESTS = Path(__file__).with_name("dear_tests.toml")
 _SPENT = pytest.StashKey[dict[str, float]]()
-_OVER = pytest.StashKey[bool]()
+_OVER = pytest.StashKey[float]()
 Reported = Generator[None, pytest.TestReport, pytest.TestReport]
 
 
@@ -198,6 +198,7 @@ class Limit:
     def __init__(self, speed: Speed) -> None:
         self._dear = read_dear_tests()
         self._speed = speed
+        self._twice: list[str] = []
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_makereport(self, item: pytest.Item) -> Reported:
@@ -205,20 +206,30 @@ class Limit:
         spent = item.stash.get(_SPENT, {})
         if report.when == "call" and report.passed and (words := self._excess(item, spent)):
             report.outcome, report.longrepr = "failed", words
-            item.stash[_OVER] = True
+            item.stash[_OVER] = spent["total"]
         return report
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item, nextitem: pytest.Item | None) -> bool:
-        """Run a test, and once more if it is over the limit; only the last time is reported."""
+        """Run a test, and once more if it is over the limit; the last time is reported, and that there were two."""
         item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
         reports = runtestprotocol(item, log=False, nextitem=nextitem)
-        if item.stash.get(_OVER, False):
+        if (first_s := item.stash.get(_OVER, 0.0)) > 0.0:
             reports = runtestprotocol(item, log=False, nextitem=nextitem)
         for report in reports:
+            report.first_s = first_s  # type: ignore[attr-defined]
             item.ihook.pytest_runtest_logreport(report=report)
         item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
         return True
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        if report.when == "call" and (first_s := getattr(report, "first_s", 0.0)) > 0.0:
+            again_s = getattr(report, "processor_s", {}).get("total", 0.0)
+            self._twice.append(f"{report.nodeid} {first_s:.1f} s, then {again_s:.1f} s")
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        for words in self._twice:
+            terminalreporter.write_line(f"over the limit of processor time, and so run twice: {words}")
 
     def _excess(self, item: pytest.Item, spent: dict[str, float]) -> str:
         taken_s = spent["total"] - spent["compiled"] - spent["shared"]

@@ -39,13 +39,14 @@ UNLIKE = {"payload_id"}
 
 
 def rows_of(record: RunRecord, table: str) -> Counter[str]:
-    """The rows of a table, whatever their order."""
+    """The names of a table's columns, and its rows, whatever their order."""
     columns = record.table(table)
     if table == "frames":
         payloads = [frame.payload.hex() for frame in record.frames_with_payloads()]
         columns = columns.drop_columns(list(UNLIKE)).append_column("payload", [payloads])
-    values = [columns.column(name).to_pylist() for name in sorted(columns.column_names)]
-    return Counter(map(repr, zip(*values, strict=True)))
+    names = sorted(columns.column_names)
+    values = [columns.column(name).to_pylist() for name in names]
+    return Counter([repr(names), *map(repr, zip(*values, strict=True))])
 
 
 def assert_same(

@@ -90,7 +90,7 @@ ALL: list[tuple[AttackPlugin, dict[str, Any]]] = [
     (DROP, {"probability": 0.5}),
     (DUPLICATE, {"copies": 3}),
     (EAVESDROP, {}),
-    (FLOOD, {"message": "random", "rate_hz": 500}),
+    (FLOOD, {"message": "random", "rate_hz": 700}),
     (REORDER, {}),
     (REPLAY, {"loop": True, "record_s": 2, "drop_live": True}),
     (THROTTLE, {}),

@@ -88,6 +88,8 @@ def test_tests_over_the_limit_fail_with_their_name_and_all_are_written(tmp_path:
     assert failed == {"test_dear", "test_child"}
     assert "test_sample.py::test_dear takes 0." in done.stdout
     assert "tests/dear_tests.toml" in done.stdout
+    twice = re.findall(r"run twice: \S+::(\w+) 0\.\d s, then 0\.\d s", done.stdout)
+    assert twice == ["test_dear", "test_disturbed", "test_child"]
     found = json.loads(file.read_text())
     assert found["yardsticks_us"][0] == 7.5
     rows = {name.partition("::")[2]: phases for name, phases in found["tests"].items()}

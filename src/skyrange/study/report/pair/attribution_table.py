@@ -84,12 +84,10 @@ def _describe_placebos(rows: Sequence[Mapping[str, Any]]) -> str:
     what = (
         f"{fewest} placebo{'s' * (fewest != 1)}: a difference that is no effect exceeds it in 1 of {fewest + 1} cases"
     )
-    enough = (
-        ""
-        if all(row["shown"] for row in rows)
-        else f" An effect is shown from {ENOUGH_PLACEBOS} placebos on (--seeds)."
-    )
-    return f"A limit is the smallest difference that counts, or the largest of {what}.{enough}"
+    told = f"A limit is the smallest difference that counts, or the largest of {what}."
+    if all(row["shown"] for row in rows):
+        return told
+    return f"{told} An effect is shown from {ENOUGH_PLACEBOS} placebos on (--seeds)."
 
 
 def _describe_unknown(pair: Pair) -> str:
