@@ -21,7 +21,7 @@ from skyrange.detect.learned.model_file import Model, ModelFile, read_model, wri
 from skyrange.detect.series import Floats
 from skyrange.study.learning.labels import ATTACKED, BENIGN, UNKNOWN, label_windows
 from skyrange.study.learning.training import BOOSTING_SETTINGS, FOREST_SETTINGS, train
-from skyrange.study.learning.windows import SCHEMA, WindowCollector
+from skyrange.study.learning.windows import SCHEMA, WindowCollector, find_distinct
 from skyrange.testing import check_monitor
 from skyrange.testing.checks.monitors import collect_frames
 
@@ -234,6 +234,15 @@ def test_a_collector_keeps_windows_in_which_something_arrived() -> None:
     assert table.column("vehicle").to_pylist() == ["blue/b1", "blue/b1", "blue/b2"]
     assert table.column("time_ns").to_pylist() == [WINDOW_NS, 2 * WINDOW_NS, 2 * WINDOW_NS]
     assert WindowCollector(WINDOW_NS).table().num_rows == 0
+
+
+def test_a_window_of_several_points_with_one_seed_counts_once() -> None:
+    rows = [(1, 0.0), (1, 0.0), (1, 0.0), (1, 5.0), (2, 0.0), (1, 0.0)]
+    columns = {name: [value for _, value in rows] for name in NAMES}
+    windows = pa.table({"time_ns": [at for at, _ in rows], "vehicle": ["blue/b1"] * len(rows), **columns})
+    clusters = ["seed-1", "seed-1", "seed-1", "seed-1", "seed-1", "seed-2"]
+    nominal = np.array([False, True, True, True, True, True])
+    assert find_distinct(clusters, windows, nominal).tolist() == [False, True, False, True, True, True]
 
 
 def test_labels_are_of_attacks_on_the_aircraft_within_the_window() -> None:

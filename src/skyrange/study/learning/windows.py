@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.monitors import MonitorPlacement, ObservedFrames, find_ends
@@ -80,6 +81,23 @@ def check_collector(links: Sequence[str], side: str, ends: Iterable[tuple[str, s
 def make_collector(window_s: float) -> WindowCollector:
     """A new collector of windows of this length."""
     return WindowCollector(from_seconds(window_s))
+
+
+def find_distinct(clusters: Sequence[str], windows: pa.Table, nominal: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """(n,) whether a window is the only one of its content, or the one that counts; of nominal windows the first does.
+
+    Windows of one cluster, aircraft and time with equal features are one observation: arms of a block are equal until
+    something acts, and the nominal runs of points with one seed may be one flight. `clusters` are those of the blocks.
+    """
+    features = np.column_stack([windows.column(name).to_numpy() for name in NAMES])
+    ends, vehicles = windows.column("time_ns").to_pylist(), windows.column("vehicle").to_pylist()
+    distinct = np.zeros(len(clusters), dtype=np.bool_)
+    seen: set[tuple[str, int, str, bytes]] = set()
+    for row in np.argsort(~nominal, kind="stable").tolist():
+        key = (clusters[row], ends[row], vehicles[row], features[row].tobytes())
+        distinct[row] = key not in seen
+        seen.add(key)
+    return distinct
 
 
 def write_windows(table: pa.Table, path: Path) -> None:

@@ -8,7 +8,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, from_seconds
@@ -19,7 +18,7 @@ from skyrange.detect.series import Floats
 from skyrange.study.learning.labels import label_windows
 from skyrange.study.learning.model_card import write_model_card
 from skyrange.study.learning.training import train
-from skyrange.study.learning.windows import WINDOWS
+from skyrange.study.learning.windows import WINDOWS, find_distinct
 from skyrange.study.scoring.result_file import ScoreFile
 from skyrange.study.scoring.tables import ALERTS, NOMINAL, StudyTables
 from skyrange.study.sweep.block_files import KEPT
@@ -57,7 +56,7 @@ def learn_detectors(folder: StudyFolder, tables: StudyTables) -> Learned:
     names = windows.column("run").to_pylist()
     nominal = np.array([runs[run]["arm"] == NOMINAL for run in names], dtype=np.bool_)
     training = np.array([runs[run]["split"] == "train" for run in names], dtype=np.bool_)
-    training &= _occurs_first([runs[run]["block"] for run in names], windows, features, nominal)
+    training &= find_distinct([runs[run]["cluster"] for run in names], windows, nominal)
     seed = folder.study.first_seed
     models, alerts = {}, []
     for name, algorithm in learned.names.items():
@@ -107,23 +106,6 @@ def _read_windows(folder: StudyFolder, runs: dict[str, dict[str, Any]]) -> pa.Ta
             raise InputError.one("study", "windows", str(path), f"the windows of run {run}: {error}", hint) from error
         found.append(table.append_column("run", pa.repeat(pa.scalar(run), table.num_rows)))
     return pa.concat_tables(found)
-
-
-def _occurs_first(
-    blocks: list[str], windows: pa.Table, features: Floats, nominal: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
-    """(n,) whether no other window of the same block, aircraft and time is the same: the nominal one counts first.
-
-    The arms of a block are equal until something acts; what they share counts once.
-    """
-    ends, vehicles = windows.column("time_ns").to_pylist(), windows.column("vehicle").to_pylist()
-    first = np.zeros(len(blocks), dtype=np.bool_)
-    seen: set[tuple[str, int, str, bytes]] = set()
-    for row in np.argsort(~nominal, kind="stable").tolist():
-        key = (blocks[row], ends[row], vehicles[row], features[row].tobytes())
-        first[row] = key not in seen
-        seen.add(key)
-    return first
 
 
 def _list_alerts(name: str, windows: pa.Table, odds: Floats) -> pa.Table:
