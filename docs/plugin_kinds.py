@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,12 @@ PERSISTENCE = {
 
 
 def _shipped(group: str) -> list[tuple[str, Any]]:
-    """Kinds of a group that this project ships, by name: its entry points, and nothing that a program registered."""
-    points = entry_points(group=group)
-    return [(point.name, point.load()) for point in sorted(points, key=_name) if point.value.startswith("skyrange.")]
+    """Kinds of a group that this project ships, by name, and nothing that a program or another package offers."""
+    from skyrange.contracts.plugins.registry import find, kinds
+
+    points = {point.name for point in entry_points(group=group) if point.value.startswith("skyrange.")}
+    found = [(name, find(group, name)) for name in kinds(group)]
+    return [(name, kind) for name, kind in found if name in points or " in skyrange." in kind.source]
 
 
 def count_shipped(group: str) -> int:
@@ -30,13 +33,9 @@ def count_shipped(group: str) -> int:
     return len(_shipped(group))
 
 
-def _name(point: EntryPoint) -> str:
-    return point.name
-
-
 def attacks() -> str:
     """Every kind of attack with its parameters."""
-    from skyrange.contracts.plugins import ATTACKS
+    from skyrange.contracts.plugins.registry import ATTACKS
 
     parts = []
     for name, kind in _shipped(ATTACKS):
@@ -71,7 +70,7 @@ def _facts(kind: Any) -> str:
 
 def faults() -> str:
     """Every kind of benign fault with its parameters."""
-    from skyrange.contracts.plugins import FAULTS
+    from skyrange.contracts.plugins.registry import FAULTS
 
     parts = []
     for name, kind in _shipped(FAULTS):
@@ -90,7 +89,7 @@ def faults() -> str:
 
 def defences() -> str:
     """Every kind of defence with its parameters."""
-    from skyrange.contracts.plugins import DEFENCES
+    from skyrange.contracts.plugins.registry import DEFENCES
 
     parts = []
     for name, kind in _shipped(DEFENCES):
@@ -133,7 +132,7 @@ def _declared(group: str) -> dict[str, str]:
 
 def approvals() -> str:
     """Every kind of flight approval with its parameters."""
-    from skyrange.contracts.plugins import APPROVALS
+    from skyrange.contracts.plugins.registry import APPROVALS
 
     parts = []
     for name, kind in _shipped(APPROVALS):

@@ -32,6 +32,8 @@ TOPICS: dict[str, dict[str, str]] = {
     },
     "skyrange.plugin": {
         "Plugins and their parameters": "Plugin register NoParams Params Number Whole Enu refuse",
+        "Kinds that act or listen": "attack fault param state",
+        "Bases of attacks and faults": "OnPath OnLinks LinkTap Composite",
         "Attacks": """AttackPlugin AttackContext Attack Aircraft Transmitter Broadcaster transmitter up_link down_link
             AirLink ClaimedTrack SensorFault SensorAct
             Schedule AttackPlan ThreatModel Controls Exclusive""",
@@ -55,7 +57,7 @@ TOPICS: dict[str, dict[str, str]] = {
             Poses BodyInputs Contacts SimulatorEngine InstanceStatus Source Airframe AIRFRAMES""",
         "Agents": "Agent Inbox Arrival Outbox Departure Note Port FrameId",
         "Links and taps": """LinkSpec Channel VariableChannel OpenChannel Route Tap TapPlacement Frame Fate
-            Verdict Pass Drop Delay Replace Inject""",
+            Verdict Verdicts Pass Drop Delay Replace Inject""",
         "Observers": "Observer FrameBlock Label World",
         "Time, chance, places and names": """Time Epoch NEVER NS_PER_S NS_PER_MS NS_PER_US from_seconds to_seconds
             Chance hash64 Origin City endpoint link_name vehicle_id operator_of owner_of""",

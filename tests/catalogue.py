@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 
 import pytest
 
-from skyrange.contracts import plugins
-from skyrange.contracts.plugins import Plugin
+from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.registry import Plugin
 
 ROOT = Path(__file__).parents[1]
 SHARE = 10

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from skyrange.contracts import plugins
-from skyrange.contracts.plugins import Plugin
+from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.registry import Plugin
 
 
 @contextmanager

@@ -20,8 +20,12 @@ PROGRAMS = ("src", "docs", "tools")
 """Folders that define names, and that use them."""
 ADVICE = "delete it, or list it with its reason in DELIBERATE of tools/unused_names.py"
 
-DECORATORS = ("@*app.callback", "@*app.command", "@commands.command", "@*.rule", "@field_validator", "@model_validator")
-"""Decorators that hand a function to what calls it: of the command line, of skyrange.testing and of pydantic."""
+DECORATORS = (
+    "@*app.callback", "@*app.command", "@commands.command", "@*.rule", "@field_validator", "@model_validator",
+    "@attack", "@defence", "@detector", "@fault",
+)  # fmt: skip
+"""Decorators that hand a function or a class to what calls it: of the command line, of skyrange.testing, of pydantic
+and of kinds of plugins."""
 
 DELIBERATE = {
     "Python calls them": ("__call__", "__dir__", "__getattr__", "_repr_html_", "_repr_svg_"),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
-    from skyrange.contracts.plugins import register
+    from skyrange.contracts.plugins.registry import register
     from skyrange.core.errors import InputError, SkyrangeError
     from skyrange.record import load
     from skyrange.runtime.run import Run

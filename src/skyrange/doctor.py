@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-from skyrange.contracts.plugins import GROUPS, kinds
+from skyrange.contracts.plugins.registry import GROUPS, kinds
 from skyrange.core.errors import ComponentError, InputError, SkyrangeError
 
 

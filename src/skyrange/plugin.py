@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from skyrange.core.lazy_exports import export_lazily
 
 if TYPE_CHECKING:
+    from skyrange.attack.bases.on_path import LinkTap, OnLinks, OnPath
     from skyrange.attack.campaign.adversary import Adversary, CampaignStage, Observation
     from skyrange.attack.campaign.knowledge import Knowledge
     from skyrange.attack.campaign.params import CampaignParams
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
         ThreatModel,
         Transmitter,
     )
+    from skyrange.attack.declaration import Composite, attack
     from skyrange.attack.exclusive import Exclusive
     from skyrange.attack.radio import Broadcaster, down_link, transmitter, up_link
     from skyrange.city.city import City
@@ -94,8 +96,9 @@ if TYPE_CHECKING:
     )
     from skyrange.contracts.monitors import Monitor, MonitorPlacement, ObservedFrame, ObservedFrames
     from skyrange.contracts.params import Enu, Number, Params, Whole, refuse
-    from skyrange.contracts.plugins import NoParams, Plugin, register
-    from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict
+    from skyrange.contracts.plugins.fields import param, state
+    from skyrange.contracts.plugins.registry import NoParams, Plugin, register
+    from skyrange.contracts.verdicts import Delay, Drop, Inject, Label, Pass, Replace, Verdict, Verdicts
     from skyrange.core.chance import Chance
     from skyrange.core.errors import ComponentError, DecodeError, InputError, Problem, SkyrangeError, nearest
     from skyrange.core.geodesy import Origin
@@ -107,6 +110,7 @@ if TYPE_CHECKING:
     from skyrange.detect.receptions import read_receptions
     from skyrange.detect.telemetry import read_messages
     from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
+    from skyrange.fault.declaration import fault
     from skyrange.radio.builtin.environment import RadioEnvironment
     from skyrange.radio.contract import MediumContext, MediumPlugin
     from skyrange.radio.external.medium import ExternalMedium
@@ -188,6 +192,7 @@ __all__ = [
     "ClaimedTrack",
     "Compares",
     "ComponentError",
+    "Composite",
     "Contacts",
     "Controls",
     "DecodeError",
@@ -227,6 +232,7 @@ __all__ = [
     "Knowledge",
     "Label",
     "LinkSpec",
+    "LinkTap",
     "Location",
     "MavlinkPacker",
     "Medium",
@@ -244,6 +250,8 @@ __all__ = [
     "ObservedFrames",
     "Observer",
     "OnAir",
+    "OnLinks",
+    "OnPath",
     "OpenChannel",
     "OperationalIntent",
     "Origin",
@@ -290,12 +298,14 @@ __all__ = [
     "VariableChannel",
     "VehicleSpec",
     "Verdict",
+    "Verdicts",
     "Volume4D",
     "WaitingRequest",
     "WallEngine",
     "Waveform",
     "Whole",
     "World",
+    "attack",
     "campaign_plugin",
     "decode_approval_request",
     "decode_approval_response",
@@ -305,6 +315,7 @@ __all__ = [
     "encode_approval",
     "encode_remote_id",
     "endpoint",
+    "fault",
     "find_remote_id_deviations",
     "from_seconds",
     "hash64",
@@ -315,11 +326,13 @@ __all__ = [
     "nearest",
     "operator_of",
     "owner_of",
+    "param",
     "policy_plugin",
     "read_messages",
     "read_receptions",
     "refuse",
     "register",
+    "state",
     "to_seconds",
     "transmitter",
     "up_link",

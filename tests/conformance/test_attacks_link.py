@@ -8,17 +8,18 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.link.connection_loss import BREAK
-from skyrange.attack.link.corrupt import CORRUPT
-from skyrange.attack.link.delay import DELAY
-from skyrange.attack.link.drop import DROP
-from skyrange.attack.link.duplicate import DUPLICATE
-from skyrange.attack.link.eavesdrop import EAVESDROP
-from skyrange.attack.link.flood import FLOOD
-from skyrange.attack.link.reorder import REORDER
-from skyrange.attack.link.replay import REPLAY
-from skyrange.attack.link.throttle import THROTTLE
 from skyrange.testing import check_attack
+
+BREAK = AttackPlugin.find("link.break")
+CORRUPT = AttackPlugin.find("link.corrupt")
+DELAY = AttackPlugin.find("link.delay")
+DROP = AttackPlugin.find("link.drop")
+DUPLICATE = AttackPlugin.find("link.duplicate")
+EAVESDROP = AttackPlugin.find("link.eavesdrop")
+FLOOD = AttackPlugin.find("link.flood")
+REORDER = AttackPlugin.find("link.reorder")
+REPLAY = AttackPlugin.find("link.replay")
+THROTTLE = AttackPlugin.find("link.throttle")
 
 ONE = {"links": ["gcs:blue/b1"]}
 KINDS: list[tuple[AttackPlugin, Mapping[str, Any], bool | Collection[str]]] = [

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from skyrange.contracts.params import Number
-from skyrange.contracts.plugins import AVOIDANCE as GROUP
-from skyrange.contracts.plugins import kinds
+from skyrange.contracts.plugins.registry import AVOIDANCE as GROUP
+from skyrange.contracts.plugins.registry import kinds
 from skyrange.core.time import Time
 from skyrange.testing import NonConformance, check_avoidance
 from skyrange.testing.checks.avoidance import AVOIDANCE

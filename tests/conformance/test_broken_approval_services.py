@@ -12,7 +12,7 @@ from pydantic import Field
 from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.params import Number, Params
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.errors import DecodeError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time

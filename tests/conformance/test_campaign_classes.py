@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from skyrange.assembly.build import build
-from skyrange.contracts.plugins import register
+from skyrange.contracts.plugins.registry import register
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel

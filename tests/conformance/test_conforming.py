@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from skyrange.contracts import plugins
 from skyrange.contracts.components import Agent, Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import LinkSpec
-from skyrange.contracts.plugins import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
+from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.registry import APPROVALS, AUTOPILOTS, DETECTORS, MEDIA, kinds
 from skyrange.contracts.verdicts import Pass, Verdict
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin

@@ -12,7 +12,7 @@ from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.contracts.verdicts import Drop, Verdict
 from skyrange.core.time import NS_PER_S, Time
 from skyrange.defence.contract import Defence, DefenceContext, DefencePlugin

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from skyrange.contracts import plugins
-from skyrange.contracts.plugins import Plugin
+from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.registry import Plugin
 from tests.unit.test_docs import DOCS, RUN_ELSEWHERE, blocks, run_page
 
 PAGES = {

@@ -15,15 +15,16 @@ from skyrange.fault.contract import FaultContext, FaultParts, FaultPlugin
 from skyrange.fault.gnss_multipath import GNSS_MULTIPATH
 from skyrange.fault.gnss_outage import GNSS_OUTAGE
 from skyrange.fault.gust import GUST
-from skyrange.fault.link_loss import LINK_LOSS
-from skyrange.fault.link_outage import LINK_OUTAGE
 from skyrange.fault.motor_loss import MOTOR_LOSS
 from skyrange.fault.operator_error import OPERATOR_ERROR
 from skyrange.fault.sensor_failure import SENSOR_FAILURE
-from skyrange.fault.station_restart import STATION_RESTART
 from skyrange.scenario.model.scenario import Scenario
 from skyrange.scenario.toml_reader import load_text
 from skyrange.testing import NonConformance, check_attack, check_fault
+
+LINK_LOSS = FaultPlugin.find("link.loss")
+LINK_OUTAGE = FaultPlugin.find("link.outage")
+STATION_RESTART = FaultPlugin.find("station.restart")
 
 ONE = {"vehicles": ["blue/b1"]}
 LINK = {"links": ["gcs:blue/b1", "log:blue/*"]}

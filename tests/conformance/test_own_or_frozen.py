@@ -21,7 +21,7 @@ from skyrange.contracts.frames.payloads import Payloads
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
 from skyrange.contracts.monitors import Monitor, ObservedFrames
-from skyrange.contracts.plugins import NoParams, Plugin
+from skyrange.contracts.plugins.registry import NoParams, Plugin
 from skyrange.core.errors import ComponentError, DecodeError
 from skyrange.core.ids import FrameId, Port
 from skyrange.core.time import NS_PER_S, Time

@@ -11,7 +11,7 @@ import pytest
 
 from skyrange.contracts.components import InstanceStatus
 from skyrange.contracts.medium import OnAir, ProgramStatus, RadioSpec, RadioTable, TxBatch
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.chance import Chance
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_MS, Time

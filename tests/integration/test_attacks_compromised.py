@@ -21,7 +21,7 @@ from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import decode
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.time import NS_PER_S, Time, from_seconds
 from skyrange.scenario.model.scenario import Scenario, Start, Vehicle, square
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares

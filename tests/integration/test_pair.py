@@ -192,7 +192,7 @@ def broken(params: Homeward, context: AttackContext) -> Attack:
 
 
 def test_a_run_that_fails_is_named_and_what_was_flown_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from skyrange.contracts import plugins
+    from skyrange.contracts.plugins import registry as plugins
 
     plugins.register(plugins.ATTACKS, KIND, AttackPlugin(Homeward, broken, "Breaks."))
     with pytest.raises(ComponentError, match=r"run (nominal|attacked|sham), seed 4"):

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.contracts import plugins
+from skyrange.contracts.plugins import registry as plugins
 from skyrange.record import RunRecord
 from skyrange.record.schema import TABLES
 from skyrange.scenario.shipped import EXAMPLES, FAULT_EXAMPLES

@@ -18,7 +18,7 @@ from skyrange.attack.contract import Attack, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.contracts.links import TapPlacement
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import ATTACKS, register
+from skyrange.contracts.plugins.registry import ATTACKS, register
 from skyrange.contracts.verdicts import Replace
 
 

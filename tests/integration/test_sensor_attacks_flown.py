@@ -11,7 +11,7 @@ from skyrange.attack.gnss.capture import CAPTURE
 from skyrange.attack.gnss.jam import GNSS_JAM
 from skyrange.attack.sensor.barometer import BAROMETER
 from skyrange.attack.sensor.gyro import GYRO
-from skyrange.contracts import plugins
+from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.kernel import Kernel
 from skyrange.record import MemoryObserver

@@ -27,7 +27,7 @@ from skyrange.codec.mavlink.signing import (
 )
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import AttackPlan, TapPlacement
-from skyrange.contracts.plugins import AUTOPILOTS, NoParams, register
+from skyrange.contracts.plugins.registry import AUTOPILOTS, NoParams, register
 from skyrange.contracts.verdicts import Inject, Replace, Verdict
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S, Time, from_seconds

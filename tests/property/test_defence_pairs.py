@@ -12,7 +12,7 @@ import pytest
 
 from skyrange.assembly.acts import defences
 from skyrange.assembly.build import build
-from skyrange.contracts.plugins import DEFENCES, kinds
+from skyrange.contracts.plugins.registry import DEFENCES, kinds
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_S
 from skyrange.defence.contract import DefencePlugin

@@ -6,7 +6,7 @@ import pytest
 
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.techniques import ATTACK_ICS, NO_FIT, SPARTA, describe_technique
-from skyrange.contracts.plugins import ATTACKS, kinds
+from skyrange.contracts.plugins.registry import ATTACKS, kinds
 
 SHIPPED = [
     name for name in kinds(ATTACKS) if AttackPlugin.find(name).make.__module__.split(".")[:2] == ["skyrange", "attack"]

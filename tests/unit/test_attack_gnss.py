@@ -14,9 +14,9 @@ from skyrange.assembly.build import build
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.attack.gnss.drift import DRIFT
 from skyrange.attack.gnss.jump import JUMP
-from skyrange.contracts import plugins
 from skyrange.contracts.components import SensorAct, SensorFault, Sensors
 from skyrange.contracts.links import Schedule
+from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.chance import Chance
 from skyrange.core.errors import InputError
 from skyrange.core.geodesy import Origin

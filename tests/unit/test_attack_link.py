@@ -9,18 +9,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from skyrange.attack.bases.shams import benign_payload
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.link.connection_loss import BREAK
-from skyrange.attack.link.corrupt import CORRUPT
-from skyrange.attack.link.delay import DELAY
-from skyrange.attack.link.drop import DROP
-from skyrange.attack.link.duplicate import DUPLICATE
-from skyrange.attack.link.eavesdrop import EAVESDROP, Eavesdropper
-from skyrange.attack.link.flood import FLOOD
-from skyrange.attack.link.frame_taps import benign_payload
-from skyrange.attack.link.reorder import REORDER
-from skyrange.attack.link.replay import REPLAY
-from skyrange.attack.link.throttle import THROTTLE
+from skyrange.attack.link.eavesdrop import Eavesdropping
 from skyrange.codec.mavlink import Packer, decode, dialect, message_name
 from skyrange.codec.mavlink.signing import SignatureRefusal, Signer, SigningKey, sign_frame
 from skyrange.contracts.components import Tap
@@ -38,6 +29,17 @@ from skyrange.kernel.channel import NOT_RANDOM, ChannelState
 from skyrange.kernel.wiring import Wiring
 from skyrange.record import MemoryObserver
 from skyrange.testing import check_tap
+
+BREAK = AttackPlugin.find("link.break")
+CORRUPT = AttackPlugin.find("link.corrupt")
+DELAY = AttackPlugin.find("link.delay")
+DROP = AttackPlugin.find("link.drop")
+DUPLICATE = AttackPlugin.find("link.duplicate")
+EAVESDROP = AttackPlugin.find("link.eavesdrop")
+FLOOD = AttackPlugin.find("link.flood")
+REORDER = AttackPlugin.find("link.reorder")
+REPLAY = AttackPlugin.find("link.replay")
+THROTTLE = AttackPlugin.find("link.throttle")
 
 LINK = "gcs:blue/b1"
 ENDS = ("blue.gcs", "blue/b1.companion")
@@ -287,7 +289,7 @@ def test_what_an_attacker_keeps_is_bounded() -> None:
         for number in range(10_100)
     ]
     learnt(tap, packs, 1)
-    assert isinstance(tap, Eavesdropper)
+    assert isinstance(tap, Eavesdropping)
     assert len(tap.facts) == 10_000
 
 

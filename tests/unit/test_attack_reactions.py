@@ -12,7 +12,7 @@ import pytest
 from typer.testing import CliRunner
 
 from skyrange.cli.app import app
-from skyrange.contracts.plugins import ATTACKS, kinds
+from skyrange.contracts.plugins.registry import ATTACKS, kinds
 from skyrange.core.errors import InputError
 from skyrange.scenario.shipped import EXAMPLES, load
 from skyrange.study.compare.attacks import flights as module

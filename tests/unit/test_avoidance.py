@@ -20,7 +20,7 @@ from pydantic import ValidationError
 from skyrange.city.buildings import Building
 from skyrange.city.city import City
 from skyrange.city.downtown import downtown_grid
-from skyrange.contracts.plugins import AVOIDANCE
+from skyrange.contracts.plugins.registry import AVOIDANCE
 from skyrange.core.errors import ComponentError
 from skyrange.core.time import NS_PER_S
 from skyrange.vehicle.avoidance.conflicts import entry_s, find_conflicts, velocity_towards

@@ -259,7 +259,7 @@ def _run_examples(page: Path, flown: Path, folder: Path, monkeypatch: pytest.Mon
 def run_page(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, names: dict[str, Any]) -> None:
     """Do what a page says, in `folder`, its Python in the namespace `names`; then forget the plugins of the page."""
     from skyrange.assembly.build import build
-    from skyrange.contracts import plugins
+    from skyrange.contracts.plugins import registry as plugins
     from skyrange.scenario.toml_reader import load_file
 
     monkeypatch.chdir(folder)

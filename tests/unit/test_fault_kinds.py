@@ -18,7 +18,7 @@ from skyrange.codec.mavlink import decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import BodyAct, BodyFault, Disturbances, SensorAct, SensorFault, Sensors
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import ATTACKS, FAULTS, kinds
+from skyrange.contracts.plugins.registry import ATTACKS, FAULTS, kinds
 from skyrange.contracts.verdicts import Drop, Inject
 from skyrange.core.errors import InputError
 from skyrange.core.time import NS_PER_MS, NS_PER_S, Time
@@ -27,15 +27,16 @@ from skyrange.fault.contract import FaultPlugin
 from skyrange.fault.gnss_multipath import GNSS_MULTIPATH, pseudorange_errors
 from skyrange.fault.gnss_outage import GNSS_OUTAGE
 from skyrange.fault.gust import GUST
-from skyrange.fault.link_loss import LINK_LOSS
 from skyrange.fault.motor_loss import MOTOR_LOSS
 from skyrange.fault.operator_error import OPERATOR_ERROR
 from skyrange.fault.sensor_failure import SENSOR_FAILURE
 from skyrange.fault.sky_view import Satellite, Seen, even_sky, see, solve
-from skyrange.fault.station_restart import STATION_RESTART
 from skyrange.scenario.shipped import FAULT_EXAMPLES, load
 from skyrange.scenario.toml_reader import load_text
 from tests.unit.test_attack_gnss import FLEET, context, readings
+
+LINK_LOSS = FaultPlugin.find("link.loss")
+STATION_RESTART = FaultPlugin.find("station.restart")
 
 S, MS = NS_PER_S, NS_PER_MS
 NAMES = ("battery.fade", "gnss.multipath", "gnss.outage", "gust", "link.loss", "link.outage", "motor.loss",

@@ -13,7 +13,7 @@ import pytest
 
 from skyrange.city.building_files import load_buildings
 from skyrange.codec.mission.mission_file import read_mission
-from skyrange.contracts.plugins import load_file as load_plugin
+from skyrange.contracts.plugins.registry import load_file as load_plugin
 from skyrange.core import input_files
 from skyrange.core.errors import MAX_LINES, InputError, Problem
 from skyrange.install.ardupilot import install

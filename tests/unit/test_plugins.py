@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from skyrange.attack.gnss.jump import JUMP
-from skyrange.contracts import plugins
-from skyrange.contracts.plugins import NoParams, Plugin
+from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.registry import NoParams, Plugin
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.utm.approval_service import policy_plugin
 from skyrange.utm.approve_all import APPROVE_ALL, ApproveAll

@@ -14,7 +14,7 @@ from skyrange.attack.remote_id.jam import JAM
 from skyrange.attack.remote_id.replay import REPLAY
 from skyrange.attack.remote_id.spoof import SPOOF
 from skyrange.attack.triggers import Near
-from skyrange.contracts import plugins
+from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.scenario.model.scenario import Scenario, json_schema

@@ -15,7 +15,7 @@ from skyrange.attack.on_path import TapMaker
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import SensorAct, Sensors
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.plugins import DEFENCES, NoParams, kinds
+from skyrange.contracts.plugins.registry import DEFENCES, NoParams, kinds
 from skyrange.contracts.verdicts import Verdict
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.time import NS_PER_S, Time

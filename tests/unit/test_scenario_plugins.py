@@ -14,7 +14,6 @@ import pytest
 from pydantic import Field
 
 from skyrange.assembly.build import build
-from skyrange.contracts import plugins
 from skyrange.contracts.alerts import Alert
 from skyrange.contracts.components import Agent
 from skyrange.contracts.detectors import DetectorContext, DetectorPlugin
@@ -22,6 +21,7 @@ from skyrange.contracts.links import LinkSpec
 from skyrange.contracts.mailboxes import Inbox, Outbox
 from skyrange.contracts.monitors import ObservedFrames
 from skyrange.contracts.params import Number, Params
+from skyrange.contracts.plugins import registry as plugins
 from skyrange.core.errors import ComponentError, InputError
 from skyrange.core.ids import Port
 from skyrange.core.time import NS_PER_MS, Time

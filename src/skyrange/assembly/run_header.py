@@ -17,7 +17,7 @@ from skyrange.codec.f3411 import printable_id
 from skyrange.codec.mission import Mission, format_plan, format_waypoints, read_mission
 from skyrange.codec.mission.items import MAX_FILE_BYTES
 from skyrange.contracts.links import LinkSpec
-from skyrange.contracts.plugins import loaded_sources
+from skyrange.contracts.plugins.registry import loaded_sources
 from skyrange.core.errors import InputError
 from skyrange.core.ids import vehicle_id
 from skyrange.core.input_files import MAX_RECORD_BYTES, read_input

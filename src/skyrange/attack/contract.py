@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
 from skyrange.attack.techniques import NO_FIT
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import ATTACKS, Plugin
+from skyrange.contracts.plugins.registry import ATTACKS, Plugin
 from skyrange.core.ids import endpoint, link_name
 from skyrange.core.time import Epoch, Time
 

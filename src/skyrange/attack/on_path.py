@@ -10,23 +10,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import Annotated, Any, Final, Literal, Protocol
+from typing import Annotated, Any, Final, Protocol
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator
 
 from skyrange.attack.contract import AttackContext
-from skyrange.codec.mavlink import dialect, message_id
+from skyrange.codec.mavlink import dialect
 from skyrange.contracts.components import Tap
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.links import Schedule, TapPlacement
 from skyrange.contracts.mailboxes import Note
-from skyrange.contracts.params import Params, items, refuse
+from skyrange.contracts.params import items, refuse
 from skyrange.contracts.verdicts import Direction, Inject, Verdict
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.ids import APPROVAL, endpoint, operator_of
 from skyrange.core.time import NEVER, NS_PER_MS, Time
 
-_NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
+MESSAGE_NUMBERS: Final = {message.msgname: number for number, message in dialect.mavlink_map.items()}
 _POLL_NS: Final = 100 * NS_PER_MS
 LEARNED: Final = "event.learned"
 """Kind of the notes on what an attacker has learnt from a frame."""
@@ -47,8 +47,10 @@ def side_of(link: str) -> str:
 
 def _known_messages(names: tuple[str, ...]) -> tuple[str, ...]:
     for place, name in enumerate(names):
-        if name not in _NUMBERS:
-            raise refuse(Problem(str(place), name, "a MAVLink message such as 'COMMAND_LONG'", nearest(name, _NUMBERS)))
+        if name not in MESSAGE_NUMBERS:
+            raise refuse(
+                Problem(str(place), name, "a MAVLink message such as 'COMMAND_LONG'", nearest(name, MESSAGE_NUMBERS))
+            )
     return names
 
 
@@ -63,39 +65,6 @@ Messages = Annotated[Names, AfterValidator(_known_messages)]
 """Names of MAVLink messages, each once; empty for all frames."""
 
 
-class OnPath(Params):
-    """Which frames of which links an on-path attacker acts on."""
-
-    links: Annotated[Names, Field(min_length=1)] = Field(
-        description="Links by name or pattern, such as ['gcs:blue/b1'] or ['gcs:*']."
-    )
-    direction: Literal["fwd", "rev", "both"] = Field(
-        default="both", description="fwd: towards the aircraft on gcs, log and autopilot; rev: from it."
-    )
-    messages: Messages = Field(
-        default=(), description="MAVLink messages to act on, such as ['COMMAND_LONG']; default: all frames."
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """Frames of one direction, or of both, with some message ids, or with any."""
-
-    direction: str
-    numbers: frozenset[int]
-
-    def takes(self, frame: Frame) -> bool:
-        """Whether it selects a frame."""
-        if self.direction not in ("both", frame.direction):
-            return False
-        return not self.numbers or message_id(frame.payload) in self.numbers
-
-
-def selection_of(params: OnPath) -> Selection:
-    """The frames that the parameters select."""
-    return Selection(params.direction, frozenset(_NUMBERS[name] for name in params.messages))
-
-
 @dataclass(frozen=True, slots=True)
 class TapMaker:
     """Makes the tap of each link: `kind(link, *arguments)`. A class, because all state must be deep-copyable."""
@@ -108,7 +77,7 @@ class TapMaker:
         return self.kind(link, *self.arguments)
 
 
-def place_taps(patterns: Sequence[str], context: AttackContext, make: TapMaker) -> list[TapPlacement]:
+def place_taps(patterns: Sequence[str], context: AttackContext, make: Callable[[str], Tap]) -> list[TapPlacement]:
     """A tap on each link that matches. Raises `InputError` for a pattern without a link."""
     chosen = []
     for place, pattern in enumerate(patterns):

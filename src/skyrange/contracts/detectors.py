@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from skyrange.contracts.monitors import Monitor
-from skyrange.contracts.plugins import DETECTORS, Plugin
+from skyrange.contracts.plugins.registry import DETECTORS, Plugin
 
 if TYPE_CHECKING:
     from skyrange.core.chance import Chance

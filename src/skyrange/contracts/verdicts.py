@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -54,6 +55,9 @@ class Inject:
 Verdict = Pass | Drop | Delay | Replace | Inject | Note | Alert
 """What a tap answers. A `Note` records what it has learnt; that of an attack's tap only while the attack acts. An
 `Alert` is the alarm of a defence, which no other tap may raise."""
+
+Verdicts = Sequence[Verdict]
+"""What a tap answers a frame: at most one that decides on it, and any number of others; none lets it pass."""
 
 
 class Label(NamedTuple):

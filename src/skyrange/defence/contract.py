@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 from skyrange.attack.contract import AttackContext
-from skyrange.contracts.plugins import DEFENCES, Plugin
+from skyrange.contracts.plugins.registry import DEFENCES, Plugin
 
 if TYPE_CHECKING:
     from skyrange.attack.exclusive import Exclusive

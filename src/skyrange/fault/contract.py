@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from skyrange.attack.contract import Attack, AttackContext
-from skyrange.contracts.plugins import FAULTS, Plugin
+from skyrange.contracts.plugins.registry import FAULTS, Plugin
 
 FaultContext = AttackContext
 """The context of a fault: that of an attack. Its `id` and `schedule` are the fault's own, and `sham` is false."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from skyrange.contracts.medium import Medium, RadioSpec
-from skyrange.contracts.plugins import MEDIA, Plugin
+from skyrange.contracts.plugins.registry import MEDIA, Plugin
 from skyrange.radio.builtin.environment import OPEN_GROUND, RadioEnvironment
 from skyrange.radio.builtin.params import BuiltinParams
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.core.time import Time
 from skyrange.utm.approval_service import policy_plugin
 from skyrange.utm.contract import ApprovalDecision, OperationalIntent, version_number

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol
 
-from skyrange.contracts.plugins import APPROVALS, Plugin
+from skyrange.contracts.plugins.registry import APPROVALS, Plugin
 from skyrange.core.ids import APPROVAL, Port, endpoint, link_name
 from skyrange.core.time import Time
 from skyrange.core.volumes import Volume4D

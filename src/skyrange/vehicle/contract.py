@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from skyrange.codec.mavlink.signing import SigningKey
 from skyrange.contracts.components import Engine
-from skyrange.contracts.plugins import AUTOPILOTS, Plugin
+from skyrange.contracts.plugins.registry import AUTOPILOTS, Plugin
 from skyrange.core.chance import Chance
 from skyrange.core.geodesy import Origin
 from skyrange.core.time import Epoch

@@ -3,65 +3,67 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 
-from pydantic import Field, model_validator
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import EVERY_LINK, OnPath, TapMaker, place_taps
+from skyrange.attack.bases.on_path import OnPath
+from skyrange.attack.declaration import attack
+from skyrange.attack.on_path import EVERY_LINK
+from skyrange.attack.presets import adds_no_load, on_path
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V1, HEADER_V2, LAYOUTS, MAGIC_V2, checksum
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.params import Number, Whole, refuse
-from skyrange.contracts.verdicts import Replace, Verdict
+from skyrange.contracts.params import Number, Whole
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Replace, Verdicts
 from skyrange.core.errors import Problem
 from skyrange.core.time import Time
 
 
+@attack(
+    "link.corrupt",
+    technique="T0830",
+    surface=EVERY_LINK,
+    persists="acts",
+    effect="receivers reject damaged frames, or accept values that nobody sent",
+    threat=on_path(
+        "nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",
+        position="on the path; damage without a mended checksum is also what a jammer near the receiver does",
+        equipment="a computer that forwards the frames, or a jammer",
+    ),
+    controls=adds_no_load(
+        content="the sham: the same frames replaced by equal ones",
+        placement="the same damage on another aircraft's link, or of other messages or bytes",
+    ),
+)
 class Damage(OnPath):
-    """Each bit of the chosen bytes of a selected frame is flipped with the same probability, independently.
+    """Flips bits of selected frames, and can mend their checksums.
 
-    With `fix_checksum` only payload bytes are flipped, and the CRC is computed anew, so that receivers accept the
-    changed values. A signature (the last 13 bytes of a signed frame) cannot be computed without the key: a receiver
-    that checks signatures refuses the frame either way.
+    Each bit of the chosen bytes is flipped with the same probability, independently. With `fix_checksum` only payload
+    bytes are flipped, and the CRC is computed anew, so that receivers accept the changed values. A signature (the last
+    13 bytes of a signed frame) cannot be computed without the key: a receiver that checks signatures refuses the frame
+    either way.
     """
 
-    bit_error_rate: Number = Field(
-        default=0.001, gt=0, le=1, description="Probability that a bit is flipped; 1 inverts every chosen bit."
+    bit_error_rate: Number = param(
+        "Probability that a bit is flipped; 1 inverts every chosen bit.", default=0.001, gt=0, le=1
     )
-    first_byte: Whole = Field(
-        default=0,
-        ge=0,
-        le=65_535,
-        description="First byte that is damaged, counted from 0, the frame's first; the payload of a MAVLink 2 frame "
-        "begins at 10.",
+    first_byte: Whole = param(
+        "First byte that is damaged, counted from 0, the frame's first; the payload of a MAVLink 2 frame begins at 10.",
+        default=0, ge=0, le=65_535,
+    )  # fmt: skip
+    last_byte: Whole | None = param(
+        "Last byte that is damaged; default: the frame's last.", default=None, ge=0, le=65_535
     )
-    last_byte: Whole | None = Field(
-        default=None, ge=0, le=65_535, description="Last byte that is damaged; default: the frame's last."
-    )
-    fix_checksum: bool = Field(
-        default=False, description="Whether payload bytes alone are damaged, and the CRC of a MAVLink frame is mended."
+    fix_checksum: bool = param(
+        "Whether payload bytes alone are damaged, and the CRC of a MAVLink frame is mended.", default=False
     )
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Damage:
+    def find_problems(self) -> Iterator[Problem]:
+        """Bytes that are not in order."""
         if self.last_byte is not None and self.last_byte < self.first_byte:
-            raise refuse(Problem("last_byte", str(self.last_byte), f"at least first_byte, {self.first_byte}"))
-        return self
+            yield Problem("last_byte", str(self.last_byte), f"at least first_byte, {self.first_byte}")
 
-
-@dataclass(slots=True)
-class Corrupter(FrameTap):
-    """Flips bits of selected frames."""
-
-    bit_error_rate: float
-    first_byte: int
-    last_byte: int | None
-    fix_checksum: bool
-
-    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def act(self, now: Time, frame: Frame) -> Verdicts:
         """Replace it by a damaged copy, if any bit is flipped; in the sham by an equal copy."""
         payload = frame.payload
         start, stop = self.first_byte, len(payload) if self.last_byte is None else min(self.last_byte + 1, len(payload))
@@ -77,7 +79,7 @@ class Corrupter(FrameTap):
             return ()
         if body is not None:
             _mend(damaged, body[1])
-        return (Replace(payload if self.rule.sham else bytes(damaged)),)
+        return (Replace(payload if self.sham else bytes(damaged)),)
 
     def _flips(self, frame: Frame, bits: int) -> Iterator[int]:
         """The bits to flip, of `bits`: gaps between flips are geometric, so that a draw serves many bits."""
@@ -87,7 +89,7 @@ class Corrupter(FrameTap):
         scale = 1.0 / math.log1p(-self.bit_error_rate)
         bit, block = -1, 0
         while True:
-            for uniform in self.rule.chance.draw(frame, block):
+            for uniform in self.draw(frame, block):
                 gap = math.log1p(-uniform) * scale
                 if bit + 1 + gap >= bits:
                     return
@@ -111,32 +113,3 @@ def _mend(frame: bytearray, stop: int) -> None:
     assert number is not None
     crc = checksum(bytes(frame[1:stop]), LAYOUTS[number].crc_extra)
     frame[stop : stop + CHECKSUM] = crc.to_bytes(CHECKSUM, "little")
-
-
-def make(params: Damage, context: AttackContext) -> Attack:
-    """The attack; its sham replaces the same frames by equal ones."""
-    where = (params.first_byte, params.last_byte, params.fix_checksum)
-    maker = TapMaker(Corrupter, (rule_of(params, context), params.bit_error_rate, *where))
-    return Attack(taps=place_taps(params.links, context, maker))
-
-
-CORRUPT = AttackPlugin(
-    Damage,
-    make,
-    "Flips bits of selected frames, and can mend their checksums.",
-    technique="T0830",
-    surface=EVERY_LINK,
-    persists="acts",
-    effect="receivers reject damaged frames, or accept values that nobody sent",
-    threat=ThreatModel(
-        knowledge="nothing to damage frames; the message's layout and CRC_EXTRA to have a changed value accepted",
-        position="on the path; damage without a mended checksum is also what a jammer near the receiver does",
-        equipment="a computer that forwards the frames, or a jammer",
-        budget="no frames of its own",
-    ),
-    controls=Controls(
-        load="none, because it adds no load",
-        content="the sham: the same frames replaced by equal ones",
-        placement="the same damage on another aircraft's link, or of other messages or bytes",
-    ),
-)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
 from typing import Any, Final, TypeAlias
 
-from pydantic import Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.link.frame_taps import FrameTap, rule_of
-from skyrange.attack.on_path import LEARNED, OnPath, TapMaker, place_taps
+from skyrange.attack.bases.on_path import OnPath
+from skyrange.attack.contract import Controls
+from skyrange.attack.declaration import attack
+from skyrange.attack.on_path import LEARNED
+from skyrange.attack.presets import on_path
 from skyrange.codec.mavlink import Message, decode, dialect, message_id, sender_system
 from skyrange.codec.mavlink.signing import is_signed
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.scalars import Scalar
-from skyrange.contracts.verdicts import Verdict
+from skyrange.contracts.verdicts import Verdicts
 from skyrange.core.errors import DecodeError
 from skyrange.core.time import NEVER, Time, from_seconds
 
@@ -26,14 +26,6 @@ MAX_FACTS: Final = 10_000
 
 Fact: TypeAlias = tuple[str, dict[str, Scalar]]
 """Which fact it is (such as parameter and name), and what it says."""
-
-
-class Eavesdropping(OnPath):
-    """Reads the selected frames that pass. A fact is noted when it is learnt, and when it changes."""
-
-    position_every_s: Number = Field(
-        default=5.0, gt=0, le=3600, description="Shortest time in seconds between two notes of a vehicle's position."
-    )
 
 
 def _position(message: Message, system: int) -> Fact:
@@ -96,19 +88,42 @@ _READERS: Final[Mapping[int, Callable[[Any, int], Fact]]] = {
 _POSITION: Final = int(dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
 
 
-@dataclass(slots=True)
-class Eavesdropper(FrameTap):
-    """A tap that lets everything pass, and notes what is new to it."""
+@attack(
+    "link.eavesdrop",
+    technique="T0842",
+    counterfactual="mute",
+    surface=("gcs", "log", "autopilot", "rid_data"),
+    persists="acts",
+    effect="nothing changes for its victims; the attacker knows positions, missions, parameters and system ids",
+    threat=on_path(
+        "MAVLink, which is public",
+        position="on the path, or within range of a radio that is not encrypted",
+        equipment="a computer that forwards or receives the frames",
+        budget="none: it sends nothing",
+    ),
+    controls=Controls(
+        load="none, because it sends nothing",
+        content="none, because it sends nothing; the sham notes nothing",
+        placement="the same on a link whose frames are of another aircraft",
+    ),
+)
+class Eavesdropping(OnPath):
+    """Reads the frames of a link and records what they tell; it alters nothing.
 
-    position_ns: Time
-    facts: dict[str, dict[str, Scalar]] = field(default_factory=dict)
+    A fact is noted when it is learnt, and when it changes.
+    """
+
+    position_every_s: Number = param(
+        "Shortest time in seconds between two notes of a vehicle's position.", default=5.0, gt=0, le=3600
+    )
+    facts: dict[str, dict[str, Scalar]] = state(dict)
     """What it knows, by fact."""
-    positions_due: dict[int | None, Time] = field(default_factory=dict)
+    positions_due: dict[int | None, Time] = state(dict)
     """By system id: when its position is noted again."""
-    signed: dict[int | None, bool] = field(default_factory=dict)
+    signed: dict[int | None, bool] = state(dict)
     """By system id: whether its last frame was signed."""
 
-    def act(self, now: Time, frame: Frame) -> Sequence[Verdict]:
+    def act(self, now: Time, frame: Frame) -> Verdicts:
         """Note what it tells that is new."""
         payload = frame.payload
         number = message_id(payload)
@@ -123,7 +138,7 @@ class Eavesdropper(FrameTap):
         if number == _POSITION:
             if now < self.positions_due.get(system, -NEVER):
                 return notes
-            self.positions_due[system] = now + self.position_ns
+            self.positions_due[system] = now + from_seconds(self.position_every_s)
         reader = _READERS.get(number)
         return [*notes, *self._learn(frame, reader)] if reader is not None else notes
 
@@ -139,36 +154,7 @@ class Eavesdropper(FrameTap):
         if self.facts.get(fact) == says or (fact not in self.facts and len(self.facts) >= MAX_FACTS):
             return []
         self.facts[fact] = says
-        if self.rule.sham:
+        if self.sham:
             return []
         data: dict[str, Scalar] = {"what": fact.partition("|")[0], "system": system, **says}
         return [Note(LEARNED, self.link.partition(":")[2], data, (frame.id,))]
-
-
-def make(params: Eavesdropping, context: AttackContext) -> Attack:
-    """The attack; its sham notes nothing."""
-    maker = TapMaker(Eavesdropper, (rule_of(params, context), from_seconds(params.position_every_s)))
-    return Attack(taps=place_taps(params.links, context, maker))
-
-
-EAVESDROP = AttackPlugin(
-    Eavesdropping,
-    make,
-    "Reads the frames of a link and records what they tell; it alters nothing.",
-    technique="T0842",
-    counterfactual="mute",
-    surface=("gcs", "log", "autopilot", "rid_data"),
-    persists="acts",
-    effect="nothing changes for its victims; the attacker knows positions, missions, parameters and system ids",
-    threat=ThreatModel(
-        knowledge="MAVLink, which is public",
-        position="on the path, or within range of a radio that is not encrypted",
-        equipment="a computer that forwards or receives the frames",
-        budget="none: it sends nothing",
-    ),
-    controls=Controls(
-        load="none, because it sends nothing",
-        content="none, because it sends nothing; the sham notes nothing",
-        placement="the same on a link whose frames are of another aircraft",
-    ),
-)

@@ -234,7 +234,7 @@ def scenarios(as_json: bool) -> None:
 def load_plugins(files: Sequence[Path] | None) -> None:
     """`--plugin` of several commands."""
     if files:
-        from skyrange.contracts.plugins import load_files
+        from skyrange.contracts.plugins.registry import load_files
 
         load_files(files)
 
@@ -242,7 +242,7 @@ def load_plugins(files: Sequence[Path] | None) -> None:
 def attacks(as_json: bool) -> None:
     """`skyrange attacks`."""
     from skyrange.attack.contract import AttackPlugin
-    from skyrange.contracts.plugins import ATTACKS, kinds
+    from skyrange.contracts.plugins.registry import ATTACKS, kinds
 
     found = {name: AttackPlugin.find(name) for name in kinds(ATTACKS)}
     if as_json:
@@ -273,7 +273,7 @@ def _describe_attack(name: str, kind: AttackPlugin) -> dict[str, Any]:
 
 def faults(as_json: bool) -> None:
     """`skyrange faults`."""
-    from skyrange.contracts.plugins import FAULTS, kinds
+    from skyrange.contracts.plugins.registry import FAULTS, kinds
     from skyrange.fault.contract import FaultPlugin
 
     found = {name: FaultPlugin.find(name) for name in kinds(FAULTS)}
@@ -300,7 +300,7 @@ def _describe_fault(name: str, kind: FaultPlugin) -> dict[str, Any]:
 
 def defences(as_json: bool) -> None:
     """`skyrange defences`."""
-    from skyrange.contracts.plugins import DEFENCES, kinds
+    from skyrange.contracts.plugins.registry import DEFENCES, kinds
     from skyrange.defence.contract import DefencePlugin
 
     found = {name: DefencePlugin.find(name) for name in kinds(DEFENCES)}

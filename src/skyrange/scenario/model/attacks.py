@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.triggers import Near
 from skyrange.contracts.params import Enu, Params
-from skyrange.contracts.plugins import ATTACKS, FAULTS
+from skyrange.contracts.plugins.registry import ATTACKS, FAULTS
 from skyrange.core.errors import Problem, nearest
 from skyrange.defence.contract import DefencePlugin
 from skyrange.fault.contract import FaultPlugin

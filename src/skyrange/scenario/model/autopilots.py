@@ -8,7 +8,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import AUTOPILOTS, kinds
+from skyrange.contracts.plugins.registry import AUTOPILOTS, kinds
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Model, Number, refuse
 from skyrange.scenario.validation.error_messages import input_error

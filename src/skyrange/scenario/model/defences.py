@@ -6,7 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from skyrange.contracts.plugins import DEFENCES
+from skyrange.contracts.plugins.registry import DEFENCES
 from skyrange.core.time import NS_PER_US, Time
 from skyrange.defence.contract import DefencePlugin
 from skyrange.scenario.model.attacks import PluginTable

@@ -8,7 +8,7 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from skyrange.contracts.detectors import DetectorPlugin
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import DETECTORS
+from skyrange.contracts.plugins.registry import DETECTORS
 from skyrange.scenario.model.base import Id, Model
 from skyrange.scenario.validation.plugin_params import known, normalized
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from skyrange.contracts.plugins import AUTOPILOTS
+from skyrange.contracts.plugins.registry import AUTOPILOTS
 from skyrange.core.errors import Problem, nearest
 from skyrange.scenario.model.base import Id, Model, Number, Whole, items, refuse, wrong
 from skyrange.scenario.model.plan import Plan

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from skyrange.contracts.plugins import APPROVALS
+from skyrange.contracts.plugins.registry import APPROVALS
 from skyrange.core.errors import nearest
 from skyrange.scenario.model.base import Id, Model, Number, wrong
 from skyrange.scenario.model.fleet import MAX_SYSTEM_ID, AnyStation, Avoids, Broadcasts, Fleet, Params, Vehicle

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, Strict, ValidationInfo, field_validator, model_validator
 
 from skyrange.contracts.params import Enu, Params
-from skyrange.contracts.plugins import AVOIDANCE, MEDIA
+from skyrange.contracts.plugins.registry import AVOIDANCE, MEDIA
 from skyrange.core.errors import nearest
 from skyrange.radio.contract import MediumPlugin
 from skyrange.remoteid.broadcast_profiles import TRANSPORTS

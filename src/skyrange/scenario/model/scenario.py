@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, Strict, field_valid
 
 from skyrange.contracts.links import Channel
 from skyrange.contracts.params import Params
-from skyrange.contracts.plugins import (
+from skyrange.contracts.plugins.registry import (
     APPROVALS,
     ATTACKS,
     AUTOPILOTS,

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import AfterValidator, ValidationError
 
 from skyrange.contracts.params import Params, refuse
-from skyrange.contracts.plugins import Plugin, find, kinds
+from skyrange.contracts.plugins.registry import Plugin, find, is_known, kinds
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.scenario.model.base import wrong
 from skyrange.scenario.validation.error_messages import explain_errors
@@ -18,9 +18,8 @@ def known(group: str, what: str) -> AfterValidator:
     """A validator that a kind belongs to a plugin group; `what` names the kind in the error."""
 
     def check(kind: str) -> str:
-        offered = kinds(group)
-        if kind not in offered:
-            raise wrong(kind, f"{what} that is installed", nearest(kind, offered))
+        if not is_known(group, kind):
+            raise wrong(kind, f"{what} that is installed", nearest(kind, kinds(group)))
         return kind
 
     return AfterValidator(check)

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
-from skyrange.contracts.plugins import DEFENCES
+from skyrange.contracts.plugins.registry import DEFENCES
 from skyrange.core.errors import InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 from skyrange.scenario.model.base import Id, Model, Whole, items, refuse

@@ -11,7 +11,9 @@ from typing import Any
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.contract import Attack, AttackPlugin
+from skyrange.attack.declaration import Acting
 from skyrange.contracts.links import AttackPlan, Schedule
+from skyrange.contracts.plugins.declaration import plugin_of
 from skyrange.core.errors import SkyrangeError
 from skyrange.core.time import NEVER, NS_PER_S, Time, from_seconds
 from skyrange.fault.contract import FaultPlugin
@@ -210,7 +212,7 @@ class Trunk:
 
 
 def check_attack(
-    kind: AttackPlugin,
+    kind: type[Acting] | AttackPlugin,
     params: Mapping[str, Any],
     *,
     scenario: Callable[[float], Scenario] = two_squares,
@@ -230,14 +232,13 @@ def check_attack(
     Raises `NonConformance` at the first broken rule, and `ValueError` for times that are not in order and for an
     unknown kind of act.
     """
-    ATTACK.check(
-        f"attack {kind.params.__name__}",
-        _case("check_attack", kind, params, scenario, start_s, stop_s, duration_s, acts),
-    )
+    own = plugin_of(kind)
+    case = _case("check_attack", own, params, scenario, start_s, stop_s, duration_s, acts)
+    ATTACK.check(f"attack {own.params.__name__}", case)
 
 
 def check_fault(
-    kind: FaultPlugin,
+    kind: type[Acting] | FaultPlugin,
     params: Mapping[str, Any],
     *,
     scenario: Callable[[float], Scenario] = two_squares,
@@ -250,9 +251,9 @@ def check_fault(
 
     The arguments and errors are those of `check_attack`.
     """
-    FAULT.check(
-        f"fault {kind.params.__name__}", _case("check_fault", kind, params, scenario, start_s, stop_s, duration_s, acts)
-    )
+    own = plugin_of(kind)
+    case = _case("check_fault", own, params, scenario, start_s, stop_s, duration_s, acts)
+    FAULT.check(f"fault {own.params.__name__}", case)
 
 
 def _case(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from skyrange.contracts.params import Number, Params
-from skyrange.contracts.plugins import AVOIDANCE, Plugin
+from skyrange.contracts.plugins.registry import AVOIDANCE, Plugin
 from skyrange.core.time import NEVER, Time
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from skyrange.codec.mavlink.sequence_numbers import FleetPacker
 from skyrange.codec.mavlink.signed_connections import SignedConnection, SignedConnections
 from skyrange.contracts.components import EngineBase, Finished, Floats, Sensors, World
 from skyrange.contracts.mailboxes import Arrival, Inbox, Outbox
-from skyrange.contracts.plugins import NoParams
+from skyrange.contracts.plugins.registry import NoParams
 from skyrange.contracts.tick_batches import TickBatch
 from skyrange.core.chance import Chance
 from skyrange.core.errors import DecodeError, InputError, Problem, nearest

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from skyrange.assembly.build import BuiltScenario, build
 from skyrange.assembly.radio import LiveMedium
-from skyrange.contracts.plugins import load_files
+from skyrange.contracts.plugins.registry import load_files
 from skyrange.core.errors import InputError, SkyrangeError
 from skyrange.record import Recorder
 from skyrange.record.folder import PLUGINS

@@ -8,7 +8,7 @@ from typing import Any, Final, Literal
 
 from skyrange.city.city import City
 from skyrange.contracts.medium import Medium, RadioSpec, Waveform
-from skyrange.contracts.plugins import MEDIA, kinds
+from skyrange.contracts.plugins.registry import MEDIA, kinds
 from skyrange.core.chance import Chance
 from skyrange.core.errors import SkyrangeError
 from skyrange.radio.builtin.environment import RadioEnvironment

@@ -1,8 +1,9 @@
-"""Plugins: the one shape that all have, and the registry that finds them by group and kind.
+"""Registry of plugins: the shape that all have, found by group and kind.
 
-A package offers a plugin by an entry point (`[project.entry-points."skyrange.attacks"]`), a notebook by `register`, a
-file by `skyrange run --plugin FILE`. A kind is one word or dotted words: `approve-all`, `remote_id.spoof`. Nothing is
-imported until a kind is asked for.
+A kind is one word or dotted words: `approve-all`, `remote_id.spoof`. Kinds that act or listen are classes with a
+decorator, in a module that is named as they are, in a home of theirs (`plugins.homes`), a notebook or a file of
+`--plugin FILE`. Engines are offered by entry points (`[project.entry-points."skyrange.media"]`) or by `register`.
+Nothing is imported until a kind is asked for by its name; a list of all imports all.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from skyrange.contracts.params import Params
+from skyrange.contracts.plugins.homes import import_all, import_home
 from skyrange.core.errors import ComponentError, InputError, Problem, nearest
 from skyrange.core.input_files import MAX_TEXT_BYTES, expand_user, read_input
 
@@ -60,6 +62,8 @@ class Plugin(Generic[ContextT, MadeT]):
     make: Callable[[Any, ContextT], MadeT]
     about: str
     """A sentence: what it is or does."""
+    source: str = field(default="", kw_only=True)
+    """Where its class is, for errors; "" if it is none."""
 
     def __call__(self, params: Params, context: ContextT) -> MadeT:
         """Make one object, as `make` does."""
@@ -74,6 +78,8 @@ class Plugin(Generic[ContextT, MadeT]):
 
 
 _registered: dict[tuple[str, str], Plugin[Any, Any]] = {}
+_at_home: dict[tuple[str, str], Plugin[Any, Any]] = {}
+"""Those of modules in homes, as far as they are imported."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +91,8 @@ class _LoadedFile:
 _loaded_files: dict[Path, _LoadedFile] = {}
 
 
-def register(group: str, kind: str, plugin: Plugin[Any, Any]) -> None:
-    """Offer `plugin` under `kind` in `group`, in this process.
+def register(group: str, kind: str, plugin: Plugin[Any, Any], *, at_home: bool = False) -> None:
+    """Offer `plugin` under `kind` in `group`, in this process; `at_home` if its module is in a home of kinds.
 
     It takes precedence over an entry point of the same kind. Raises InputError for an unknown group, a kind that
     breaks `KIND_PATTERN` or that another plugin was registered under, and for what is no plugin of that group.
@@ -97,25 +103,40 @@ def register(group: str, kind: str, plugin: Plugin[Any, Any]) -> None:
             "plugin", "kind", kind, "lower-case words joined by '-', '_' or '.', such as 'remote_id.spoof'"
         )
     _check_shape(group, kind, plugin)
-    known = _registered.setdefault((group, kind), plugin)
-    if known is not plugin:
-        raise InputError.one("plugin", "kind", kind, f"a kind that is free in {group}", "Choose another name.")
+    offered = _at_home if at_home else _registered
+    known = _at_home.get((group, kind)) or offered.setdefault((group, kind), plugin)
+    if known is plugin:
+        return
+    if known.source and known.source == plugin.source and known.source.endswith(" in __main__"):
+        _registered[group, kind] = plugin  # a cell of a notebook that runs again
+        return
+    taken = f"{kind} of {plugin.source}" if plugin.source else kind
+    hint = f"{known.source} has it. Choose another name." if known.source else "Choose another name."
+    raise InputError.one("plugin", "kind", taken, f"a kind that is free in {group}", hint)
 
 
 def kinds(group: str) -> tuple[str, ...]:
-    """Every kind of `group`, sorted. Raises InputError for an unknown group."""
+    """Every kind of `group`, sorted. Imports those that are classes. Raises InputError for an unknown group."""
     _check_group(group)
-    return tuple(sorted({kind for of, kind in _registered if of == group} | _entry_points(group).keys()))
+    import_all(group)
+    offered = {kind for of, kind in (*_registered, *_at_home) if of == group}
+    return tuple(sorted(offered | _entry_points(group).keys()))
+
+
+def is_known(group: str, kind: str) -> bool:
+    """Whether somebody offers a plugin of `kind`; imports its module alone."""
+    _check_group(group)
+    return _find_registered(group, kind) is not None or kind in _entry_points(group)
 
 
 def find(group: str, kind: str) -> Plugin[Any, Any]:
-    """The plugin of `kind`, imported now if an entry point names it.
+    """The plugin of `kind`, imported now from its home or from what an entry point names.
 
     Raises InputError for a kind that nobody offers (with the nearest spelling) and for an entry point that names no
     plugin of the group; ComponentError when the package that offers it cannot be imported.
     """
     _check_group(group)
-    plugin = _registered.get((group, kind))
+    plugin = _find_registered(group, kind)
     if plugin is not None:
         return plugin
     point = _entry_points(group).get(kind)
@@ -129,6 +150,15 @@ def find(group: str, kind: str) -> Plugin[Any, Any]:
         ) from error
     _check_shape(group, kind, loaded)
     return loaded
+
+
+def _find_registered(group: str, kind: str) -> Plugin[Any, Any] | None:
+    """The plugin that is registered, or that its home registers when it is imported."""
+    known = _registered.get((group, kind)) or _at_home.get((group, kind))
+    if known is None and KIND_PATTERN.fullmatch(kind):
+        import_home(group, kind)
+        known = _at_home.get((group, kind))
+    return known
 
 
 def load_file(file: str | Path) -> tuple[tuple[str, str], ...]:

@@ -1,0 +1,1 @@
+"""Bases of kinds by what an act is: frames in transit, injected frames, transmissions, sensor readings."""

@@ -1,0 +1,40 @@
+"""Connection loss: a link is down for stretches of time."""
+
+from __future__ import annotations
+
+from skyrange.attack.bases.frame_acts import drop_by_turns
+from skyrange.attack.bases.on_path import OnPath
+from skyrange.attack.declaration import attack
+from skyrange.attack.on_path import EVERY_LINK
+from skyrange.attack.presets import adds_no_load, on_path
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+
+
+@attack(
+    "link.break",
+    technique="T0814",
+    counterfactual="mute",
+    surface=EVERY_LINK,
+    persists="acts",
+    effect="the ends lose each other: failsafes for a lost link fire, and recover when it is back",
+    threat=on_path(
+        "the length of the failsafes' timeouts",
+        position="where it can cut the link: at a router, a cable, or a modem",
+        equipment="a switch",
+    ),
+    controls=adds_no_load(
+        content="none, because a dropped frame has no content; outages shorter than every timeout show the loss alone",
+        placement="the same outages on another aircraft's link",
+    ),
+)
+class Outages(OnPath):
+    """Takes a link down for stretches of time.
+
+    The link is down from the start of the attack on, then up, and so on by turns.
+    """
+
+    down_s: Number = param("Length of an outage in seconds.", default=10.0, gt=0, le=86_400)
+    up_s: Number = param("Time between two outages in seconds.", default=20.0, ge=0, le=86_400)
+
+    act = drop_by_turns("down_s", "up_s")

@@ -1,0 +1,159 @@
+"""The class form of kinds: parameters and state are fields of a class, and the behaviour is its methods.
+
+    @attack("link.drop", …)
+    class Drop(OnPath):
+        \"\"\"Drops selected frames of a link.\"\"\"
+
+        probability: Number = param("Probability that a frame is dropped.", default=1.0, gt=0, le=1)
+        dropped: int = 0
+
+An annotated name in the class is a field. With `param(…)` it is a parameter of scenarios, with another value or
+`state(…)` it is state that begins with that value, and without a value it is set in `prepare`. Instances have no other
+attributes, so all that they know can be copied, compared and forked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from copy import deepcopy
+from functools import partial
+from typing import Any, ClassVar, Final, Self, get_type_hints
+
+from pydantic import create_model, model_validator
+
+from skyrange.contracts.params import Params, refuse
+from skyrange.contracts.plugins.fields import Param, State
+from skyrange.core.errors import InputError, Problem
+
+_IMMUTABLE: Final = (bool, int, float, complex, str, bytes, tuple, frozenset, type(None))
+
+
+def _same(value: Any) -> Any:
+    return value
+
+
+def _is_class_var(hint: Any) -> bool:
+    text = hint if isinstance(hint, str) else str(hint)
+    return text.startswith(("ClassVar", "typing.ClassVar", "Final", "typing.Final"))
+
+
+class KindType(type):
+    """The type of kinds: makes slots of the annotated names of a class, and keeps what was declared of them."""
+
+    declared_params: dict[str, tuple[type, Any, Param]]
+    """By name in order: the class that declares it, the annotation and the parameter, those of bases first."""
+    declared_state: dict[str, Callable[[], Any]]
+    """By name: what makes its first value."""
+
+    def __new__(mcs, name: str, bases: tuple[type, ...], namespace: dict[str, Any], **options: Any) -> KindType:
+        """The class. Raises `InputError` for a mutable default, which instances would share."""
+        fields = {key: hint for key, hint in namespace.get("__annotations__", {}).items() if not _is_class_var(hint)}
+        values = {key: namespace.pop(key) for key in fields if key in namespace}
+        inherited = {key for base in bases for one in base.__mro__ for key in getattr(one, "__slots__", ())}
+        namespace.setdefault("__slots__", tuple(key for key in fields if key not in inherited))
+        made = super().__new__(mcs, name, bases, namespace, **options)
+        made.declared_params, made.declared_state = {}, {}
+        for base in reversed(made.__mro__[1:]):
+            if isinstance(base, KindType):
+                made.declared_params |= base.declared_params
+                made.declared_state |= base.declared_state
+        for key, value in values.items():
+            if isinstance(value, Param):
+                made.declared_params[key] = (made, fields[key], value)
+            elif isinstance(value, State):
+                made.declared_state[key] = value.make
+            elif isinstance(value, _IMMUTABLE):
+                made.declared_state[key] = partial(_same, value)
+            else:
+                raise InputError.one(place_of(made), key, value, "state(…) for what can change, such as state(dict)")
+        return made
+
+
+class Kind(metaclass=KindType):
+    """What all kinds share: they are made of parameters, checked by a model that is made of their fields."""
+
+    params_model: ClassVar[type[Params]]
+    """The model of its parameters. A decorator such as `attack` makes it."""
+    plugin: ClassVar[Any]
+    """What is registered under its name: its model, what makes it, and its facts."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Methods that a kind with this base has to define."""
+
+    def __init__(self, **params: Any) -> None:
+        """An instance with these parameters and the defaults of others, before `prepare`. Raises `ValidationError`."""
+        self._begin(vars(type(self).params_model.model_validate(params)))
+
+    @classmethod
+    def of(cls, params: Params) -> Self:
+        """An instance of parameters that were validated."""
+        made = cls.__new__(cls)
+        made._begin(vars(params))
+        return made
+
+    def _begin(self, values: Mapping[str, Any]) -> None:
+        for name in type(self).declared_params:
+            setattr(self, name, values[name])
+        for name, make in type(self).declared_state.items():
+            setattr(self, name, make())
+
+    def find_problems(self) -> Iterable[Problem]:
+        """What is wrong with the parameters beside each other; the place of a problem is the parameter's name."""
+        return ()
+
+
+def make_params_model(kind: type[Kind]) -> type[Params]:
+    """The model of the parameters of a kind. Raises `InputError` for an annotation that cannot be evaluated."""
+    fields: dict[str, Any] = {}
+    for name, (home, hint, declared) in kind.declared_params.items():
+        if not declared.info.description:
+            raise InputError.one(place_of(home), name, "no description", "a description of each parameter")
+        fields[name] = (_resolve(home, name, hint), declared.info)
+
+    def check(params: Params) -> Params:
+        problems = tuple(kind.of(params).find_problems())
+        if problems:
+            raise refuse(*problems)
+        return params
+
+    own = kind.find_problems is not Kind.find_problems
+    validators: Any = {"_fits_together": model_validator(mode="after")(check)} if own else None
+    made: type[Params] = create_model(
+        kind.__name__, __base__=Params, __module__=kind.__module__, __doc__=kind.__doc__, __validators__=validators,
+        **fields,
+    )  # fmt: skip
+    return made
+
+
+def _resolve(home: type, name: str, hint: Any) -> Any:
+    """The type that an annotation of a class means."""
+    holder = type(home.__name__, (), {"__annotations__": {name: hint}, "__module__": home.__module__})
+    try:
+        return get_type_hints(holder, include_extras=True)[name]
+    except Exception as error:
+        expected = "a type that the module imports, and not for type checkers alone"
+        raise InputError.one(place_of(home), name, f"{hint}: {error}", expected) from error
+
+
+def describe_kind(kind: type) -> str:
+    """The first paragraph of its docstring, in one line."""
+    return " ".join((kind.__doc__ or "").strip().partition("\n\n")[0].split())
+
+
+def place_of(kind: type) -> str:
+    """Where a class is, for errors: `class Lag in acme.lag`."""
+    return f"class {kind.__qualname__} in {kind.__module__}"
+
+
+def check_copies(kind: Kind) -> None:
+    """Raise `InputError` for state of an instance that cannot be copied, by the name of the field."""
+    for name in sorted({slot for one in type(kind).__mro__ for slot in getattr(one, "__slots__", ())}):
+        if not hasattr(kind, name):
+            continue
+        value = getattr(kind, name)
+        try:
+            if getattr(value, "__closure__", None):
+                raise TypeError("it is a closure")
+            deepcopy(value)
+        except Exception as error:
+            expected = "data that can be copied: no closure, generator, file or socket"
+            raise InputError.one(place_of(type(kind)), name, f"{type(value).__name__}: {error}", expected) from error

@@ -1,0 +1,53 @@
+"""Restart of a ground station: for some seconds it neither sends nor receives."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skyrange.attack.bases.on_path import CopyForLink, LinkTap
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.links import TapPlacement
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.verdicts import Drop, Verdicts
+from skyrange.core.errors import InputError, nearest
+from skyrange.core.ids import link_name, operator_of
+from skyrange.core.time import Time, from_seconds
+from skyrange.fault.contract import FaultContext, FaultParts
+from skyrange.fault.declaration import fault
+
+SIDE: Final = "gcs"
+"""The taps are on the station's side: frames to it cross the channel before they are lost."""
+
+
+@fault(
+    "station.restart",
+    surface=("gcs", "approval"),
+    effect="all aircraft of an operator lose their station at once, and it hears none of them",
+    cause="a crash or an update of the station's program or computer",
+    not_modelled="loss of the station's memory: its program goes on behind silent links, with missions and parameters "
+    "known, and counts the silence as a lost link; a new start would read them from the aircraft again",
+    realism={"the station's frames": "assumed: none leaves and none is read while it restarts, then all do at once"},
+)
+class Restart(LinkTap):
+    """Restarts the ground station of an operator: all its links are silent for some seconds."""
+
+    operator: str = param("Operator whose ground station restarts, such as 'blue'.")
+    down_s: Number = param(
+        "Time in seconds until the station is back, or until the fault stops.", default=15.0, gt=0, le=3_600
+    )
+
+    def build(self, context: FaultContext) -> FaultParts:
+        """Taps at the station. Raises `InputError` for an operator that the scenario does not have."""
+        own = [vehicle for vehicle in context.vehicles if operator_of(vehicle) == self.operator]
+        if not own:
+            operators = list(dict.fromkeys(map(operator_of, context.vehicles)))
+            hint = nearest(self.operator, operators)
+            raise InputError.one(context.id, "operator", self.operator, "an operator of the scenario", hint)
+        names = [link_name("approval", self.operator), *(link_name("gcs", vehicle) for vehicle in own)]
+        make = CopyForLink(self)
+        return FaultParts(taps=[TapPlacement(name, SIDE, make) for name in names if name in context.links])
+
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+        """Drop it while the station is down."""
+        return (Drop(),) if self.acts(now) and now - self.schedule.start_ns < from_seconds(self.down_s) else ()

@@ -1,0 +1,247 @@
+"""Is a kind what its class says, and is what it lacks named before a run?"""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Literal
+
+import pytest
+from pydantic import ValidationError
+
+from skyrange.attack.contract import AttackPlugin
+from skyrange.attack.declaration import Acting, Composite, attack
+from skyrange.attack.link.delay import Lag
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins import registry
+from skyrange.contracts.plugins.declaration import plugin_of
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.plugins.form import Kind, KindType, check_copies, make_params_model
+from skyrange.core.errors import InputError, Problem
+from tests.registered_kinds import registered
+
+if TYPE_CHECKING:
+    from decimal import Decimal
+
+
+def _make_generator() -> Iterator[int]:
+    return (number for number in range(3))
+
+
+def _pickle(one: Any) -> Any:
+    return pickle.loads(pickle.dumps(one))
+
+
+class First(Kind):
+    """A base."""
+
+    size_m: Number = param("Size in metres.", ge=0)
+    seen: dict[str, int] = state(dict)
+    turns: int = 0
+
+    def who(self) -> str:
+        return "first"
+
+
+class Second(First):
+    """A kind."""
+
+    form: Literal["round", "square"] = param("Form.", default="round")
+    later: int
+
+    def find_problems(self) -> Iterator[Problem]:
+        if self.size_m == 3 and self.form == "square":
+            yield Problem("size_m", "3", "another size of a square")
+
+    def who(self) -> str:
+        return super().who() + " and second"
+
+
+Second.params_model = make_params_model(Second)
+
+
+def test_parameters_are_those_of_bases_and_then_of_the_class() -> None:
+    schema = Second.params_model.model_json_schema()
+    assert list(schema["properties"]) == ["size_m", "form"]
+    assert schema["required"] == ["size_m"]
+    assert schema["properties"]["form"] == {
+        "default": "round", "description": "Form.", "enum": ["round", "square"], "title": "Form", "type": "string",
+    }  # fmt: skip
+
+
+def test_each_instance_has_state_of_its_own() -> None:
+    one, other = Second(size_m=1.5), Second(size_m=2)
+    one.seen["a"] = 1
+    one.turns += 1
+    assert (other.seen, other.turns, other.size_m, other.form) == ({}, 0, 2.0, "round")
+    assert one.who() == "first and second"
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, _pickle])
+def test_a_copy_shares_nothing(how: Callable[[Any], Any]) -> None:
+    one = Second(size_m=1)
+    one.seen["a"] = 1
+    other = how(one)
+    other.seen["b"] = 2
+    assert one.seen == {"a": 1}
+    assert other.size_m == 1.0
+
+
+def test_what_is_not_declared_cannot_be_set() -> None:
+    with pytest.raises(AttributeError, match="undeclared"):
+        Second(size_m=1).undeclared = 1  # type: ignore[attr-defined]
+
+
+def test_parameters_are_checked_one_by_one_and_beside_each_other() -> None:
+    for wrong in ({"size_m": -1}, {}, {"size_m": 1, "form": "oval"}, {"size_m": 1, "colour": "red"}):
+        with pytest.raises(ValidationError):
+            Second(**wrong)
+    with pytest.raises(ValidationError, match="another size of a square"):
+        Second(size_m=3, form="square")
+
+
+def test_a_mutable_default_is_refused() -> None:
+    with pytest.raises(InputError, match=r"class .*Shared in .*seen.*state\(dict\)"):
+
+        class Shared(Kind):
+            """Shares."""
+
+            seen: dict[str, int] = {}  # noqa: RUF012
+
+
+def test_state_that_cannot_be_copied_is_named() -> None:
+    class Odd(Kind):
+        """Odd."""
+
+        source: Any = state(_make_generator)
+
+    Odd.params_model = make_params_model(Odd)
+    with pytest.raises(InputError, match=r"class .*Odd in .*source: generator"):
+        check_copies(Odd())
+
+
+def test_a_closure_is_no_state() -> None:
+    class Closed(Kind):
+        """Closed."""
+
+        call: Any
+
+    Closed.params_model = make_params_model(Closed)
+    one, captured = Closed(), [1]
+    one.call = lambda: captured
+    with pytest.raises(InputError, match="closure"):
+        check_copies(one)
+
+
+def test_a_type_that_only_checkers_see_is_named() -> None:
+    class Checked(Kind):
+        """Checked."""
+
+        value: Decimal = param("A value.")
+
+    with pytest.raises(InputError, match=r"class .*Checked in .*value: Decimal.*not for type checkers alone"):
+        make_params_model(Checked)
+
+
+class Nothing(Composite):
+    """Does nothing."""
+
+    def build(self, context: Any) -> Any:
+        return None
+
+
+class Undescribed(Nothing):
+    """Does nothing."""
+
+    size_m: Number = param("")
+
+
+class Undocumented(Nothing):
+    pass
+
+
+class Unfinished(Composite):
+    """Does nothing."""
+
+
+class Wordless(Nothing):
+    """Nothing"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Undescribed, "size_m: no description"),
+        (Undocumented, "docstring: missing"),
+        (Wordless, "docstring: Nothing — expected a sentence"),
+        (Unfinished, "methods: missing — expected build, which every Acting defines"),
+        (Second, "bases: First — expected Acting or one of its bases"),
+    ],
+)
+def test_a_class_that_is_no_kind_is_named_with_what_it_lacks(kind: Any, message: str) -> None:
+    with registered(), pytest.raises(InputError, match=f"class {kind.__qualname__} in .*{message}"):
+        attack("test.nothing")(kind)
+
+
+def test_two_classes_of_one_name_are_an_error_that_names_both() -> None:
+    class Other(Nothing):
+        """Does nothing else."""
+
+    with registered():
+        attack("test.nothing")(Nothing)
+        with pytest.raises(InputError, match=r"test\.nothing of class .*Other.*class Nothing in .* has it"):
+            attack("test.nothing")(Other)
+
+
+def test_a_cell_of_a_notebook_may_run_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    def run_cell() -> Any:
+        return KindType("Cell", (Nothing,), {"__doc__": "Does it.", "__module__": "__main__"})
+
+    with registered():
+        attack("test.nothing")(run_cell())
+        again = attack("test.nothing")(run_cell())
+        assert AttackPlugin.find("test.nothing") is again.plugin
+
+
+def test_a_kind_is_called_as_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "skyrange.attack.link.lag", ModuleType("skyrange.attack.link.lag"))
+    moved: Any = KindType("Moved", (Nothing,), {"__doc__": "Does it.", "__module__": "skyrange.attack.link.lag"})
+    with pytest.raises(InputError, match=r"name: link\.delay — expected 'link\.lag', the path of its module"):
+        attack("link.delay")(moved)
+
+
+def test_a_kind_is_found_by_the_path_of_its_module() -> None:
+    assert AttackPlugin.find("link.delay") is Lag.plugin
+    assert plugin_of(Lag) is Lag.plugin
+    assert registry.is_known(registry.ATTACKS, "link.break")  # break_.py, because a module cannot be called break
+    assert not registry.is_known(registry.ATTACKS, "contract")  # a module without a kind
+    with pytest.raises(InputError, match="decorator"):
+        plugin_of(Acting)
+
+
+def test_a_package_offers_its_kinds_by_one_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "acme_sky" / "deep").mkdir(parents=True)
+    text = Path(__file__).with_name("kind_of_a_package.txt").read_text()
+    for place in ("__init__.py", "deep/__init__.py"):
+        (tmp_path / "acme_sky" / place).write_text('"""Kinds."""\n')
+    (tmp_path / "acme_sky" / "lag.py").write_text(text.replace("NAME", "acme.lag"))
+    (tmp_path / "acme_sky" / "deep" / "lag.py").write_text(text.replace("NAME", "acme.deep.lag"))
+    information = tmp_path / "acme_sky-1.dist-info"
+    information.mkdir()
+    (information / "METADATA").write_text("Metadata-Version: 2.1\nName: acme-sky\nVersion: 1\n")
+    (information / "entry_points.txt").write_text("[skyrange.plugins]\nacme = acme_sky\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    from skyrange.contracts.plugins import homes
+
+    homes._offered.cache_clear()
+    try:
+        assert AttackPlugin.find("acme.lag").about == "Delays all frames."
+        assert "acme.deep.lag" in registry.kinds(registry.ATTACKS)
+    finally:
+        homes._offered.cache_clear()
+        for key in [key for key in registry._at_home if key[1].startswith("acme.")]:
+            del registry._at_home[key]
