@@ -19,7 +19,16 @@ if str(DOCS) not in sys.path:
     sys.path.insert(0, str(DOCS))
 
 from markdown_tables import keys, table  # noqa: E402
-from plugin_kinds import approvals, attacks, count_shipped, defences, detectors, faults  # noqa: E402
+from plugin_kinds import (  # noqa: E402
+    approvals,
+    attack_families,
+    attacks,
+    attacks_of,
+    count_shipped,
+    defences,
+    detectors,
+    faults,
+)
 from public_api import described as describe_api  # noqa: E402
 
 BLOCK = re.compile(r"(<!-- generated: (\S+) -->\n)(.*?)(<!-- end: \2 -->)", re.DOTALL)
@@ -565,6 +574,7 @@ GENERATED: dict[str, Callable[[], str]] = {
     "cli": cli,
     "scenario": scenario,
     "attacks": attacks,
+    **{f"attacks-{family}": partial(attacks_of, family) for family in attack_families()},
     "faults": faults,
     "defences": defences,
     "detectors": detectors,
@@ -598,8 +608,20 @@ def renewed(text: str) -> str:
     return COUNT.sub(lambda found: f"{found[1]}{COUNTED[found[2]]()}{found[4]}", text)
 
 
+def add_family_pages() -> None:
+    """Add the pages of families of attacks that have none."""
+    for family in attack_families():
+        page = DOCS / "reference" / "attacks" / f"{family}.md"
+        if not page.exists():
+            page.parent.mkdir(exist_ok=True)
+            head = f"# Attacks: `{family}`\n\n[All kinds](../attacks.md), and their [effects](../attack-effects.md).\n"
+            block = f"<!-- generated: attacks-{family} -->\n<!-- end: attacks-{family} -->\n"
+            page.write_text(f"{head}\n{block}", encoding="utf-8")
+
+
 def main() -> None:
     """Rewrite what is out of date."""
+    add_family_pages()
     for page in (*sorted(DOCS.parent.glob("*.md")), *sorted(DOCS.rglob("*.md"))):
         text = page.read_text(encoding="utf-8")
         new = renewed(text)

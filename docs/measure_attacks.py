@@ -17,6 +17,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
+from plugin_kinds import page_of
+
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.techniques import describe_technique
 from skyrange.record import RunRecord
@@ -107,7 +109,7 @@ def write_published(sections: Mapping[str, str]) -> None:
     rows = ["| published attack | link | kind or scenario | measured effect |", "|---|---|---|---|"]
     for attack, (link, kinds) in PUBLISHED.items():
         for kind in kinds:
-            target = f"scenarios/{kind}.md" if kind in NAMED else f"attacks.md#{kind.replace('.', '')}"
+            target = f"scenarios/{kind}.md" if kind in NAMED else page_of(kind)
             rows.append(f"| {attack} | {link} | [`{kind}`]({target}) | {_first(sections, kind)} |")
             attack = link = ""
     table = "\n".join(rows)
@@ -195,10 +197,23 @@ def _row(what: str, unit: str, value: Interval | None) -> list[tuple[str, str, s
 
 
 def _counts(flown: Pair, baseline: str) -> list[tuple[str, str, str]]:
-    found = []
-    for title, count in (("events", _events), ("frames delivered on", _delivered)):
-        found += _count_rows(flown, baseline, title, count)
-    return found
+    frames = _count_rows(flown, baseline, "frames delivered on", _delivered)
+    return _count_rows(flown, baseline, "events", _events) + fold_frames(frames)
+
+
+FRAMES: Final = "frames delivered, fwd / rev"
+
+
+def fold_frames(rows: Sequence[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
+    """One row for all kinds of links of the rows "frames delivered on `link, direction`", with their means."""
+    means: dict[str, dict[str, str]] = {}
+    for what, mean, _ in rows:
+        link, _, direction = what.rpartition("`")[0].rpartition("`")[2].partition(", ")
+        means.setdefault(link, {})[direction] = mean
+    if not means:
+        return []
+    listed = (f"`{link}` {of.get('fwd', '–')} / {of.get('rev', '–')}" for link, of in sorted(means.items()))
+    return [(FRAMES, ", ".join(listed), "means")]
 
 
 def _count_rows(

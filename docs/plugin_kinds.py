@@ -34,15 +34,40 @@ def count_shipped(group: str) -> int:
 
 
 def attacks() -> str:
-    """Every kind of attack with its parameters."""
+    """Every kind of attack with what it does, and the page of its family."""
+    from skyrange.contracts.plugins.registry import ATTACKS
+
+    rows = [(f"[`{name}`]({page_of(name)})", kind.about) for name, kind in _shipped(ATTACKS)]
+    return table(("kind", "what it does"), rows)
+
+
+def page_of(name: str) -> str:
+    """The place of a kind of attack in the reference, relative to `docs/reference`."""
+    return f"attacks/{_family_of(name)}.md#{name.replace('.', '')}"
+
+
+def attack_families() -> list[str]:
+    """The families of attacks: the first words of their names."""
+    from skyrange.contracts.plugins.registry import ATTACKS
+
+    return sorted({_family_of(name) for name, _ in _shipped(ATTACKS)})
+
+
+def attacks_of(family: str) -> str:
+    """The kinds of attacks of a family with their facts and parameters."""
     from skyrange.contracts.plugins.registry import ATTACKS
 
     parts = []
     for name, kind in _shipped(ATTACKS):
-        parts.append(f"### `{name}`\n\n{kind.about}\n")
-        parts.append(_facts(kind))
-        parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
+        if _family_of(name) == family:
+            parts.append(f"## `{name}`\n\n{kind.about}\n")
+            parts.append(_facts(kind))
+            parts.append(keys(kind.params.model_json_schema(), kind.params.model_fields))
     return "\n".join(parts)
+
+
+def _family_of(name: str) -> str:
+    return name.partition(".")[0]
 
 
 def _facts(kind: Any) -> str:
