@@ -90,6 +90,23 @@ class Sharing(Orders):
         ]
 
 
+LAST: dict[str, int] = {}
+"""Of the process: when an order was last given, and how many there were until then."""
+
+
+@dataclass(slots=True)
+class Crowded(Orders):
+    """Begins to count anew where time goes back, as at the start of a run: in company it does at every turn."""
+
+    def on_wakeup(self, now: Time) -> Any:
+        LAST["count"] = LAST.get("count", 0) + 1 if now > LAST.get("at", 0) else 1
+        LAST["at"] = now
+        return [
+            replace(verdict, payload=verdict.payload + bytes([LAST["count"] % 251]))
+            for verdict in injections(self, now)
+        ]
+
+
 @dataclass(slots=True)
 class Clocked(Orders):
     """Puts the time of day into its orders."""
@@ -142,6 +159,7 @@ def bad(tap: type[Orders]) -> AttackPlugin:
     [
         (bad(Hasty), "attack.muted"),
         (bad(Sharing), "attack.repeatable"),
+        (bad(Crowded), "attack.repeatable"),
         (bad(Clocked), "attack.repeatable"),
         (bad(Uneven), "attack.sham"),
         (AttackPlugin(Homeward, lambda params, context: Attack(agents=[Stranger()]), "A stranger."), "attack.named"),
@@ -149,11 +167,11 @@ def bad(tap: type[Orders]) -> AttackPlugin:
         (AttackPlugin(Homeward, lambda params, context: cast(Attack, None), "Nothing."), "attack.makes"),
         (AttackPlugin(Homeward, lambda params, context: Attack(), "no sentence"), "attack.described"),
     ],
-    ids=["hasty", "sharing", "clocked", "uneven", "stranger", "idle", "nothing", "mute"],
+    ids=["hasty", "sharing", "crowded", "clocked", "uneven", "stranger", "idle", "nothing", "mute"],
 )  # fmt: skip
 def test_broken_attacks_are_found(kind: AttackPlugin, rule: str) -> None:
     with pytest.raises(NonConformance) as caught:
-        check_attack(kind, {"vehicle": "blue/b1"}, duration_s=8.0)
+        check_attack(kind, {"vehicle": "blue/b1", "every_s": 0.25}, duration_s=8.0)
     assert caught.value.rule == rule
 
 

@@ -25,6 +25,8 @@ from skyrange.testing.rules import Broken, RuleBook, need, same, short
 
 ID = "checked"
 """The attack's id while it is checked."""
+TURN_NS = NS_PER_S // 2
+"""How long a run and its fork fly by turns."""
 Row = tuple[Any, ...]
 ACTIONS = frozenset({"drop", "delay", "replace", "inject", "send", "sensor", "body"})
 """Kinds of acts, as in the table `labels`."""
@@ -188,7 +190,7 @@ class Trunk:
 
     @classmethod
     def fly(cls, kernel: Kernel, flight: Flight, fork_ns: Time, until: Time) -> Trunk:
-        """Fork a run at `fork_ns`, and fly it, but not the fork, until `until`."""
+        """Fork a run at `fork_ns`, and fly it and its fork by turns until `until`, each in the company of the other."""
         kernel.advance(fork_ns)
         twin, problem = None, None
         try:
@@ -196,12 +198,15 @@ class Trunk:
             twin = kernel.fork([seen]), seen
         except Exception as error:
             problem = error
-        kernel.advance(until)
+        for now in (*range(fork_ns, until, TURN_NS), until):
+            kernel.advance(now)
+            if twin is not None and now < until:
+                twin[0].advance(now)
         kernel.finish()
         return cls(flight, problem, twin, until)
 
     def fork(self) -> Flight:
-        """What the fork shows, flown after its trunk: state that they share has gone on by then. Raises `Broken`."""
+        """What the fork shows, whose last turn comes after the end of the run. Raises `Broken`."""
         if self._twin is None:
             expected = "state without generators, closures and handles"
             raise Broken(f"cannot be deep-copied: {self.error!r}", expected) from self.error
@@ -340,9 +345,9 @@ def _acts(case: AttackCase) -> None:
         need(case.start_ns <= label[0] < case.stop_ns, f"acted at {label[0]}", f"{case.start_ns}…{case.stop_ns}")
 
 
-@ATTACK.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")
+@ATTACK.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")
 def _repeatable(case: AttackCase) -> None:
-    _alike(case.fly(), case.trunk.flight, "two fresh runs")
+    _alike(case.fly(), case.trunk.flight, "a run alone and one beside another")
 
 
 @ATTACK.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
@@ -429,7 +434,9 @@ FAULT.rule("named", "Names its agents and links after its id, so that two faults
 FAULT.rule("muted", "Muted, leaves every frame, note and truth as without it, but on links of its own.")(_muted)
 FAULT.rule("onset", "Until it starts, leaves everything as its muted twin does.")(_onset)
 FAULT.rule("acts", "Acts between its start and its stop, and not outside.")(_acts)
-FAULT.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")(_repeatable)
+FAULT.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")(
+    _repeatable
+)
 FAULT.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")(
     _copies
 )

@@ -176,9 +176,9 @@ def _acts(case: DefenceCase) -> None:
     need(not labels, f"has {len(labels)} labels", "none: labels are of attacks and faults")
 
 
-@DEFENCE.rule("repeatable", "Does the same in two fresh runs, of which one is forked.")
+@DEFENCE.rule("repeatable", "Does the same in two fresh runs of one process, of which one flies beside a fork of it.")
 def _repeatable(case: DefenceCase) -> None:
-    case.fly().same_as(Flight(case.trunk.flight.seen, frozenset()), "two fresh runs")
+    case.fly().same_as(Flight(case.trunk.flight.seen, frozenset()), "a run alone and one beside another")
 
 
 @DEFENCE.rule("copies", "Forked while it acts, goes on as it would have, and so does the fork: they share no state.")
