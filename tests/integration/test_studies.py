@@ -162,6 +162,9 @@ def test_a_folder_is_of_one_study_one_version_and_one_process(
         require_unchanged(folder)
     with pytest.raises(InputError, match="which began it"):
         run_study(study, folder.path)
+    refused = CliRunner().invoke(app, ["study", "resume", str(folder.path)])
+    assert isinstance(refused.exception, InputError)
+    assert "which began it" in str(refused.exception)
     require_unchanged(folder, other_version=True)
 
 
