@@ -10,11 +10,10 @@ from pydantic import ValidationError
 from skyrange.attack.bases.hostile_frames import (
     FORMS,
     Draw,
-    aircraft_message,
     harmless_frame,
     hostile_frame,
-    station_message,
 )
+from skyrange.attack.bases.injection import Injection
 from skyrange.attack.bases.mavlink_orders import NOBODY, stick_message
 from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
@@ -315,15 +314,24 @@ def is_valid(payload: bytes) -> bool:
     return True
 
 
-@pytest.mark.parametrize("towards", [aircraft_message, station_message])
+@pytest.mark.parametrize("to_station", [False, True])
 @pytest.mark.parametrize("form", FORMS)
-def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, towards: Any) -> None:
+def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, to_station: bool) -> None:
     for number in range(60):
-        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, towards)
+        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station)
         assert is_valid(payload) == (form in ("counts", "numbers"))
         twin = harmless_frame(len(payload), Packer(255, 190))
         assert len(twin) == len(payload)
         assert decode(twin).get_type() == "ENCAPSULATED_DATA"
+
+
+def test_a_message_to_read_that_mavlink_does_not_have_is_named() -> None:
+    with pytest.raises(InputError, match=r"class .*Misspelt in .*reads: HEARTBEET.*HEARTBEAT"):
+
+        class Misspelt(Injection):
+            """Reads."""
+
+            reads = ("HEARTBEET",)
 
 
 def test_hostile_frames_depend_on_the_seed_and_on_the_link() -> None:

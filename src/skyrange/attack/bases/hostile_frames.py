@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import shake_128
-from typing import Final, Literal
+from typing import Annotated, Final, Literal
+
+from pydantic import BeforeValidator, Field
 
 from skyrange.codec.mavlink import Message, Packer
 from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.links import Uniforms
+from skyrange.contracts.params import items
 
 Form = Literal["garbage", "truncated", "checksum", "length", "unknown", "mavlink1", "counts", "numbers"]
 FORMS: Final[tuple[Form, ...]] = (
     "garbage", "truncated", "checksum", "length", "unknown", "mavlink1", "counts", "numbers"
 )  # fmt: skip
+Forms = Annotated[tuple[Form, ...], BeforeValidator(items, json_schema_input_type=list[str]), Field(min_length=1)]
+"""Forms, one or more."""
 _UNKNOWN_ID: Final = 0xFFFFF0
 """A message id that no public dialect uses."""
 _OVERHEAD: Final = 12
@@ -35,6 +41,11 @@ class Draw:
     bits: bytes
     used: int = 0
 
+    @classmethod
+    def of(cls, uniforms: Uniforms) -> Draw:
+        """The choices that four uniform random numbers stand for."""
+        return cls(shake_128(repr(uniforms).encode()).digest(256))
+
     def below(self, most: int) -> int:
         """A whole number in 0…most-1; the bias is below most / 2³²."""
         self.used += 4
@@ -49,7 +60,7 @@ class Draw:
         return shake_128(self.bits + self.used.to_bytes(4, "little")).digest(count)
 
 
-def station_message(draw: Draw, target: int, absurd: bool) -> Message:
+def _station_message(draw: Draw, target: int, absurd: bool) -> Message:
     """A message of an aircraft to its station."""
     if not absurd:
         return [
@@ -68,7 +79,7 @@ def station_message(draw: Draw, target: int, absurd: bool) -> Message:
     ][draw.below(4)]
 
 
-def aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
+def _aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
     """A message of a station to an aircraft."""
     if not absurd:
         kind = draw.below(3)
@@ -93,10 +104,11 @@ def aircraft_message(draw: Draw, target: int, absurd: bool) -> Message:
     ][draw.below(6)]
 
 
-def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, message: Callable[..., Message]) -> bytes:
-    """One frame of a form."""
+def hostile_frame(form: Form, draw: Draw, packer: Packer, target: int, to_station: bool) -> bytes:
+    """One frame of a form, towards a station or an aircraft."""
     if form == "garbage":
         return draw.octets(_SHORTEST + draw.below(_LONGEST - _SHORTEST))
+    message = _station_message if to_station else _aircraft_message
     good = packer.pack(message(draw, target, form == "numbers"))  # 14 bytes or more: no message is empty
     if form == "truncated":
         return good[: max(_SHORTEST, draw.below(len(good)))]

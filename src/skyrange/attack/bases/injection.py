@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Final, Literal
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
 
 from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Order, Sender, read
 from skyrange.attack.bases.on_path import LinkNames, LinkTap
-from skyrange.attack.bases.roles import find_links
+from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
 from skyrange.attack.contract import Attack, AttackContext, Place
 from skyrange.attack.on_path import MESSAGE_NUMBERS, Repetition, ends_of
 from skyrange.attack.presets import CONTROL_LINKS
@@ -16,13 +16,12 @@ from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Whole
 from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import place_of
 from skyrange.contracts.verdicts import Direction, Inject, Verdicts
+from skyrange.core.errors import InputError, nearest
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import FrameId, link_name
 from skyrange.core.time import Time, from_seconds
-
-LINKS_ABOUT: Final = "Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1']."
-"""Description of the parameter that names control links."""
 
 
 class RoundsOnLink(LinkTap):
@@ -75,7 +74,7 @@ class InjectionOnLinks(RoundsOnLink):
 
     links: LinkNames = param(LINKS_ABOUT)
     systems: dict[str, int]
-    """By aircraft: its system id."""
+    """By aircraft: its system id; a tap keeps that of its own alone, so that copies of a run are small."""
     target: int
     """System id of the link's aircraft."""
 
@@ -87,7 +86,7 @@ class InjectionOnLinks(RoundsOnLink):
     def begin(self) -> None:
         """See `LinkTap`."""
         super().begin()
-        self.target = self.systems[self.link.partition(":")[2]]
+        self.target, self.systems = self.systems[self.link.partition(":")[2]], {}
 
 
 class Injection(RoundsOnLink):
@@ -100,6 +99,8 @@ class Injection(RoundsOnLink):
     needs: ClassVar[tuple[str, ...]] = ("orders",)
     reads: ClassVar[tuple[str, ...]] = ()
     """Names of the messages that `on_message` is shown."""
+    numbers: ClassVar[frozenset[int]] = frozenset()
+    """Their ids."""
 
     vehicles: Victims = param("Aircraft that the frames are for, such as ['blue/b1'].")
     on: Literal["gcs", "log", "autopilot"] = param(
@@ -114,19 +115,24 @@ class Injection(RoundsOnLink):
     component_id: Whole = param("Component id of the sender 'own', 1 to 255.", default=190, ge=1, le=255)
 
     origin: Origin
-    numbers: frozenset[int]
-    """Ids of the messages that it reads."""
     systems: dict[str, int]
-    """By link: system id of its aircraft; that of nobody in a sham."""
+    """By link: system id of its aircraft; that of nobody in a sham. A tap keeps that of its own alone."""
     target: int
     """System id that its frames address: that of the link's aircraft, or of nobody in a sham."""
     claimed: Sender
     """The sender that its frames name."""
 
+    def __init_subclass__(cls) -> None:
+        """Raises `InputError` for a message in `reads` that MAVLink does not have."""
+        for name in cls.reads:
+            if name not in MESSAGE_NUMBERS:
+                hint = nearest(name, MESSAGE_NUMBERS)
+                raise InputError.one(place_of(cls), "reads", name, "a MAVLink message such as 'HEARTBEAT'", hint)
+        cls.numbers = frozenset(MESSAGE_NUMBERS[name] for name in cls.reads)
+
     def assemble(self, context: AttackContext) -> Any:
         """See `Acting`."""
         self.origin = context.origin
-        self.numbers = frozenset(MESSAGE_NUMBERS[name] for name in self.reads)
         return super().assemble(context)
 
     def build(self, context: AttackContext) -> Attack:
@@ -137,14 +143,14 @@ class Injection(RoundsOnLink):
         }
         return Attack(taps=self.place(list(self.systems), context), shown=self.marks())
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """Places to mark on a map, by label."""
         return {}
 
     def begin(self) -> None:
         """See `LinkTap`."""
         super().begin()
-        self.target = self.systems[self.link]
+        self.target, self.systems = self.systems[self.link], {}
         own = self.sender == "own"
         self.claimed = Sender(Packer(*((self.system_id, self.component_id) if own else STATION)), self.target, not own)
 

@@ -1,12 +1,16 @@
-"""Links by patterns, of some roles alone."""
+"""Links of some roles, by patterns."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from typing import Final
 
 from skyrange.attack.contract import AttackContext
 from skyrange.core.errors import InputError, nearest
+
+LINKS_ABOUT: Final = "Links gcs, log or autopilot by name or pattern, such as ['gcs:blue/b1']."
+"""Description of the parameter that names control links."""
 
 
 def find_links(patterns: Sequence[str], context: AttackContext, roles: Sequence[str]) -> list[str]:

@@ -130,12 +130,11 @@ class SecondVehicle(InjectionOnLinks):
         lat_deg, lon_deg = self.origin.geodetic_of(at[0] + east * seconds, at[1] + north * seconds)
         above_home_m = (float(fields["relative_alt"]) - float(fields["alt"])) * 1e-3
         msl_m = self.origin.alt_msl_m + at[2] + up * seconds
-        put(fields, "lat", lat_deg * 1e7)
-        put(fields, "lon", lon_deg * 1e7)
-        put(fields, "alt", msl_m * 1e3)
-        put(fields, "relative_alt", (msl_m + above_home_m) * 1e3)
-        put(fields, "vx", north * 100)
-        put(fields, "vy", east * 100)
-        put(fields, "vz", -up * 100)
+        claimed = {
+            "lat": lat_deg * 1e7, "lon": lon_deg * 1e7, "alt": msl_m * 1e3,
+            "relative_alt": (msl_m + above_home_m) * 1e3, "vx": north * 100, "vy": east * 100, "vz": -up * 100,
+        }  # fmt: skip
         if hypot(east, north) > 0:
-            put(fields, "hdg", degrees(atan2(east, north)) % 360.0 * 100)
+            claimed["hdg"] = degrees(atan2(east, north)) % 360.0 * 100
+        for name, value in claimed.items():
+            put(fields, name, value)

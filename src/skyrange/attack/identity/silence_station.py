@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from skyrange.attack.bases.injection import LINKS_ABOUT
 from skyrange.attack.bases.on_path import LinkNames, LinkTap
-from skyrange.attack.bases.roles import find_links
+from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS

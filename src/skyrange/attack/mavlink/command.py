@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from skyrange.attack.bases.injection import Injection
 from skyrange.attack.bases.mavlink_orders import Order, geodetic
 from skyrange.attack.bases.mavlink_params import COMMANDS, CommandName, CommandValues
@@ -54,7 +52,7 @@ class CommandInjection(Injection):
         place = None if self.at is None else geodetic(self.origin, self.at)
         self.order = Order(number, self.values, place)
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """The place of the command, if it has one."""
         return {} if self.at is None else {"place of the command": self.at}
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Literal
 
 from skyrange.attack.bases.mavlink_orders import Order, geodetic
@@ -48,7 +48,7 @@ class FenceTampering(Script):
         if self.form == "move" and self.at is None:
             yield Problem("at", "none", "the centre of the circle, for the form 'move'")
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """The centre of the circle."""
         return {} if self.form == "disable" or self.at is None else {"false fence": self.at}
 

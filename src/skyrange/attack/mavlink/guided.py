@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Literal
 
 from skyrange.attack.bases.injection import Injection
@@ -54,7 +54,7 @@ class Hijack(Injection):
             self.claimed, self.schedule, self.origin, self.track, self.within_m, self.period_ns(), self.then == "land"
         )
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """The end of the track."""
         return {"end of the track": self.track[-1]}
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Literal
 
 from skyrange.attack.bases.mavlink_orders import Order, geodetic, mode_order
@@ -38,7 +37,7 @@ class FalseHome(Script):
     )
     then_rtl: bool = param("Whether to command RTL too; else the next return, or failsafe, goes there.", default=False)
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """The place."""
         return {f"false {self.point}": self.at}
 

@@ -8,27 +8,16 @@ form `numbers` can end that program.
 
 from __future__ import annotations
 
-from hashlib import shake_128
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BeforeValidator, Field
-
-from skyrange.attack.bases.hostile_frames import (
-    FORMS,
-    Draw,
-    Form,
-    aircraft_message,
-    harmless_frame,
-    hostile_frame,
-    station_message,
-)
+from skyrange.attack.bases.hostile_frames import FORMS, Draw, Forms, harmless_frame, hostile_frame
 from skyrange.attack.bases.injection import Injection
 from skyrange.attack.bases.mavlink_orders import AUTOPILOT
 from skyrange.attack.contract import AttackContext, Controls
 from skyrange.attack.declaration import attack
 from skyrange.attack.presets import CONTROL_LINKS, on_control_link
 from skyrange.codec.mavlink import Packer
-from skyrange.contracts.params import Number, items
+from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
 from skyrange.core.ids import hash64
 from skyrange.core.time import Time
@@ -54,9 +43,7 @@ from skyrange.core.time import Time
 class HostileFrames(Injection):
     """Sends malformed MAVLink frames, and valid ones with absurd counts and numbers."""
 
-    forms: Annotated[
-        tuple[Form, ...], BeforeValidator(items, json_schema_input_type=list[str]), Field(min_length=1)
-    ] = param(
+    forms: Forms = param(
         "Forms, one chosen by chance for each frame: garbage (random bytes), truncated, checksum (wrong, as by another "
         "CRC_EXTRA), length (other than the header's), unknown (message id), mavlink1 (a header of version 1 before a "
         "frame of version 2), counts (65535 items and the like), numbers (NaN, infinite or 3e38).",
@@ -81,12 +68,10 @@ class HostileFrames(Injection):
 
     def orders(self, now: Time) -> list[bytes]:
         """One frame; the sham sends a harmless one of the same size."""
-        numbers = self.chance.uniform4(f"{self.id}.malformed", self.address, now)
-        draw = Draw(shake_128(repr(numbers).encode()).digest(256))
+        draw = Draw.of(self.chance.uniform4(f"{self.id}.malformed", self.address, now))
         form = self.forms[draw.below(len(self.forms))]
         # sizes depend on the addressee only where it is 0, so a sham's frame has the size of the attack's
         to_station = self.way == "rev"
         packer = Packer(self.target, AUTOPILOT) if to_station else self.claimed.packer
-        message = station_message if to_station else aircraft_message
-        payload = hostile_frame(form, draw, packer, self.target, message)
+        payload = hostile_frame(form, draw, packer, self.target, to_station)
         return [harmless_frame(len(payload), packer) if self.sham else payload]

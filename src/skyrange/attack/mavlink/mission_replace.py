@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final, Literal
 
 from skyrange.attack.bases.mavlink_orders import Order, geodetic, mode_order
@@ -51,7 +50,7 @@ class MissionReplacement(Script):
         default=True,
     )
 
-    def marks(self) -> Mapping[str, Place]:
+    def marks(self) -> dict[str, Place]:
         """The last waypoint."""
         return {"end of the false mission": self.track[-1]}
 
