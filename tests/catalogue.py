@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 import pytest
 
 from skyrange.contracts.plugins import registry as plugins
+from skyrange.contracts.plugins.declaration import MakeKind
 from skyrange.contracts.plugins.registry import Plugin
 
 ROOT = Path(__file__).parents[1]
@@ -153,8 +154,11 @@ def files_of(item: pytest.Item) -> set[str]:
         if isinstance(value, Path) and value.is_relative_to(ROOT):
             found.add(str(value.relative_to(ROOT)))
         for plugin in _plugins_of(value):
-            for part in (plugin.params, plugin.make):
-                found |= {f"src/{name.replace('.', '/')}.py" for name in _family(part.__module__)}
+            modules = [part.__module__ for part in (plugin.params, plugin.make)]
+            if isinstance(plugin.make, MakeKind):
+                modules += [base.__module__ for base in plugin.make.kind.__mro__ if base is not object]
+            for module in modules:
+                found |= {f"src/{name.replace('.', '/')}.py" for name in _family(module)}
     return found
 
 

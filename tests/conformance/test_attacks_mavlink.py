@@ -8,19 +8,20 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.mavlink.command import COMMAND
-from skyrange.attack.mavlink.exfiltrate import EXFILTRATE
-from skyrange.attack.mavlink.fence import FENCE
-from skyrange.attack.mavlink.guided import GUIDED
-from skyrange.attack.mavlink.home import HOME
-from skyrange.attack.mavlink.malformed import MALFORMED
-from skyrange.attack.mavlink.mission_alter import MISSION_ALTER
-from skyrange.attack.mavlink.mission_clear import MISSION_CLEAR
-from skyrange.attack.mavlink.mission_replace import MISSION_REPLACE
-from skyrange.attack.mavlink.mode import MODE
-from skyrange.attack.mavlink.parameter import PARAMETER
-from skyrange.attack.mavlink.rc_override import RC_OVERRIDE
 from skyrange.testing import check_attack
+
+COMMAND = AttackPlugin.find("mavlink.command")
+EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
+FENCE = AttackPlugin.find("mavlink.fence")
+GUIDED = AttackPlugin.find("mavlink.guided")
+HOME = AttackPlugin.find("mavlink.home")
+MALFORMED = AttackPlugin.find("mavlink.malformed")
+MISSION_ALTER = AttackPlugin.find("mavlink.mission_alter")
+MISSION_CLEAR = AttackPlugin.find("mavlink.mission_clear")
+MISSION_REPLACE = AttackPlugin.find("mavlink.mission_replace")
+MODE = AttackPlugin.find("mavlink.mode")
+PARAMETER = AttackPlugin.find("mavlink.parameter")
+RC_OVERRIDE = AttackPlugin.find("mavlink.rc_override")
 
 B1 = {"vehicles": ["blue/b1"]}
 BOTH = {"vehicles": ["blue/b1", "green/g1"]}

@@ -8,11 +8,6 @@ from typing import Any
 import pytest
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.identity.keep_alive import KEEP_ALIVE
-from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
-from skyrange.attack.identity.silence_station import SILENCE_STATION
-from skyrange.attack.signing.replay import REPLAY
-from skyrange.attack.signing.stolen_key import STOLEN_KEY
 from skyrange.attack.telemetry.attitude import ATTITUDE
 from skyrange.attack.telemetry.battery import BATTERY
 from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
@@ -24,6 +19,12 @@ from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing import check_attack
 from skyrange.testing.checks.attacks import two_squares
+
+KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
+SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
+SILENCE_STATION = AttackPlugin.find("identity.silence_station")
+REPLAY = AttackPlugin.find("signing.replay")
+STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
 
 GCS = ["gcs:blue/b1"]
 PLACE = [200.0, 5.0, 20.0]

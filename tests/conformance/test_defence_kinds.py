@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from skyrange.attack.mavlink.injection import read
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.on_path import TapMaker
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame

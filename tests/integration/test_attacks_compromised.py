@@ -16,7 +16,6 @@ from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.contract import AttackPlugin
 from skyrange.attack.ground.insider import INSIDER
 from skyrange.attack.ground.plan_file import PLAN_FILE
-from skyrange.attack.mavlink.guided import GUIDED
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id
 from skyrange.codec.mavlink.frames import decode
@@ -30,6 +29,8 @@ from skyrange.utm.contract import ApprovalDecision, OperationalIntent
 from tests.conformance.test_attacks_companion import encounter
 from tests.conformance.test_attacks_telemetry import signed_squares
 from tests.registered_kinds import registered
+
+GUIDED = AttackPlugin.find("mavlink.guided")
 
 START_S = 9.0
 """When the squares are flown, after the take-off."""

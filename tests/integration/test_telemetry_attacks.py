@@ -6,11 +6,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from skyrange.attack.contract import AttackPlugin
-from skyrange.attack.identity.keep_alive import KEEP_ALIVE
-from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
-from skyrange.attack.identity.silence_station import SILENCE_STATION
-from skyrange.attack.signing.replay import REPLAY
-from skyrange.attack.signing.stolen_key import STOLEN_KEY
 from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
 from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
 from skyrange.attack.telemetry.home import HOME
@@ -25,6 +20,12 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.scenario.model.plan import Path, Plan
 from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
+
+KEEP_ALIVE = AttackPlugin.find("identity.keep_alive")
+SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
+SILENCE_STATION = AttackPlugin.find("identity.silence_station")
+REPLAY = AttackPlugin.find("signing.replay")
+STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
 
 GCS = ["gcs:blue/b1"]
 RID = ["rid_data:blue/b1"]

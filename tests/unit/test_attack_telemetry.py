@@ -14,8 +14,6 @@ from pydantic import ValidationError
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.contract import AttackContext, AttackPlugin
-from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
-from skyrange.attack.signing.stolen_key import STOLEN_KEY
 from skyrange.attack.telemetry.alteration import read_fields, write_fields
 from skyrange.attack.telemetry.attitude import ATTITUDE
 from skyrange.attack.telemetry.battery import BATTERY
@@ -43,6 +41,9 @@ from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.testing.checks.attacks import two_squares
+
+SECOND_VEHICLE = AttackPlugin.find("identity.second_vehicle")
+STOLEN_KEY = AttackPlugin.find("signing.stolen_key")
 
 LINK = "gcs:blue/b1"
 START_NS = 10 * NS_PER_S

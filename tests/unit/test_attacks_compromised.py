@@ -11,13 +11,13 @@ from pydantic import ValidationError
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
 from skyrange.attack.approval.forged_decision import FORGED_DECISION
+from skyrange.attack.bases.mavlink_orders import NOBODY
 from skyrange.attack.companion.false_avoidance import FALSE_AVOIDANCE
 from skyrange.attack.companion.takeover import TAKEOVER
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.attack.ground.insider import INSIDER
 from skyrange.attack.ground.plan_file import PLAN_FILE, PlanAlteration
-from skyrange.attack.mavlink.injection import NOBODY
 from skyrange.attack.telemetry.alteration import read_fields
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav

@@ -7,26 +7,15 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
-from skyrange.attack.mavlink.command import COMMAND
-from skyrange.attack.mavlink.exfiltrate import EXFILTRATE
-from skyrange.attack.mavlink.fence import FENCE
-from skyrange.attack.mavlink.guided import GUIDED
-from skyrange.attack.mavlink.injection import NOBODY
-from skyrange.attack.mavlink.malformed import (
-    MALFORMED,
+from skyrange.attack.bases.hostile_frames import (
+    FORMS,
     Draw,
-    HostileFrames,
-    _aircraft_message,
-    _station_message,
     harmless_frame,
     hostile_frame,
 )
-from skyrange.attack.mavlink.mission_alter import MISSION_ALTER
-from skyrange.attack.mavlink.mission_replace import MISSION_REPLACE
-from skyrange.attack.mavlink.mode import MODE
-from skyrange.attack.mavlink.parameter import PARAMETER
-from skyrange.attack.mavlink.rc_override import stick_message
+from skyrange.attack.bases.injection import Injection
+from skyrange.attack.bases.mavlink_orders import NOBODY, stick_message
+from skyrange.attack.contract import Aircraft, AttackContext, AttackPlugin
 from skyrange.codec.mavlink import Packer, decode
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.components import Tap
@@ -39,6 +28,16 @@ from skyrange.core.geodesy import Origin
 from skyrange.core.time import NS_PER_S, Epoch, Time
 from skyrange.gcs.protocols.mission_items import MissionItemInt
 from skyrange.gcs.protocols.mission_transfer import Download, Upload
+
+COMMAND = AttackPlugin.find("mavlink.command")
+EXFILTRATE = AttackPlugin.find("mavlink.exfiltrate")
+FENCE = AttackPlugin.find("mavlink.fence")
+GUIDED = AttackPlugin.find("mavlink.guided")
+MALFORMED = AttackPlugin.find("mavlink.malformed")
+MISSION_ALTER = AttackPlugin.find("mavlink.mission_alter")
+MISSION_REPLACE = AttackPlugin.find("mavlink.mission_replace")
+MODE = AttackPlugin.find("mavlink.mode")
+PARAMETER = AttackPlugin.find("mavlink.parameter")
 
 VEHICLE, SYSTEM, LINK = "blue/b1", 7, "gcs:blue/b1"
 ORIGIN = Origin(40.0, -74.0, 20.0)
@@ -302,8 +301,8 @@ def test_what_is_read_is_learnt() -> None:
         (request,) = injected(one, one.next_wakeup() or 0)
         assert (request.get_type(), request.seq) == ("MISSION_REQUEST_INT", seq)
         told(one, 2 + seq, PLAN[seq].message(seq, 255, 190))
-    assert one.source.learnt["parameters"] == {"RTL_ALT": (1500.0,)}
-    assert one.source.learnt["mission"]["1"] == pytest.approx((22, 40.0, -74.0, 10))
+    assert one.learnt["parameters"] == {"RTL_ALT": (1500.0,)}
+    assert one.learnt["mission"]["1"] == pytest.approx((22, 40.0, -74.0, 10))
     assert one.next_wakeup() == 60 * NS_PER_S, "the next round"
 
 
@@ -315,15 +314,24 @@ def is_valid(payload: bytes) -> bool:
     return True
 
 
-@pytest.mark.parametrize("towards", [_aircraft_message, _station_message])
-@pytest.mark.parametrize("form", HostileFrames.model_fields["forms"].default)
-def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, towards: Any) -> None:
+@pytest.mark.parametrize("to_station", [False, True])
+@pytest.mark.parametrize("form", FORMS)
+def test_hostile_frames_are_damaged_or_absurd_and_have_harmless_twins(form: Any, to_station: bool) -> None:
     for number in range(60):
-        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, towards)
+        payload = hostile_frame(form, Draw(bytes([number]) * 256), Packer(255, 190), SYSTEM, to_station)
         assert is_valid(payload) == (form in ("counts", "numbers"))
         twin = harmless_frame(len(payload), Packer(255, 190))
         assert len(twin) == len(payload)
         assert decode(twin).get_type() == "ENCAPSULATED_DATA"
+
+
+def test_a_message_to_read_that_mavlink_does_not_have_is_named() -> None:
+    with pytest.raises(InputError, match=r"class .*Misspelt in .*reads: HEARTBEET.*HEARTBEAT"):
+
+        class Misspelt(Injection):
+            """Reads."""
+
+            reads = ("HEARTBEET",)
 
 
 def test_hostile_frames_depend_on_the_seed_and_on_the_link() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from skyrange.attack.mavlink.mode import MODE
+from skyrange.attack.mavlink.mode import HeldMode
 from tests import catalogue
 from tests.catalogue import IN_TURN, MOST_CHANGED, SHARE, Choice, draw, files_of, in_turn
 
@@ -56,9 +56,10 @@ def test_what_changed_since_the_commit_before_head_counts_committed_or_not(tmp_p
     )
 
 
-@pytest.mark.parametrize("kind", [MODE, "mavlink.mode"])
+@pytest.mark.parametrize("kind", [HeldMode.plugin, "mavlink.mode"])
 def test_a_kind_is_found_by_its_plugin_and_by_its_name(kind: object, request: pytest.FixtureRequest) -> None:
-    assert {f"src/skyrange/attack/mavlink/{name}.py" for name in ("mode", "injection")} <= files_of(request.node)
+    files = {f"src/skyrange/attack/{name}.py" for name in ("mavlink/mode", "bases/injection")}
+    assert files <= files_of(request.node)
 
 
 def test_without_a_kind_nothing_is_found(request: pytest.FixtureRequest) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Final
 
-from skyrange.attack.mavlink.injection import NOBODY
+from skyrange.attack.bases.mavlink_orders import NOBODY
 from skyrange.attack.telemetry.alteration import read_fields, write_fields
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink import message_id

@@ -30,3 +30,25 @@ def adds_no_load(*, content: str, placement: str) -> Controls:
 def benign_frames(*, content: str, placement: str, when: str = "in place of the copies") -> Controls:
     """Controls of an act whose sham sends as many frames, of the same length, that ask for nothing."""
     return Controls(load=f"the sham: benign frames of the same length {when}", content=content, placement=placement)
+
+
+CONTROL_LINKS: Final = ("gcs", "log", "autopilot")
+"""The roles of the links that a control link consists of, from ground station to autopilot."""
+
+
+def on_control_link(
+    knowledge: str,
+    *,
+    position: str = "on the network of the control link, or on board",
+    equipment: str = "a computer with a MAVLink library",
+    budget: str,
+) -> ThreatModel:
+    """An adversary who puts MAVLink frames on a control link."""
+    return ThreatModel(knowledge, position, equipment, budget)
+
+
+def sham_to_nobody(*, content: str, placement: str, acts: str = "frames") -> Controls:
+    """Controls of an act whose sham is the same, addressed to a system that is not there."""
+    return Controls(
+        load=f"the sham: the same {acts}, addressed to a system that is not there", content=content, placement=placement
+    )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skyrange.attack.mavlink.injection import STATION, mode_order
+from skyrange.attack.bases.mavlink_orders import STATION, mode_order
 from skyrange.attack.on_path import ends_of
 from skyrange.codec.mavlink import Packer, sender_system
 from skyrange.codec.mavlink import dialect as mav

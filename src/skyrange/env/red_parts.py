@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from skyrange.attack.bases.mavlink_orders import mode_order
 from skyrange.attack.gnss.drift import DriftTrack
-from skyrange.attack.mavlink.injection import mode_order
 from skyrange.attack.on_path import ends_of, side_of
 from skyrange.codec.mavlink import Packer
 from skyrange.contracts.components import SensorAct, Sensors

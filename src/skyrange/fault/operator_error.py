@@ -8,7 +8,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
-from skyrange.attack.mavlink.injection import Injection, Order, Sender, inject, mode_order
+from skyrange.attack.bases.mavlink_orders import Order, Sender, mode_order
+from skyrange.attack.mavlink.injection import Injection, inject
 from skyrange.attack.on_path import Repetition
 from skyrange.attack.victims import Victims
 from skyrange.codec.mavlink import dialect as mav

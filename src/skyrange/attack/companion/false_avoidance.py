@@ -9,9 +9,9 @@ from typing import Final, Literal
 
 from pydantic import Field, model_validator
 
+from skyrange.attack.bases.mavlink_orders import Sender, mode_order, read
 from skyrange.attack.companion.own_commands import compromise_companions
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import Sender, mode_order, read
 from skyrange.attack.on_path import Repetition
 from skyrange.attack.victims import Victims
 from skyrange.codec.mavlink import Message, message_id

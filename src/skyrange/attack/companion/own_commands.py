@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+from skyrange.attack.bases.mavlink_orders import NOBODY, Sender
 from skyrange.attack.compromised_sender import SenderStream, redirect_order
 from skyrange.attack.contract import Attack, AttackContext
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import NOBODY, Sender
 from skyrange.attack.on_path import InjectionSource, ends_of
 from skyrange.attack.victims import check_vehicles
 from skyrange.codec.mavlink import Packer, message_id

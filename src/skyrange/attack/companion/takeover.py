@@ -6,9 +6,10 @@ from dataclasses import replace
 
 from pydantic import Field
 
+from skyrange.attack.bases.leading import Leader
+from skyrange.attack.bases.mavlink_params import Track
 from skyrange.attack.companion.own_commands import compromise_companions
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.guided import Leader, Track
 from skyrange.attack.victims import Victims
 from skyrange.contracts.params import Number, Params
 from skyrange.core.time import from_seconds

@@ -13,12 +13,12 @@ from typing import Final
 
 from pydantic import Field
 
+from skyrange.attack.bases.leading import Leader
+from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Sender
 from skyrange.attack.compromised_sender import SenderStream, command_of, redirect_order, without_signature
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
 from skyrange.attack.exclusive import Exclusive
 from skyrange.attack.ground.shown_flight import ShownFlight
-from skyrange.attack.mavlink.guided import Leader
-from skyrange.attack.mavlink.injection import NOBODY, STATION, Sender
 from skyrange.attack.on_path import ends_of
 from skyrange.attack.telemetry.alteration import exclusive_messages, read_fields, write_fields
 from skyrange.codec.mavlink import Packer, message_id

@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.contract import Place
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.telemetry.alteration import put
 from skyrange.attack.telemetry.position import PositionAlteration
 from skyrange.codec.mavlink import Message, message_id

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Annotated, Final, Literal
 
 from pydantic import BeforeValidator, Field
 
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import Injection, Sender, inject, read
-from skyrange.attack.on_path import LEARNED, Repetition
-from skyrange.codec.mavlink import Message, message_id
+from skyrange.attack.bases.injection import Injection
+from skyrange.attack.bases.mavlink_orders import AUTOPILOT
+from skyrange.attack.contract import Controls
+from skyrange.attack.declaration import attack
+from skyrange.attack.on_path import LEARNED
+from skyrange.attack.presets import CONTROL_LINKS, on_control_link
+from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
 from skyrange.contracts.mailboxes import Note
 from skyrange.contracts.params import Number, items
+from skyrange.contracts.plugins.fields import param, state
 from skyrange.contracts.scalars import Scalar
-from skyrange.core.time import NS_PER_MS, Time, from_seconds
+from skyrange.contracts.verdicts import Verdicts
+from skyrange.core.time import NS_PER_MS, Time
 
 Subject = Literal["parameters", "mission", "fence", "rally", "logs"]
 _TYPES: Final = {
@@ -26,71 +28,68 @@ _TYPES: Final = {
 }  # fmt: skip
 _SUBJECTS: Final = {number: name for name, number in _TYPES.items()}
 _ANSWER_NS: Final = NS_PER_MS
-_READ: Final = frozenset((
-    mav.MAVLINK_MSG_ID_PARAM_VALUE, mav.MAVLINK_MSG_ID_MISSION_COUNT, mav.MAVLINK_MSG_ID_MISSION_ITEM_INT,
-    mav.MAVLINK_MSG_ID_LOG_ENTRY,
-))  # fmt: skip
 
 
+@attack(
+    "mavlink.exfiltrate",
+    technique="T0802",
+    counterfactual="mute",
+    surface=CONTROL_LINKS,
+    persists="acts",
+    effect="the attacker learns parameters and mission, and the answers load the link",
+    threat=on_control_link(
+        "system ids, from any frame",
+        position="on the network of the control link, where answers can be heard",
+        budget="one frame for a list of parameters or logs, one for each item of a mission",
+    ),
+    controls=Controls(
+        load="none, because the answers are the load; the sham has the same requests without answers",
+        content="none, because requests have no content",
+        placement="the same requests to another aircraft",
+    ),
+)
 class Exfiltration(Injection):
-    """What is requested."""
+    """Requests parameters, mission and logs of the aircraft and reads the answers."""
+
+    reads = ("PARAM_VALUE", "MISSION_COUNT", "MISSION_ITEM_INT", "LOG_ENTRY")
 
     what: Annotated[
         tuple[Subject, ...], BeforeValidator(items, json_schema_input_type=list[str]), Field(min_length=1)
-    ] = Field(
+    ] = param(
+        "What to request, in order, of parameters, mission, fence, rally and logs.",
         default=("parameters", "mission", "logs"),
-        description="What to request, in order, of parameters, mission, fence, rally and logs.",
     )
-    every_s: Number = Field(default=10.0, ge=1, le=3600, description="Time between two rounds, in seconds.")
-
-
-@dataclass(slots=True)
-class Reader:
-    """A source that requests, and keeps what the aircraft answers."""
-
-    sender: Sender
-    schedule: Schedule
-    what: tuple[Subject, ...]
-    period_ns: Time
-    learnt: dict[str, dict[str, tuple[float, ...]]] = field(default_factory=dict)
+    every_s: Number = param("Time between two rounds, in seconds.", default=10.0, ge=1, le=3600)
+    learnt: dict[str, dict[str, tuple[float, ...]]] = state(dict)
     """By subject: values by parameter; command and place of items by number; size of logs by number."""
-    news: list[dict[str, Scalar]] = field(default_factory=list)
+    news: list[dict[str, Scalar]] = state(list)
     """What was learnt from the frame that is being read."""
-    queue: list[Message] = field(default_factory=list)
-    counts: dict[int, int] = field(default_factory=dict)
-    asked: dict[int, int] = field(default_factory=dict)
+    queue: list[Message] = state(list)
+    """Requests of items that are to be sent."""
+    counts: dict[int, int] = state(dict)
+    """Number of items by type of mission."""
+    asked: dict[int, int] = state(dict)
+    """The item that was requested last, by type of mission."""
     answer_ns: Time | None = None
-    clock: Repetition = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.clock = Repetition(self.schedule, self.period_ns)
-
-    @property
-    def due(self) -> Time | None:
-        """When it next sends."""
-        times = [time for time in (self.clock.due, self.answer_ns) if time is not None]
-        return min(times) if times else None
-
-    def see(self, now: Time, frame: Frame) -> Sequence[Note]:
-        """Keep what is told, and the next item to request; notes what is new."""
-        self.sender.see(frame)
-        if frame.direction != "rev" or message_id(frame.payload) not in _READ or now < self.schedule.start_ns:
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+        """Keep what is told; notes what is new."""
+        super().on_frame(now, frame)
+        if not self.news:
             return ()
-        message = read(frame.payload)
-        if message is None:
-            return ()
-        name = type(message).msgname
-        self._read(now, name, message)
         found, self.news = self.news, []
-        vehicle = frame.link.partition(":")[2]
-        return [Note(LEARNED, vehicle, data, (frame.id,)) for data in found]
+        return [Note(LEARNED, frame.link.partition(":")[2], data, (frame.id,)) for data in found]
 
-    def _read(self, now: Time, name: str, message: Message) -> None:
+    def on_message(self, now: Time, message: Message) -> None:
+        """Keep what an answer tells, and request the next item."""
+        name = type(message).msgname
+        if now < self.schedule.start_ns:
+            return
         if name == "PARAM_VALUE":
             self._learn("parameters", message.param_id, (message.param_value,))
         elif name == "LOG_ENTRY":
             self._learn("logs", str(message.id), (float(message.size),))
-        elif message.mission_type in _SUBJECTS and self.sender.is_answered(message):
+        elif message.mission_type in _SUBJECTS and self.claimed.is_answered(message):
             subject, kind = _SUBJECTS[message.mission_type], message.mission_type
             if name == "MISSION_COUNT":
                 self.counts[kind] = message.count
@@ -101,14 +100,21 @@ class Reader:
                 if message.seq == self.asked.get(kind):
                     self._request(now, kind, message.seq + 1)
 
-    def make(self, now: Time) -> Sequence[tuple[Literal["fwd"], bytes]]:
+    def next_wakeup(self) -> Time | None:
+        """When it next sends."""
+        times = [time for time in (self.clock.due, self.answer_ns) if time is not None]
+        return min(times) if times else None
+
+    def on_wakeup(self, now: Time) -> Verdicts:
         """The requests that are due."""
         if self.answer_ns is not None and now >= self.answer_ns:
             self.answer_ns = None
-        messages, self.queue = self.queue, []
-        if self.clock.take(now):
-            messages += [self._first_request(subject) for subject in self.what]
-        return [("fwd", self.sender.pack(message)) for message in messages]
+        requests, self.queue = self.queue, []
+        return [*(self.inject(self.pack(one)) for one in requests), *super().on_wakeup(now)]
+
+    def orders(self, now: Time) -> list[Message]:
+        """The first request of each subject."""
+        return [self._first_request(subject) for subject in self.what]
 
     def _learn(self, subject: str, name: str, values: tuple[float, ...]) -> None:
         known = self.learnt.setdefault(subject, {})
@@ -118,43 +124,13 @@ class Reader:
 
     def _request(self, now: Time, kind: int, seq: int) -> None:
         if seq < self.counts.get(kind, 0) and _SUBJECTS[kind] in self.what:
-            target, component = self.sender.target, self.sender.component
             self.asked[kind] = seq
-            self.queue.append(mav.MAVLink_mission_request_int_message(target, component, seq, kind))
+            self.queue.append(mav.MAVLink_mission_request_int_message(self.target, AUTOPILOT, seq, kind))
             self.answer_ns = now + _ANSWER_NS
 
     def _first_request(self, subject: Subject) -> Message:
-        target, component = self.sender.target, self.sender.component
         if subject == "parameters":
-            return mav.MAVLink_param_request_list_message(target, component)
+            return mav.MAVLink_param_request_list_message(self.target, AUTOPILOT)
         if subject == "logs":
-            return mav.MAVLink_log_request_list_message(target, component, 0, 0xFFFF)
-        return mav.MAVLink_mission_request_list_message(target, component, _TYPES[subject])
-
-
-def make(params: Exfiltration, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    return Attack(taps=inject(params, context, Reader, context.schedule, params.what, from_seconds(params.every_s)))
-
-
-EXFILTRATE = AttackPlugin(
-    Exfiltration,
-    make,
-    "Requests parameters, mission and logs of the aircraft and reads the answers.",
-    technique="T0802",
-    counterfactual="mute",
-    surface=("gcs", "log", "autopilot"),
-    persists="acts",
-    effect="the attacker learns parameters and mission, and the answers load the link",
-    threat=ThreatModel(
-        knowledge="system ids, from any frame",
-        position="on the network of the control link, where answers can be heard",
-        equipment="a computer with a MAVLink library",
-        budget="one frame for a list of parameters or logs, one for each item of a mission",
-    ),
-    controls=Controls(
-        load="none, because the answers are the load; the sham has the same requests without answers",
-        content="none, because requests have no content",
-        placement="the same requests to another aircraft",
-    ),
-)
+            return mav.MAVLink_log_request_list_message(self.target, AUTOPILOT, 0, 0xFFFF)
+        return mav.MAVLink_mission_request_list_message(self.target, AUTOPILOT, _TYPES[subject])

@@ -6,23 +6,22 @@ see a dialogue that is whole: https://mavlink.io/en/services/mission.html.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from typing import Any, Final, Literal
 
-from pydantic import Field, model_validator
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
+from skyrange.attack.bases.mavlink_orders import geodetic, read, rewrite
+from skyrange.attack.bases.on_path import LinkTap
+from skyrange.attack.contract import Attack, AttackContext, Controls, Place
+from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import geodetic, read, rewrite
-from skyrange.attack.on_path import TapMaker, place_taps
+from skyrange.attack.presets import CONTROL_LINKS, on_control_link
 from skyrange.attack.victims import Victims, check_vehicles
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Enu, Params, Whole, refuse
-from skyrange.contracts.verdicts import Replace, Verdict
+from skyrange.contracts.params import Enu, Whole
+from skyrange.contracts.plugins.fields import param, state
+from skyrange.contracts.verdicts import Replace, Verdicts
 from skyrange.core.errors import Problem
 from skyrange.core.geodesy import Origin
 from skyrange.core.ids import link_name
@@ -43,66 +42,146 @@ _DIALOGUE: Final = frozenset((
 _PROGRESS: Final = frozenset((mav.MAVLINK_MSG_ID_MISSION_CURRENT, mav.MAVLINK_MSG_ID_MISSION_ITEM_REACHED))
 
 
-class MissionAlteration(Params):
-    """What is altered in missions that the operator uploads while the attack acts."""
+@attack(
+    "mavlink.mission_alter",
+    technique="T0830",
+    surface=CONTROL_LINKS,
+    persists="upload",
+    effect="the aircraft flies a mission that differs from the one that the operator verified",
+    threat=on_control_link(
+        "the mission protocol; items are read as they pass",
+        position="on the path of the control link, so that every frame passes",
+        equipment="a router or a compromised modem with a program that rewrites frames",
+        budget="no frames of its own; it rewrites those of one upload and its read-back",
+    ),
+    controls=Controls(
+        load="the sham: the same frames are replaced by copies of themselves",
+        content="an offset below the accuracy of positioning, such as 0.1 m",
+        placement="the same alteration of another aircraft's mission",
+    ),
+)
+class MissionAlteration(LinkTap):
+    """Alters the mission while the operator uploads it, and shows the operator the unaltered one.
 
-    vehicles: Victims = Field(description="Aircraft whose missions are altered, such as ['blue/b1'].")
-    on: Literal["gcs", "log", "autopilot"] = Field(
-        default="gcs", description="Link on whose path the attacker is: gcs, or log or autopilot on board."
+    It alters missions that the operator uploads while the attack acts.
+    """
+
+    vehicles: Victims = param("Aircraft whose missions are altered, such as ['blue/b1'].")
+    on: Literal["gcs", "log", "autopilot"] = param(
+        "Link on whose path the attacker is: gcs, or log or autopilot on board.", default="gcs"
     )
-    form: Form = Field(
+    form: Form = param(
+        "offset: moves places; delete: an item has no effect; insert: a waypoint before an item; swap: two items; "
+        "jump: DO_JUMP instead of an item. Items that the mission does not have leave it unaltered.",
         default="offset",
-        description="offset: moves places; delete: an item has no effect; insert: a waypoint before an item; swap: two "
-        "items; jump: DO_JUMP instead of an item. Items that the mission does not have leave it unaltered.",
     )
-    item: Whole = Field(
-        default=0,
-        ge=0,
-        le=65_534,
-        description="Number of the item, 1 for the first after home; 0 is all items, for the form 'offset' alone.",
-    )
-    other: Whole = Field(
-        default=1, ge=1, le=65_534, description="The item to swap it with, or to jump to, for these forms."
-    )
-    repeat: Whole = Field(
-        default=-1, ge=-1, le=32_767, description="How often to jump, for the form 'jump'; -1 is for ever."
-    )
-    offset_m: Enu = Field(
-        default=(0.0, 0.0, 0.0), description="Offset of places, [east_m, north_m, up_m] in metres, for 'offset'."
-    )
-    at: Enu | None = Field(
+    item: Whole = param(
+        "Number of the item, 1 for the first after home; 0 is all items, for the form 'offset' alone.",
+        default=0, ge=0, le=65_534,
+    )  # fmt: skip
+    other: Whole = param("The item to swap it with, or to jump to, for these forms.", default=1, ge=1, le=65_534)
+    repeat: Whole = param("How often to jump, for the form 'jump'; -1 is for ever.", default=-1, ge=-1, le=32_767)
+    offset_m: Enu = param("Offset of places, [east_m, north_m, up_m] in metres, for 'offset'.", default=(0.0, 0.0, 0.0))
+    at: Enu | None = param(
+        "Place of the waypoint to insert, [east_m, north_m, up_m] in metres from the origin or the attack's anchor, "
+        "for 'insert'.",
         default=None,
-        description="Place of the waypoint to insert, [east_m, north_m, up_m] in metres from the origin or the "
-        "attack's anchor, for 'insert'.",
     )
-
-    @model_validator(mode="after")
-    def _complete(self) -> MissionAlteration:
-        if self.form == "offset" and not any(self.offset_m):
-            raise refuse(Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'"))
-        if self.form != "offset" and self.item == 0:
-            raise refuse(Problem("item", "0", f"the number of an item, 1 or more, for {self.form!r}"))
-        if self.form == "insert" and self.at is None:
-            raise refuse(Problem("at", "none", "the place of the waypoint, for 'insert'"))
-        if self.form in ("swap", "jump") and self.other == self.item:
-            raise refuse(Problem("other", repr(self.other), "another item than 'item'"))
-        return self
-
-
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """What an alteration consists of."""
-
-    form: Form
-    item: int
-    other: int
-    repeat: int
-    offset_m: Place
+    origin: Origin
     inserted: Place | None
     """Latitude and longitude in degrees, altitude above mean sea level in metres."""
-    origin: Origin
+    messages: frozenset[int]
+    """Ids of the messages that it alters."""
+    order: list[int] = state(list)
+    """See `order_of`; empty until an upload has begun while the attack acts."""
+    count: int = 0
+    """Length of the operator's mission."""
+    originals: dict[int, Message] = state(dict)
+    """The operator's items by number."""
+    requested: int = -1
+    """The number of the item that the aircraft asked for."""
 
-    def order(self, count: int) -> list[int]:
+    def find_problems(self) -> Iterator[Problem]:
+        """What a form lacks."""
+        if self.form == "offset" and not any(self.offset_m):
+            yield Problem("offset_m", repr(list(self.offset_m)), "an offset that is not zero, for 'offset'")
+        elif self.form != "offset" and self.item == 0:
+            yield Problem("item", "0", f"the number of an item, 1 or more, for {self.form!r}")
+        elif self.form == "insert" and self.at is None:
+            yield Problem("at", "none", "the place of the waypoint, for 'insert'")
+        elif self.form in ("swap", "jump") and self.other == self.item:
+            yield Problem("other", repr(self.other), "another item than 'item'")
+
+    def prepare(self, context: AttackContext) -> None:
+        """Take the place to insert. Progress is altered where items have other numbers on board."""
+        self.origin = context.origin
+        self.inserted = None if self.at is None else geodetic(context.origin, self.at)
+        self.messages = _DIALOGUE | _PROGRESS if self.form in ("insert", "swap") else _DIALOGUE
+
+    def build(self, context: AttackContext) -> Attack:
+        """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
+        check_vehicles(context, self.vehicles)
+        taps = self.place([link_name(self.on, vehicle) for vehicle in self.vehicles], context)
+        shown = {} if self.at is None else {"inserted waypoint": self.at}
+        return Attack(taps=taps, shown=shown, exclusive=[Exclusive(f"plan of {one}") for one in self.vehicles])
+
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+        """Alter a frame of a mission dialogue; a sham sends it on as it is."""
+        if message_id(frame.payload) not in self.messages:
+            return ()
+        if not self.schedule.start_ns <= now < self.schedule.stop_ns:
+            return ()
+        message = read(frame.payload)
+        if message is None or getattr(message, "mission_type", 0) != mav.MAV_MISSION_TYPE_MISSION:
+            return ()
+        fields = self._to_aircraft(message) if frame.direction == "fwd" else self._to_station(message)
+        if fields is None:
+            return ()
+        return [Replace(frame.payload if self.sham else rewrite(message, _with(message, **fields)))]
+
+    def _to_aircraft(self, message: Message) -> dict[str, Any] | None:
+        """The changes of a message towards the aircraft; `None` to let it pass."""
+        kind = type(message).id
+        if kind == mav.MAVLINK_MSG_ID_MISSION_COUNT:
+            self.count = message.count
+            self.order = list(range(message.count)) if self.sham else self.order_of(message.count)
+            self.originals, self.requested = {}, -1
+            return {"count": len(self.order)}
+        if kind in _PROGRESS or message.seq >= self.count:
+            return None
+        if kind != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT:
+            return {"seq": self._number_on_board(message.seq)}
+        self.originals[message.seq] = message
+        asked = self.requested
+        seq = asked if asked >= 0 and self.order[asked] == message.seq else self._number_on_board(message.seq)
+        return {**self.alter(message, seq), "seq": seq}
+
+    def _to_station(self, message: Message) -> dict[str, Any] | None:
+        """The changes of a message towards the station; `None` to let it pass."""
+        kind = type(message).id
+        if not self.order:
+            return None
+        if kind == mav.MAVLINK_MSG_ID_MISSION_COUNT:
+            return {"count": self.count}
+        if message.seq >= len(self.order):
+            return None
+        seq = self.order[message.seq]
+        if kind in (mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT):
+            self.requested = message.seq
+        if kind == mav.MAVLINK_MSG_ID_MISSION_CURRENT:
+            return {"seq": seq, "total": max(self.count - 1, 0)}
+        if kind != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT or seq == 0 or seq not in self.originals:
+            return {"seq": seq}
+        item = self.originals[seq]
+        names = ("frame", "command", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
+        return {"seq": seq, **{name: getattr(item, name) for name in names}}
+
+    def _number_on_board(self, seq: int) -> int:
+        """The number on board of an item of the operator's mission."""
+        places = [place for place, number in enumerate(self.order) if number == seq]
+        return places[-1]
+
+    def order_of(self, count: int) -> list[int]:
         """The number in the operator's mission of each item of the altered one; an inserted item has that of the next.
 
         The last one is always the operator's last: a ground station believes in the end of an upload only then.
@@ -113,11 +192,6 @@ class Plan:
         elif self.form == "swap" and max(self.item, self.other) < count - 1:
             order[self.item], order[self.other] = self.other, self.item
         return order
-
-    @property
-    def renumbers(self) -> bool:
-        """Whether items have other numbers on board than in the operator's mission."""
-        return self.form in ("insert", "swap")
 
     def alter(self, item: Message, seq: int) -> dict[str, Any]:
         """The fields that differ from the operator's item, in item `seq` of the altered mission."""
@@ -151,122 +225,3 @@ class Plan:
 def _with(message: Message, **fields: Any) -> Message:
     """A message of the same kind with some fields changed."""
     return type(message)(*[fields.get(name, getattr(message, name)) for name in type(message).fieldnames])
-
-
-@dataclass(slots=True)
-class MissionTap:
-    """A tap that alters the missions that pass."""
-
-    link: str
-    plan: Plan
-    schedule: Schedule
-    sham: bool
-    order: list[int] = field(default_factory=list)
-    """See `Plan.order`; empty until an upload has begun while the attack acts."""
-    count: int = 0
-    """Length of the operator's mission."""
-    originals: dict[int, Message] = field(default_factory=dict)
-    """The operator's items by number."""
-    requested: int = -1
-    """The number of the item that the aircraft asked for."""
-
-    def on_frame(self, now: Time, frame: Frame) -> Sequence[Verdict]:
-        """Alter a frame of a mission dialogue; a sham sends it on as it is."""
-        number = message_id(frame.payload)
-        if number not in _DIALOGUE and not (number in _PROGRESS and self.plan.renumbers):
-            return ()
-        if not self.schedule.start_ns <= now < self.schedule.stop_ns:
-            return ()
-        message = read(frame.payload)
-        if message is None or getattr(message, "mission_type", 0) != mav.MAV_MISSION_TYPE_MISSION:
-            return ()
-        fields = self._to_aircraft(message) if frame.direction == "fwd" else self._to_station(message)
-        if fields is None:
-            return ()
-        return [Replace(frame.payload if self.sham else rewrite(message, _with(message, **fields)))]
-
-    def next_wakeup(self) -> Time | None:
-        """Never."""
-        return None
-
-    def on_wakeup(self, now: Time) -> Sequence[Verdict]:
-        """Nothing."""
-        return ()
-
-    def _to_aircraft(self, message: Message) -> dict[str, Any] | None:
-        """The changes of a message towards the aircraft; `None` to let it pass."""
-        kind = type(message).id
-        if kind == mav.MAVLINK_MSG_ID_MISSION_COUNT:
-            self.count = message.count
-            self.order = list(range(message.count)) if self.sham else self.plan.order(message.count)
-            self.originals, self.requested = {}, -1
-            return {"count": len(self.order)}
-        if kind in _PROGRESS or message.seq >= self.count:
-            return None
-        if kind != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT:
-            return {"seq": self._number_on_board(message.seq)}
-        self.originals[message.seq] = message
-        asked = self.requested
-        seq = asked if asked >= 0 and self.order[asked] == message.seq else self._number_on_board(message.seq)
-        return {**self.plan.alter(message, seq), "seq": seq}
-
-    def _to_station(self, message: Message) -> dict[str, Any] | None:
-        """The changes of a message towards the station; `None` to let it pass."""
-        kind = type(message).id
-        if not self.order:
-            return None
-        if kind == mav.MAVLINK_MSG_ID_MISSION_COUNT:
-            return {"count": self.count}
-        if message.seq >= len(self.order):
-            return None
-        seq = self.order[message.seq]
-        if kind in (mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT):
-            self.requested = message.seq
-        if kind == mav.MAVLINK_MSG_ID_MISSION_CURRENT:
-            return {"seq": seq, "total": max(self.count - 1, 0)}
-        if kind != mav.MAVLINK_MSG_ID_MISSION_ITEM_INT or seq == 0 or seq not in self.originals:
-            return {"seq": seq}
-        item = self.originals[seq]
-        names = ("frame", "command", "autocontinue", "param1", "param2", "param3", "param4", "x", "y", "z")
-        return {"seq": seq, **{name: getattr(item, name) for name in names}}
-
-    def _number_on_board(self, seq: int) -> int:
-        """The number on board of an item of the operator's mission."""
-        places = [place for place, number in enumerate(self.order) if number == seq]
-        return places[-1]
-
-
-def make(params: MissionAlteration, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    check_vehicles(context, params.vehicles)
-    inserted = None if params.at is None else geodetic(context.origin, params.at)
-    plan = Plan(
-        params.form, params.item, params.other, params.repeat, params.offset_m, inserted, context.origin
-    )  # fmt: skip
-    maker = TapMaker(MissionTap, (plan, context.schedule, context.sham))
-    links = [link_name(params.on, vehicle) for vehicle in params.vehicles]
-    shown = {} if params.at is None else {"inserted waypoint": params.at}
-    exclusive = [Exclusive(f"plan of {vehicle}") for vehicle in params.vehicles]
-    return Attack(taps=place_taps(links, context, maker), shown=shown, exclusive=exclusive)
-
-
-MISSION_ALTER = AttackPlugin(
-    MissionAlteration,
-    make,
-    "Alters the mission while the operator uploads it, and shows the operator the unaltered one.",
-    technique="T0830",
-    surface=("gcs", "log", "autopilot"),
-    persists="upload",
-    effect="the aircraft flies a mission that differs from the one that the operator verified",
-    threat=ThreatModel(
-        knowledge="the mission protocol; items are read as they pass",
-        position="on the path of the control link, so that every frame passes",
-        equipment="a router or a compromised modem with a program that rewrites frames",
-        budget="no frames of its own; it rewrites those of one upload and its read-back",
-    ),
-    controls=Controls(
-        load="the sham: the same frames are replaced by copies of themselves",
-        content="an offset below the accuracy of positioning, such as 0.1 m",
-        placement="the same alteration of another aircraft's mission",
-    ),
-)

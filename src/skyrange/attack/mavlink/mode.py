@@ -2,95 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Literal
-
-from pydantic import AfterValidator, Field
-
-from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, ThreatModel
-from skyrange.attack.mavlink.injection import Injection, ModeKeeper, Sender, inject
-from skyrange.attack.on_path import Repetition
+from skyrange.attack.bases.injection import Injection
+from skyrange.attack.bases.mavlink_orders import AUTOPILOT, Order, mode_order
+from skyrange.attack.bases.mavlink_params import CopterMode
+from skyrange.attack.declaration import attack
+from skyrange.attack.presets import CONTROL_LINKS, on_control_link, sham_to_nobody
+from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
-from skyrange.contracts.params import Number, refuse
-from skyrange.core.errors import Problem, nearest
-from skyrange.core.time import Time, from_seconds
+from skyrange.contracts.params import Number
+from skyrange.contracts.plugins.fields import param
+from skyrange.core.time import Time
 
 
-def known_mode(name: str) -> str:
-    """The name of a mode of ArduCopter; else a fault."""
-    if name not in COPTER_MODE_NUMBERS:
-        raise refuse(Problem("", name, "a mode of ArduCopter such as 'LOITER'", nearest(name, COPTER_MODE_NUMBERS)))
-    return name
-
-
-class HeldMode(Injection):
-    """A mode that the aircraft is held in."""
-
-    mode: Annotated[str, AfterValidator(known_mode)] = Field(
-        default="LOITER", description="Mode of ArduCopter by name, such as 'LOITER', 'BRAKE', 'LAND' or 'RTL'."
-    )
-    every_s: Number = Field(default=0.2, ge=0.02, le=60, description="Least time between two commands, in seconds.")
-
-
-@dataclass(slots=True)
-class ModeHolder:
-    """A source that commands the mode while heartbeats show another one."""
-
-    sender: Sender
-    schedule: Schedule
-    mode: int
-    period_ns: Time
-    clock: Repetition = field(init=False)
-    keeper: ModeKeeper = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.clock = Repetition(self.schedule, self.period_ns)
-        self.keeper = ModeKeeper(self.mode, self.period_ns)
-
-    @property
-    def due(self) -> Time | None:
-        """When it next looks at the mode."""
-        return self.clock.due
-
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn the mode."""
-        self.sender.see(frame)
-        self.keeper.see(now, frame)
-
-    def make(self, now: Time) -> Sequence[tuple[Literal["fwd"], bytes]]:
-        """The command, if the mode is another one."""
-        if not self.clock.take(now):
-            return []
-        return [("fwd", self.sender.pack(one.message(self.sender.target))) for one in self.keeper.orders(now)]
-
-
-def make(params: HeldMode, context: AttackContext) -> Attack:
-    """The attack. Raises `InputError` for aircraft that are not in the scenario."""
-    period_ns = from_seconds(params.every_s)
-    mode = COPTER_MODE_NUMBERS[params.mode]
-    return Attack(taps=inject(params, context, ModeHolder, context.schedule, mode, period_ns))
-
-
-MODE = AttackPlugin(
-    HeldMode,
-    make,
-    "Watches the mode of the aircraft and takes it back to one mode whenever the operator or a failsafe changes it.",
+@attack(
+    "mavlink.mode",
     technique="T0858",
-    surface=("gcs", "log", "autopilot"),
+    surface=CONTROL_LINKS,
     persists="mode",
     effect="no mode that the operator or a failsafe commands lasts",
-    threat=ThreatModel(
-        knowledge="system ids, and the mode that heartbeats tell",
-        position="on the network of the control link, or on board",
-        equipment="a computer with a MAVLink library",
+    threat=on_control_link(
+        "system ids, and the mode that heartbeats tell",
         budget="a command for each change of mode, at most one in every_s",
     ),
-    controls=Controls(
-        load="the sham: the same frames, addressed to a system that is not there",
-        content="mavlink.command with the same mode, once",
-        placement="the same attack on another aircraft",
+    controls=sham_to_nobody(
+        content="mavlink.command with the same mode, once", placement="the same attack on another aircraft"
     ),
 )
+class HeldMode(Injection):
+    """Watches the mode of the aircraft and takes it back to one mode whenever the operator or a failsafe changes it."""
+
+    reads = ("HEARTBEAT",)
+
+    mode: CopterMode = param(
+        "Mode of ArduCopter by name, such as 'LOITER', 'BRAKE', 'LAND' or 'RTL'.", default="LOITER"
+    )
+    every_s: Number = param("Least time between two commands, in seconds.", default=0.2, ge=0.02, le=60)
+    shown: int = -1
+    """The mode in the last heartbeat."""
+
+    def on_message(self, now: Time, message: Message) -> None:
+        """Learn the mode."""
+        if message.get_srcComponent() == AUTOPILOT:
+            self.shown = message.custom_mode
+
+    def orders(self, now: Time) -> list[Order]:
+        """The mode, if the aircraft is in another one."""
+        mode = COPTER_MODE_NUMBERS[self.mode]
+        return [] if self.shown == mode else [mode_order(mode)]

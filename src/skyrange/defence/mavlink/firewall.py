@@ -9,9 +9,9 @@ from typing import Annotated, Final, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
+from skyrange.attack.bases.mavlink_orders import read
+from skyrange.attack.bases.mavlink_params import COMMANDS
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.command import COMMANDS
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import Messages, TapMaker
 from skyrange.codec.mavlink import Message, message_id
 from skyrange.codec.mavlink import dialect as mav

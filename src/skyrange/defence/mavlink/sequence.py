@@ -14,8 +14,8 @@ from typing import Final, Literal, NamedTuple
 
 from pydantic import Field
 
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker
 from skyrange.contracts.frames.frame import Frame
 from skyrange.contracts.params import Number

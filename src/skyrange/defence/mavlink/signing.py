@@ -12,8 +12,8 @@ from typing import Final
 
 from pydantic import Field
 
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker
 from skyrange.codec.mavlink.frame_layout import CHECKSUM, HEADER_V2, LAYOUTS, MAGIC_V2, SIGNED, checksum
 from skyrange.codec.mavlink.signing import (

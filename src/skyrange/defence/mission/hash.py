@@ -17,8 +17,8 @@ from typing import Final, Literal, NamedTuple
 
 from pydantic import Field
 
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker, ends_of
 from skyrange.codec.mavlink import Message, Packer, encode_payload, message_id, sender_system
 from skyrange.codec.mavlink import dialect as mav

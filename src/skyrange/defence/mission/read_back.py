@@ -12,8 +12,8 @@ from typing import Final, Literal
 
 from pydantic import Field
 
+from skyrange.attack.bases.mavlink_orders import read
 from skyrange.attack.exclusive import Exclusive
-from skyrange.attack.mavlink.injection import read
 from skyrange.attack.on_path import TapMaker, ends_of
 from skyrange.codec.mavlink import Message, Packer, message_id
 from skyrange.codec.mavlink import dialect as mav

@@ -1,4 +1,4 @@
-"""Scripts: commands and uploads of missions, fences or rally points, one after another, each until it is acknowledged.
+"""Base of kinds that inject a script: commands and uploads, one after another, each until it is acknowledged.
 
 By https://mavlink.io/en/services/command.html and https://mavlink.io/en/services/mission.html: a command, or the count
 of an upload, is sent again where no acknowledgement comes; items are sent on request.
@@ -7,16 +7,14 @@ of an upload, is sent again where no acknowledgement comes; items are sent on re
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Final, Literal
+from dataclasses import dataclass
+from typing import ClassVar, Final
 
+from skyrange.attack.bases.injection import Injection
+from skyrange.attack.bases.mavlink_orders import AUTOPILOT, Order
 from skyrange.attack.contract import Place
-from skyrange.attack.mavlink.injection import Order, Sender, read
-from skyrange.attack.on_path import Repetition
-from skyrange.codec.mavlink import Message, message_id
+from skyrange.codec.mavlink import Message
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.frames.frame import Frame
-from skyrange.contracts.links import Schedule
 from skyrange.core.time import NS_PER_MS, Time
 
 RETRY_NS: Final = 1_500 * NS_PER_MS
@@ -26,7 +24,6 @@ TRIES: Final = 6
 _ANSWER_NS: Final = NS_PER_MS
 """Time in which the node answers a request."""
 _REQUESTS: Final = (mav.MAVLINK_MSG_ID_MISSION_REQUEST, mav.MAVLINK_MSG_ID_MISSION_REQUEST_INT)
-_READ: Final = frozenset((*_REQUESTS, mav.MAVLINK_MSG_ID_MISSION_ACK, mav.MAVLINK_MSG_ID_COMMAND_ACK))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,36 +61,41 @@ class Clear:
 Step = Order | Upload | Clear
 
 
-@dataclass(slots=True)
-class Script:
-    """A source that takes steps in order, once, each until it is answered or was tried six times."""
+class Script(Injection):
+    """Takes the steps of `steps` in order, once, each until it is answered or was tried six times."""
 
-    sender: Sender
-    schedule: Schedule
-    steps: tuple[Step, ...]
-    at: int = 0
+    needs: ClassVar[tuple[str, ...]] = ("steps",)
+    reads = ("MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK")
+
+    todo: tuple[Step, ...]
+    done: int = 0
+    """Steps that are answered, or were tried in vain."""
     tries: int = 0
     requested: int = -1
     """The number of the item that the aircraft asked for; -1 for none."""
-    clock: Repetition = field(init=False)
 
-    def __post_init__(self) -> None:
-        self.clock = Repetition(self.schedule, RETRY_NS)
+    def steps(self) -> Sequence[Step]:
+        """The steps."""
+        raise NotImplementedError
 
-    @property
-    def due(self) -> Time | None:
+    def begin(self) -> None:
+        """See `LinkTap`."""
+        super().begin()
+        self.todo = tuple(self.steps())
+
+    def period_ns(self) -> Time:
+        """Time after which a step is tried again."""
+        return RETRY_NS
+
+    def next_wakeup(self) -> Time | None:
         """When it next sends."""
-        return self.clock.due if self.at < len(self.steps) else None
+        return self.clock.due if self.done < len(self.todo) else None
 
-    def see(self, now: Time, frame: Frame) -> None:
-        """Learn who the station is, and what the aircraft answers."""
-        self.sender.see(frame)
-        if frame.direction != "rev" or message_id(frame.payload) not in _READ:
+    def on_message(self, now: Time, message: Message) -> None:
+        """Go on where the aircraft answers; send the item that it asks for."""
+        if not self.tries or self.done >= len(self.todo) or not self.claimed.is_answered(message):
             return
-        message = read(frame.payload)
-        if message is None or not self.tries or self.at >= len(self.steps) or not self.sender.is_answered(message):
-            return
-        step, number = self.steps[self.at], message.get_msgId()
+        step, number = self.todo[self.done], message.get_msgId()
         if isinstance(step, Order):
             answered = number == mav.MAVLINK_MSG_ID_COMMAND_ACK and message.command == step.command
             if answered and message.result != mav.MAV_RESULT_IN_PROGRESS:
@@ -109,30 +111,28 @@ class Script:
         elif message.type != mav.MAV_MISSION_INVALID_SEQUENCE:
             self._go_on(now)
 
-    def make(self, now: Time) -> Sequence[tuple[Literal["fwd"], bytes]]:
+    def orders(self, now: Time) -> Sequence[Order | Message]:
         """The command, the count or the item that is due."""
-        if self.at >= len(self.steps) or not self.clock.take(now):
-            return []
-        if self.tries >= TRIES:
+        if self.tries >= TRIES and self.done < len(self.todo):
             self._go_on(now)
-            if self.at >= len(self.steps):
-                return []
             self.clock.due = now + RETRY_NS
+        if self.done >= len(self.todo):
+            return []
         self.tries += 1
-        return [("fwd", self.sender.pack(self._message()))]
+        return [self._message()]
 
     def _go_on(self, now: Time) -> None:
-        self.at += 1
+        self.done += 1
         self.tries = 0
         self.requested = -1
         self.clock.due = now + _ANSWER_NS
 
-    def _message(self) -> Message:
-        step, system, component = self.steps[self.at], self.sender.target, self.sender.component
+    def _message(self) -> Order | Message:
+        step = self.todo[self.done]
         if isinstance(step, Order):
-            return step.message(system, component)
+            return step
         if isinstance(step, Clear):
-            return mav.MAVLink_mission_clear_all_message(system, component, step.mission_type)
+            return mav.MAVLink_mission_clear_all_message(self.target, AUTOPILOT, step.mission_type)
         if self.requested >= 0:
-            return step.items[self.requested].message(system, component, self.requested, step.mission_type)
-        return mav.MAVLink_mission_count_message(system, component, len(step.items), step.mission_type)
+            return step.items[self.requested].message(self.target, AUTOPILOT, self.requested, step.mission_type)
+        return mav.MAVLink_mission_count_message(self.target, AUTOPILOT, len(step.items), step.mission_type)

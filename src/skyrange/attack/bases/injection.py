@@ -1,0 +1,184 @@
+"""Bases of kinds that inject frames on control links: rounds of frames, and MAVLink in the name of a station."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
+
+from skyrange.attack.bases.mavlink_orders import NOBODY, STATION, Order, Sender, read
+from skyrange.attack.bases.on_path import LinkNames, LinkTap
+from skyrange.attack.bases.roles import LINKS_ABOUT, find_links
+from skyrange.attack.contract import Attack, AttackContext, Place
+from skyrange.attack.on_path import MESSAGE_NUMBERS, Repetition, ends_of
+from skyrange.attack.presets import CONTROL_LINKS
+from skyrange.attack.victims import Victims, check_vehicles
+from skyrange.codec.mavlink import Message, Packer, message_id
+from skyrange.contracts.frames.frame import Frame
+from skyrange.contracts.params import Whole
+from skyrange.contracts.plugins.fields import param
+from skyrange.contracts.plugins.form import place_of
+from skyrange.contracts.verdicts import Direction, Inject, Verdicts
+from skyrange.core.errors import InputError, nearest
+from skyrange.core.geodesy import Origin
+from skyrange.core.ids import FrameId, link_name
+from skyrange.core.time import Time, from_seconds
+
+
+class RoundsOnLink(LinkTap):
+    """Puts frames on its links when it begins to act, and then every `every_s`: `send` makes those of a round."""
+
+    needs: ClassVar[tuple[str, ...]] = ("send",)
+
+    every_s: float
+    """Time between two rounds, in seconds: a parameter of the kind, or set in `prepare`."""
+    times: int
+    """Most rounds, 0 for any number: a parameter of the kind; without it any number."""
+    way: Direction = "fwd"
+    """The direction of its frames."""
+    ends: tuple[str, str]
+    """Claimed source and destination of its frames."""
+    clock: Repetition
+
+    def begin(self) -> None:
+        """See `LinkTap`."""
+        self.ends = ends_of(self.link, self.way)
+        self.clock = Repetition(self.schedule, self.period_ns(), getattr(self, "times", 0))
+
+    def period_ns(self) -> Time:
+        """Time between two rounds."""
+        return from_seconds(self.every_s)
+
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+        """Let it pass."""
+        return ()
+
+    def next_wakeup(self) -> Time | None:
+        """When the next round is due."""
+        return self.clock.due
+
+    def on_wakeup(self, now: Time) -> Verdicts:
+        """Send a round, if it is due."""
+        return self.send(now) if self.clock.take(now) else ()
+
+    def send(self, now: Time) -> Verdicts:
+        """The frames of a round."""
+        raise NotImplementedError
+
+    def inject(self, payload: bytes, parent: FrameId | None = None) -> Inject:
+        """A frame of its own; `parent` is the frame that it replays, if any."""
+        return Inject(payload, self.way, *self.ends, parent)
+
+
+class InjectionOnLinks(RoundsOnLink):
+    """Injects frames in rounds on control links that the parameters name."""
+
+    links: LinkNames = param(LINKS_ABOUT)
+    systems: dict[str, int]
+    """By aircraft: its system id; a tap keeps that of its own alone, so that copies of a run are small."""
+    target: int
+    """System id of the link's aircraft."""
+
+    def build(self, context: AttackContext) -> Attack:
+        """A tap on each link. Raises `InputError` for links that the scenario does not have, or of another kind."""
+        self.systems = {name: aircraft.system_id for name, aircraft in context.vehicles.items()}
+        return Attack(taps=self.place(find_links(self.links, context, CONTROL_LINKS), context))
+
+    def begin(self) -> None:
+        """See `LinkTap`."""
+        super().begin()
+        self.target, self.systems = self.systems[self.link.partition(":")[2]], {}
+
+
+class Injection(RoundsOnLink):
+    """Injects MAVLink on a link of each named aircraft, in the name of its ground station or of a sender of its own.
+
+    `orders` tells what is sent in a round. With `reads`, `on_message` is shown these messages of the aircraft. The sham
+    sends the same frames, addressed to nobody.
+    """
+
+    needs: ClassVar[tuple[str, ...]] = ("orders",)
+    reads: ClassVar[tuple[str, ...]] = ()
+    """Names of the messages that `on_message` is shown."""
+    numbers: ClassVar[frozenset[int]] = frozenset()
+    """Their ids."""
+
+    vehicles: Victims = param("Aircraft that the frames are for, such as ['blue/b1'].")
+    on: Literal["gcs", "log", "autopilot"] = param(
+        "Link on which the frames are injected: gcs, or log or autopilot on board.", default="gcs"
+    )
+    sender: Literal["station", "own"] = param(
+        "station: in the name of the operator's ground station, as its heartbeats tell it; own: in the name of "
+        "system_id and component_id.",
+        default="station",
+    )
+    system_id: Whole = param("System id of the sender 'own', 1 to 255.", default=254, ge=1, le=255)
+    component_id: Whole = param("Component id of the sender 'own', 1 to 255.", default=190, ge=1, le=255)
+
+    origin: Origin
+    systems: dict[str, int]
+    """By link: system id of its aircraft; that of nobody in a sham. A tap keeps that of its own alone."""
+    target: int
+    """System id that its frames address: that of the link's aircraft, or of nobody in a sham."""
+    claimed: Sender
+    """The sender that its frames name."""
+
+    def __init_subclass__(cls) -> None:
+        """Raises `InputError` for a message in `reads` that MAVLink does not have."""
+        for name in cls.reads:
+            if name not in MESSAGE_NUMBERS:
+                hint = nearest(name, MESSAGE_NUMBERS)
+                raise InputError.one(place_of(cls), "reads", name, "a MAVLink message such as 'HEARTBEAT'", hint)
+        cls.numbers = frozenset(MESSAGE_NUMBERS[name] for name in cls.reads)
+
+    def assemble(self, context: AttackContext) -> Any:
+        """See `Acting`."""
+        self.origin = context.origin
+        return super().assemble(context)
+
+    def build(self, context: AttackContext) -> Attack:
+        """A tap for each aircraft. Raises `InputError` for aircraft that are not in the scenario."""
+        check_vehicles(context, self.vehicles)
+        self.systems = {
+            link_name(self.on, one): NOBODY if self.sham else context.vehicles[one].system_id for one in self.vehicles
+        }
+        return Attack(taps=self.place(list(self.systems), context), shown=self.marks())
+
+    def marks(self) -> dict[str, Place]:
+        """Places to mark on a map, by label."""
+        return {}
+
+    def begin(self) -> None:
+        """See `LinkTap`."""
+        super().begin()
+        self.target, self.systems = self.systems[self.link], {}
+        own = self.sender == "own"
+        self.claimed = Sender(Packer(*((self.system_id, self.component_id) if own else STATION)), self.target, not own)
+
+    def on_frame(self, now: Time, frame: Frame) -> Verdicts:
+        """Let it pass, and learn who the station is and what the aircraft says."""
+        if frame.direction == "fwd":
+            self.claimed.see(frame)
+            return ()
+        payload = frame.payload
+        if not self.numbers or message_id(payload) not in self.numbers:
+            return ()
+        message = read(payload)
+        return () if message is None else self.on_message(now, message) or ()
+
+    def on_message(self, now: Time, message: Message) -> Verdicts | None:
+        """Learn from a message of the aircraft that it reads; it passes unless a verdict says otherwise."""
+        return None
+
+    def send(self, now: Time) -> Verdicts:
+        """The orders of a round, as frames."""
+        return [self.inject(self.pack(one)) for one in self.orders(now)]
+
+    def orders(self, now: Time) -> Sequence[Order | Message | bytes]:
+        """The commands and other messages of a round, or frames as they are."""
+        raise NotImplementedError
+
+    def pack(self, order: Order | Message | bytes) -> bytes:
+        """The next frame of the sender that it claims to be; a frame as it is."""
+        if isinstance(order, bytes):
+            return order
+        return self.claimed.pack(order.message(self.target) if isinstance(order, Order) else order)

@@ -1,0 +1,143 @@
+"""MAVLink as who injects it uses it: commands, the names that frames bear, and what the aircraft's frames tell.
+
+An injecting node sits on a link of an aircraft. It sees the frames of both directions, so it also learns the ids of the
+operator's station and the answers of the autopilot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from skyrange.attack.contract import Place
+from skyrange.codec.mavlink import Message, Packer, decode, message_id, sender_system
+from skyrange.codec.mavlink import dialect as mav
+from skyrange.contracts.frames.frame import Frame
+from skyrange.core.errors import DecodeError
+from skyrange.core.geodesy import Origin
+from skyrange.core.time import Time
+
+NOBODY: Final = 251
+"""System id that shams address: aircraft have 1 to 250, so nobody obeys, and the frame has the same size."""
+STATION: Final = (255, int(mav.MAV_COMP_ID_MISSIONPLANNER))
+"""System and component id of ground stations by convention; used until a heartbeat of the station was seen."""
+AUTOPILOT: Final = int(mav.MAV_COMP_ID_AUTOPILOT1)
+"""Component id of autopilots."""
+_SEQUENCE: Final = 4
+"""Offset of the sequence number in a MAVLink 2 frame."""
+Sticks = tuple[float, float, float, float]
+"""Forward, right and yaw in -1…1, throttle in 0…1, in the order forward, right, throttle, yaw."""
+
+
+def read(payload: bytes) -> Message | None:
+    """The message in a frame; `None` for what is not one."""
+    try:
+        return decode(payload)
+    except DecodeError:
+        return None
+
+
+def rewrite(original: Message, message: Message) -> bytes:
+    """The frame of a message with the sender and the sequence number of another one."""
+    packer = Packer(original.get_srcSystem(), original.get_srcComponent())
+    packer.sequence = original.get_seq()
+    return packer.pack(message)
+
+
+def geodetic(origin: Origin, place: Place) -> Place:
+    """Latitude and longitude in degrees and altitude above mean sea level in metres of a place from the origin."""
+    lat, lon = origin.geodetic_of(place[0], place[1])
+    return lat, lon, origin.alt_msl_m + place[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A MAVLink command with its parameters, sent as COMMAND_INT where it has a place, else as COMMAND_LONG."""
+
+    command: int
+    values: tuple[float, ...] = ()
+    place: Place | None = None
+    """Latitude and longitude in degrees, altitude above mean sea level in metres."""
+
+    def message(self, system: int, component: int = AUTOPILOT) -> Message:
+        """The message for a system."""
+        values = (*self.values, *([0.0] * (7 - len(self.values))))
+        if self.place is None:
+            return mav.MAVLink_command_long_message(system, component, self.command, 0, *values)
+        lat, lon, alt_m = self.place
+        return mav.MAVLink_command_int_message(
+            system, component, mav.MAV_FRAME_GLOBAL, self.command, 0, 0, *values[:4], round(lat * 1e7),
+            round(lon * 1e7), alt_m,
+        )  # fmt: skip
+
+
+def mode_order(mode: int) -> Order:
+    """DO_SET_MODE to an ArduCopter mode."""
+    return Order(mav.MAV_CMD_DO_SET_MODE, (float(mav.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED), float(mode)))
+
+
+def stick_message(target: int, component: int, sticks: Sticks, manual: bool) -> Message:
+    """The message for stick positions: ArduCopter's channels 1 to 4 are roll, pitch, throttle and yaw."""
+    forward, right, throttle, yaw = sticks
+    if manual:
+        return mav.MAVLink_manual_control_message(
+            target, round(1000 * forward), round(1000 * right), round(1000 * throttle), round(1000 * yaw), 0
+        )
+    # MAVLink: 65535 leaves channels 5 to 8 unchanged; RCMAP defaults of ArduCopter, pitch stick back is 2000 µs
+    channels = (1500 + 500 * right, 1500 - 500 * forward, 1000 + 1000 * throttle, 1500 + 500 * yaw)
+    return mav.MAVLink_rc_channels_override_message(
+        target, component, *(round(us) for us in channels), 65535, 65535, 65535, 65535
+    )
+
+
+@dataclass(slots=True)
+class ModeKeeper:
+    """The mode that heartbeats of the aircraft show, and commands to change it where it is another one."""
+
+    mode: int
+    period_ns: Time
+    seen: int = -1
+    next_ns: Time = 0
+
+    def learn(self, heartbeat: Message) -> None:
+        """Learn the mode from a heartbeat, if it is the autopilot's."""
+        if heartbeat.get_srcComponent() == AUTOPILOT:
+            self.seen = heartbeat.custom_mode
+
+    def orders(self, now: Time) -> list[Order]:
+        """The command, where the mode is another one and the last command was `period_ns` ago."""
+        if self.seen == self.mode or now < self.next_ns:
+            return []
+        self.next_ns = now + self.period_ns
+        return [mode_order(self.mode)]
+
+
+@dataclass(slots=True)
+class Sender:
+    """The sender that injected frames name, and the system that they address."""
+
+    packer: Packer
+    target: int
+    """System id of the aircraft; that of nobody in a sham."""
+    claims_station: bool
+    component: int = AUTOPILOT
+
+    def see(self, frame: Frame) -> None:
+        """Learn the ids and the sequence number of the station from a frame towards the aircraft."""
+        if not self.claims_station or frame.direction != "fwd":
+            return
+        payload = frame.payload
+        if message_id(payload) == mav.MAVLINK_MSG_ID_HEARTBEAT:
+            message = read(payload)
+            if message is not None and message.type == mav.MAV_TYPE_GCS:
+                self.packer.system, self.packer.component = message.get_srcSystem(), message.get_srcComponent()
+        if sender_system(payload) == self.packer.system:
+            self.packer.sequence = (payload[_SEQUENCE] + 1) & 0xFF
+
+    def is_answered(self, message: Message) -> bool:
+        """Whether a message of the aircraft is addressed to this sender, or to all."""
+        return message.target_system in (0, self.packer.system)
+
+    def pack(self, message: Message) -> bytes:
+        """The frame of a message."""
+        return self.packer.pack(message)
