@@ -73,6 +73,22 @@ def test_parameters_are_those_of_bases_and_then_of_the_class() -> None:
     }  # fmt: skip
 
 
+class Changed(Second):
+    """A kind whose fields are declared anew."""
+
+    size_m: Number = 2.0
+    turns: int = param("Turns.", default=5)
+
+
+Changed.params_model = make_params_model(Changed)
+
+
+def test_a_field_that_is_declared_anew_is_what_it_is_declared_as_last() -> None:
+    assert list(Changed.params_model.model_fields) == ["form", "turns"]
+    one = Changed(turns=7)
+    assert (one.turns, one.size_m) == (7, 2.0)
+
+
 def test_each_instance_has_state_of_its_own() -> None:
     one, other = Second(size_m=1.5), Second(size_m=2)
     one.seen["a"] = 1

@@ -102,7 +102,7 @@ class Flood(LinkTap):
 
     way: Direction
     systems: dict[str, int]
-    """System ids of the aircraft."""
+    """System ids of the aircraft, until the tap has that of its own."""
     aircraft: int
     """That of the aircraft on the link."""
     packer: Packer
@@ -128,7 +128,7 @@ class Flood(LinkTap):
 
     def begin(self) -> None:
         """Take the name of the sending end."""
-        self.aircraft = self.systems[self.link.partition(":")[2]]
+        self.aircraft, self.systems = self.systems[self.link.partition(":")[2]], {}
         self.packer = Packer(*(STATION if self.way == "fwd" else (self.aircraft, 1)))
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:

@@ -60,7 +60,10 @@ class KindType(type):
         for key, value in values.items():
             if isinstance(value, Param):
                 made.declared_params[key] = (made, fields[key], value)
-            elif isinstance(value, State):
+                made.declared_state.pop(key, None)  # a base may have it as state
+                continue
+            made.declared_params.pop(key, None)
+            if isinstance(value, State):
                 made.declared_state[key] = value.make
             elif isinstance(value, _IMMUTABLE):
                 made.declared_state[key] = partial(_same, value)
