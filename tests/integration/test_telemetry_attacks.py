@@ -11,12 +11,6 @@ from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
 from skyrange.attack.identity.silence_station import SILENCE_STATION
 from skyrange.attack.signing.replay import REPLAY
 from skyrange.attack.signing.stolen_key import STOLEN_KEY
-from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
-from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
-from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE
-from skyrange.attack.telemetry.position import POSITION
-from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.codec.f3411 import Location, MessagePack, Status, System, decode
 from skyrange.codec.mavlink import decode as decode_mavlink
 from skyrange.codec.mavlink import message_name
@@ -25,6 +19,13 @@ from skyrange.core.time import NS_PER_S, from_seconds
 from skyrange.scenario.model.plan import Path, Plan
 from skyrange.scenario.model.scenario import Radio, Scenario
 from skyrange.testing.checks.attacks import AttackCase, Flight, two_squares
+
+FALSE_ALARM = AttackPlugin.find("telemetry.false_alarm")
+HIDE_FAILURES = AttackPlugin.find("telemetry.hide_failures")
+HOME = AttackPlugin.find("telemetry.home")
+MODE = AttackPlugin.find("telemetry.mode")
+POSITION = AttackPlugin.find("telemetry.position")
+SYSTEM_TIME = AttackPlugin.find("time.system_time")
 
 GCS = ["gcs:blue/b1"]
 RID = ["rid_data:blue/b1"]

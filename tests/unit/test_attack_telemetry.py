@@ -13,18 +13,10 @@ from pydantic import ValidationError
 
 from skyrange.assembly.acts.attacks import make_attack_context
 from skyrange.assembly.build import build
+from skyrange.attack.bases.message_fields import read_fields, write_fields
 from skyrange.attack.contract import AttackContext, AttackPlugin
 from skyrange.attack.identity.second_vehicle import SECOND_VEHICLE
 from skyrange.attack.signing.stolen_key import STOLEN_KEY
-from skyrange.attack.telemetry.alteration import read_fields, write_fields
-from skyrange.attack.telemetry.attitude import ATTITUDE
-from skyrange.attack.telemetry.battery import BATTERY
-from skyrange.attack.telemetry.false_alarm import FALSE_ALARM
-from skyrange.attack.telemetry.hide_failures import HIDE_FAILURES
-from skyrange.attack.telemetry.home import HOME
-from skyrange.attack.telemetry.mode import MODE
-from skyrange.attack.telemetry.position import POSITION
-from skyrange.attack.telemetry.system_time import SYSTEM_TIME
 from skyrange.codec.mavlink import Message, Packer, decode, dialect
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
 from skyrange.codec.mavlink.signing import (
@@ -43,6 +35,15 @@ from skyrange.contracts.verdicts import Inject, Replace
 from skyrange.core.errors import InputError
 from skyrange.core.time import NEVER, NS_PER_S
 from skyrange.testing.checks.attacks import two_squares
+
+ATTITUDE = AttackPlugin.find("telemetry.attitude")
+BATTERY = AttackPlugin.find("telemetry.battery")
+FALSE_ALARM = AttackPlugin.find("telemetry.false_alarm")
+HIDE_FAILURES = AttackPlugin.find("telemetry.hide_failures")
+HOME = AttackPlugin.find("telemetry.home")
+MODE = AttackPlugin.find("telemetry.mode")
+POSITION = AttackPlugin.find("telemetry.position")
+SYSTEM_TIME = AttackPlugin.find("time.system_time")
 
 LINK = "gcs:blue/b1"
 START_NS = 10 * NS_PER_S
