@@ -10,8 +10,8 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from skyrange.attack.contract import Attack, AttackContext, AttackPlugin, Controls, Place, ThreatModel
-from skyrange.attack.copter_modes import ModeName
 from skyrange.attack.identity.silence_station import ROLES
+from skyrange.attack.mavlink_names import ModeName
 from skyrange.attack.on_path import InjectingTap, Names, Repetition, side_of
 from skyrange.attack.telemetry.alteration import put, read_fields, telemetry_links, write_fields
 from skyrange.codec.mavlink import dialect as mav

@@ -2,42 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal
-
-from pydantic import AfterValidator, BeforeValidator
+from typing import Any, Final, Literal
 
 from skyrange.attack.bases.message_fields import put
 from skyrange.attack.bases.telemetry import VARIANCES, AlteredTelemetry
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
+from skyrange.attack.mavlink_names import SENSORS, SensorNames
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.codec.mavlink import dialect as mav
-from skyrange.contracts.params import items, refuse
 from skyrange.contracts.plugins.fields import param
-from skyrange.core.errors import Problem, nearest
 from skyrange.core.time import Time
 
 _BAD_VARIANCE: Final = 1.0
 """Claimed variance (normalised innovation): at 1 the estimator would reject the measurement."""
 _STATES: Final = {"critical": int(mav.MAV_STATE_CRITICAL), "emergency": int(mav.MAV_STATE_EMERGENCY)}
-SENSORS: Final = {
-    entry.name.removeprefix("MAV_SYS_STATUS_").removeprefix("SENSOR_"): number
-    for number, entry in mav.enums["MAV_SYS_STATUS_SENSOR"].items()
-    if not entry.name.endswith("ENUM_END")
-}
-"""Bits of SYS_STATUS by name, without the prefix MAV_SYS_STATUS_SENSOR_."""
-
-
-def _known_sensors(names: tuple[str, ...]) -> tuple[str, ...]:
-    for place, name in enumerate(names):
-        if name not in SENSORS:
-            raise refuse(Problem(str(place), name, "a sensor of SYS_STATUS such as 'GPS'", nearest(name, SENSORS)))
-    return names
-
-
-SensorNames = Annotated[
-    tuple[str, ...], BeforeValidator(items, json_schema_input_type=list[str]), AfterValidator(_known_sensors)
-]
 
 
 @attack(

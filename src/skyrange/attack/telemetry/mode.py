@@ -8,8 +8,8 @@ from typing import Any, Final, Literal
 from skyrange.attack.bases.message_fields import put
 from skyrange.attack.bases.telemetry import AlteredTelemetry
 from skyrange.attack.contract import AttackContext
-from skyrange.attack.copter_modes import ModeName
 from skyrange.attack.declaration import attack
+from skyrange.attack.mavlink_names import ModeName
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.codec.mavlink import dialect as mav
 from skyrange.codec.mavlink.flight_modes import COPTER_MODE_NUMBERS
