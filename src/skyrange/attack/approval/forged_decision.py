@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from typing import Final, Literal
 
-from skyrange.attack.bases.approval import OnApproval
+from skyrange.attack.bases.approval import OnApproval, approval_taps
+from skyrange.attack.bases.on_path import CopyForLink
 from skyrange.attack.contract import Attack, AttackContext, Controls, ThreatModel
 from skyrange.attack.declaration import attack
 from skyrange.attack.exclusive import Exclusive
@@ -61,8 +62,8 @@ class ForgedDecision(OnApproval):
     def build(self, context: AttackContext) -> Attack:
         """Taps on approval links. Raises `InputError` for aircraft that are not in the scenario."""
         self.epoch = context.epoch
-        exclusive = [Exclusive(f"decision on {vehicle}") for vehicle in self.vehicles]
-        return Attack(taps=self.at_operators(self.vehicles, context), exclusive=exclusive)
+        taps = approval_taps(self.vehicles, context, CopyForLink(self))
+        return Attack(taps=taps, exclusive=[Exclusive(f"decision on {vehicle}") for vehicle in self.vehicles])
 
     def act(self, now: Time, frame: Frame) -> Verdicts:
         """Answer a request at once; the sham answers an intent that nobody submitted."""

@@ -24,7 +24,7 @@ from skyrange.utm.federated.names import AIRSPACE, DSS
 class OnApproval(LinkTap):
     """Acts on links of flight approval: `act` answers frames that pass, and `send` makes messages of its own.
 
-    A kind defines one of them or both, and builds its parts from `at_operators` or `at_service`.
+    A kind defines one of them or both, and builds its parts from `at_service` or `approval_taps`.
     """
 
     needs: ClassVar[tuple[str, ...]] = ()
@@ -33,10 +33,6 @@ class OnApproval(LinkTap):
     """When it sends; `None` for never."""
     way: Direction = "fwd"
     """The direction in which it sends."""
-
-    def at_operators(self, vehicles: Sequence[str], context: AttackContext) -> list[TapPlacement]:
-        """Taps on approval links, as `approval_taps` makes them."""
-        return approval_taps(vehicles, context, CopyForLink(self))
 
     def at_service(
         self, service: str, context: AttackContext, *, alters: str, others: Collection[str] | None = None

@@ -107,7 +107,7 @@ class Insider(LinkTap):
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Hold back the operator's orders, and alter telemetry."""
         self.leader.see(now, frame)
-        acts = self.acts(now)
+        acts = self.schedule.start_ns <= now < self.schedule.stop_ns
         if frame.direction == "fwd":
             self.shown.learn(frame.payload)
             if acts and (verdicts := self._hold_back(frame.payload)):

@@ -121,9 +121,15 @@ class PlanFile(LinkTap):
 
     def on_frame(self, now: Time, frame: Frame) -> Verdicts:
         """Alter an intent or an item; a sham sends it on as it is, with as many bytes."""
-        if not self.acts(now):
+        schedule = self.schedule
+        if not schedule.start_ns <= now < schedule.stop_ns:
             return ()
-        return self._alter_item(frame) if self.uploads else self._alter_intent(frame)
+        if not self.uploads:
+            return self._alter_intent(frame)
+        number = message_id(frame.payload)
+        if number is None or number not in (_COUNT, _ITEM):
+            return ()
+        return self._alter_item(frame, number)
 
     def _alter_intent(self, frame: Frame) -> Verdicts:
         """Alter an intent as the plan is altered."""
@@ -140,12 +146,11 @@ class PlanFile(LinkTap):
         payload = encode(Request.of(altered, self.epoch))
         return (replace_json(frame.payload, payload, self.sham),)
 
-    def _alter_item(self, frame: Frame) -> Verdicts:
+    def _alter_item(self, frame: Frame, number: int) -> Verdicts:
         """Alter an item of an upload, and alter it back when it is read."""
-        number = message_id(frame.payload)
-        plain = without_signature(frame.payload) if number in (_COUNT, _ITEM) else None
-        fields = None if plain is None or number is None else read_fields(plain, number)
-        if plain is None or number is None or fields is None:
+        plain = without_signature(frame.payload)
+        fields = None if plain is None else read_fields(plain, number)
+        if plain is None or fields is None:
             return ()
         if fields["mission_type"] != mav.MAV_MISSION_TYPE_MISSION:
             return ()
