@@ -58,6 +58,12 @@ def put(fields: Any, name: str, value: float) -> None:
     fields[name] = value
 
 
+def put_bits(fields: Any, name: str, bits: int, value: bool) -> None:
+    """Set some bits of a field, or clear them."""
+    true = int(fields[name])
+    put(fields, name, true | bits if value else true & ~bits)
+
+
 def move_place(fields: Any, lat: str, lon: str, by_m: Sequence[float], origin: Origin) -> None:
     """Move latitude and longitude, fields in 1e-7 degrees, by the first two of `by_m`: metres east and north."""
     east_m, north_m = origin.enu_of(fields[lat] * 1e-7, fields[lon] * 1e-7)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import asin, atan2, cos, pi, radians, sin
+from math import pi, radians
 from typing import Annotated, Any, Final
 
 from pydantic import Field
@@ -11,6 +11,7 @@ from pydantic import Field
 from skyrange.attack.bases.message_fields import put
 from skyrange.attack.bases.telemetry import AlteredTelemetry
 from skyrange.attack.declaration import attack
+from skyrange.attack.euler_angles import euler_angles_of, quaternion_of, wrap_angle
 from skyrange.attack.presets import TELEMETRY_CONTROLS, rewrites_telemetry
 from skyrange.contracts.params import Number
 from skyrange.contracts.plugins.fields import param
@@ -52,16 +53,16 @@ class FalseAttitude(AlteredTelemetry):
     def alter(self, message: str, fields: Any, since_ns: Time) -> bool:
         """Incline and turn the aircraft."""
         if message == "ATTITUDE_QUATERNION":
-            turned = _quaternion(*self._incline(*_euler_angles(*(float(fields[name]) for name in _PARTS))))
+            turned = quaternion_of(*self._incline(*euler_angles_of(*(float(fields[name]) for name in _PARTS))))
             for name, value in zip(_PARTS, turned, strict=True):
                 put(fields, name, value)
         elif message == "VFR_HUD":
             put(fields, "heading", (float(fields["heading"]) + self.yaw_deg) % 360.0 // 1)
         elif message != "GLOBAL_POSITION_INT":
             roll, pitch, yaw = self._incline(fields["roll"], float(fields["pitch"]), fields["yaw"])
-            put(fields, "roll", _wrapped(roll))
+            put(fields, "roll", wrap_angle(roll))
             put(fields, "pitch", pitch)
-            put(fields, "yaw", _wrapped(yaw))
+            put(fields, "yaw", wrap_angle(yaw))
         elif fields["hdg"] != _NO_HEADING:
             put(fields, "hdg", (float(fields["hdg"]) + self.yaw_deg * 100.0) % 36_000.0 // 1)
         return True
@@ -70,28 +71,3 @@ class FalseAttitude(AlteredTelemetry):
         """Euler angles in radians with the offsets; the pitch within a right angle."""
         pitch = min(max(pitch + radians(self.pitch_deg), -pi / 2), pi / 2)
         return roll + radians(self.roll_deg), pitch, yaw + radians(self.yaw_deg)
-
-
-def _wrapped(angle_rad: float) -> float:
-    return (float(angle_rad) + pi) % (2 * pi) - pi
-
-
-def _euler_angles(w: float, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Roll, pitch and yaw in radians of a quaternion, in aerospace sequence."""
-    return (
-        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
-        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
-
-
-def _quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """The quaternion w, x, y, z of Euler angles in radians, in aerospace sequence."""
-    cr, cp, cy = cos(roll / 2), cos(pitch / 2), cos(yaw / 2)
-    sr, sp, sy = sin(roll / 2), sin(pitch / 2), sin(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.message_fields import put
+from skyrange.attack.bases.message_fields import put, put_bits
 from skyrange.attack.bases.telemetry import VARIANCES, AlteredTelemetry
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
@@ -58,8 +58,8 @@ class FalseAlarm(AlteredTelemetry):
             put(fields, "system_status", _STATES[self.state])
         elif message == "SYS_STATUS":
             for name in ("onboard_control_sensors_present", "onboard_control_sensors_enabled"):
-                put(fields, name, int(fields[name]) | self.failed)
-            put(fields, "onboard_control_sensors_health", int(fields["onboard_control_sensors_health"]) & ~self.failed)
+                put_bits(fields, name, self.failed, True)
+            put_bits(fields, "onboard_control_sensors_health", self.failed, False)
         else:
             put(fields, "flags", mav.EKF_ATTITUDE | mav.EKF_CONST_POS_MODE)
             for name in VARIANCES:

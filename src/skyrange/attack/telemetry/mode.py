@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, Final, Literal
 
-from skyrange.attack.bases.message_fields import put
+from skyrange.attack.bases.message_fields import put, put_bits
 from skyrange.attack.bases.telemetry import AlteredTelemetry
 from skyrange.attack.contract import AttackContext
 from skyrange.attack.declaration import attack
@@ -18,7 +18,6 @@ from skyrange.contracts.plugins.fields import param
 from skyrange.core.errors import Problem
 from skyrange.core.time import Time, from_seconds
 
-_ARMED: Final = int(mav.MAV_MODE_FLAG_SAFETY_ARMED)
 _NO_TOTAL: Final = 65_535
 """MISSION_CURRENT: the number of items is not known."""
 
@@ -80,8 +79,7 @@ class FalseMode(AlteredTelemetry):
             if self.mode is not None:
                 put(fields, "custom_mode", COPTER_MODE_NUMBERS[self.mode])
             if self.armed is not None:
-                base = int(fields["base_mode"])
-                put(fields, "base_mode", base | _ARMED if self.armed else base & ~_ARMED)
+                put_bits(fields, "base_mode", mav.MAV_MODE_FLAG_SAFETY_ARMED, self.armed)
                 put(fields, "system_status", mav.MAV_STATE_ACTIVE if self.armed else mav.MAV_STATE_STANDBY)
         return True
 
